@@ -129,13 +129,13 @@ class _System:
         self.mass_factor = splu(operators.mass.tocsc())
         base = operators.base
         self.base_columns = np.stack([base.stiffness, base.damping, base.mass], axis=1)
-        self._set_springs(np.zeros(operators.n_pairs, dtype=bool))
+        self._factorise(np.zeros(operators.n_pairs, dtype=bool))
 
     def newmark(
         self, u: FloatArray, v: FloatArray, a: FloatArray, base: FloatArray, P: BoolArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Do one step of average acceleration (paper eq. 6-7 with alpha_N = 1/4, beta_N = 1/2)."""
-        self._set_springs(P)
+        """Do one step of average acceleration (the paper's alpha_N = 1/4, beta_N = 1/2)."""
+        self._require_springs(P)
         dt = self.dt
         u_predicted = u + dt * v + 0.25 * dt**2 * a
         v_predicted = v + 0.5 * dt * a
@@ -147,7 +147,7 @@ class _System:
         self, u: FloatArray, v: FloatArray, base: FloatArray, P: BoolArray
     ) -> FloatArray:
         """Solve M a = f - C v - K u, springs included."""
-        self._set_springs(P)
+        self._require_springs(P)
         residual = self.force(base) - self.operators.damping @ v - self.K @ u
         return np.asarray(self.mass_factor.solve(residual))
 
@@ -155,15 +155,17 @@ class _System:
         """Return the force of the base's motion (q, q', q'') and of the springs' rest gaps."""
         return self.spring_force - np.asarray(self.base_columns @ base)
 
-    def _set_springs(self, P: BoolArray) -> None:
+    def _require_springs(self, P: BoolArray) -> None:
+        if not np.array_equal(P, self.springs):
+            self._factorise(P)
+
+    def _factorise(self, P: BoolArray) -> None:
         """Put a spring on the gap of each pair of P: force on the dofs -k H^T (H u + g0)."""
-        if getattr(self, "springs", None) is not None and np.array_equal(self.springs, P):
-            return
-        self.springs = P.copy()
         ops, k, dt = self.operators, self.penalty_stiffness, self.dt
         H = ops.gap_matrix[P]
-        self.K = sp.csr_matrix(ops.stiffness + k * (H.T @ H))
-        self.spring_force = np.asarray(-k * (H.T @ ops.gap0[P]))
+        self.springs = P.copy()
+        self.spring_force = -k * (H.T @ ops.gap0[P])
+        self.K = sp.csr_matrix(ops.stiffness + k * (H.T @ H))  # paper eq. 19
         effective = ops.mass + 0.5 * dt * ops.damping + 0.25 * dt**2 * self.K
         self.newmark_factor = splu(effective.tocsc())
 
@@ -184,7 +186,7 @@ def _contact(
         return v, [], P
     gap = H @ u + system.operators.gap0
     rate = H @ v
-    stays = P & (gap <= 0.0)  # eq. 21: the others leave
+    stays = P & (gap <= 0.0)  # eq. 21
     hit = ~P & (gap <= 0.0) & (rate < 0.0)  # eq. 13
     if not hit.any():
         return v, [], stays
@@ -196,14 +198,14 @@ def _contact(
     impacts = list(zip(pairs.tolist(), impulses.tolist(), rate[hit].tolist(), strict=True))
     if law.law == "newton":
         return v, impacts, stays
-    enters = hit & (H @ v < law.threshold_velocity)  # eq. 17
+    enters = hit & (H @ v < law.threshold_velocity)  # eq. 18
     return v, impacts, stays | enters
 
 
 def _impact_lumped(
     system: _System, v: FloatArray, hit: BoolArray, e: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Change the two velocities of each hit pair alone, with nodal masses (paper eq. 14-15)."""
+    """Change the two velocities of each hit pair alone, with nodal masses (paper eq. 14)."""
     H = system.operators.gap_matrix[hit]
     inverse_mass = 1.0 / system.operators.lumped_mass
     impulses = -(1.0 + e) * (H @ v) / (H.power(2) @ inverse_mass)
