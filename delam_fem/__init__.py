@@ -1,0 +1,102 @@
+"""delam_fem: two delaminated laminae that clap under base motion, by finite elements.
+
+    import delam_fem as df
+    case = df.preset("paper", {"excitation.frequency": 3.65})
+    result = df.run(case)
+
+Letters that the code shares with the mathematics (SI units, float64 throughout):
+
+    x, L            position from the clamp, length of a lamina [m]
+    E, I, A, rho    Young's modulus [Pa], second moment [m4], area [m2] of a section, density [kg/m3]
+    M, C, K         mass, damping and stiffness matrix of the free dofs
+    m, c, k (_b)    their coupling to the motion q_b of the base
+    u, v, a         displacement from the stress-free shape in the fixed frame, velocity, acceleration
+    q               displacement u at one point, as the paper writes it
+    f, omega, T     frequency [Hz], angular frequency [rad/s], period of the excitation [s]
+    dt, N           time step [s], steps per period
+    beta, gamma     Newmark's numbers (the paper's alpha_N and beta_N): 1/4 and 1/2
+    alpha, beta     Rayleigh's numbers of C = alpha M + beta K [1/s, s], in the modules on damping
+    D               damping ratio [-]
+    g0, gap         gap at rest, gap g0 + u_2 - u_1 [m]; positive is open
+    H               gap operator: gap = H u + g0, gap rate = H v
+    W               H M^-1 H^T, the compliance of the contact pairs to impulses [1/kg]
+    p, lambda       contact impulse [N s], contact force [N]
+    e               coefficient of restitution [-]
+
+The names below are loaded at their first use, so that `import delam_fem` alone is cheap and does
+not import dolfinx.
+"""
+
+from __future__ import annotations
+
+import sys
+from importlib import import_module, metadata
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from delam_fem.parameters import (
+        PRESETS,
+        Case,
+        CaseError,
+        load_case,
+        preset,
+        save_case,
+    )
+    from delam_fem.results import Result
+    from delam_fem.run import run
+
+__all__ = [
+    "PRESETS",
+    "Case",
+    "CaseError",
+    "Result",
+    "__version__",
+    "load_case",
+    "preset",
+    "run",
+    "save_case",
+]
+
+_HOMES = {
+    "PRESETS": "parameters",
+    "Case": "parameters",
+    "CaseError": "parameters",
+    "Result": "results",
+    "load_case": "parameters",
+    "preset": "parameters",
+    "run": "run",
+    "save_case": "parameters",
+}
+"""The module of each public name."""
+
+
+class _Package(ModuleType):
+    """This package: a public function is not replaced by a module of the same name."""
+
+    def __setattr__(self, name: str, value: object) -> None:
+        """Set an attribute, but not `run` to the module `run` when that is imported."""
+        if not (name in _HOMES and isinstance(value, ModuleType)):
+            super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Package
+
+try:
+    __version__: str = metadata.version("delam_fem")
+except metadata.PackageNotFoundError:  # run from a copy of the sources that is not installed
+    __version__ = "0.1.0"
+
+
+def __getattr__(name: str) -> object:
+    """Load a public name at its first use."""
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value: object = getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    """List the public names."""
+    return sorted(__all__)

@@ -1,0 +1,228 @@
+"""Case files as text and plain dictionaries: TOML in and out, overrides, readable messages.
+
+Nothing here knows what a case contains; that is `sections.py` and `parameters.py`.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import tomllib
+from collections.abc import Iterator, Mapping
+from datetime import date, datetime, time
+from pathlib import Path
+from typing import TypeAlias
+
+from pydantic import ValidationError
+from pydantic_core import ErrorDetails
+
+Data: TypeAlias = dict[str, object]
+"""A case as tomllib returns it: tables are dictionaries, arrays are lists."""
+
+_UNION_TAGS = ("harmonic", "sweep")
+"""Kinds that pydantic inserts into the place of an error, where the case file has no such level."""
+
+
+class CaseError(ValueError):
+    """Bad input: the message names the key, what was expected, and what was given."""
+
+
+def read_toml(path: Path) -> Data:
+    """Read a TOML file.
+
+    Args:
+        path: the file.
+
+    Returns:
+        Its tables as dictionaries.
+
+    Raises:
+        CaseError: the file is missing, unreadable, or no TOML (the message has the line).
+    """
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise CaseError(f"case file {path}: no such file") from None
+    except OSError as error:
+        raise CaseError(f"case file {path}: cannot be read ({error.strerror})") from None
+    except UnicodeDecodeError as error:
+        raise CaseError(f"case file {path}: expected UTF-8 text ({error})") from None
+    except tomllib.TOMLDecodeError as error:
+        raise CaseError(f"case file {path}: not valid TOML: {error}") from None
+
+
+def toml_text(data: Mapping[str, object]) -> str:
+    """Write nested dictionaries as TOML, floats so that they are read back exactly.
+
+    Args:
+        data: scalars first, then tables (dictionaries) and arrays of tables (lists of them).
+
+    Returns:
+        The text; `tomllib.loads` gives `data` back.
+    """
+    blocks = [_key_lines(data)]
+    for key, value in data.items():
+        if isinstance(value, Mapping):
+            blocks.append(f"[{key}]\n{_key_lines(value)}")
+        elif isinstance(value, list | tuple):
+            blocks += [f"[[{key}]]\n{_key_lines(table)}" for table in value]
+    return "\n".join(blocks)
+
+
+def _key_lines(table: Mapping[str, object]) -> str:
+    """Return the lines `key = value` of the scalars of a table."""
+    return "".join(
+        f"{key} = {_toml_scalar(value)}\n"
+        for key, value in table.items()
+        if not isinstance(value, Mapping | list | tuple)
+    )
+
+
+def _toml_scalar(value: object) -> str:
+    """Return a number or a string as TOML writes it."""
+    if isinstance(value, float):
+        return repr(float(value))  # the shortest text that reads back as the same double
+    if isinstance(value, int):
+        return repr(int(value))
+    # JSON's escapes are TOML's, but for DEL
+    return json.dumps(str(value), ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def parse_override(text: str) -> tuple[str, object]:
+    """Split `key=value` as given on the command line.
+
+    Args:
+        text: the key with dots (`lamina.thick.length`), then a TOML value; a bare word is taken
+            as a string, and nothing after `=` removes the key.
+
+    Returns:
+        The key and the value; None removes.
+
+    Raises:
+        CaseError: there is no `=`, or no key before it.
+    """
+    key, equals, value = (part.strip() for part in text.partition("="))
+    if not equals or not key:
+        raise CaseError(
+            f"override {text!r}: expected KEY=VALUE, for example excitation.frequency=3.65"
+        )
+    return key, _override_value(value)
+
+
+def _override_value(text: str) -> object:
+    """Return a TOML value, or the text itself where it is none."""
+    if not text:
+        return None
+    try:
+        parsed = tomllib.loads(f"value = {text}")
+    except tomllib.TOMLDecodeError:
+        return text
+    value: object = parsed["value"]
+    return text if len(parsed) > 1 or isinstance(value, date | datetime | time) else value
+
+
+def set_key(data: Data, key: str, value: object) -> None:
+    """Set one key of nested dictionaries, in place.
+
+    Args:
+        data: the case; arrays of tables are entered by their `name` or their number from 1.
+        key: the path with dots.
+        value: the new value; None removes the key.
+
+    Raises:
+        CaseError: the path runs through something that is no table.
+    """
+    *parents, last = key.split(".")
+    table: object = data
+    for depth, part in enumerate(parents, start=1):
+        if isinstance(table, dict) and part:
+            table = table.setdefault(part, {})
+        elif isinstance(table, list):
+            table = _entry(table, part, key)
+        if not isinstance(table, dict | list):
+            raise CaseError(f"override {key}: {'.'.join(parents[:depth])} is not a table")
+    if not isinstance(table, dict) or not last:
+        names = " or ".join(f"{'.'.join(parents)}.{name}.{last}" for name in _names(table))
+        raise CaseError(f"override {key}: not a key of a case" + (f"; expected {names}" * bool(names)))
+    if value is None:
+        table.pop(last, None)
+    else:
+        table[last] = value.item() if hasattr(value, "item") else value  # numpy's scalars too
+
+
+def _names(table: object) -> list[str]:
+    """Return the names of the entries of an array of tables."""
+    entries = table if isinstance(table, list) else []
+    return [str(entry.get("name", i)) for i, entry in enumerate(entries, start=1)]
+
+
+def _entry(tables: list[Data], part: str, key: str) -> Data:
+    """Return the table of a list that has the name or the number (from 1) `part`."""
+    for number, table in enumerate(tables, start=1):
+        if part in (str(number), table.get("name")):
+            return table
+    names = ", ".join(_names(tables))
+    raise CaseError(f"override {key}: no entry {part!r}; expected one of {names} or a number from 1")
+
+
+def message(label: str, error: ValidationError, data: Mapping[str, object]) -> str:
+    """Put what pydantic found into words.
+
+    Args:
+        label: what was read, e.g. `case paper`.
+        error: what pydantic raised.
+        data: the input that it refused.
+
+    Returns:
+        One line, or a heading and a line for each problem.
+    """
+    lines = [_problem(details, data) for details in error.errors(include_url=False)]
+    if len(lines) == 1:
+        return f"{label}: {lines[0]}"
+    return f"{label}: {len(lines)} problems\n" + "\n".join(f"  {line}" for line in lines)
+
+
+def _problem(details: ErrorDetails, data: Mapping[str, object]) -> str:
+    """Return one problem as `key: expected …, given …`."""
+    path = list(_path(details["loc"], data))
+    context = details.get("ctx", {})
+    kind, text, given = details["type"], details["msg"], f", given {_shown(details['input'])}"
+    if "key" in context:
+        path, given = [*path, str(context["key"])], ""
+    if kind == "missing":
+        text, given = "missing, but required", ""
+    elif kind == "literal_error":
+        text = f"expected {context['expected']}"
+    elif kind == "union_tag_not_found":
+        path, text, given = [*path, "kind"], "missing, but required", ""
+    elif kind == "union_tag_invalid":
+        path, given = [*path, "kind"], f", given {context['tag']!r}"
+        text = f"expected {context['expected_tags']}"
+    elif kind in ("model_type", "model_attributes_type", "dict_type"):
+        text = "expected a table"
+    elif kind == "inconsistent":
+        given = ""
+    return f"{'.'.join(path)}: {text}{given}" if path else f"{text}{given}"
+
+
+def _path(place: tuple[int | str, ...], data: Mapping[str, object]) -> Iterator[str]:
+    """Yield the levels of a key as an override names them."""
+    tables: object = data
+    for part in place:
+        if part in _UNION_TAGS:
+            continue
+        if isinstance(part, int):
+            entry = tables[part] if isinstance(tables, list | tuple) else {}
+            name = entry.get("name") if isinstance(entry, Mapping) else None
+            yield name if isinstance(name, str) and name else str(part + 1)
+        else:
+            tables = data.get(part)
+            yield part
+
+
+def _shown(value: object) -> str:
+    """Return an input as the user wrote it, as far as it fits a line."""
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    text = str(value) if isinstance(value, Path) else repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
