@@ -36,7 +36,6 @@ def assemble(case: Case, x: npt.ArrayLike | None = None) -> Model:
 
     Raises:
         CaseError: the mesh is a file and x is not given, or x does not run from 0 to the length.
-
     """
     x = _nodes(case, x)
     beams = [_Beam.of(lamina, x) for lamina in case.lamina]
@@ -58,7 +57,7 @@ def assemble(case: Case, x: npt.ArrayLike | None = None) -> Model:
             corner=(_base_corner(M), _base_corner(C), _base_corner(K)),
         ),
         gap_matrix=gap_matrix(n),
-        gap0=np.asarray(initial_gap(case.gap, case.lamina[0].length, x))[1:],
+        gap0=np.asarray(initial_gap(case.gap, x, case.lamina[0].length))[1:],
         observed=np.array([2 * n - 2, 4 * n - 2], dtype=np.int64),
     )
     return Model(
@@ -82,7 +81,6 @@ def element_stiffness(flexural_rigidity: npt.ArrayLike, h: npt.ArrayLike) -> Flo
         Shape (n, 4, 4) [N/m, N, N m].
 
     Source: Przemieniecki, "Theory of Matrix Structural Analysis", ch. 5.
-
     """
     numbers = np.array(
         [
@@ -108,7 +106,6 @@ def element_mass(mass_per_length: npt.ArrayLike, h: npt.ArrayLike) -> FloatArray
         Shape (n, 4, 4) [kg, kg m, kg m2].
 
     Source: Przemieniecki, "Theory of Matrix Structural Analysis", ch. 11.
-
     """
     numbers = np.array(
         [
@@ -130,7 +127,6 @@ def element_lumped_mass(mass_per_length: npt.ArrayLike, h: npt.ArrayLike) -> Flo
 
     Returns:
         Shape (n, 4) [kg, kg m2].
-
     """
     m, h = np.asarray(mass_per_length, dtype=np.float64), np.asarray(h, dtype=np.float64)
     return np.stack([m * h / 2.0, m * h**3 / 78.0] * 2, axis=-1)

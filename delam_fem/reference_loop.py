@@ -94,7 +94,6 @@ def simulate_reference(
 
     Raises:
         CaseError: the reference does not have the scheme or the contact law of the case.
-
     """
     _require_supported(case)
     operators = model.operators if isinstance(model, Model) else model
@@ -178,7 +177,6 @@ def _contact(
     Returns:
         Velocity after the impacts; (pair, impulse [N s], gap rate before [m/s]) of each impact;
         the pairs in permanent contact from now on.
-
     """
     law = case.contact
     H = system.operators.gap_matrix
