@@ -143,7 +143,9 @@ def set_key(data: Data, key: str, value: object) -> None:
             raise CaseError(f"override {key}: {'.'.join(parents[:depth])} is not a table")
     if not isinstance(table, dict) or not last:
         names = " or ".join(f"{'.'.join(parents)}.{name}.{last}" for name in _names(table))
-        raise CaseError(f"override {key}: not a key of a case" + (f"; expected {names}" * bool(names)))
+        raise CaseError(
+            f"override {key}: not a key of a case" + (f"; expected {names}" * bool(names))
+        )
     if value is None:
         table.pop(last, None)
     else:
@@ -162,7 +164,9 @@ def _entry(tables: list[Data], part: str, key: str) -> Data:
         if part in (str(number), table.get("name")):
             return table
     names = ", ".join(_names(tables))
-    raise CaseError(f"override {key}: no entry {part!r}; expected one of {names} or a number from 1")
+    raise CaseError(
+        f"override {key}: no entry {part!r}; expected one of {names} or a number from 1"
+    )
 
 
 def message(label: str, error: ValidationError, data: Mapping[str, object]) -> str:

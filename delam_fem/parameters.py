@@ -48,6 +48,7 @@ __all__ = [
     "TimeStepping",
     "load_case",
     "preset",
+    "preset_text",
     "save_case",
 ]
 
@@ -264,10 +265,18 @@ def preset(name: str, overrides: Mapping[str, object] | None = None) -> Case:
     Raises:
         CaseError: there is no such preset, or an override is not valid.
     """
+    return _case(tomllib.loads(preset_text(name)), overrides, f"case {name}")
+
+
+def preset_text(name: str) -> str:
+    """Return the case file of a preset, comments included.
+
+    Raises:
+        CaseError: there is no such preset.
+    """
     if name not in PRESETS:
         raise CaseError(f"preset {name!r}: unknown; expected one of {', '.join(PRESETS)}")
-    text = resources.files("delam_fem").joinpath(f"presets/{name}.toml").read_text("utf-8")
-    return _case(tomllib.loads(text), overrides, f"case {name}")
+    return resources.files("delam_fem").joinpath(f"presets/{name}.toml").read_text("utf-8")
 
 
 def _case(data: Data, overrides: Mapping[str, object] | None, label: str) -> Case:
