@@ -99,7 +99,8 @@ class Modes:
                 axes.plot(fine * self.x[-1], level + cantilever_mode(k + 1, fine), "k-")
                 axes.plot(self.x, level + shape, "o", color=f"C{i}", markersize=4)
                 label = f"{self.frequencies[i, k]:.4g} Hz ({self.relative_differences[i, k]:+.0e})"
-                axes.annotate(label, (0.01 * self.x[-1], level + 0.35), fontsize=8)
+                axes.annotate(label, (1.03 * self.x[-1], level + 1.0), fontsize=8, va="center")
+            axes.set_xlim(0.0, 1.45 * self.x[-1])
             axes.set(title=self.names[i], xlabel="x [m]")
         all_axes[0].set(ylabel="mode shapes (tip = 1), one above the other", yticks=[])
         figure.suptitle("Mode shapes: finite elements (dots), exact cantilever (lines)")

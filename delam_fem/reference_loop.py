@@ -12,14 +12,13 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
-from scipy.linalg import cholesky, solve_triangular
-from scipy.optimize import nnls
 from scipy.sparse.linalg import splu
 
 from delam_fem.excitation import base_motion
 from delam_fem.model import Model
 from delam_fem.operators import Operators
 from delam_fem.parameters import Case, CaseError
+from delam_fem.reference_contact import decide
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -108,7 +107,7 @@ def simulate_reference(
     events: list[Event] = []
     for i in range(periods * N):
         u, v, a = system.newmark(u, v, a, base[i + 1], P)
-        v, impacts, P_new = _contact(system, case, u, v, P)
+        v, impacts, P_new = decide(operators, case.contact, (u, v, P), system.solve_mass)
         if impacts or not np.array_equal(P, P_new):
             P = P_new
             a = system.acceleration(u, v, base[i + 1], P)
@@ -148,11 +147,17 @@ class _System:
         """Solve M a = f - C v - K u, springs included."""
         self._require_springs(P)
         residual = self.force(base) - self.operators.damping @ v - self.K @ u
-        return np.asarray(self.mass_factor.solve(residual))
+        return self.solve_mass(residual)
+
+    def solve_mass(self, force: FloatArray) -> FloatArray:
+        """Return M^-1 times a force, shape (n,) or (n, k)."""
+        response: FloatArray = self.mass_factor.solve(force)
+        return response
 
     def force(self, base: FloatArray) -> FloatArray:
         """Return the force of the base's motion (q, q', q'') and of the springs' rest gaps."""
-        return self.spring_force - np.asarray(self.base_columns @ base)
+        force: FloatArray = self.spring_force - self.base_columns @ base
+        return force
 
     def _require_springs(self, P: BoolArray) -> None:
         if not np.array_equal(P, self.springs):
@@ -167,63 +172,6 @@ class _System:
         self.K = sp.csr_matrix(ops.stiffness + k * (H.T @ H))  # paper eq. 19
         effective = ops.mass + 0.5 * dt * ops.damping + 0.25 * dt**2 * self.K
         self.newmark_factor = splu(effective.tocsc())
-
-
-def _contact(
-    system: _System, case: Case, u: FloatArray, v: FloatArray, P: BoolArray
-) -> tuple[FloatArray, list[tuple[int, float, float]], BoolArray]:
-    """Decide on contact at the end of a step.
-
-    Returns:
-        Velocity after the impacts; (pair, impulse [N s], gap rate before [m/s]) of each impact;
-        the pairs in permanent contact from now on.
-    """
-    law = case.contact
-    H = system.operators.gap_matrix
-    if law.law == "none":
-        return v, [], P
-    gap = H @ u + system.operators.gap0
-    rate = H @ v
-    stays = P & (gap <= 0.0)  # eq. 21
-    hit = ~P & (gap <= 0.0) & (rate < 0.0)  # eq. 13
-    if not hit.any():
-        return v, [], stays
-    if law.impulse == "lumped":
-        v, impulses = _impact_lumped(system, v, hit, law.restitution)
-    else:
-        v, impulses = _impact_consistent(system, v, hit, law.restitution)
-    pairs = np.flatnonzero(hit)
-    impacts = list(zip(pairs.tolist(), impulses.tolist(), rate[hit].tolist(), strict=True))
-    if law.law == "newton":
-        return v, impacts, stays
-    enters = hit & (H @ v < law.threshold_velocity)  # eq. 18
-    return v, impacts, stays | enters
-
-
-def _impact_lumped(
-    system: _System, v: FloatArray, hit: BoolArray, e: float
-) -> tuple[FloatArray, FloatArray]:
-    """Change the two velocities of each hit pair alone, with nodal masses (paper eq. 14)."""
-    H = system.operators.gap_matrix[hit]
-    inverse_mass = 1.0 / system.operators.lumped_mass
-    impulses = -(1.0 + e) * (H @ v) / (H.power(2) @ inverse_mass)
-    return v + inverse_mass * (H.T @ impulses), impulses
-
-
-def _impact_consistent(
-    system: _System, v: FloatArray, hit: BoolArray, e: float
-) -> tuple[FloatArray, FloatArray]:
-    """Solve 0 <= p  _|_  W p + (1 + e) rate >= 0 with W = H M^-1 H^T over the hit pairs.
-
-    These are the optimality conditions of min |L^T p + L^-1 b|^2 over p >= 0, where W = L L^T and
-    b = (1 + e) rate: non-negative least squares.
-    """
-    H = system.operators.gap_matrix[hit]
-    response = system.mass_factor.solve(H.T.toarray())  # M^-1 H^T
-    L = cholesky(H @ response, lower=True)
-    b = (1.0 + e) * (H @ v)
-    impulses, _ = nnls(L.T, -solve_triangular(L, b, lower=True))
-    return v + response @ impulses, impulses
 
 
 def _require_supported(case: Case) -> None:
