@@ -91,7 +91,7 @@ def _matrices(
     h = abs(ufl.Jacobian(laminae.mesh)[0, 0])
     dx_mass = ufl.dx(metadata={"quadrature_degree": MASS_DEGREE})
     dx_bending = ufl.dx(metadata={"quadrature_degree": BENDING_DEGREE})
-    dx_ends = ufl.dx(metadata={"quadrature_rule": "vertex", "quadrature_degree": 1})
+    dx_ends = ufl.dx(metadata={"quadrature_rule": "GLL", "quadrature_degree": 1})
 
     def mass(factor: Any) -> Any:
         return factor * rhoA * w * v * dx_mass

@@ -80,12 +80,10 @@ class Hermite:
         )
 
     def curvature(self, pair: Any) -> Any:
-        """Return w'' of the Hermite interpolant of (u, phi)."""
-        X, J, u0, u1 = self._ends(pair[0])
+        """Return w'' of the Hermite interpolant of (u, phi); the end values of u enter as J u'."""
+        X, J, _, _ = self._ends(pair[0])
         _, _, p0, p1 = self._ends(pair[1])
-        return (
-            (12 * X - 6) * (u0 - u1) + (6 * X - 4) * J * p0 + (6 * X - 2) * J * p1
-        ) / J**2
+        return ((6 - 12 * X) * pair[0].dx(0) + (6 * X - 4) * p0 + (6 * X - 2) * p1) / J
 
     def coefficient(self, values: FloatArray | Any) -> Any:
         """Return a piecewise quadratic coefficient on the cells.

@@ -13,26 +13,21 @@ from petsc4py import PETSc
 from delam_fem.operators import FloatArray
 
 
-def matrix(csr: sp.spmatrix, comm: PETSc.Comm, *, all_on_first: bool = False) -> PETSc.Mat:
+def matrix(csr: sp.spmatrix, comm: PETSc.Comm) -> PETSc.Mat:
     """Return the rows of a CSR matrix distributed over `comm`.
 
     Args:
         csr: the whole matrix, the same on every rank.
         comm: PETSc communicator.
-        all_on_first: give every row to rank 0 (quantities that only rank 0 records).
     """
     csr = sp.csr_matrix(csr)
     csr.sort_indices()
     rows, columns = csr.shape
-    local = _share_of(rows, comm)
-    if all_on_first:
-        local = rows if comm.rank == 0 else 0
-    layout = ((local, rows), (_share_of(columns, comm), columns))
-    result = PETSc.Mat().create(comm)
-    result.setSizes(layout)
-    result.setType(PETSc.Mat.Type.AIJ)
-    start = _first_of(rows, comm) if not all_on_first else (0 if comm.rank == 0 else rows)
+    local, start = _share_of(rows, comm), _first_of(rows, comm)
     mine = csr[start : start + local]
+    result = PETSc.Mat().create(comm)
+    result.setSizes(((local, rows), (_share_of(columns, comm), columns)))
+    result.setType(PETSc.Mat.Type.AIJ)
     index = PETSc.IntType
     result.setPreallocationCSR(
         (mine.indptr.astype(index), mine.indices.astype(index), mine.data.astype(float))

@@ -1,0 +1,52 @@
+"""The contact laws as pure functions of gaps and gap rates; nothing about time or state.
+
+Impulses [N s] and forces [N] act on pairs; H^T takes them to the dofs. Positive pushes the laminae
+apart.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from delam_fem import complementarity
+from delam_fem.operators import FloatArray
+
+
+def separate_impulses(
+    rate_pre: FloatArray, restitution: float, inverse_mass: FloatArray
+) -> FloatArray:
+    """Return the impulses that give each pair by itself the rate -e times its own (paper eq. 14).
+
+        p = (1 + e) (-rate_pre) / W_kk,   W_kk = 1/m_1 + 1/m_2
+
+    Args:
+        rate_pre: gap rates before, approaching, shape (k,) [m/s].
+        restitution: e [-].
+        inverse_mass: W_kk of the lumped masses, shape (k,) [1/kg].
+    """
+    return -(1.0 + restitution) * rate_pre / inverse_mass
+
+
+def coupled_impulses(
+    rate_pre: FloatArray, rate_free: FloatArray, restitution: float, compliance: FloatArray
+) -> FloatArray:
+    """Return the impulses of Newton's law for pairs that feel one another.
+
+        0 <= p  ⊥  (rate_free + W p) + e rate_pre >= 0
+
+    Args:
+        rate_pre: gap rates before the impact, shape (k,) [m/s].
+        rate_free: gap rates that would follow without impulses, shape (k,) [m/s]; the same as
+            `rate_pre` where the impact takes no time.
+        restitution: e [-].
+        compliance: W = H M^-1 H^T of the k pairs, shape (k, k) [1/kg].
+
+    Raises:
+        ArithmeticError: no solution (velocities or W are not finite).
+    """
+    return complementarity.solve(compliance, rate_free + restitution * rate_pre)
+
+
+def spring_energy(stiffness: float, gap: FloatArray) -> float:
+    """Return the energy of contact springs at their gaps, 1/2 k U^2 [J]."""
+    return 0.5 * stiffness * float(np.dot(gap, gap))
