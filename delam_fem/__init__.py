@@ -7,10 +7,10 @@
 Letters that the code shares with the mathematics (SI units, float64 throughout):
 
     x, L            position from the clamp, length of a lamina [m]
-    E, I, A, rho    Young's modulus [Pa], second moment [m4], area [m2] of a section, density [kg/m3]
+    E, I, A, rho    Young's modulus [Pa], second moment [m4], section [m2], density [kg/m3]
     M, C, K         mass, damping and stiffness matrix of the free dofs
     m, c, k (_b)    their coupling to the motion q_b of the base
-    u, v, a         displacement from the stress-free shape in the fixed frame, velocity, acceleration
+    u, v, a         displacement from the stress-free shape (fixed frame), velocity, acceleration
     q               displacement u at one point, as the paper writes it
     f, omega, T     frequency [Hz], angular frequency [rad/s], period of the excitation [s]
     dt, N           time step [s], steps per period

@@ -22,6 +22,9 @@ DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 STATUS = {"completed": DONE, "diverged": FAILED, "interrupted": INTERRUPTED}
 """Exit status by the outcome of a run."""
 
+HINT = {"diverged": "", "interrupted": "; --resume goes on from there"}
+"""What a user can do about an outcome; why a run diverged is in its log."""
+
 app = typer.Typer(
     no_args_is_help=True,
     invoke_without_command=True,
@@ -83,13 +86,18 @@ def run_command(
         from delam_fem.progress import progress
         from delam_fem.run import run
 
+        quiet = quiet or not _is_first_process()
         with progress(Console(stderr=True, quiet=quiet), case.time.steps_per_period) as report:
             result = run(case, engine, directory=directory, resume=resume, progress=report)
         result.save(directory)
         if not quiet:
             _table(f"case {case.name}", ("", "value"), _summary_rows(result.summary))
             _list_files(directory)
-        raise typer.Exit(STATUS[result.history.attrs["outcome"]])
+        outcome = result.history.attrs["outcome"]
+        if outcome != "completed":
+            _fail(
+                f"{outcome}; the results so far are in {directory}{HINT[outcome]}", STATUS[outcome]
+            )
 
 
 @app.command("compare")
@@ -153,6 +161,14 @@ def presets_command(
         from delam_fem.parameters import PRESETS, preset_text
 
         typer.echo("\n".join(PRESETS) if show is None else preset_text(show), nl=show is None)
+
+
+def _is_first_process() -> bool:
+    """Whether this is the process that speaks, of those that mpirun may have started."""
+    from mpi4py import MPI
+
+    rank: int = MPI.COMM_WORLD.rank
+    return rank == 0
 
 
 def _case(name: str, overrides: list[str] | None) -> Case:

@@ -61,8 +61,8 @@ class HarmonicMotion:
 class SweptMotion:
     """The motion A sin(phi(t)) with the frequency f(t) = phi'(t) / (2 pi).
 
-        linear:       f(t) = f0 + (f1 - f0) t/T,   phi = 2 pi (f0 t + (f1 - f0) t^2 / (2 T))
-        logarithmic:  f(t) = f0 (f1/f0)^(t/T),     phi = 2 pi f0 T (e^(r t/T) - 1) / r,  r = ln f1/f0
+        linear:       f(t) = f0 + (f1 - f0) t/T,  phi = 2 pi (f0 t + (f1 - f0) t^2 / (2 T))
+        logarithmic:  f(t) = f0 e^(r t/T),        phi = 2 pi f0 T (e^(r t/T) - 1) / r,  r = ln f1/f0
 
     The frequency stays at f1 after t = T, so that the run may end with a whole period.
 

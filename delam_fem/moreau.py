@@ -14,7 +14,7 @@ from petsc4py import PETSc
 from delam_fem import petsc
 from delam_fem.dynamics import Dynamics, LazyCompliance
 from delam_fem.operators import FloatArray, Operators
-from delam_fem.supervisor import Decision
+from delam_fem.supervisor import BoolArray, Decision
 
 
 class MoreauJean(Dynamics):
@@ -45,6 +45,7 @@ class MoreauJean(Dynamics):
         )
         self.compliance = LazyCompliance(self, self._A, -1.0 / time_step)
         self._start = self._M.createVecRight()
+        self._is_unaccounted = False
         self._predicted = petsc.Shared(self._H.createVecLeft())
         self._rate_start = petsc.Shared(self._H.createVecLeft())
 
@@ -74,6 +75,7 @@ class MoreauJean(Dynamics):
         self._C.multAdd(v, r, r)
         before, after = self.base_states[self.base_index : self.base_index + 2]
         self.base_index += 1
+        self._is_unaccounted = True
         columns = (self._base_stiffness, self._base_damping, self._base_mass)
         for column, old, new in zip(columns, before, after, strict=True):
             r.axpy(theta * new + (1.0 - theta) * old, column)
@@ -101,15 +103,22 @@ class MoreauJean(Dynamics):
         return float(decision.impulses @ mean_rate), 0.0
 
     def observe(self) -> None:
-        """Account for the damping of the finished step, then bring the recorded values up to date."""
+        """Bring the recorded values up to date and account for the damping of a finished step."""
+        super().observe()
+        if not self._is_unaccounted:
+            return
+        self._is_unaccounted = False
         w, r, theta = self._w, self._r, self._theta
         w.waxpy((1.0 - theta) / theta, self._start, self.v)
         self._C.mult(w, r)
         self.dissipated += theta**2 * self.time_step * r.dot(w)
-        super().observe()
 
     def renew_acceleration(self) -> None:
         """Do nothing: the scheme has no acceleration."""
+
+    def restore_springs(self, permanent: BoolArray) -> None:
+        """Take over which pairs rest on one another; the scheme has no springs."""
+        self.permanent = permanent.copy()
 
     def destroy(self) -> None:
         """Free all PETSc objects."""

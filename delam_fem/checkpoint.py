@@ -1,0 +1,138 @@
+"""Checkpoints: all that a run needs to go on bit for bit, in one file.
+
+Contact history is part of it: which pairs rest on springs, and the records of the window.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from delam_fem.energy import Energies
+from delam_fem.operators import FloatArray
+from delam_fem.parameters import Case, CaseError
+from delam_fem.recorder import PeriodRecord, Recorder
+from delam_fem.supervisor import BoolArray, Decision
+
+_PERIOD_ARRAYS = ("strobe", "envelope", "ledger", "impulse")
+_JUMP_COLUMNS = ("hit", "impulses", "rate_pre", "rate_post")
+
+
+class Restorable(Protocol):
+    """A stepper whose state can be kept."""
+
+    dissipated: float
+    contact_damped: float
+    permanent: BoolArray
+
+    def state(self) -> FloatArray:
+        """Return (u, v, a), shape (3, n)."""
+
+    def restore(self, state: FloatArray) -> None:
+        """Take over (u, v, a)."""
+
+    def restore_springs(self, permanent: BoolArray) -> None:
+        """Take over the springs."""
+
+
+def path_in(directory: Path) -> Path:
+    """Return where a folder has its checkpoint."""
+    return directory / "checkpoint.npz"
+
+
+def save(path: Path, case: Case, stepper: Restorable, recorder: Recorder) -> None:
+    """Write the state after a closed period; the old file is replaced when the new one is whole."""
+    k = recorder.n_closed
+    arrays: dict[str, Any] = {
+        "case": np.array(case.to_toml()),
+        "n_closed": k,
+        "state": stepper.state(),
+        "permanent": stepper.permanent,
+        "losses": [stepper.dissipated, stepper.contact_damped],
+    }
+    arrays |= {name: getattr(recorder, name)[:k] for name in _PERIOD_ARRAYS}
+    for j, record in enumerate(recorder.window):
+        arrays |= {f"window_{j}_{name}": values for name, values in _flatten(record).items()}
+    temporary = path.with_suffix(".part.npz")
+    np.savez(temporary, **arrays)
+    os.replace(temporary, path)
+
+
+def load(path: Path, case: Case, stepper: Restorable, recorder: Recorder) -> None:
+    """Take up a run where a checkpoint left it.
+
+    Raises:
+        CaseError: there is no checkpoint, or it belongs to another case.
+    """
+    if not path.is_file():
+        raise CaseError(f"resume: expected a checkpoint of an interrupted run, no file {path}")
+    with np.load(path) as data:
+        if str(data["case"]) != case.to_toml():
+            raise CaseError(
+                f"resume: {path} belongs to another case; run with the settings of the "
+                "interrupted run, or without --resume"
+            )
+        stepper.restore(data["state"])
+        stepper.restore_springs(data["permanent"])
+        stepper.dissipated, stepper.contact_damped = (float(x) for x in data["losses"])
+        k = recorder.n_closed = int(data["n_closed"])
+        for name in _PERIOD_ARRAYS:
+            getattr(recorder, name)[:k] = data[name]
+        for j in range(min(k, recorder.window.maxlen or k)):
+            prefix = f"window_{j}_"
+            names = [name for name in data.files if name.startswith(prefix)]
+            recorder.window.append(_rebuild({n.removeprefix(prefix): data[n] for n in names}))
+
+
+def _flatten(record: PeriodRecord) -> dict[str, Any]:
+    """Return a period's record as arrays."""
+    energies, dissipated, contact_damped = record.start
+    stored = [energies.kinetic, energies.strain, energies.spring, energies.momentum]
+    decisions = [decision for _, decision, _ in record.jumps]
+    arrays = {
+        "base_states": record.base_states,
+        "u": record.u,
+        "v": record.v,
+        "frame_steps": record.frame_steps,
+        "start": [*stored, dissipated, contact_damped],
+        "frames": np.array(record.frames),
+        "contact": np.array(record.contact, dtype=np.int8),
+        "totals": [record.released, record.impact, record.n_steps],
+        "jump_steps": np.array([step for step, _, _ in record.jumps], dtype=np.int64),
+        "jump_sizes": np.array([d.hit.size for d in decisions], dtype=np.int64),
+        "jump_energies": np.array([energy for _, _, energy in record.jumps]),
+    }
+    for name in _JUMP_COLUMNS:
+        columns = [getattr(decision, name) for decision in decisions]
+        arrays[f"jump_{name}"] = np.concatenate(columns) if columns else np.empty(0)
+    return arrays
+
+
+def _rebuild(arrays: dict[str, Any]) -> PeriodRecord:
+    """Return a period's record from its arrays."""
+    start = [float(x) for x in arrays["start"]]
+    released, impact, n_steps = (float(x) for x in arrays["totals"])
+    cuts = np.cumsum(arrays["jump_sizes"])[:-1]
+    columns = [np.split(arrays[f"jump_{name}"], cuts) for name in _JUMP_COLUMNS]
+    jumps = [
+        (int(step), Decision(hit.astype(np.int64), p, pre, post), float(energy))
+        for step, energy, hit, p, pre, post in zip(
+            arrays["jump_steps"], arrays["jump_energies"], *columns, strict=False
+        )
+    ]
+    return PeriodRecord(
+        arrays["base_states"],
+        arrays["u"],
+        arrays["v"],
+        arrays["frame_steps"],
+        (Energies(*start[:4]), start[4], start[5]),
+        list(arrays["frames"]),
+        list(arrays["contact"]),
+        jumps,
+        released,
+        impact,
+        int(n_steps),
+    )
