@@ -5,19 +5,25 @@ Modules with heavy imports (dolfinx, matplotlib) are imported by the command tha
 
 from __future__ import annotations
 
-import logging
 import tempfile
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, NoReturn
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from delam_fem.terminal import (
+    DONE,
+    FAILED,
+    INTERRUPTED,
+    fail,
+    reported,
+    say_files,
+    summary_rows,
+    table,
+)
+
 if TYPE_CHECKING:
     from delam_fem.parameters import Case
-
-DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
 STATUS = {"completed": DONE, "diverged": FAILED, "interrupted": INTERRUPTED}
 """Exit status by the outcome of a run."""
@@ -78,7 +84,7 @@ def run_command(
     quiet: Quiet = False,
 ) -> None:
     """Compute a case; results go to DIR (runs/NAME)."""
-    with _reported(quiet):
+    with reported(quiet):
         case = _case(case_name, overrides)
         directory = _writable(output or Path("runs") / case.name)
         from rich.console import Console
@@ -89,13 +95,13 @@ def run_command(
         quiet = quiet or not _is_first_process()
         with progress(Console(stderr=True, quiet=quiet), case.time.steps_per_period) as report:
             result = run(case, engine, directory=directory, resume=resume, progress=report)
-        result.save(directory)
+        paths = result.save(directory)
         if not quiet:
-            _table(f"case {case.name}", ("", "value"), _summary_rows(result.summary))
-            _list_files(directory)
+            table(f"case {case.name}", ("", "value"), summary_rows(result.summary))
+            say_files(paths)
         outcome = result.history.attrs["outcome"]
         if outcome != "completed":
-            _fail(
+            fail(
                 f"{outcome}; the results so far are in {directory}{HINT[outcome]}", STATUS[outcome]
             )
 
@@ -113,7 +119,7 @@ def compare_command(
     quiet: Quiet = False,
 ) -> None:
     """Compare dolfinx and PETSc with the independent reference."""
-    with _reported(quiet):
+    with reported(quiet):
         case = _case(case_name, overrides)
         directory = _writable(output or Path("runs") / f"{case.name}-compare")
         from delam_fem.compare import compare
@@ -121,8 +127,8 @@ def compare_command(
         comparison = compare(case, impacts=impacts, periods=periods)
         paths = comparison.save(directory)
         if not quiet:
-            _table("largest differences", ("what", "difference"), comparison.rows())
-            _say_files(paths)
+            table("largest differences", ("what", "difference"), comparison.rows())
+            say_files(paths)
 
 
 @app.command("modes")
@@ -137,7 +143,7 @@ def modes_command(
     quiet: Quiet = False,
 ) -> None:
     """List natural frequencies beside those of the exact cantilever."""
-    with _reported(quiet):
+    with reported(quiet):
         case = _case(case_name, overrides)
         directory = _writable(output or Path("runs") / f"{case.name}-modes")
         from delam_fem.modes import modes
@@ -146,8 +152,8 @@ def modes_command(
         paths = found.save(directory)
         if not quiet:
             heading = ("lamina", "mode", "computed [Hz]", "exact [Hz]", "relative difference")
-            _table(f"modes of case {case.name}", heading, found.rows())
-            _say_files(paths)
+            table(f"modes of case {case.name}", heading, found.rows())
+            say_files(paths)
 
 
 @app.command("presets")
@@ -157,7 +163,7 @@ def presets_command(
     ] = None,
 ) -> None:
     """List the presets, or print one as a start for a case file."""
-    with _reported():
+    with reported():
         from delam_fem.parameters import PRESETS, preset_text
 
         typer.echo("\n".join(PRESETS) if show is None else preset_text(show), nl=show is None)
@@ -173,7 +179,7 @@ def _is_first_process() -> bool:
 
 def _case(name: str, overrides: list[str] | None) -> Case:
     """Return the case of a preset or a file, with the overrides of the command line."""
-    from delam_fem.casefile import parse_override
+    from delam_fem.overrides import parse_override
     from delam_fem.parameters import PRESETS, CaseError, load_case, preset
 
     keys = dict(parse_override(text) for text in overrides or [])
@@ -202,88 +208,6 @@ def _writable(directory: Path) -> Path:
             "with -o DIR"
         ) from None
     return directory
-
-
-@contextmanager
-def _reported(quiet: bool = False) -> Iterator[None]:
-    """Turn errors into a message on stderr and an exit status; show the package's log."""
-    from delam_fem.parameters import CaseError
-
-    log = logging.getLogger("delam_fem")
-    handler = _EchoHandler()
-    log.addHandler(handler)
-    log.setLevel(logging.WARNING if quiet else logging.INFO)
-    try:
-        yield
-    except CaseError as error:
-        _fail(str(error), BAD_INPUT)
-    except OSError as error:
-        log.debug("where it failed", exc_info=True)
-        _fail(f"{error.filename or 'input or output'}: {error.strerror or error}", FAILED)
-    except KeyboardInterrupt:
-        _fail("interrupted", INTERRUPTED)
-    finally:
-        log.removeHandler(handler)
-
-
-class _EchoHandler(logging.Handler):
-    """Writes the log to stderr, whatever that is at the moment."""
-
-    def emit(self, record: logging.LogRecord) -> None:
-        """Write one record."""
-        typer.echo(self.format(record), err=True)
-
-
-def _fail(text: str, status: int) -> NoReturn:
-    """Leave with a message."""
-    typer.echo(f"delam-fem: {text}", err=True)
-    raise typer.Exit(status)
-
-
-def _table(title: str, heading: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Print a table to stdout."""
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table(title=title, title_justify="left")
-    for column in heading:
-        table.add_column(column)
-    for row in rows:
-        table.add_row(*row)
-    Console().print(table)
-
-
-def _summary_rows(summary: dict[str, object]) -> list[tuple[str, str]]:
-    """Return the summary as table rows."""
-    return [(key.replace("_", " "), _shown(value)) for key, value in summary.items()]
-
-
-def _shown(value: object) -> str:
-    """Return a value of the summary as text."""
-    if isinstance(value, list | tuple):
-        return ", ".join(_shown(entry) for entry in value)
-    if isinstance(value, float):
-        return f"{value:.4g}"
-    return "none" if value is None else str(value)
-
-
-def _list_files(directory: Path) -> None:
-    """Say where the results are."""
-    names = (
-        "result.nc",
-        "summary.json",
-        "case.toml",
-        "figures",
-        "fields/fields.pvd",
-        "report.html",
-    )
-    _say_files([directory / name for name in names if (directory / name).exists()])
-
-
-def _say_files(paths: Sequence[Path]) -> None:
-    """Print paths."""
-    for path in paths:
-        typer.echo(path)
 
 
 if __name__ == "__main__":

@@ -149,7 +149,7 @@ class Recorder:
         return record
 
     def close(self, record: PeriodRecord, stepper: Stepper, n_steps: int) -> bool:
-        """End a period after `n_steps`; return whether the motion has left all bounds."""
+        """End a period after `n_steps`; return whether the motion has stayed within bounds."""
         k, rows = self.n_closed, slice(0, n_steps + 1)
         record.n_steps = n_steps
         self.window.append(record)
@@ -157,13 +157,20 @@ class Recorder:
         observed = record.u[rows, N_BASE:]
         with np.errstate(all="ignore"):  # a diverged motion is told by the return value
             self.strobe[k] = observed[-1], record.v[n_steps]
-            self.envelope[k] = observed[1:].min(axis=0), observed[1:].max(axis=0)
+            self.envelope[k] = observed.min(axis=0), observed.max(axis=0)
             self.impulse[k] = (
                 sum(float(decision.impulses.sum()) for _, decision, _ in record.jumps),
                 sum(decision.hit.size for _, decision, _ in record.jumps),
             )
             self.ledger[k] = self._ledger_row(record, stepper, n_steps)
-            return not bool(np.abs(observed).max(initial=0.0) < self.limit)
+            return bool(np.abs(observed).max(initial=0.0) < self.limit)
+
+    def energy_residual(self) -> float:
+        """Return the largest residual of a period over the largest energy exchanged in one [-]."""
+        rows = self.ledger[: self.n_closed]
+        exchanged = np.abs(rows[:, LEDGER.index("base_work") : -1]).sum(axis=1).max(initial=0.0)
+        residual = np.abs(rows[:, -1]).max(initial=0.0)
+        return float(residual / exchanged) if exchanged > 0.0 else 0.0
 
     def _ledger_row(self, record: PeriodRecord, stepper: Stepper, n_steps: int) -> FloatArray:
         """Return stored energies, flows and what does not add up, in the order of `LEDGER`."""

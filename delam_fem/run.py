@@ -27,7 +27,7 @@ from delam_fem.operators import FloatArray, Operators
 from delam_fem.parameters import Case, CaseError
 from delam_fem.recorder import Recorder
 from delam_fem.results import Result
-from delam_fem.simulate import Outcome, simulate
+from delam_fem.simulate import Outcome, StepByStep, simulate
 from delam_fem.supervisor import (
     Impacts,
     MoreauImpacts,
@@ -82,8 +82,7 @@ def run(
         raise CaseError(f"engine: expected 'petsc', given {engine!r}")
     model = beam.assemble(case, comm=comm) if model is None else model
     stepper, supervisor = _roles(case, model.operators, comm)
-    recorder = _recorder(case, model.operators)
-    motion = _motion(case)
+    recorder, motion = _recorder(case, model.operators), _motion(case)
     stepper.base_states = motion(0).tolist()
     if initial is not None:
         stepper.restore(np.vstack([initial, np.zeros(model.operators.n_dofs)]))
@@ -97,7 +96,7 @@ def run(
     begin, first = time.perf_counter(), recorder.n_closed
     with _stop_signals() as is_stopped:
         stop = _Watch(case, stepper, recorder, kept, progress, is_stopped)
-        outcome = simulate(stepper, supervisor, recorder, motion, stop=stop)
+        outcome = simulate(StepByStep(stepper, supervisor), recorder, motion, stop=stop)
     seconds = time.perf_counter() - begin
     if kept is not None:
         stop.leave(outcome)
@@ -113,8 +112,12 @@ def _roles(
     petsc_comm = PETSc.Comm(comm)
     if contact.law == "moreau":
         moreau = MoreauJean(operators, dt, comm=petsc_comm)
-        law = MoreauImpacts(moreau.compliance, n_pairs=n, restitution=contact.restitution)
-        return moreau, law
+        return moreau, MoreauImpacts(
+            moreau.compliance,
+            n_pairs=n,
+            restitution=contact.restitution,
+            resting_velocity=contact.threshold_velocity,
+        )
     spring = {
         "newton-penalty": (contact.penalty_stiffness, 0.0),
         "penalty": (contact.penalty_stiffness, contact.penalty_damping),
@@ -241,6 +244,7 @@ def _result(
         "wall_seconds": seconds,
         "microseconds_per_step": 1e6 * seconds / max(steps, 1),
         **diagnostics.summary(history, case),
+        "energy_residual": recorder.energy_residual(),
     }
     if outcome == "diverged":
         summary["message"] = _divergence(case, history)

@@ -1,101 +1,34 @@
 """The sections of a case: frozen, strict, complete once constructed.
 
 Numbers are SI, float64; whole numbers are accepted where a float is expected, nothing else is
-converted. What the sections must fulfil together is checked in `parameters.py`.
+converted. What the sections must fulfil together is checked in `case.py`.
 """
 
 from __future__ import annotations
 
-import difflib
-import os
 from collections.abc import Mapping
-from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Literal, Self
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    ConfigDict,
-    Field,
-    ValidationError,
-    ValidatorFunctionWrapHandler,
-    WrapValidator,
-    model_validator,
-)
+from pydantic import model_validator
 from pydantic_core import PydanticCustomError
 
 from delam_fem.cantilever import cantilever_roots
-
-
-def expected(what: str) -> WrapValidator:
-    """Return a validator that says what was expected, whichever test inside it failed."""
-
-    def check(value: object, inner: ValidatorFunctionWrapHandler) -> object:
-        try:
-            return inner(value)
-        except ValidationError:
-            raise PydanticCustomError("unexpected", "expected {what}", {"what": what}) from None
-
-    return WrapValidator(check)
-
-
-def inconsistent(key: str, text: str) -> PydanticCustomError:
-    """Return the error of a key that contradicts another.
-
-    Args:
-        key: the key, as an override names it below the section.
-        text: what was expected, what was given.
-    """
-    return PydanticCustomError("inconsistent", "{text}", {"key": key, "text": text})
-
-
-_FINITE = Field(strict=True, allow_inf_nan=False)
-_WHOLE = Field(strict=True)
-Positive = Annotated[float, _FINITE, Field(gt=0.0), expected("a positive number")]
-NotNegative = Annotated[float, _FINITE, Field(ge=0.0), expected("a number of at least 0")]
-DampingRatio = Annotated[
-    float, _FINITE, Field(ge=0.0, lt=1.0), expected("a number from 0 to below 1")
-]
-Restitution = Annotated[float, _FINITE, Field(ge=0.0, le=1.0), expected("a number from 0 to 1")]
-Elements = Annotated[
-    int, _WHOLE, Field(ge=1, le=100_000), expected("a whole number from 1 to 100000")
-]
-Steps = Annotated[
-    int, _WHOLE, Field(ge=4, le=100_000_000), expected("a whole number from 4 to 100000000")
-]
-Count = Annotated[int, _WHOLE, Field(ge=1), expected("a whole number of at least 1")]
-CountOrNone = Annotated[int, _WHOLE, Field(ge=0), expected("a whole number of at least 0")]
-FileName = Annotated[
-    Path,
-    AfterValidator(lambda path: Path(os.path.abspath(path))),
-    expected("the name of a file"),
-]
-Label = Annotated[
-    str,
-    Field(strict=True, pattern=r"^[A-Za-z][\w-]*$"),
-    expected("a word of letters, digits, - and _"),
-]
-
-
-class Section(BaseModel):
-    """A table of a case file."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    @model_validator(mode="before")
-    @classmethod
-    def _known_keys(cls, data: object) -> object:
-        """Refuse a key that the section does not have, and name the nearest one."""
-        for key in data if isinstance(data, Mapping) else ():
-            if key not in cls.model_fields:
-                near = difflib.get_close_matches(str(key), cls.model_fields, n=1)
-                hint = f"did you mean {near[0]}?" if near else "expected one of "
-                raise inconsistent(
-                    str(key), f"unknown key; {hint}{'' if near else ', '.join(cls.model_fields)}"
-                )
-        return data
+from delam_fem.values import (
+    Count,
+    CountOrNone,
+    DampingRatio,
+    Elements,
+    FileName,
+    Label,
+    NotNegative,
+    Positive,
+    Restitution,
+    Section,
+    Steps,
+    inconsistent,
+)
 
 
 class Lamina(Section):

@@ -1,4 +1,4 @@
-"""The only time loop: stepper → supervisor → recorder.
+"""The only time loop: period by period, and within a period stepper → supervisor → recorder.
 
 The roles come as arguments; the loop knows no law, no scheme and no file.
 """
@@ -6,17 +6,37 @@ The roles come as arguments; the loop knows no law, no scheme and no file.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Literal, Protocol
 
 from delam_fem.operators import FloatArray
-from delam_fem.recorder import Recorder, Stepper
+from delam_fem.recorder import PeriodRecord, Recorder, Stepper
 from delam_fem.supervisor import Decision, Kinematics, Supervisor
 
 Outcome = Literal["completed", "diverged", "interrupted"]
 
 
+class Engine(Protocol):
+    """What computes the steps of a period."""
+
+    @property
+    def stepper(self) -> Stepper:
+        """The state, as a recorder reads it."""
+
+    def run_period(self, record: PeriodRecord, floor: float) -> int:
+        """Compute the steps of a period into its record.
+
+        Args:
+            record: opened at the present state; knows the motion of the base.
+            floor: gap below which the motion counts as diverged [m].
+
+        Returns:
+            Steps done, fewer than the period has where the motion diverged.
+        """
+
+
 class Advancing(Stepper, Kinematics, Protocol):
-    """A time integration; see newmark.py and moreau.py."""
+    """A time integration that takes single steps; see newmark.py and moreau.py."""
 
     base_states: list[list[float]]
     base_index: int
@@ -27,13 +47,35 @@ class Advancing(Stepper, Kinematics, Protocol):
     def jump(self, decision: Decision) -> tuple[float, float]:
         """Carry a decision out; return energy changes by impulses and by springs [J]."""
 
-    def observe(self) -> None:
-        """Bring the recorded quantities up to date."""
+
+@dataclass(frozen=True)
+class StepByStep:
+    """The engine that asks a supervisor after each step of a stepper."""
+
+    stepper: Advancing
+    supervisor: Supervisor
+
+    def run_period(self, record: PeriodRecord, floor: float) -> int:
+        """Compute the steps of a period into its record; see `Engine`."""
+        stepper, supervisor = self.stepper, self.supervisor
+        stepper.base_states = record.base_states.tolist()
+        stepper.base_index = 0
+        n_steps = len(record.base_states) - 1
+        for step in range(1, n_steps + 1):
+            smallest_gap = stepper.advance()
+            if smallest_gap <= 0.0 or supervisor.is_holding:
+                if smallest_gap < floor:
+                    return step - 1
+                decision = supervisor.examine(stepper)
+                if decision is not None:
+                    record.jump(step, decision, stepper.jump(decision))
+            stepper.observe()
+            record.keep(step, stepper, supervisor)
+        return n_steps
 
 
 def simulate(
-    stepper: Advancing,
-    supervisor: Supervisor,
+    engine: Engine,
     recorder: Recorder,
     motion: Callable[[int], FloatArray],
     *,
@@ -42,35 +84,19 @@ def simulate(
     """Run from the recorder's last closed period to its end.
 
     Args:
-        stepper: holds the state and advances it.
-        supervisor: decides the jumps.
-        recorder: keeps what is asked for; says how many steps and periods there are.
+        engine: holds the state and computes the steps.
+        recorder: keeps what is asked for; says how many periods there are.
         motion: states (q, q', q'') of the base at the N + 1 steps of a period, shape (N + 1, 3).
         stop: asked after each period with the number of periods done; True ends the run.
 
     Returns:
         How it ended; a period in which the motion diverges is kept as far as it went.
     """
-    floor, n_steps = -recorder.limit, recorder.steps_per_period
     for period in range(recorder.n_closed, recorder.n_periods):
-        states = motion(period)
-        stepper.base_states = states.tolist()
-        stepper.base_index = 0
-        record = recorder.open(stepper, states)
-        for step in range(1, n_steps + 1):
-            smallest_gap = stepper.advance()
-            if smallest_gap <= 0.0 or supervisor.is_holding:
-                if smallest_gap < floor:
-                    stepper.observe()
-                    record.keep(step, stepper, supervisor)
-                    recorder.close(record, stepper, step)
-                    return "diverged"
-                decision = supervisor.examine(stepper)
-                if decision is not None:
-                    record.jump(step, decision, stepper.jump(decision))
-            stepper.observe()
-            record.keep(step, stepper, supervisor)
-        if recorder.close(record, stepper, n_steps):
+        record = recorder.open(engine.stepper, motion(period))
+        n_steps = engine.run_period(record, -recorder.limit)
+        is_bounded = recorder.close(record, engine.stepper, n_steps)
+        if not is_bounded or n_steps < recorder.steps_per_period:
             return "diverged"
         if stop(period + 1) and period + 1 < recorder.n_periods:
             return "interrupted"

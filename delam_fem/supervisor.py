@@ -176,22 +176,37 @@ class PenaltySprings(_Memory):
 
 
 class MoreauImpacts(_Memory):
-    """Law "moreau": impulses within the step, on every pair whose predicted gap is closed."""
+    """Law "moreau": impulses within the step, on every pair whose predicted gap is closed.
 
-    def __init__(self, compliance: Compliance, *, n_pairs: int, restitution: float) -> None:
+    `permanent` tells which pairs were pushed without having approached: they rest on one another.
+    """
+
+    def __init__(
+        self,
+        compliance: Compliance,
+        *,
+        n_pairs: int,
+        restitution: float,
+        resting_velocity: float = 0.0,
+    ) -> None:
         """Set the law up.
 
         Args:
             compliance: W of the matrix of the θ-step, M + θ Δt C + θ² Δt² K.
             n_pairs: number of contact pairs.
             restitution: e [-].
+            resting_velocity: approach slower than this counts as resting [m/s]; it changes what is
+                reported, not the motion.
         """
         super().__init__(n_pairs)
         self._compliance = compliance
         self._restitution = restitution
+        self._resting_velocity = resting_velocity
+        self._none = self.permanent
 
     def examine(self, seen: Kinematics) -> Decision | None:
         """Return the impulses of this step."""
+        self.permanent = self._none
         active = np.flatnonzero(seen.gap <= 0.0)
         if not active.size:
             return None
@@ -202,4 +217,7 @@ class MoreauImpacts(_Memory):
         impulses = contact.coupled_impulses(rate_pre, rate_free, self._restitution, W)
         pushed = impulses > 0.0
         rate_post = (rate_free + W @ impulses)[pushed]
-        return Decision(active[pushed], impulses[pushed], rate_pre[pushed], rate_post)
+        hit, rate_pre = active[pushed], rate_pre[pushed]
+        self.permanent = self._none.copy()
+        self.permanent[hit[rate_pre > -self._resting_velocity]] = True
+        return Decision(hit, impulses[pushed], rate_pre, rate_post)
