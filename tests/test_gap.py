@@ -87,5 +87,5 @@ def test_file_that_is_no_table(tmp_path: Path) -> None:
 
 
 def test_power_that_rounds_to_closed() -> None:
-    with pytest.raises(CaseError, match=r"gap starts closed beyond the clamp: .* given 0 m at x = "):
+    with pytest.raises(CaseError, match=r"gap starts closed beyond the clamp: .* given 0 m at x"):
         initial_gap(Gap(tip=0.012, exponent=400.0), [0.0, L / 20, L], L)
