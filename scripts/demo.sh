@@ -1,0 +1,9 @@
+#!/usr/bin/env bash
+# Sets up, then runs the main job: the preset `paper` at 3.25 Hz with figures, fields and report.
+# Usage: scripts/demo.sh [FOLDER]    (default: runs/demo of this project)
+set -euo pipefail
+
+root=$(cd -P -- "$(dirname -- "$(readlink -f -- "${BASH_SOURCE[0]}")")/.." && pwd)
+"$root/scripts/setup.sh"
+source "$root/scripts/clean_environment.sh"
+exec "$root/.venv/bin/delam-fem" run paper --set excitation.frequency=3.25 -o "${1:-$root/runs/demo}"
