@@ -87,15 +87,24 @@ def run_command(
     with reported(quiet):
         case = _case(case_name, overrides)
         directory = _writable(output or Path("runs") / case.name)
+        from mpi4py import MPI
         from rich.console import Console
 
         from delam_fem.progress import progress
         from delam_fem.run import run
 
-        quiet = quiet or not _is_first_process()
+        is_first = MPI.COMM_WORLD.rank == 0  # of the processes that mpirun may have started
+        quiet = quiet or not is_first
         with progress(Console(stderr=True, quiet=quiet), case.time.steps_per_period) as report:
-            result = run(case, engine, directory=directory, resume=resume, progress=report)
-        paths = result.save(directory)
+            result = run(
+                case,
+                engine,
+                directory=directory,
+                resume=resume,
+                progress=report,
+                comm=MPI.COMM_WORLD,
+            )
+        paths = result.save(directory) if is_first else []
         if not quiet:
             table(f"case {case.name}", ("", "value"), summary_rows(result.summary))
             say_files(paths)
@@ -167,14 +176,6 @@ def presets_command(
         from delam_fem.parameters import PRESETS, preset_text
 
         typer.echo("\n".join(PRESETS) if show is None else preset_text(show), nl=show is None)
-
-
-def _is_first_process() -> bool:
-    """Whether this is the process that speaks, of those that mpirun may have started."""
-    from mpi4py import MPI
-
-    rank: int = MPI.COMM_WORLD.rank
-    return rank == 0
 
 
 def _case(name: str, overrides: list[str] | None) -> Case:

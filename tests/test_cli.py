@@ -45,12 +45,14 @@ class FakeRun:
         directory: Path | None = None,
         resume: bool = False,
         progress: Callable[[int, int], None] | None = None,
+        comm: object = None,
     ) -> SimpleNamespace:
         """Pretend to compute a case."""
         self.calls.append((case, engine, directory, resume))
         if self.error is not None:
             raise self.error
         assert progress is not None
+        assert comm is not None
         for done in range(1, PERIODS + 1):
             progress(done, PERIODS)
         logging.getLogger("delam_fem.simulate").info("note of the run")
