@@ -7,8 +7,10 @@ h5py wheels break when they load their own libraries, so the switch is held stil
 
 from __future__ import annotations
 
+import logging
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -95,9 +97,22 @@ def cell_nodes(mesh: Any) -> npt.NDArray[np.int32]:
 
 def assemble_matrix(form: Any) -> Any:
     """Assemble a bilinear UFL form into a PETSc matrix that the caller owns."""
-    matrix = dolfinx.fem.petsc.assemble_matrix(dolfinx.fem.form(form))
+    with _compiling_in_silence():
+        compiled = dolfinx.fem.form(form)
+    matrix = dolfinx.fem.petsc.assemble_matrix(compiled)
     matrix.assemble()
     return matrix
+
+
+@contextmanager
+def _compiling_in_silence() -> Iterator[None]:
+    """Keep setuptools, with which ffcx compiles, from telling each of its commands."""
+    before = logging.root.manager.disable
+    logging.disable(logging.INFO)
+    try:
+        yield
+    finally:
+        logging.disable(before)
 
 
 def function(space: Any, fill: Callable[[npt.NDArray[np.float64]], None]) -> Any:
