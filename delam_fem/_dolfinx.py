@@ -38,6 +38,18 @@ from mpi4py import MPI  # noqa: E402
 version: str = dolfinx.__version__
 
 
+@contextmanager
+def _compiling_in_silence() -> Iterator[None]:
+    """Keep setuptools, with which ffcx compiles, from telling each of its commands."""
+    before = logging.root.manager.disable
+    logging.disable(logging.INFO)
+    try:
+        yield
+    finally:
+        logging.disable(before)
+
+
+@_compiling_in_silence()
 def create_interval_mesh(
     comm: MPI.Intracomm, x: npt.NDArray[np.float64], cells: npt.NDArray[np.int64]
 ) -> Any:
@@ -67,6 +79,7 @@ def create_interval_mesh(
     return dolfinx.mesh.create_mesh(comm, cells, points, domain)
 
 
+@_compiling_in_silence()
 def pair_space(mesh: Any) -> Any:
     """Return the mixed space P1 × P1 on a mesh of intervals."""
     if hasattr(dolfinx.fem, "functionspace"):
@@ -78,6 +91,7 @@ def pair_space(mesh: Any) -> Any:
     return dolfinx.fem.FunctionSpace(mesh, ufl.MixedElement([linear, linear]))
 
 
+@_compiling_in_silence()
 def discontinuous_space(mesh: Any, degree: int) -> Any:
     """Return the discontinuous Lagrange space of a degree."""
     kind = ("Discontinuous Lagrange", degree)
@@ -95,24 +109,12 @@ def cell_nodes(mesh: Any) -> npt.NDArray[np.int32]:
     return np.array([table.links(c) for c in range(count)], dtype=np.int32).reshape(count, -1)
 
 
+@_compiling_in_silence()
 def assemble_matrix(form: Any) -> Any:
     """Assemble a bilinear UFL form into a PETSc matrix that the caller owns."""
-    with _compiling_in_silence():
-        compiled = dolfinx.fem.form(form)
-    matrix = dolfinx.fem.petsc.assemble_matrix(compiled)
+    matrix = dolfinx.fem.petsc.assemble_matrix(dolfinx.fem.form(form))
     matrix.assemble()
     return matrix
-
-
-@contextmanager
-def _compiling_in_silence() -> Iterator[None]:
-    """Keep setuptools, with which ffcx compiles, from telling each of its commands."""
-    before = logging.root.manager.disable
-    logging.disable(logging.INFO)
-    try:
-        yield
-    finally:
-        logging.disable(before)
 
 
 def function(space: Any, fill: Callable[[npt.NDArray[np.float64]], None]) -> Any:

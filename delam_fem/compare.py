@@ -144,10 +144,10 @@ def compare(case: Case, *, impacts: int = 20, periods: int = 3) -> Comparison:
         CaseError: the excitation is a sweep, or the reference does not have the law or the scheme,
             or a number is below 1.
     """
+    _check(case, impacts, periods)
     from delam_fem import beam  # dolfinx is imported when its run is asked for
     from delam_fem.run import run
 
-    _check(case, impacts, periods)
     short = case.with_overrides(
         {"time.periods": periods, "output.window_periods": periods, "output.fields_per_period": 0}
     )
