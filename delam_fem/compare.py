@@ -71,10 +71,15 @@ class Comparison:
         return [
             *((f"{name}, relative", f"{value:.1e}") for name, value in self.matrices.items()),
             ("natural frequencies, relative", f"{self.frequencies:.1e}"),
-            (f"tip histories up to impact {self.impact_limit}", f"{self.until_impact:.1e} m"),
+            *self._impact_row(),
             (f"tip histories up to {self.times[-1]:.4g} s", f"{self.overall:.1e} m"),
             ("impacts, dolfinx and reference", f"{self.impacts[0]} and {self.impacts[1]}"),
         ]
+
+    def _impact_row(self) -> list[tuple[str, str]]:
+        if not self.impact_limit:
+            return []
+        return [(f"tip histories up to impact {self.impact_limit}", f"{self.until_impact:.1e} m")]
 
     def save(self, directory: Path | str) -> list[Path]:
         """Write compare.json and compare.png.

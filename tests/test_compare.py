@@ -107,6 +107,12 @@ def test_rows_state_both(comparison: Comparison) -> None:
     assert rows["impacts, dolfinx and reference"] == "7 and 8"
 
 
+def test_rows_without_impacts_name_none(comparison: Comparison) -> None:
+    rows = dict(replace(comparison, impact_limit=0, impacts=(0, 0)).rows())
+    assert not any("up to impact" in name for name in rows)
+    assert rows["impacts, dolfinx and reference"] == "0 and 0"
+
+
 def test_save_writes_table_and_picture(comparison: Comparison, tmp_path: Path) -> None:
     table, picture = comparison.save(tmp_path / "new")
     content = json.loads(table.read_text())
