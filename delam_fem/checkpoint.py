@@ -43,8 +43,18 @@ def path_in(directory: Path) -> Path:
     return directory / "checkpoint.npz"
 
 
-def save(path: Path, case: Case, stepper: Restorable, recorder: Recorder) -> None:
-    """Write the state after a closed period; the old file is replaced when the new one is whole."""
+def save(
+    path: Path, case: Case, stepper: Restorable, recorder: Recorder, *, writes: bool = True
+) -> None:
+    """Write the state after a closed period; the old file is replaced when the new one is whole.
+
+    Args:
+        path: the file.
+        case: what is computed, for the check in `load`.
+        stepper: its state; gathering it needs every rank.
+        recorder: what was kept so far.
+        writes: whether this rank writes the file.
+    """
     k = recorder.n_closed
     arrays: dict[str, Any] = {
         "case": np.array(case.to_toml()),
@@ -56,6 +66,8 @@ def save(path: Path, case: Case, stepper: Restorable, recorder: Recorder) -> Non
     arrays |= {name: getattr(recorder, name)[:k] for name in _PERIOD_ARRAYS}
     for j, record in enumerate(recorder.window):
         arrays |= {f"window_{j}_{name}": values for name, values in _flatten(record).items()}
+    if not writes:
+        return
     temporary = path.with_suffix(".part.npz")
     np.savez(temporary, **arrays)
     os.replace(temporary, path)

@@ -11,6 +11,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -94,12 +95,19 @@ def run(
         checkpoint.load(kept, case, stepper, recorder)
         supervisor.restore(stepper.permanent.copy())
     begin, first = time.perf_counter(), recorder.n_closed
+    save = partial(
+        checkpoint.save, case=case, stepper=stepper, recorder=recorder, writes=comm.rank == 0
+    )
+
+    def report(period: int) -> None:
+        if progress is not None:
+            progress(period, recorder.n_periods)
+
     with _stop_signals() as is_stopped:
-        stop = _Watch(case, stepper, recorder, kept, progress, is_stopped)
+        stop = _Watch(save, kept, report, is_stopped, comm)
         outcome = simulate(StepByStep(stepper, supervisor), recorder, motion, stop=stop)
     seconds = time.perf_counter() - begin
-    if kept is not None:
-        stop.leave(outcome)
+    stop.leave(outcome)
     stepper.destroy()
     return _result(case, model, recorder, (engine, outcome, seconds, first))
 
@@ -189,37 +197,32 @@ class _Watch:
 
     def __init__(
         self,
-        case: Case,
-        stepper: Newmark | MoreauJean,
-        recorder: Recorder,
+        save: Callable[[Path], None],
         path: Path | None,
-        progress: Progress | None,
+        report: Callable[[int], None],
         is_stopped: Callable[[], bool],
+        comm: MPI.Intracomm,
     ) -> None:
-        self._case, self._stepper, self._recorder = case, stepper, recorder
-        self._path, self._progress, self._is_stopped = path, progress, is_stopped
+        self._save, self._path, self._report = save, path, report
+        self._is_stopped, self._comm = is_stopped, comm
         self._last = time.monotonic()
 
     def __call__(self, period: int) -> bool:
-        """Return whether the run shall end."""
-        if self._progress is not None:
-            self._progress(period, self._recorder.n_periods)
-        if self._path is not None and time.monotonic() - self._last > CHECKPOINT_SECONDS:
-            self._save()
-        return self._is_stopped()
+        """Return whether the run shall end; all ranks decide alike."""
+        self._report(period)
+        is_due = time.monotonic() - self._last > CHECKPOINT_SECONDS
+        wishes = self._comm.allreduce(2 * is_due + self._is_stopped(), MPI.BOR)
+        if self._path is not None and wishes & 2:
+            self._save(self._path)
+            self._last = time.monotonic()
+        return bool(wishes & 1)
 
     def leave(self, outcome: Outcome) -> None:
         """Leave a checkpoint of an interrupted run, and none of a finished one."""
-        assert self._path is not None
-        if outcome == "interrupted":
-            self._save()
-        else:
+        if self._path is not None and outcome == "interrupted":
+            self._save(self._path)
+        elif self._path is not None:
             self._path.unlink(missing_ok=True)
-
-    def _save(self) -> None:
-        assert self._path is not None
-        checkpoint.save(self._path, self._case, self._stepper, self._recorder)
-        self._last = time.monotonic()
 
 
 def _result(
@@ -239,8 +242,7 @@ def _result(
     summary: dict[str, Any] = {
         "outcome": outcome,
         "engine": engine,
-        "steps": (recorder.n_closed - 1) * case.time.steps_per_period
-        + recorder.window[-1].n_steps,
+        "steps": (recorder.n_closed - 1) * case.time.steps_per_period + recorder.window[-1].n_steps,
         "wall_seconds": seconds,
         "microseconds_per_step": 1e6 * seconds / max(steps, 1),
         **diagnostics.summary(history, case),
