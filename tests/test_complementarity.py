@@ -1,4 +1,4 @@
-"""The complementarity solver against brute force over all active sets, and by its own definition."""
+"""The complementarity solver against brute force over all active sets and its own definition."""
 
 import itertools
 
@@ -15,8 +15,8 @@ FloatArray = npt.NDArray[np.float64]
 ROUND_OFF = 1e-9
 """Of solutions with condition numbers up to about 1e6, relative to the velocities."""
 DEGENERATE = 1e-5
-"""Where pairs are alike to d, residuals of up to sqrt(1e-13) velocities (the solver's limit for a
-pivot) cannot be told from round-off, nor can brute force tell them; ten times that for the impulses."""
+"""Where pairs are nearly alike, residuals of up to sqrt(1e-13) velocities (the solver's limit for a
+pivot) cannot be told from round-off, nor can brute force tell them; some ten times that for p."""
 MAX_PAIRS = 6
 MASS_FLOOR = 0.1
 """Added to the random mass matrices, so that their condition stays below about 1e3."""
