@@ -7,35 +7,18 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from delam_fem.energy import Energies
-from delam_fem.operators import FloatArray
 from delam_fem.parameters import Case, CaseError
 from delam_fem.recorder import PeriodRecord, Recorder
-from delam_fem.supervisor import BoolArray, Decision
+from delam_fem.simulate import Engine, State
+from delam_fem.supervisor import Decision
 
 _PERIOD_ARRAYS = ("strobe", "envelope", "ledger", "impulse")
 _JUMP_COLUMNS = ("hit", "impulses", "rate_pre", "rate_post")
-
-
-class Restorable(Protocol):
-    """A stepper whose state can be kept."""
-
-    dissipated: float
-    contact_damped: float
-    permanent: BoolArray
-
-    def state(self) -> FloatArray:
-        """Return (u, v, a), shape (3, n)."""
-
-    def restore(self, state: FloatArray) -> None:
-        """Take over (u, v, a)."""
-
-    def restore_springs(self, permanent: BoolArray) -> None:
-        """Take over the springs."""
 
 
 def path_in(directory: Path) -> Path:
@@ -44,24 +27,24 @@ def path_in(directory: Path) -> Path:
 
 
 def save(
-    path: Path, case: Case, stepper: Restorable, recorder: Recorder, *, writes: bool = True
+    path: Path, case: Case, engine: Engine, recorder: Recorder, *, writes: bool = True
 ) -> None:
     """Write the state after a closed period; the old file is replaced when the new one is whole.
 
     Args:
         path: the file.
         case: what is computed, for the check in `load`.
-        stepper: its state; gathering it needs every rank.
+        engine: holds the state; gathering it needs every rank.
         recorder: what was kept so far.
         writes: whether this rank writes the file.
     """
-    k = recorder.n_closed
+    k, state = recorder.n_closed, engine.state()
     arrays: dict[str, Any] = {
         "case": np.array(case.to_toml()),
         "n_closed": k,
-        "state": stepper.state(),
-        "permanent": stepper.permanent,
-        "losses": [stepper.dissipated, stepper.contact_damped],
+        "motion": state.motion,
+        "permanent": state.permanent,
+        "losses": state.losses,
     }
     arrays |= {name: getattr(recorder, name)[:k] for name in _PERIOD_ARRAYS}
     for j, record in enumerate(recorder.window):
@@ -73,12 +56,14 @@ def save(
     os.replace(temporary, path)
 
 
-def load(path: Path, case: Case, stepper: Restorable, recorder: Recorder) -> None:
+def load(path: Path | None, case: Case, engine: Engine, recorder: Recorder) -> None:
     """Take up a run where a checkpoint left it.
 
     Raises:
         CaseError: there is no checkpoint, or it belongs to another case.
     """
+    if path is None:
+        raise CaseError("resume: expected the directory of the interrupted run, given none")
     if not path.is_file():
         raise CaseError(f"resume: expected a checkpoint of an interrupted run, no file {path}")
     with np.load(path) as data:
@@ -87,9 +72,8 @@ def load(path: Path, case: Case, stepper: Restorable, recorder: Recorder) -> Non
                 f"resume: {path} belongs to another case; run with the settings of the "
                 "interrupted run, or without --resume"
             )
-        stepper.restore(data["state"])
-        stepper.restore_springs(data["permanent"])
-        stepper.dissipated, stepper.contact_damped = (float(x) for x in data["losses"])
+        damping, contact = (float(loss) for loss in data["losses"])
+        engine.restore(State(data["motion"], data["permanent"], (damping, contact)))
         k = recorder.n_closed = int(data["n_closed"])
         for name in _PERIOD_ARRAYS:
             getattr(recorder, name)[:k] = data[name]

@@ -205,12 +205,31 @@ class Dynamics:
     def destroy(self) -> None:
         """Free all PETSc objects."""
         for shared in (
-            self._gap, self._rate, self._impulse, self._force, self._seen_u, self._seen_v,
+            self._gap,
+            self._rate,
+            self._impulse,
+            self._force,
+            self._seen_u,
+            self._seen_v,
         ):
             shared.destroy()
         for thing in (
-            self._M, self._C, self._K, self._H, self._observe_u, self._observe_v,
-            self.u, self.v, self.a, self._r, self._w, self._z, self._gap0, self._inverse_lumped,
-            self._base_mass, self._base_damping, self._base_stiffness,
+            self._M,
+            self._C,
+            self._K,
+            self._H,
+            self._observe_u,
+            self._observe_v,
+            self.u,
+            self.v,
+            self.a,
+            self._r,
+            self._w,
+            self._z,
+            self._gap0,
+            self._inverse_lumped,
+            self._base_mass,
+            self._base_damping,
+            self._base_stiffness,
         ):
             thing.destroy()

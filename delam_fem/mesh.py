@@ -96,9 +96,7 @@ def _lamina_nodes(path: Path, x: FloatArray, cells: IntArray, length: float) -> 
     return result
 
 
-def _require_opposite(
-    path: Path, first: FloatArray, second: FloatArray, length: float
-) -> None:
+def _require_opposite(path: Path, first: FloatArray, second: FloatArray, length: float) -> None:
     """Raise unless the nodes of the two laminae are opposite."""
     for k, (a, b) in enumerate(zip(first, second, strict=False)):
         if abs(a - b) > NODE_TOLERANCE * length:

@@ -63,8 +63,7 @@ class Newmark(Dynamics):
         self._M_factor = petsc.Factor(-o.mass, comm, "newmark_mass_")
         self._coupled = coupled_impulses
         self.compliance: Compliance = (
-            LazyCompliance(self, self._M_factor, -1.0) if coupled_impulses
-            else LumpedCompliance(o)
+            LazyCompliance(self, self._M_factor, -1.0) if coupled_impulses else LumpedCompliance(o)
         )
         self.spring_stiffness, self._spring_damping = spring
         self._softness = self.spring_stiffness * self._to_u + self._spring_damping * self._to_v

@@ -19,6 +19,7 @@ from delam_fem.model import Model
 from delam_fem.operators import FloatArray
 from delam_fem.parameters import Case, save_case
 from delam_fem.recorder import LEDGER, N_BASE, PeriodRecord, Recorder
+from delam_fem.simulate import State
 
 _ENERGY_NAMES = {
     "kinetic": "kinetic energy at the end of the period",
@@ -41,11 +42,13 @@ class Result:
         case: the case.
         history: all recorded quantities, each with units.
         summary: a few numbers; undefined ones are None.
+        state: state at the end, from which another run may start.
     """
 
     case: Case
     history: xr.Dataset
     summary: dict[str, Any]
+    state: State
 
     def save(self, directory: str | Path) -> list[Path]:
         """Write numbers, figures, fields and report to a folder.

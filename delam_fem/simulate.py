@@ -11,9 +11,24 @@ from typing import Literal, Protocol
 
 from delam_fem.operators import FloatArray
 from delam_fem.recorder import PeriodRecord, Recorder, Stepper
-from delam_fem.supervisor import Decision, Kinematics, Supervisor
+from delam_fem.supervisor import BoolArray, Decision, Kinematics, Supervisor
 
 Outcome = Literal["completed", "diverged", "interrupted"]
+
+
+@dataclass(frozen=True)
+class State:
+    """All that the future depends on, and the losses so far.
+
+    Attributes:
+        motion: u, v, a of the free dofs, shape (3, n) [m, m/s, m/s2 and slopes].
+        permanent: pairs that carry a spring, shape (n_pairs,).
+        losses: energy lost to damping and to contact dampers so far [J].
+    """
+
+    motion: FloatArray
+    permanent: BoolArray
+    losses: tuple[float, float] = (0.0, 0.0)
 
 
 class Engine(Protocol):
@@ -22,6 +37,23 @@ class Engine(Protocol):
     @property
     def stepper(self) -> Stepper:
         """The state, as a recorder reads it."""
+
+    def start(self, initial: State | None, base_state: FloatArray) -> None:
+        """Take a state, or rest, and renew the accelerations.
+
+        Args:
+            initial: state at the start; its losses do not count.
+            base_state: (q, q', q'') of the base at the start.
+        """
+
+    def state(self) -> State:
+        """Return the present state."""
+
+    def restore(self, state: State) -> None:
+        """Take over a state as it is."""
+
+    def destroy(self) -> None:
+        """Free what the engine holds."""
 
     def run_period(self, record: PeriodRecord, floor: float) -> int:
         """Compute the steps of a period into its record.
@@ -40,6 +72,19 @@ class Advancing(Stepper, Kinematics, Protocol):
 
     base_states: list[list[float]]
     base_index: int
+    permanent: BoolArray
+
+    def restore(self, state: FloatArray) -> None:
+        """Take over (u, v, a), shape (3, n)."""
+
+    def restore_springs(self, permanent: BoolArray) -> None:
+        """Take over the set of springs."""
+
+    def renew_acceleration(self) -> None:
+        """Compute a from the equation of motion."""
+
+    def destroy(self) -> None:
+        """Free what the stepper holds."""
 
     def advance(self) -> float:
         """Make the candidate state of the next step; return the smallest gap to examine [m]."""
@@ -54,6 +99,29 @@ class StepByStep:
 
     stepper: Advancing
     supervisor: Supervisor
+
+    def start(self, initial: State | None, base_state: FloatArray) -> None:
+        """Take a state, or rest, and renew the accelerations; see `Engine`."""
+        self.stepper.base_states, self.stepper.base_index = [base_state.tolist()], 0
+        if initial is not None:
+            self.restore(State(initial.motion, initial.permanent))
+        self.stepper.renew_acceleration()
+
+    def state(self) -> State:
+        """Return the present state."""
+        s = self.stepper
+        return State(s.state(), self.supervisor.permanent.copy(), (s.dissipated, s.contact_damped))
+
+    def restore(self, state: State) -> None:
+        """Take over a state as it is."""
+        self.stepper.restore(state.motion)
+        self.stepper.restore_springs(state.permanent)
+        self.supervisor.restore(state.permanent.copy())
+        self.stepper.dissipated, self.stepper.contact_damped = state.losses
+
+    def destroy(self) -> None:
+        """Free what the stepper holds."""
+        self.stepper.destroy()
 
     def run_period(self, record: PeriodRecord, floor: float) -> int:
         """Compute the steps of a period into its record; see `Engine`."""

@@ -11,6 +11,7 @@ from delam_fem.cantilever import transmissibility
 from delam_fem.parameters import Case, preset
 from delam_fem.reference_loop import simulate_reference
 from delam_fem.run import run
+from delam_fem.simulate import State
 
 UNDAMPED = {
     "lamina.thick.damping_ratio": 0.0,
@@ -26,14 +27,15 @@ SAME_TIPS = 1e-8
 """m, over three periods: impacts amplify the round-off in which the two paths differ."""
 
 
-def steady_start(case: Case) -> np.ndarray:
-    """Return (u, v) at t = 0 of the undamped steady motion: u = 0, v = ω times its shape."""
+def steady_start(case: Case) -> State:
+    """Return the state at t = 0 of the undamped steady motion: u = 0, v = ω times its shape."""
     o = beam.assemble(case).operators
     omega = 2.0 * np.pi * case.excitation.frequency
     A = case.excitation.amplitude
     load = A * (omega**2 * o.base.mass - o.base.stiffness)
     shape = spsolve((o.stiffness - omega**2 * o.mass).tocsc(), load)
-    return np.array([np.zeros_like(shape), omega * shape])
+    zero = np.zeros_like(shape)
+    return State(np.array([zero, omega * shape, zero]), np.zeros(o.n_pairs, dtype=bool))
 
 
 @pytest.mark.parametrize("frequency", [1.25, 1.60, 3.65])
