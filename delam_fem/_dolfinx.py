@@ -1,8 +1,9 @@
 """The one door to dolfinx: imports it safely and hides what its versions name differently.
 
-Written against dolfinx 0.11 names and tried from 0.5 on; no other file asks for a version. The import itself needs
-care: dolfinx up to 0.7 switches the process to RTLD_GLOBAL for good, after which vtk, netCDF4 and
-h5py wheels break when they load their own libraries, so the switch is held still meanwhile.
+Written against dolfinx 0.11 names and tried from 0.5 on; no other file asks for a version. The
+import itself needs care: dolfinx up to 0.7 switches the process to RTLD_GLOBAL for good, after
+which vtk, netCDF4 and h5py wheels break when they load their own libraries, so the switch is held
+still meanwhile.
 """
 
 from __future__ import annotations

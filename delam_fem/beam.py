@@ -4,8 +4,9 @@
     k(w, v) = ∫ E I w'' v'' dx                             (stiffness)
     c(w, v) = ∫ alpha rho A w v dx + ∫ beta E I w'' v'' dx (Rayleigh damping)
 
-w and v are the Hermite interpolants of (u, phi). Both laminae lie on one mesh as two separate lines;
-E I, rho A, alpha and beta are functions of x on it. The clamped dofs are split off afterwards (paper eq. 9, 10).
+w and v are the Hermite interpolants of (u, phi). Both laminae lie on one mesh as two separate
+lines; E I, rho A, alpha and beta are functions of x on it. The clamped dofs are split off
+afterwards (paper eq. 9, 10).
 """
 
 from __future__ import annotations
@@ -117,9 +118,9 @@ def _operators(
     n = len(x) - 1
     dofs = np.arange(4 * (n + 1)).reshape(2, n + 1, 2)  # lamina, node, (u, phi)
     free, base = dofs[:, 1:].ravel(), dofs[:, 0, 0]
-    blocks = [matrix[free][:, free].tocsr() for matrix in matrices]
-    columns = [np.asarray(matrix[free][:, base].sum(axis=1)).ravel() for matrix in matrices]
-    corner = tuple(float(matrix[base][:, base].sum()) for matrix in matrices)
+    mass, damping, stiffness = (matrix[free][:, free].tocsr() for matrix in matrices)
+    columns = (np.asarray(matrix[free][:, base].sum(axis=1)).ravel() for matrix in matrices)
+    corner = (float(matrix[base][:, base].sum()) for matrix in matrices)
     pairs = np.arange(n)
     u1, u2 = 2 * pairs, 2 * (n + pairs)
     ones = np.ones(n)
@@ -128,9 +129,11 @@ def _operators(
         shape=(n, 4 * n),
     ).tocsr()
     return Operators(
-        *blocks,
+        mass=mass,
+        damping=damping,
+        stiffness=stiffness,
         lumped_mass=lumped[free],
-        base=BaseCoupling(*columns, corner=corner),
+        base=BaseCoupling(*columns, corner=(next(corner), next(corner), next(corner))),
         gap_matrix=H,
         gap0=initial_gap(case.gap, x, case.lamina[0].length)[1:],
         observed=np.array([u1[-1], u2[-1]]),

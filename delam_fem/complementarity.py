@@ -2,10 +2,11 @@
 
     0 <= p,   W p + q >= 0,   p^T (W p + q) = 0
 
-with W = H M^-1 H^T symmetric and positive semidefinite and q in its range. It is the optimality condition of
-the non-negative least-squares problem min 1/2 |L^T p + L^-1 q|^2 with W = L L^T, and is solved by
-Lawson and Hanson's active set on W itself. A redundant pair has no residual left once the pairs that span it
-are active, hence is never added: p is then one of several solutions, H^T p is unique.
+with W = H M^-1 H^T symmetric and positive semidefinite and q in its range. It is the optimality
+condition of the non-negative least-squares problem min 1/2 |L^T p + L^-1 q|^2 with W = L L^T, and
+is solved by Lawson and Hanson's active set on W itself. A redundant pair has no residual left once
+the pairs that span it are active, hence is never added: p is then one of several solutions, H^T p
+is unique.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import numpy as np
 from delam_fem.operators import FloatArray
 
 TOLERANCE = 1e-13
-"""Residual below which a pair counts as satisfied, relative to the largest |q|: round-off of a few dozen pairs."""
+"""Residual that counts as none, relative to the largest |q|: round-off of a few dozen pairs."""
 
 
 @numba.njit(cache=True)
@@ -119,7 +120,7 @@ def solve_into(W, q, p):  # type: ignore[no-untyped-def]
         return True
     if _solve_all(W, q, p):
         return True
-    return _active_set(W, q, p, 1e-13 * np.max(np.abs(q))) >= 0
+    return _active_set(W, q, p, TOLERANCE * np.max(np.abs(q))) >= 0
 
 
 def solve(W: FloatArray, q: FloatArray) -> FloatArray:
@@ -136,7 +137,8 @@ def solve(W: FloatArray, q: FloatArray) -> FloatArray:
         ArithmeticError: W or q is not finite, or the active set does not settle.
 
     Source:
-        spec of consistent impulses; C. L. Lawson, R. J. Hanson, Solving Least Squares Problems, ch. 23.
+        spec of consistent impulses; C. L. Lawson, R. J. Hanson, Solving Least Squares Problems,
+        ch. 23.
     """
     p = np.zeros(q.size)
     if not (np.isfinite(q).all() and np.isfinite(W).all()):

@@ -1,4 +1,4 @@
-"""The PETSc state that every stepper shares: matrices, vectors, gaps, energies, recorded quantities.
+"""The PETSc state that every stepper shares: matrices, vectors, gaps, energies.
 
 A stepper adds the time integration. All vectors are made once; the time loop only fills them.
 """

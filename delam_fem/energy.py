@@ -2,14 +2,14 @@
 
 For the whole system, base dofs included, in the fixed frame and over any stretch of time,
 
-    T + V + V_springs |_0^1 = W_base - D_damping - D_contact + E_impacts + E_springs             (E1)
+    T + V + V_springs |_0^1 = W_base - D_damping - D_contact + E_impacts + E_springs      (E1)
 
-E_impacts is the change of energy at impacts (negative when they dissipate), E_springs the energy that
-appears when a spring is put on or taken off a closed pair. Average-acceleration Newmark and the
-Moreau–Jean scheme with θ = 1/2 fulfil E1 exactly when the work of the base over a step is
+E_impacts is the change of energy at impacts (negative when they dissipate), E_springs the energy
+that appears when a spring is put on or taken off a closed pair. Average-acceleration Newmark and
+the Moreau–Jean scheme with θ = 1/2 fulfil E1 exactly when the work of the base over a step is
 
     W_base = -Δ(m·u) mean(q'') + Δ(c·u) mean(q') + mean(k·u) Δq + Δ[(m·v) q']
-             + Δ[M_aa q'^2 / 2 + K_aa q^2 / 2] + Δt C_aa mean(q')^2                                       (E2)
+             + Δ[M_aa q'^2 / 2 + K_aa q^2 / 2] + Δt C_aa mean(q')^2      (E2)
 
 with m, c, k the base columns of M, C, K; it tends to the integral of the support reaction times q'.
 """
@@ -25,7 +25,7 @@ from delam_fem.operators import BaseCoupling, FloatArray
 
 @dataclass(frozen=True)
 class Energies:
-    """Stored energies at an instant [J], and m·v [kg m/s], which E2 needs at the ends of a stretch."""
+    """Stored energies at an instant [J], and m·v [kg m/s], which E2 needs at both ends."""
 
     kinetic: float
     strain: float

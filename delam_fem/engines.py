@@ -1,4 +1,4 @@
-"""From a case to the engine that computes it: which stepper, which supervisor, with what numbers."""
+"""From a case to the engine that computes it: which stepper and supervisor, with what numbers."""
 
 from __future__ import annotations
 

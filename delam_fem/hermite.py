@@ -1,8 +1,9 @@
 """Cubic Hermite beams on a mixed P1 × P1 space (u, phi = u'), in UFL.
 
-A P1 field f has the values f - X J f' and f + (1 - X) J f' at the ends of its cell, X in [0, 1] being the
-local coordinate and J the signed Jacobian. The Hermite interpolant of (u, phi) is therefore algebraic in
-UFL, needs no C1 element from the library, and its slopes are physical on any graded or reversed cell.
+A P1 field f has the values f - X J f' and f + (1 - X) J f' at the ends of its cell, X in [0, 1]
+being the local coordinate and J the signed Jacobian. The Hermite interpolant of (u, phi) is
+therefore algebraic in UFL, needs no C1 element from the library, and its slopes are physical on
+any graded or reversed cell.
 
 Nodes are numbered as given to `LineMesh`; both dofs of node j stand at 2 j (u) and 2 j + 1 (phi) of
 every gathered matrix, whatever dolfinx and the partitioning made of them.
@@ -10,6 +11,7 @@ every gathered matrix, whatever dolfinx and the partitioning made of them.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -85,7 +87,7 @@ class Hermite:
         _, _, p0, p1 = self._ends(pair[1])
         return ((6 - 12 * X) * pair[0].dx(0) + (6 * X - 4) * p0 + (6 * X - 2) * p1) / J
 
-    def coefficient(self, values: FloatArray | Any) -> Any:
+    def coefficient(self, values: Callable[[IntArray, FloatArray], FloatArray]) -> Any:
         """Return a piecewise quadratic coefficient on the cells.
 
         Args:
@@ -120,7 +122,7 @@ class Hermite:
         return result
 
     def assemble(self, form: Any) -> sp.csr_matrix:
-        """Assemble a bilinear form and gather it, in the order of the input nodes, on every rank."""
+        """Assemble a bilinear form and gather it, in the order of the nodes, on every rank."""
         matrix = _dolfinx.assemble_matrix(form)
         indptr, columns, values = matrix.getValuesCSR()
         first, _ = matrix.getOwnershipRange()

@@ -1,7 +1,8 @@
 """The nodes along the laminae: uniform, or read from a mesh file by meshio.
 
-Contact is node to node, so both laminae must have their nodes at the same places along x; a file says
-which line belongs to which lamina by physical groups (or any integer cell data with two values).
+Contact is node to node, so both laminae must have their nodes at the same places along x; a file
+says which line belongs to which lamina by physical groups (or any integer cell data with two
+values).
 """
 
 from __future__ import annotations

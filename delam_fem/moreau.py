@@ -1,10 +1,11 @@
 """The Moreau–Jean θ-scheme in PETSc: impulses belong to the step in which they act.
 
-    Â (v⁺ - v) = Δt [f_θ - C v - K (u + θ Δt v)] + Hᵀ p,   Â = M + θ Δt C + θ² Δt² K              (J1)
+    Â (v⁺ - v) = Δt [f_θ - C v - K (u + θ Δt v)] + Hᵀ p,   Â = M + θ Δt C + θ² Δt² K      (J1)
     u⁺ = u + Δt [θ v⁺ + (1 - θ) v]
     0 <= p  ⊥  U̇⁺ + e U̇ >= 0   on the pairs with U + Δt/2 U̇ <= 0                           (J2)
 
-f_θ is the load of the base at θ between the two times. Energy is conserved for θ = 1/2 between impacts.
+f_θ is the load of the base at θ between the two times. Energy is conserved for θ = 1/2 between
+impacts.
 """
 
 from __future__ import annotations

@@ -4,8 +4,9 @@
     u* = u + Δt v + (1/2 - β) Δt² a,   v* = v + (1 - γ) Δt a
     u⁺ = u* + β Δt² a⁺,   v⁺ = v* + γ Δt a⁺
 
-β = 1/4, γ = 1/2 is the average acceleration of the paper, β = 0, γ = 1/2 the central difference. A is factorised once.
-With springs λ = k U + c U̇ on the pairs P the exact correction of the candidate is
+β = 1/4, γ = 1/2 is the average acceleration of the paper, β = 0, γ = 1/2 the central difference. A
+is factorised once. With springs λ = k U + c U̇ on the pairs P the exact correction of the
+candidate is
 
     (I + (k β Δt² + c γ Δt) S_PP) λ = k U + c U̇,   S = H A⁻¹ Hᵀ,   Δa = -A⁻¹ Hᵀ λ               (N2)
 

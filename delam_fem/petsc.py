@@ -1,7 +1,8 @@
 """PETSc objects from gathered CSR matrices: distributed matrices, kept factors, shared vectors.
 
-Every rank holds the whole (small) operators; PETSc holds each rank's rows. Serial factors are PETSc's
-own, which at 80 dofs solve in about 1 µs; parallel ones are MUMPS. Whoever makes an object destroys it.
+Every rank holds the whole (small) operators; PETSc holds each rank's rows. Serial factors are
+PETSc's own, which at 80 dofs solve in about 1 µs; parallel ones are MUMPS. Whoever makes an object
+destroys it.
 """
 
 from __future__ import annotations

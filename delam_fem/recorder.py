@@ -1,7 +1,7 @@
 """What a run keeps: every step of the last periods, a row per period of all of them.
 
-Memory is that of the window and a few numbers a period, however long the run. The last periods are always
-at hand, so that a run which ends early (interrupted, diverged) has its window too.
+Memory is that of the window and a few numbers a period, however long the run. The last periods are
+always at hand, so that a run which ends early (interrupted, diverged) has its window too.
 """
 
 from __future__ import annotations

@@ -205,15 +205,15 @@ def _add_events(data: xr.Dataset, recorder: Recorder, start: int, dt: float) -> 
         for step, decision, energy in record.jumps:
             p = decision.impulses
             time = np.full(p.size, (start + j * recorder.steps_per_period + step) * dt)
-            share = energy * p / total if (total := float(p.sum())) else np.zeros(p.size)
+            share = energy * p / float(p.sum()) if p.any() else np.zeros(p.size)
             columns.append(np.array([time, decision.hit + 1, p, decision.rate_pre, share]))
     table = np.concatenate(columns, axis=1)
     _add(data, "event_time", "event", table[0], "s", "time of the impact")
     _add(data, "event_node", "event", table[1].astype(np.int64), "1", "node that is hit")
     _add(data, "event_impulse", "event", table[2], "N s", "impulse that parts the laminae")
     _add(data, "event_velocity_before", "event", table[3], "m/s", "gap rate before the impact")
-    energy = "change of energy at the instant, shared in proportion to the impulses"
-    _add(data, "event_energy", "event", table[4], "J", energy)
+    meaning = "change of energy at the instant, shared in proportion to the impulses"
+    _add(data, "event_energy", "event", table[4], "J", meaning)
 
 
 def json_ready(values: Mapping[str, Any]) -> dict[str, Any]:

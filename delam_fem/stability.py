@@ -28,8 +28,9 @@ def require_stable(operators: Operators, time_step: float, spring_stiffness: flo
     """
     limit = largest_stable_time_step(operators, spring_stiffness)
     if time_step > limit:
+        factor = math.ceil(time_step / limit)
         raise CaseError(
-            f"time.steps_per_period: central difference needs a time step of at most {limit:.4g} s, "
-            f"given {time_step:.4g} s: use at least {math.ceil(time_step / limit)} times as many "
-            'steps per period, or time.scheme = "newmark"'
+            f"time.steps_per_period: central difference needs a time step of at most {limit:.4g} "
+            f"s, given {time_step:.4g} s: use at least {factor} times as many steps per period, "
+            'or time.scheme = "newmark"'
         )

@@ -1,7 +1,8 @@
 """The contact supervisor: which pairs are hit, rest on a spring, or are let go.
 
-Between two steps it looks at gaps and gap rates and returns a `Decision`, or None when nothing jumps.
-It never touches the state: the stepper carries the decision out and renews its acceleration.
+Between two steps it looks at gaps and gap rates and returns a `Decision`, or None when nothing
+jumps. It never touches the state: the stepper carries the decision out and renews its
+acceleration.
 """
 
 from __future__ import annotations
@@ -102,8 +103,9 @@ class NoContact(_Memory):
 class Impacts(_Memory):
     """Laws "newton" (paper 3.1) and "newton-penalty" (paper 3.2, eq. 17 as corrected).
 
-    At the end of a step, in this order: springs whose gap has opened are released; closed approaching
-    pairs without a spring are hit; of those, pairs that leave slower than the threshold get a spring.
+    At the end of a step, in this order: springs whose gap has opened are released; closed
+    approaching pairs without a spring are hit; of those, pairs that leave slower than the
+    threshold get a spring.
     """
 
     def __init__(

@@ -49,6 +49,15 @@ class Watch:
         is_stopped: Callable[[], bool],
         comm: MPI.Intracomm,
     ) -> None:
+        """Set the watch up.
+
+        Args:
+            save: writes a checkpoint to a path.
+            path: of the checkpoint; None: there are none.
+            report: told the number of periods done.
+            is_stopped: whether this process was asked to stop.
+            comm: ranks that decide alike.
+        """
         self._save, self._path, self._report = save, path, report
         self._is_stopped, self._comm = is_stopped, comm
         self._last = time.monotonic()

@@ -10,7 +10,7 @@ from delam_fem import beam
 from delam_fem.parameters import preset
 
 WEDGE_ROOT = 5.3151
-"""ω L² sqrt(ρA0/EI0) of the cantilevered wedge (constant width, thickness falling linearly to a point): Kirchhoff 1879."""
+"""ω L² sqrt(ρA0/EI0) of the wedge whose thickness falls linearly to a point: Kirchhoff 1879."""
 FOUR_DIGITS = 1e-4
 
 

@@ -151,7 +151,9 @@ def test_too_deep_a_gap_ends_the_run_within_the_period() -> None:
     ball = Ball(1.25, speed=-100.0)
     assert simulate(StepByStep(ball, through.supervisor), kept, motion) == "completed"
     ball = Ball(1.25, speed=-1e4)
-    assert simulate(StepByStep(ball, through.supervisor), recorder(5, limit=3.0), motion) == "diverged"
+    assert (
+        simulate(StepByStep(ball, through.supervisor), recorder(5, limit=3.0), motion) == "diverged"
+    )
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])

@@ -134,9 +134,7 @@ def test_penalty_puts_a_spring_on_every_closed_pair() -> None:
 
 
 def test_moreau_reports_what_rests() -> None:
-    supervisor = MoreauImpacts(
-        Matrix(np.eye(3)), n_pairs=3, restitution=E, resting_velocity=GAMMA
-    )
+    supervisor = MoreauImpacts(Matrix(np.eye(3)), n_pairs=3, restitution=E, resting_velocity=GAMMA)
     kinematics = Seen(np.array([-1.0, -1.0, 1.0]), np.array([0.0, -1.0, -1.0]), np.full(3, -2.0))
     decision = supervisor.examine(kinematics)
     assert decision is not None
