@@ -1,0 +1,278 @@
+"""The rules of the code's structure, read from its sources.
+
+Discretisation, contact law, stepper and loop do not know each other; the reference shares nothing
+with what it judges; one file knows dolfinx.
+"""
+
+import ast
+import re
+import sys
+import tomllib
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT / "delam_fem"
+SOURCES = {path.stem: path for path in sorted(PACKAGE.glob("*.py"))}
+
+# Each module with the modules of the package that it may import, at the top or in a function.
+ALLOWED: dict[str, set[str]] = {
+    "__init__": {"parameters", "results", "run"},
+    # cases
+    "values": set(),
+    "sections": {"cantilever", "values"},
+    "casefile": set(),
+    "overrides": {"casefile"},
+    "case": {"casefile", "overrides", "sections", "values"},
+    "parameters": {"case", "casefile", "overrides", "sections"},
+    "gap": {"cantilever", "parameters"},
+    "excitation": {"parameters"},
+    # the semi-discrete problem, and what makes it
+    "operators": set(),
+    "model": {"operators"},
+    "cantilever": set(),
+    "_dolfinx": set(),
+    "mesh": {"_dolfinx", "operators", "parameters"},
+    "hermite": {"_dolfinx", "operators"},
+    "beam": {"gap", "hermite", "mesh", "model", "operators", "parameters"},
+    # contact
+    "simd": {"operators"},
+    "lane_kernels": {"simd"},
+    "lanes": {"lane_kernels", "operators", "simd"},
+    "complementarity": {"operators", "simd"},
+    "contact": {"complementarity", "operators"},
+    "supervisor": {"contact", "operators"},
+    # time
+    "energy": {"operators"},
+    "petsc": {"operators"},
+    "dynamics": {"energy", "operators", "petsc", "supervisor"},
+    "newmark": {"dynamics", "operators", "petsc", "supervisor"},
+    "moreau": {"dynamics", "operators", "petsc", "supervisor"},
+    "stability": {"operators", "parameters"},
+    "recorder": {"energy", "operators", "supervisor"},
+    "simulate": {"operators", "recorder", "supervisor"},
+    "engines": {
+        *("moreau", "newmark", "operators", "parameters", "simulate", "stability", "supervisor"),
+    },
+    "checkpoint": {"energy", "operators", "parameters", "recorder", "simulate", "supervisor"},
+    "watch": {"simulate"},
+    # results and their pictures
+    "fields": {"model", "operators"},
+    "harmonics": set(),
+    "diagnostics": {"harmonics", "parameters"},
+    "figure_style": {"parameters"},
+    "contact_figures": {"diagnostics", "figure_style", "parameters"},
+    "motion_figures": {"diagnostics", "figure_style", "harmonics", "parameters"},
+    "plots": {"contact_figures", "figure_style", "motion_figures", "parameters"},
+    "vtk": {"diagnostics", "figure_style", "parameters"},
+    "report": {"diagnostics", "harmonics", "parameters", "plots", "vtk"},
+    "results": {
+        *("fields", "model", "operators", "parameters", "plots", "recorder", "report"),
+        *("simulate", "vtk"),
+    },
+    # the whole
+    "run": {
+        *("_dolfinx", "beam", "checkpoint", "diagnostics", "engines", "excitation", "model"),
+        *("operators", "parameters", "recorder", "results", "simulate", "watch"),
+    },
+    "modes": {"beam", "cantilever", "model", "operators", "parameters"},
+    # the reference
+    "reference": {"gap", "model", "operators", "parameters"},
+    "reference_contact": {"operators", "parameters"},
+    "reference_loop": {"excitation", "model", "operators", "parameters", "reference_contact"},
+    "compare": {
+        *("beam", "model", "modes", "operators", "parameters", "reference", "reference_loop"),
+        "run",
+    },
+    # the command
+    "progress": set(),
+    "terminal": {"parameters"},
+    "cli": {
+        "__init__",
+        "compare",
+        "modes",
+        "overrides",
+        "parameters",
+        "progress",
+        "run",
+        "terminal",
+    },
+}
+
+# Modules that must not reach one another, even through others.
+STRANGERS = [
+    ({"_dolfinx", "mesh", "hermite", "beam"}, {"contact", "supervisor", "newmark", "simulate"}),
+    ({"contact", "complementarity"}, {"_dolfinx", "petsc", "newmark", "moreau", "simulate"}),
+    ({"supervisor"}, {"_dolfinx", "petsc", "dynamics", "newmark", "moreau", "simulate"}),
+    ({"dynamics", "newmark", "moreau", "engines"}, {"_dolfinx", "hermite", "beam", "run"}),
+    ({"simulate", "recorder"}, {"_dolfinx", "beam", "dynamics", "newmark", "moreau", "petsc"}),
+    (
+        {"reference", "reference_contact", "reference_loop"},
+        {"_dolfinx", "hermite", "beam", "contact", "complementarity", "supervisor", "petsc"}
+        | {"dynamics", "newmark", "moreau", "simulate", "energy"},
+    ),
+]
+
+ABOVE_DOLFINX = {"_dolfinx", "hermite", "beam", "run"}
+ABOVE_PETSC = {"petsc", "dynamics", "newmark", "moreau", "engines", "watch", *ABOVE_DOLFINX}
+FROM_THE_DISTRIBUTION = {"basix", "dolfinx", "mpi4py", "petsc4py", "slepc4py", "ufl"}
+PART_OF = {  # modules that another distribution pins and brings
+    "llvmlite": "numba",
+    "pydantic_core": "pydantic",
+}
+NAMELESS = {"utils", "util", "helpers", "helper", "common", "misc"}
+MACHINE_PATH = re.compile(r"(?<![\w./-])/(?:work|root|home|Users|mnt)/")
+TEXT_FILES = {".py", ".sh", ".md", ".toml", ".txt", ".cfg", ".yml", ".yaml", ".html", ".csv", ""}
+NOT_OURS = re.compile(r"\.(?!ci$).*|runs|build|dist|__pycache__|.*\.egg-info")
+
+
+def tree(module: str) -> ast.Module:
+    """Return the syntax tree of a module of the package."""
+    return ast.parse(SOURCES[module].read_text(encoding="utf-8"))
+
+
+def imported(nodes: ast.AST) -> Iterator[str]:
+    """Yield the full names that a piece of code imports, each `from a import b` as `a.b`."""
+    for node in ast.walk(nodes):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            prefix = ".".join(filter(None, [node.level * "delam_fem", node.module]))
+            yield from (f"{prefix}.{alias.name}" for alias in node.names)
+
+
+def own(names: Iterable[str]) -> set[str]:
+    """Return the modules of the package among imported names."""
+    parts = (name.split(".") for name in names)
+    second = {name[1] if len(name) > 1 else "__init__" for name in parts if name[0] == "delam_fem"}
+    return {name if name in SOURCES else "__init__" for name in second}
+
+
+def at_the_top(module: str) -> list[str]:
+    """Return the full names that importing `module` imports at once."""
+    statements = [s for s in tree(module).body if isinstance(s, ast.Import | ast.ImportFrom)]
+    return list(imported(ast.Module(statements, [])))
+
+
+def reach(module: str, imports: dict[str, set[str]]) -> set[str]:
+    """Return the modules that `module` imports, directly or through others, and itself."""
+    found: set[str] = set()
+    waiting = {module}
+    while waiting:
+        found |= waiting
+        waiting = {name for m in waiting for name in imports[m]} - found
+    return found
+
+
+def test_every_module_has_its_row() -> None:
+    assert set(ALLOWED) == set(SOURCES)
+
+
+@pytest.mark.parametrize("module", SOURCES)
+def test_imports_are_allowed(module: str) -> None:
+    assert own(imported(tree(module))) <= ALLOWED.get(module, set())
+
+
+@pytest.mark.parametrize(("some", "others"), STRANGERS)
+def test_strangers_do_not_reach_each_other(some: set[str], others: set[str]) -> None:
+    imports = {module: own(imported(tree(module))) - {"__init__"} for module in SOURCES}
+    assert {(a, b) for a in some for b in reach(a, imports) & others} == set()
+
+
+@pytest.mark.parametrize(
+    ("libraries", "users"),
+    [({"dolfinx", "ufl", "basix"}, ABOVE_DOLFINX), ({"petsc4py", "mpi4py"}, ABOVE_PETSC)],
+)
+def test_pure_part_needs_no_dolfinx_and_no_petsc(libraries: set[str], users: set[str]) -> None:
+    names = {module: at_the_top(module) for module in SOURCES}
+    imports = {module: own(names[module]) - {"__init__"} for module in SOURCES}
+    direct = {m for m in SOURCES if libraries & {name.split(".")[0] for name in names[m]}}
+    assert {m for m in SOURCES if reach(m, imports) & direct} <= users
+
+
+def test_only_one_file_imports_dolfinx() -> None:
+    users = {
+        module
+        for module in SOURCES
+        if {"dolfinx", "basix"} & {name.split(".")[0] for name in imported(tree(module))}
+    }
+    assert users == {"_dolfinx"}
+
+
+@pytest.mark.parametrize("module", sorted(set(SOURCES) - {"_dolfinx"}))
+def test_only_one_file_asks_for_the_version_of_dolfinx(module: str) -> None:
+    code = tree(module)
+    assert not {
+        name for name in imported(code) if name.split(".")[0] in {"packaging", "pkg_resources"}
+    }
+    for node in ast.walk(code):
+        if isinstance(node, ast.Compare):
+            words = {getattr(part, "attr", getattr(part, "id", "")) for part in ast.walk(node)}
+            assert not words & {"version", "__version__"}, f"line {node.lineno} compares versions"
+        if isinstance(node, ast.Call) and ast.unparse(node.func).endswith("version"):
+            assert ast.unparse(node.args[0]) == "'delam_fem'", f"line {node.lineno}"
+
+
+@pytest.mark.parametrize("module", sorted(set(SOURCES) - {"_dolfinx"}))
+def test_no_private_name_of_dolfinx_is_used(module: str) -> None:
+    attributes = {
+        ast.unparse(node) for node in ast.walk(tree(module)) if isinstance(node, ast.Attribute)
+    }
+    names = attributes | set(imported(tree(module)))
+    assert not {name for name in names if re.search(r"(?<!_)dolfinx\.(_(?!_)|cpp\b)", name)}
+
+
+@pytest.mark.parametrize("module", SOURCES)
+def test_nothing_is_printed(module: str) -> None:
+    calls = [node for node in ast.walk(tree(module)) if isinstance(node, ast.Call)]
+    assert [call.lineno for call in calls if ast.unparse(call.func) == "print"] == []
+
+
+def test_no_file_is_named_after_nothing() -> None:
+    names = {
+        path.stem for folder in ("delam_fem", "scripts") for path in ROOT.glob(f"{folder}/**/*.py")
+    }
+    assert not names & NAMELESS
+
+
+def test_third_party_imports_are_declared() -> None:
+    with (ROOT / "pyproject.toml").open("rb") as file:
+        dependencies = tomllib.load(file)["project"]["dependencies"]
+    declared = {re.split(r"[\[<>=!~ ]", entry)[0] for entry in dependencies}
+    used = {name.split(".")[0] for module in SOURCES for name in imported(tree(module))}
+    used -= {"delam_fem", *sys.stdlib_module_names, *FROM_THE_DISTRIBUTION}
+    assert {PART_OF.get(name, name) for name in used} <= declared
+
+
+def test_readme_maps_every_module() -> None:
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| *(`\w+\.py`[^|]*)\| *\S", readme, flags=re.MULTILINE)
+    mapped = sorted(name for row in rows for name in re.findall(r"`(\w+\.py)`", row))
+    assert mapped == sorted(path.name for path in SOURCES.values())
+
+
+def text_files(folder: Path) -> Iterator[Path]:
+    """Yield the project's own text files below a folder."""
+    for path in sorted(folder.iterdir()):
+        if path.is_dir() and not NOT_OURS.fullmatch(path.name):
+            yield from text_files(path)
+        elif path.is_file() and path.suffix in TEXT_FILES:
+            yield path
+
+
+def test_no_text_names_a_path_of_one_machine() -> None:
+    found = [
+        f"{path.relative_to(ROOT)}:{number}: {line.strip()}"
+        for path in text_files(ROOT)
+        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1)
+        if MACHINE_PATH.search(line)
+    ]
+    assert found == []
+
+
+def test_machine_paths_are_recognised() -> None:
+    assert MACHINE_PATH.search("see " + "/work" + "/main/x.py")
+    assert MACHINE_PATH.search("'/root" + "/x'")
+    assert not MACHINE_PATH.search("docs/root/x.md")

@@ -1,0 +1,232 @@
+"""The scripts of the shell: what they promise without installing anything."""
+
+import os
+import subprocess
+import time
+import tomllib
+from importlib import metadata
+from pathlib import Path
+
+import pytest
+
+import delam_fem
+
+ROOT = Path(__file__).parents[1]
+SETUP = ROOT / "scripts" / "setup.sh"
+STAMP = ROOT / ".venv" / "delam_fem-setup.sha256"
+COMMANDS = [*sorted(ROOT.glob("scripts/*.sh")), ROOT / ".ci" / "run"]
+SOURCED = "clean_environment.sh"
+READ_BY_SETUP = (SOURCED, "setup.sh", "constraints-bookworm.txt")
+NOT_TO_STAY = ("PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV", "CONDA_PREFIX", "CC")
+QUICK = 5.0  # s; it takes 0.03 s, and a set-up that starts anew takes 8 s at the very least
+
+needs_setup = pytest.mark.skipif(
+    not STAMP.exists(), reason="this environment was not made by scripts/setup.sh"
+)
+
+
+def shell(script: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Run lines of bash after the functions of setup.sh are read."""
+    return subprocess.run(
+        ["bash", "-c", f"source '{SETUP}'\n{script}"],
+        env={**os.environ, **environment},
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+
+
+@pytest.fixture
+def misleading(tmp_path: Path) -> dict[str, str]:
+    """Return an environment in which another Python would be found everywhere."""
+    for name in ("python3", "python", "pip", "gcc", "pkg-config"):
+        program = tmp_path / name
+        program.write_text("#!/bin/sh\nexit 99\n")
+        program.chmod(0o755)
+    (tmp_path / "numpy.py").write_text("raise SystemExit('the wrong numpy')\n")
+    return {
+        "PATH": f"{tmp_path}:{os.environ['PATH']}",
+        "PYTHONPATH": str(tmp_path),
+        "PYTHONHOME": str(tmp_path),
+        "VIRTUAL_ENV": str(tmp_path),
+        "CONDA_PREFIX": str(tmp_path),
+        "CC": str(tmp_path / "gcc"),
+        "PIP_USER": "1",
+    }
+
+
+@pytest.mark.parametrize("path", COMMANDS, ids=lambda path: path.name)
+def test_script_is_sound_bash(path: Path) -> None:
+    subprocess.run(["bash", "-n", path], check=True)
+    if path.name != SOURCED:
+        assert os.access(path, os.X_OK)
+        assert "set -euo pipefail" in path.read_text(encoding="utf-8")
+
+
+@needs_setup
+def test_second_setup_is_quick_from_anywhere_and_not_misled(
+    misleading: dict[str, str], tmp_path: Path
+) -> None:
+    current = shell('is_done "$(debian_codename /etc/os-release)"').returncode == 0
+    assert current, "what the set-up depends on has changed: run scripts/setup.sh"
+    start = time.perf_counter()
+    done = subprocess.run(
+        [SETUP],
+        cwd=tmp_path,
+        env={**os.environ, **misleading},
+        capture_output=True,
+        text=True,
+        timeout=600,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "nothing to do" in done.stdout
+    assert time.perf_counter() - start < QUICK
+
+
+@pytest.mark.parametrize("file", ["pyproject.toml", *(f"scripts/{f}" for f in READ_BY_SETUP)])
+def test_setup_is_done_again_when_what_it_reads_changes(tmp_path: Path, file: str) -> None:
+    (tmp_path / "scripts").mkdir()
+    for name in ("pyproject.toml", *(f"scripts/{f}" for f in READ_BY_SETUP)):
+        (tmp_path / name).touch()
+    before, same, after = shell(
+        f"ROOT='{tmp_path}'; fingerprint bookworm; fingerprint bookworm;"
+        f"echo more >>'{tmp_path}/{file}'; fingerprint bookworm"
+    ).stdout.splitlines()
+    assert before == same != after
+
+
+@needs_setup
+def test_environment_is_recognised_and_a_foreign_one_is_not(tmp_path: Path) -> None:
+    assert shell("venv_is_usable").returncode == 0
+    assert shell("PYTHON=/bin/false; venv_is_usable").returncode != 0
+    (tmp_path / "pyvenv.cfg").write_text("include-system-site-packages = false\n")
+    assert shell(f"VENV='{tmp_path}'; venv_is_usable").returncode != 0
+
+
+@needs_setup
+def test_packages_of_the_user_do_not_come_before_the_distribution(tmp_path: Path) -> None:
+    python = ROOT / ".venv" / "bin" / "python"
+    place = "import site; print(site.getusersitepackages())"
+    environment = {**os.environ, "PYTHONUSERBASE": str(tmp_path)}
+    user_site = subprocess.check_output([python, "-c", place], env=environment, text=True).strip()
+    Path(user_site).mkdir(parents=True)
+    Path(user_site, "numpy.py").write_text("raise SystemExit('the wrong numpy')\n")
+    subprocess.run([python, "-c", "import numpy.linalg"], env=environment, check=True)
+
+
+def test_clean_environment_leaves_nothing_that_misleads(misleading: dict[str, str]) -> None:
+    lines = 'source "$ROOT/scripts/clean_environment.sh"; command -v python3 gcc; env'
+    done = shell(lines, **misleading)
+    left = done.stdout.splitlines()
+    assert left[0] in {"/usr/bin/python3", "/bin/python3", "/usr/local/bin/python3"}
+    assert not [line for line in left[1:] if line.startswith(tuple(f"{k}=" for k in NOT_TO_STAY))]
+
+
+@pytest.mark.parametrize(
+    ("release", "codename"),
+    [
+        ("ID=debian\nVERSION_CODENAME=bookworm\n", "bookworm"),
+        ("ID=debian\nVERSION_CODENAME=trixie\n", "trixie"),
+        ("ID=debian\n", "sid"),
+    ],
+)
+def test_debian_release_is_recognised(tmp_path: Path, release: str, codename: str) -> None:
+    (tmp_path / "os-release").write_text(release)
+    assert shell(f"debian_codename '{tmp_path}/os-release'").stdout.strip() == codename
+
+
+@pytest.mark.parametrize("release", ["ID=fedora\nVERSION_CODENAME=x\n", None])
+def test_other_systems_are_told_of_conda_and_docker(tmp_path: Path, release: str | None) -> None:
+    if release is not None:
+        (tmp_path / "os-release").write_text(release)
+    done = shell(f"debian_codename '{tmp_path}/os-release'; echo went on")
+    assert done.returncode == 1
+    assert "expected Debian" in done.stderr and "went on" not in done.stdout
+    assert "conda create" in done.stderr and "docker run" in done.stderr
+
+
+def test_without_root_and_sudo_the_administrator_is_told_what_to_run() -> None:
+    fakes = (
+        "id() { echo 1000; }; sudo() { return 1; }; missing_packages() { echo python3-dolfinx; }"
+    )
+    done = shell(f"{fakes}; install_packages; echo went on")
+    assert done.returncode == 1
+    assert "went on" not in done.stdout
+    assert "apt-get install -y --no-install-recommends python3-dolfinx" in done.stderr
+
+
+def test_only_missing_packages_are_installed_and_lists_fetched_only_when_old() -> None:
+    fakes = """
+        PACKAGES=(there absent)
+        dpkg-query() { [[ ${!#} == there ]] && echo installed; }
+        as_root() { echo "ran: $*"; }
+        lists_are_fresh() { [[ $fresh == yes ]]; }
+    """
+    runs = [
+        line
+        for fresh in ("yes", "no")
+        for line in shell(f"fresh={fresh}{fakes}\ninstall_packages").stdout.splitlines()
+        if line.startswith("ran: ")
+    ]
+    verbs = [("install" if " install " in line else "update") for line in runs]
+    assert verbs == ["install", "update", "install"]
+    assert all(line.endswith(" absent") for line in runs if " install " in line)
+    assert all("DEBIAN_FRONTEND=noninteractive" in line for line in runs)
+
+
+@pytest.mark.parametrize(
+    ("version", "numpy"),
+    [("1:1.24.2-1+deb12u1", "1.24.2"), ("1:2.2.4+ds-1", "2.2.4"), ("2.4.6-1", "2.4.6")],
+)
+def test_numpy_of_the_distribution_is_held(version: str, numpy: str) -> None:
+    fake = f"dpkg-query() {{ printf '{version}'; }}"
+    assert shell(f"{fake}; distribution_numpy").stdout.strip() == numpy
+    assert shell(f"{fake}; constraints no-such-release").stdout == f"numpy=={numpy}\n"
+
+
+def test_constraints_of_bookworm_pin_every_direct_dependency() -> None:
+    lines = shell("constraints bookworm").stdout.splitlines()
+    pinned = {line.split("==")[0] for line in lines if not line.startswith("#")}
+    with (ROOT / "pyproject.toml").open("rb") as file:
+        project = tomllib.load(file)["project"]
+    asked = [*project["dependencies"], *project["optional-dependencies"]["test"]]
+    names = {entry.split(">")[0].split("[")[0] for entry in asked}
+    assert names - pinned == {"meshio"}, "meshio comes from the distribution"
+
+
+def test_another_setup_of_the_same_folder_is_waited_for(tmp_path: Path) -> None:
+    # The first holds the folder's lock for a while; the second must find it done by then.
+    (tmp_path / "scripts").mkdir()
+    for file in ("pyproject.toml", *(f"scripts/{name}" for name in READ_BY_SETUP)):
+        (tmp_path / file).touch()
+    fakes = f"""
+        ROOT='{tmp_path}'; STAMP='{tmp_path}/stamp'
+        debian_codename() {{ echo bookworm; }}
+        is_done() {{ [[ -e $STAMP ]]; }}
+        install_packages() {{ echo began; sleep 0.5; }}
+        make_venv() {{ :; }}; install_python_packages() {{ :; }}; verify() {{ :; }}
+    """
+    done = shell(f"{fakes}\nmain & sleep 0.2; main; wait")
+    assert done.stdout.count("began") == 1, done.stdout
+    assert "waiting for another" in done.stdout and "done by the other" in done.stdout
+
+
+def test_version_of_the_package_is_the_projects() -> None:
+    with (ROOT / "pyproject.toml").open("rb") as file:
+        version = tomllib.load(file)["project"]["version"]
+    assert delam_fem.__version__ == metadata.version("delam_fem") == version
+
+
+def test_command_of_the_package_is_the_command_line() -> None:
+    (entry,) = metadata.entry_points(group="console_scripts", name="delam-fem")
+    done = subprocess.run(
+        [ROOT / ".venv" / "bin" / "delam-fem", "presets"]
+        if STAMP.exists()
+        else ["delam-fem", "presets"],
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert callable(entry.load())
+    assert done.stdout.split()[:1] == ["paper"]
