@@ -1,0 +1,334 @@
+"""Small contact problems with exact solutions, as `Operators`, and one way to run them all.
+
+Each builder is the semi-discrete problem alone; `simulate` puts it together with a law and a time
+integration of the package: Operators → stepper and supervisor → time loop with recorder.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse as sp
+
+from delam_fem import simulate as time_loop
+from delam_fem.moreau import MoreauJean
+from delam_fem.newmark import Newmark
+from delam_fem.operators import BaseCoupling, Operators
+from delam_fem.recorder import N_BASE, Recorder
+from delam_fem.reference import element_mass, element_stiffness
+from delam_fem.supervisor import Impacts, MoreauImpacts, PenaltySprings
+
+FloatArray = npt.NDArray[np.float64]
+Motion = Callable[[FloatArray], FloatArray]
+"""States (q, q', q'') of the base at times of shape (k,), shape (k, 3)."""
+
+UNBOUNDED = 1e6
+"""Displacement beyond which a motion counts as diverged [m]."""
+
+
+@dataclass(frozen=True)
+class Law:
+    """A contact law with its time integration; the names are those of the case files.
+
+    Attributes:
+        name: "newton", "newton-penalty", "penalty" (all three with Newmark) or "moreau".
+        restitution: e [-].
+        spring: stiffness [N/m] and damping [N s/m] of a permanent contact.
+        threshold_velocity: γ of newton-penalty [m/s].
+        theta: θ of moreau [-].
+    """
+
+    name: Literal["newton", "newton-penalty", "penalty", "moreau"]
+    restitution: float = 0.0
+    spring: tuple[float, float] = (0.0, 0.0)
+    threshold_velocity: float = 0.0
+    theta: float = 0.5
+
+    def engine(self, operators: Operators, time_step: float) -> time_loop.StepByStep:
+        """Return the stepper with its supervisor; impulses act through the mass of the stepper."""
+        n, e = operators.n_pairs, self.restitution
+        if self.name == "moreau":
+            moreau = MoreauJean(operators, time_step, theta=self.theta)
+            return time_loop.StepByStep(
+                moreau, MoreauImpacts(moreau.compliance, n_pairs=n, restitution=e)
+            )
+        stepper = Newmark(operators, time_step, coupled_impulses=True, spring=self.spring)
+        if self.name == "penalty":
+            return time_loop.StepByStep(stepper, PenaltySprings(n))
+        threshold = self.threshold_velocity if self.name == "newton-penalty" else None
+        impacts = Impacts(
+            stepper.compliance,
+            n_pairs=n,
+            restitution=e,
+            coupled=True,
+            threshold_velocity=threshold,
+        )
+        return time_loop.StepByStep(stepper, impacts)
+
+
+@dataclass(frozen=True)
+class Motions:
+    """What came out, the start included.
+
+    Attributes:
+        time: shape (k,) [s].
+        u: observed displacements, shape (k, n_observed) [m].
+        v: observed velocities likewise [m/s].
+        impact_time: end of the step with the impulse, shape (n_impacts,) [s].
+        impact_pair: pair that is pushed.
+        impulse: [N s].
+        rate_pre: gap rates before the impulse [m/s].
+        impact_energy: change of energy at the instant, of all pairs hit then [J].
+        state: (u, v) of all dofs at the end, shape (2, n).
+        ledger: rows of `recorder.LEDGER`, one per stretch of the run.
+        energy_residual: relative residual of the ledger.
+    """
+
+    time: FloatArray
+    u: FloatArray
+    v: FloatArray
+    impact_time: FloatArray
+    impact_pair: npt.NDArray[np.int64]
+    impulse: FloatArray
+    rate_pre: FloatArray
+    impact_energy: FloatArray
+    state: FloatArray
+    ledger: FloatArray
+    energy_residual: float
+
+
+def at_rest(times: FloatArray) -> FloatArray:
+    """Return the states of a base that does not move."""
+    return np.zeros((times.size, 3))
+
+
+def simulate(
+    operators: Operators,
+    law: Law,
+    initial: tuple[FloatArray, FloatArray],
+    *,
+    time_step: float,
+    n_steps: int,
+    motion: Motion = at_rest,
+) -> Motions:
+    """Run a problem from its initial displacements and velocities, in one stretch."""
+    engine = law.engine(operators, time_step)
+    recorder = Recorder(
+        operators.base,
+        time_step=time_step,
+        steps_per_period=n_steps,
+        n_periods=1,
+        n_observed=operators.observed.size,
+        window_periods=1,
+        frames_per_period=0,
+        limit=UNBOUNDED,
+    )
+    times = time_step * np.arange(n_steps + 1)
+    base_states = motion(times)
+    stepper = engine.stepper
+    stepper.base_states = base_states.tolist()
+    stepper.restore(np.array([*initial, np.zeros(operators.n_dofs)]))
+    stepper.renew_acceleration()
+    outcome = time_loop.simulate(engine, recorder, lambda _: base_states)
+    assert outcome == "completed"
+    state = stepper.state()[:2]
+    stepper.destroy()
+    (record,) = recorder.window
+    hits = [
+        (times[step], pair, p, rate, energy)
+        for step, decision, energy in record.jumps
+        for pair, p, rate in zip(decision.hit, decision.impulses, decision.rate_pre, strict=True)
+    ]
+    table = np.array(hits, dtype=np.float64).reshape(-1, 5).T
+    return Motions(
+        times,
+        record.u[:, N_BASE:],
+        record.v,
+        table[0],
+        table[1].astype(np.int64),
+        table[2],
+        table[3],
+        table[4],
+        state,
+        recorder.ledger,
+        recorder.energy_residual(),
+    )
+
+
+def oscillator(stop: float) -> Operators:
+    """Return x'' + x = q(t), x <= s: a unit mass on a unit spring whose other end moves by q.
+
+    Args:
+        stop: s [m].
+    """
+    one, zero = np.ones(1), np.zeros(1)
+    return Operators(
+        mass=sp.csr_matrix([[1.0]]),
+        damping=sp.csr_matrix([[0.0]]),
+        stiffness=sp.csr_matrix([[1.0]]),
+        lumped_mass=one,
+        base=BaseCoupling(zero, zero, -one, (0.0, 0.0, 1.0)),
+        gap_matrix=sp.csr_matrix([[-1.0]]),
+        gap0=np.array([stop]),
+        observed=np.zeros(1, dtype=np.int64),
+    )
+
+
+def ball(mass: float, damping: float = 0.0) -> Operators:
+    """Return a mass above a floor, u its height, which a base with q'' = g loads by its weight.
+
+    Args:
+        mass: [kg].
+        damping: of the motion relative to the ground [N s/m].
+    """
+    m = np.array([mass])
+    return Operators(
+        mass=sp.csr_matrix([[mass]]),
+        damping=sp.csr_matrix([[damping]]),
+        stiffness=sp.csr_matrix([[0.0]]),
+        lumped_mass=m,
+        base=BaseCoupling(m, np.zeros(1), np.zeros(1)),
+        gap_matrix=sp.csr_matrix([[1.0]]),
+        gap0=np.zeros(1),
+        observed=np.zeros(1, dtype=np.int64),
+    )
+
+
+def gravity(g: float) -> Motion:
+    """Return base states that load each mass m of the base column by -m g and do nothing else."""
+    return lambda times: np.tile([0.0, 0.0, g], (times.size, 1))
+
+
+@dataclass(frozen=True)
+class Bar:
+    """An elastic bar that flies lengthwise against a wall at x = 0.
+
+    Attributes:
+        young_modulus: E [Pa].
+        area: S [m2].
+        density: ρ [kg/m3].
+        length: L [m].
+        gap: distance from the wall at t = 0 [m].
+        speed: towards the wall [m/s].
+    """
+
+    young_modulus: float
+    area: float
+    density: float
+    length: float
+    gap: float
+    speed: float
+
+    @property
+    def wave_speed(self) -> float:
+        """Speed of longitudinal waves c [m/s]."""
+        return float(np.sqrt(self.young_modulus / self.density))
+
+    @property
+    def contact_start(self) -> float:
+        """When the bar touches the wall [s]."""
+        return self.gap / self.speed
+
+    @property
+    def contact_duration(self) -> float:
+        """How long a wave takes to the free end and back [s]."""
+        return 2.0 * self.length / self.wave_speed
+
+    @property
+    def contact_force(self) -> float:
+        """Force on the wall during contact, ρ c S v [N]."""
+        return self.density * self.wave_speed * self.area * self.speed
+
+    def operators(self, n: int) -> Operators:
+        """Return n linear elements with lumped mass; dof 0 meets the wall."""
+        h = self.length / n
+        k = self.young_modulus * self.area / h
+        main = np.full(n + 1, 2.0 * k)
+        main[[0, -1]] = k
+        off = np.full(n, -k)
+        m = np.full(n + 1, self.density * self.area * h)
+        m[[0, -1]] /= 2.0
+        return Operators(
+            mass=sp.diags(m, format="csr"),
+            damping=sp.csr_matrix((n + 1, n + 1)),
+            stiffness=sp.diags([off, main, off], [-1, 0, 1], format="csr"),
+            lumped_mass=m,
+            base=BaseCoupling.none(n + 1),
+            gap_matrix=sp.csr_matrix(([1.0], ([0], [0])), shape=(1, n + 1)),
+            gap0=np.array([self.gap]),
+            observed=np.arange(n + 1, dtype=np.int64),
+        )
+
+    def flying(self, n: int) -> tuple[FloatArray, FloatArray]:
+        """Return displacements and velocities at t = 0."""
+        return np.zeros(n + 1), np.full(n + 1, -self.speed)
+
+
+@dataclass(frozen=True)
+class HeavyBeam:
+    """A beam on a rigid floor whose end x = 0 is lifted; its slope there is free.
+
+    Attributes:
+        flexural_rigidity: EI [N m2].
+        mass_per_length: ρA [kg/m].
+        length: [m].
+        gravity: [m/s2].
+    """
+
+    flexural_rigidity: float
+    mass_per_length: float
+    length: float
+    gravity: float
+
+    @property
+    def weight(self) -> float:
+        """Weight per length q [N/m]."""
+        return self.mass_per_length * self.gravity
+
+    def lifted_length(self, lift: float) -> float:
+        """Return (24 EI δ / q)^(1/4), the length that leaves the floor [m]."""
+        return float((24.0 * self.flexural_rigidity * lift / self.weight) ** 0.25)
+
+    def operators(self, n: int, damping_rate: float) -> Operators:
+        """Return n Hermite elements, damped by C = α M; node 0 is lifted by the base displacement.
+
+        The accelerations in the base states load the beam by gravity. That leaves the lift and
+        the weight independent of one another, as they are in a lift that accelerates.
+
+        Args:
+            n: number of elements.
+            damping_rate: α [1/s].
+        """
+        h = np.full(n, self.length / n)
+        M = _sum_elements(element_mass(np.full(n, self.mass_per_length), h))
+        K = _sum_elements(element_stiffness(np.full(n, self.flexural_rigidity), h))
+        free = slice(1, None)
+        mass = sp.csr_matrix(M[free, free])
+        upward = np.zeros(2 * n + 2)
+        upward[::2] = 1.0
+        size = 2 * n + 1
+        pairs = np.arange(n)  # nodes 1..n; u of node j is free dof 2 j - 1
+        return Operators(
+            mass=mass,
+            damping=damping_rate * mass,
+            stiffness=sp.csr_matrix(K[free, free]),
+            lumped_mass=np.asarray(abs(mass).sum(axis=1)).ravel(),
+            base=BaseCoupling((M @ upward)[free], np.zeros(size), K[free, 0].toarray().ravel()),
+            gap_matrix=sp.csr_matrix((np.ones(n), (pairs, 2 * pairs + 1)), shape=(n, size)),
+            gap0=np.zeros(n),
+            observed=np.arange(size, dtype=np.int64),
+        )
+
+
+def _sum_elements(elements: FloatArray) -> sp.csr_matrix:
+    """Add up beam elements (n, 4, 4) in a row."""
+    n = len(elements)
+    result = sp.lil_matrix((2 * n + 2, 2 * n + 2))
+    for cell, element in enumerate(elements):
+        dofs = slice(2 * cell, 2 * cell + 4)
+        result[dofs, dofs] += element
+    return result.tocsr()
