@@ -122,7 +122,8 @@ def row(motion: Motion, result: Result) -> tuple[list[str], bool]:
 
 HEADINGS = (
     "f [Hz]", "paper", "contacts per period", "strike: thick / thin [m/s]", "period (paper)",
-    "period (scatter)", "y1 [mm]", "y2 [mm]", "least tip gap [mm]", "energy residual", "s", "as paper",
+    "period (scatter)", "y1 [mm]", "y2 [mm]", "least tip gap [mm]", "energy residual", "s",
+    "as paper",
 )  # fmt: skip
 
 
