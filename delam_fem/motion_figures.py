@@ -121,6 +121,7 @@ def envelope(history: xr.Dataset, case: Case) -> Figure:
             for name in ("envelope_min", "envelope_max", "strobe_displacement")
         )
         colour = LAMINA_COLOURS[i]
+        axes.use_sticky_edges = False
         axes.stairs(high, edges, baseline=low, fill=True, color=colour, alpha=0.3, label="range")
         axes.plot(
             edges[1:], strobe, ".", color=BLACK, markersize=3, label="at the end of the period"
