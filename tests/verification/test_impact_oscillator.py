@@ -128,7 +128,7 @@ def test_orbit_fulfils_the_published_equation(
 @pytest.mark.parametrize("name", ["newton", "moreau"])
 @pytest.mark.parametrize(("omega", "s", "e", "V", "order"), ROWS)
 def test_impact_speed(name: str, omega: float, s: float, e: float, V: float, order: int) -> None:
-    law = Law(name, e)  # type: ignore[arg-type]
+    law = Law(name, e)
     found = []
     for n in LADDER:
         motions = steady_motion(law, (omega, s), n)
@@ -150,7 +150,7 @@ def test_impact_speed(name: str, omega: float, s: float, e: float, V: float, ord
 def test_orbit_attracts(name: str) -> None:
     """A start that is off by 5 % ends in the same motion."""
     omega, s, e = ROWS[2][:3]
-    law = Law(name, e)  # type: ignore[arg-type]
+    law = Law(name, e)
     n, many = 200, 3 * PERIODS
     v = speeds(steady_motion(law, (omega, s), n, periods=many))[-1]
     kicked = speeds(steady_motion(law, (omega, s), n, periods=many, kick=1.05))[-1]
