@@ -38,10 +38,7 @@ ALLOWED: dict[str, set[str]] = {
     "hermite": {"_dolfinx", "operators"},
     "beam": {"gap", "hermite", "mesh", "model", "operators", "parameters"},
     # contact
-    "simd": {"operators"},
-    "lane_kernels": {"simd"},
-    "lanes": {"lane_kernels", "operators", "simd"},
-    "complementarity": {"operators", "simd"},
+    "complementarity": {"operators"},
     "contact": {"complementarity", "operators"},
     "supervisor": {"contact", "operators"},
     # time
@@ -66,8 +63,10 @@ ALLOWED: dict[str, set[str]] = {
     "contact_figures": {"diagnostics", "figure_style", "parameters"},
     "motion_figures": {"diagnostics", "figure_style", "harmonics", "parameters"},
     "plots": {"contact_figures", "figure_style", "motion_figures", "parameters"},
-    "vtk": {"diagnostics", "figure_style", "parameters"},
-    "report": {"diagnostics", "harmonics", "parameters", "plots", "vtk"},
+    "ribbons": {"parameters"},
+    "snapshots": {"diagnostics", "figure_style", "parameters", "ribbons"},
+    "vtk": {"parameters", "ribbons", "snapshots"},
+    "report": {"contact_figures", "figure_style", "parameters"},
     "results": {
         *("fields", "model", "operators", "parameters", "plots", "recorder", "report"),
         *("simulate", "vtk"),
