@@ -12,26 +12,21 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
 from delam_fem import _dolfinx, beam, checkpoint, diagnostics, results
 from delam_fem.engines import petsc_engine
-from delam_fem.excitation import base_motion
 from delam_fem.model import Model
-from delam_fem.operators import FloatArray, Operators
 from delam_fem.parameters import Case, CaseError
 from delam_fem.recorder import Recorder
+from delam_fem.recording import motion_of, recorder_of
 from delam_fem.results import Result
 from delam_fem.simulate import Outcome, State, simulate
 from delam_fem.watch import Watch, stop_signals
 
 EngineName = Literal["petsc", "compiled"]
 Progress = Callable[[int, int], None]
-
-DIVERGED_LENGTHS = 10.0
-"""A gap or displacement of so many lengths of the laminae has no meaning any more."""
 
 _log = logging.getLogger(__name__)
 
@@ -95,27 +90,6 @@ def run(
     computing.destroy()
     summary = _summary(engine, outcome, recorder, recorder.n_closed - first, seconds)
     return _result(case, model, recorder, state, summary)
-
-
-def recorder_of(case: Case, operators: Operators) -> Recorder:
-    """Return a recorder for a case."""
-    return Recorder(
-        operators.base,
-        time_step=case.time_step,
-        steps_per_period=case.time.steps_per_period,
-        n_periods=case.n_periods,
-        n_observed=operators.observed.size,
-        window_periods=case.n_window_periods,
-        frames_per_period=case.output.fields_per_period,
-        limit=DIVERGED_LENGTHS * case.lamina[0].length,
-    )
-
-
-def motion_of(case: Case) -> Callable[[int], FloatArray]:
-    """Return the base states of a period by its number, shape (N + 1, 3)."""
-    motion, n_steps, dt = base_motion(case), case.time.steps_per_period, case.time_step
-    steps = np.arange(n_steps + 1)
-    return lambda period: motion.states((period * n_steps + steps) * dt)
 
 
 def _summary(

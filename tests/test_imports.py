@@ -55,6 +55,7 @@ ALLOWED: dict[str, set[str]] = {
     },
     "checkpoint": {"energy", "operators", "parameters", "recorder", "simulate", "supervisor"},
     "watch": {"simulate"},
+    "recording": {"excitation", "operators", "parameters", "recorder"},
     # results and their pictures
     "fields": {"model", "operators"},
     "harmonics": set(),
@@ -73,8 +74,8 @@ ALLOWED: dict[str, set[str]] = {
     },
     # the whole
     "run": {
-        *("_dolfinx", "beam", "checkpoint", "diagnostics", "engines", "excitation", "model"),
-        *("operators", "parameters", "recorder", "results", "simulate", "watch"),
+        *("_dolfinx", "beam", "checkpoint", "diagnostics", "engines", "model", "parameters"),
+        *("recorder", "recording", "results", "simulate", "watch"),
     },
     "modes": {"beam", "cantilever", "model", "operators", "parameters"},
     # the reference
