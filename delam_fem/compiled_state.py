@@ -1,0 +1,131 @@
+"""What compiled code changes while it runs, and the law by which it decides.
+
+Arrays are made once; compiled functions get them as members of these tuples.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from delam_fem.lane_kernels import N_FIELDS
+from delam_fem.operators import FloatArray, IntArray
+from delam_fem.simd import aligned_zeros
+
+NONE, IMPACTS, PENALTY, MOREAU = range(4)
+"""Kinds of laws; "newton" is IMPACTS without a threshold."""
+DISSIPATED, CONTACT_DAMPED, IMPACT, RELEASED = range(4)
+"""Places in `Memory.totals`."""
+N_SPRINGS, N_EVENTS, N_HITS, N_FRAMES = range(4)
+"""Places in `Memory.counts`."""
+
+
+class Law(NamedTuple):
+    """A contact law.
+
+    Attributes:
+        kind: NONE, IMPACTS, PENALTY or MOREAU.
+        is_coupled: simultaneous impacts feel one another ("consistent").
+        restitution: e [-].
+        stiffness: of the springs [N/m].
+        damping: of the springs [N s/m].
+        threshold: rate after an impact below which a pair rests on a spring, -inf: never; MOREAU: approach
+            slower than this counts as resting [m/s].
+    """
+
+    kind: int
+    is_coupled: bool = False
+    restitution: float = 0.0
+    stiffness: float = 0.0
+    damping: float = 0.0
+    threshold: float = -np.inf
+
+
+class Memory(NamedTuple):
+    """State and work space.
+
+    Attributes:
+        X: fields of lane_kernels.py one after the other, shape (8 size,).
+        base: q, q', q'' of the base now, shape (3,).
+        force: load of the base on the first row, shape (8,).
+        totals: dissipated, damped in contacts, by impacts, released by springs so far [J].
+        counts: springs, and what of the event buffers is filled.
+        permanent: pairs that carry a spring, shape (n_pairs,).
+        pairs: the same pairs as a list, its first counts[N_SPRINGS].
+        compliance: W = H B⁻¹ Hᵀ, columns as far as known, shape (n_pairs, n_pairs).
+        is_known: which, shape (n_pairs,).
+        gap, rate: of all pairs at the examined instant, each of shape (n_pairs,).
+        hit: pairs that are hit now, a list.
+        impulse, rate_pre, rate_post: of these.
+        lists: work space of the springs, shape (4, n_pairs).
+    """
+
+    X: FloatArray
+    base: FloatArray
+    force: FloatArray
+    totals: FloatArray
+    counts: IntArray
+    permanent: npt.NDArray[np.bool_]
+    pairs: IntArray
+    compliance: FloatArray
+    is_known: npt.NDArray[np.bool_]
+    gap: FloatArray
+    rate: FloatArray
+    hit: IntArray
+    impulse: FloatArray
+    rate_pre: FloatArray
+    rate_post: FloatArray
+    lists: FloatArray
+
+
+class Log(NamedTuple):
+    """Where a period is written.
+
+    Attributes:
+        base_states: q, q', q'' of the base at each step, shape (N + 1, 3).
+        u: m_b·u, c_b·u, k_b·u and the observed u at each step, shape (N + 1, 3 + n_observed).
+        v: observed v, shape (N + 1, n_observed).
+        frame_steps: steps whose state is kept.
+        frames: u and v of these in internal order, shape (n_frames, 2, size).
+        contact: 0 open, 1 hit, 2 permanent, shape (n_frames, n_pairs).
+        event_step, event_size, event_energy: step, number of hits, energy change of each impact.
+        hit, impulse, rate_pre, rate_post: of the hits of all impacts one after the other.
+    """
+
+    base_states: FloatArray
+    u: FloatArray
+    v: FloatArray
+    frame_steps: IntArray
+    frames: FloatArray
+    contact: npt.NDArray[np.int8]
+    event_step: IntArray
+    event_size: IntArray
+    event_energy: FloatArray
+    hit: IntArray
+    impulse: FloatArray
+    rate_pre: FloatArray
+    rate_post: FloatArray
+
+
+def memory(size: int, n_pairs: int) -> Memory:
+    """Return a state at rest."""
+    return Memory(
+        X=aligned_zeros(N_FIELDS * size),
+        base=np.zeros(3),
+        force=aligned_zeros(8),
+        totals=np.zeros(4),
+        counts=np.zeros(4, dtype=np.int64),
+        permanent=np.zeros(n_pairs, dtype=np.bool_),
+        pairs=np.zeros(n_pairs, dtype=np.int64),
+        compliance=np.zeros((n_pairs, n_pairs)),
+        is_known=np.zeros(n_pairs, dtype=np.bool_),
+        gap=np.zeros(n_pairs),
+        rate=np.zeros(n_pairs),
+        hit=np.zeros(n_pairs, dtype=np.int64),
+        impulse=np.zeros(n_pairs),
+        rate_pre=np.zeros(n_pairs),
+        rate_post=np.zeros(n_pairs),
+        lists=np.zeros((4, n_pairs)),
+    )
