@@ -7,11 +7,11 @@ that a run which was interrupted has its diagnostics too. Nothing here draws or 
 from __future__ import annotations
 
 import math
-from typing import Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from delam_fem.harmonics import (
     distortion_factor,
@@ -20,7 +20,11 @@ from delam_fem.harmonics import (
 )
 from delam_fem.parameters import Case
 
+if TYPE_CHECKING:  # the workers of a sweep use the arrays alone
+    import xarray as xr
+
 FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
 
 LARGEST_PERIODICITY = 8
 """Motions of a longer period are not told from irregular ones."""
@@ -32,6 +36,61 @@ GROUP_PERIODS = 0.05
 """Tip closures less than so many periods apart are one contact."""
 TIP = -1
 """Index of the tip among the nodes."""
+
+
+@dataclass(frozen=True)
+class TipMotion:
+    """What the summary of a run is made of.
+
+    Attributes:
+        displacement: of both tips at each step of the window, shape (2, n_steps) [m].
+        strobe: of both tips at the end of each period of the run, shape (2, n_periods) [m].
+        gap_at_rest: of the tip [m].
+        hit_steps: steps of the window (0, 1, …) at whose end the tip is hit.
+        n_impacts: impulses on pairs in the window.
+    """
+
+    displacement: FloatArray
+    strobe: FloatArray
+    gap_at_rest: float
+    hit_steps: IntArray
+    n_impacts: int
+
+    @classmethod
+    def of(cls, history: xr.Dataset) -> TipMotion:
+        """Return the motion that a dataset holds; see results.py."""
+        time = history["time"].to_numpy()
+        at_tip = history["event_node"].to_numpy() == history.sizes["node"] - 1
+        when = history["event_time"].to_numpy()[at_tip]
+        steps = np.zeros(0, dtype=np.int64)
+        if when.size and time.size > 1:
+            steps = np.rint((when - time[0]) / (time[1] - time[0])).astype(np.int64)
+        return cls(
+            history["tip_displacement"].to_numpy(),
+            history["strobe_displacement"].to_numpy(),
+            float(history["gap0"][TIP]),
+            steps[(steps >= 0) & (steps < time.size)],
+            history.sizes["event"],
+        )
+
+    @property
+    def gap(self) -> FloatArray:
+        """g0(L) + q_2 - q_1 at each step, shape (n_steps,) [m]."""
+        q = self.displacement
+        gap: FloatArray = self.gap_at_rest + q[1] - q[0]
+        return gap
+
+    @property
+    def is_closed(self) -> npt.NDArray[np.bool_]:
+        """Whether the tip pair is closed at each step; see `tip_closed`."""
+        is_closed = self.gap <= 0.0
+        is_closed[self.hit_steps] = True
+        return is_closed
+
+    def whole_periods(self, steps_per_period: int) -> FloatArray:
+        """Return the displacements of the last whole periods of the window."""
+        n = self.displacement.shape[1]
+        return self.displacement[:, n % steps_per_period :]
 
 
 def periodicity(strobe: FloatArray, half_range: FloatArray) -> tuple[int | None, float | None]:
@@ -80,9 +139,7 @@ def count_contacts(is_closed: npt.NDArray[np.bool_], apart: float) -> int:
 
 def tip_gap(history: xr.Dataset) -> FloatArray:
     """Return the gap at the tip g0(L) + q_2 - q_1 at each step of the window, shape (n,) [m]."""
-    q = history["tip_displacement"].to_numpy()
-    gap: FloatArray = float(history["gap0"][TIP]) + q[1] - q[0]
-    return gap
+    return TipMotion.of(history).gap
 
 
 def tip_closed(history: xr.Dataset) -> npt.NDArray[np.bool_]:
@@ -91,14 +148,7 @@ def tip_closed(history: xr.Dataset) -> npt.NDArray[np.bool_]:
     It is where the gap is not positive, and where the pair is hit: a law that foresees the contact
     (Moreau-Jean) hits before the gap closes, a law without impacts (penalty) has the gap alone.
     """
-    is_closed = tip_gap(history) <= 0.0
-    time = history["time"].to_numpy()
-    at_tip = history["event_node"].to_numpy() == history.sizes["node"] - 1
-    when = history["event_time"].to_numpy()[at_tip]
-    if when.size and time.size > 1:
-        steps = np.rint((when - time[0]) / (time[1] - time[0])).astype(np.int64)
-        is_closed[steps[(steps >= 0) & (steps < time.size)]] = True
-    return is_closed
+    return TipMotion.of(history).is_closed
 
 
 def gap_field(history: xr.Dataset) -> FloatArray:
@@ -150,35 +200,39 @@ def phase_portrait(history: xr.Dataset, case: Case, count: int = 10) -> FloatArr
 
 
 def summary(history: xr.Dataset, case: Case) -> dict[str, Any]:
-    """Return the numbers of summary.json that follow from the history.
+    """Return the numbers of summary.json that follow from the history; see `summary_of`."""
+    return summary_of(TipMotion.of(history), case)
+
+
+def summary_of(motion: TipMotion, case: Case) -> dict[str, Any]:
+    """Return the numbers of summary.json that follow from the motion of the tips.
 
     Args:
-        history: of a run, however short; see results.py.
+        motion: of a run, however short.
         case: its case.
 
     Returns:
         Values by name [m, -]; None or NaN where a number has no meaning: harmonics and periodicity
         under a swept sine, contacts without a contact law.
     """
-    q = history["tip_displacement"].to_numpy()
-    n_periods = q.shape[1] / case.time.steps_per_period
+    q, N = motion.displacement, case.time.steps_per_period
+    n_periods = q.shape[1] / N
     is_harmonic = case.excitation.kind == "harmonic"
-    amplitudes = window_harmonics(history, case) if is_harmonic else None
-    P, scatter = _window_periodicity(history, case) if is_harmonic else (None, None)
+    amplitudes = _harmonics(motion.whole_periods(N), N) if is_harmonic else None
+    P, scatter = _periodicity_of(motion, N) if is_harmonic else (None, None)
     contacts = None
     if case.contact.law != "none":
-        apart = GROUP_PERIODS * case.time.steps_per_period
-        contacts = count_contacts(tip_closed(history), apart) / n_periods
+        contacts = count_contacts(motion.is_closed, GROUP_PERIODS * N) / n_periods
     return {
         "tip_min": q.min(axis=1).tolist(),
         "tip_max": q.max(axis=1).tolist(),
         "periodicity": P,
         "strobe_scatter": scatter,
         "tip_contacts_per_period": contacts,
-        "impacts_per_period": history.sizes["event"] / n_periods,
+        "impacts_per_period": motion.n_impacts / n_periods,
         "distortion_factor": None if amplitudes is None else distortion_factor(amplitudes).tolist(),
         "thd": None if amplitudes is None else total_harmonic_distortion(amplitudes).tolist(),
-        "minimum_tip_gap": float(tip_gap(history).min()),
+        "minimum_tip_gap": float(motion.gap.min()),
     }
 
 
@@ -189,18 +243,22 @@ def window_harmonics(history: xr.Dataset, case: Case) -> FloatArray | None:
         A_1, A_2, …, shape (2, n_harmonics) [m]; None where there is no whole period or the
         motion is not finite.
     """
-    whole = last_periods(history, case)["tip_displacement"].to_numpy()
-    n_periods = whole.shape[1] // case.time.steps_per_period
+    N = case.time.steps_per_period
+    return _harmonics(TipMotion.of(history).whole_periods(N), N)
+
+
+def _harmonics(whole: FloatArray, steps_per_period: int) -> FloatArray | None:
+    """Return the harmonics over whole periods; see `window_harmonics`."""
+    n_periods = whole.shape[1] // steps_per_period
     if not n_periods or not np.isfinite(whole).all():
         return None
     return harmonic_amplitudes(whole, n_periods)
 
 
-def _window_periodicity(history: xr.Dataset, case: Case) -> tuple[int | None, float | None]:
+def _periodicity_of(motion: TipMotion, N: int) -> tuple[int | None, float | None]:
     """Return the periodicity; a last period that was not finished has no strobe."""
-    q = history["tip_displacement"].to_numpy()
-    strobe = history["strobe_displacement"].to_numpy()
-    if q.shape[1] % case.time.steps_per_period:
+    q, strobe = motion.displacement, motion.strobe
+    if q.shape[1] % N:
         strobe = strobe[:, :-1]
     half_range = np.ptp(q, axis=1) / 2.0
     if not (np.isfinite(strobe).all() and math.isfinite(half_range.sum())):
