@@ -55,6 +55,20 @@ ALLOWED: dict[str, set[str]] = {
     },
     "checkpoint": {"energy", "operators", "parameters", "recorder", "simulate", "supervisor"},
     "watch": {"simulate"},
+    # the compiled engine
+    "simd": {"operators"},
+    "banded": {"operators"},
+    "lanes": {"operators", "simd"},
+    "lane_kernels": {"simd"},
+    "compiled_state": {"lane_kernels", "operators", "simd"},
+    "compiled_system": {"banded", "lane_kernels", "lanes", "operators", "simd"},
+    "compiled_contact": {"banded", "compiled_state", "complementarity", "lane_kernels"},
+    "compiled_loop": {"banded", "compiled_contact", "compiled_state", "lane_kernels"},
+    "compiled": {
+        *("compiled_contact", "compiled_loop", "compiled_state", "compiled_system", "energy"),
+        *("lane_kernels", "operators", "parameters", "recorder", "simulate", "stability"),
+        "supervisor",
+    },
     "recording": {"excitation", "operators", "parameters", "recorder"},
     # results and their pictures
     "fields": {"model", "operators"},
@@ -107,6 +121,7 @@ STRANGERS = [
     ({"contact", "complementarity"}, {"_dolfinx", "petsc", "newmark", "moreau", "simulate"}),
     ({"supervisor"}, {"_dolfinx", "petsc", "dynamics", "newmark", "moreau", "simulate"}),
     ({"dynamics", "newmark", "moreau", "engines"}, {"_dolfinx", "hermite", "beam", "run"}),
+    ({"compiled"}, {"_dolfinx", "hermite", "beam", "petsc", "dynamics", "run"}),
     ({"simulate", "recorder"}, {"_dolfinx", "beam", "dynamics", "newmark", "moreau", "petsc"}),
     (
         {"reference", "reference_contact", "reference_loop"},
