@@ -26,6 +26,9 @@ FloatArray = npt.NDArray[np.float64]
 Motion = Callable[[FloatArray], FloatArray]
 """States (q, q', q'') of the base at times of shape (k,), shape (k, 3)."""
 
+SEATED = 1e-9
+"""Depth by which the beam rests below the floor [m]: with a gap of 0 round-off decides whether
+moreau looks at a pair, and one that it does not look at falls by g Δt² in the step."""
 UNBOUNDED = 1e6
 """Displacement beyond which a motion counts as diverged [m]."""
 
@@ -319,7 +322,7 @@ class HeavyBeam:
             lumped_mass=np.asarray(abs(mass).sum(axis=1)).ravel(),
             base=BaseCoupling((M @ upward)[free], np.zeros(size), K[free, 0].toarray().ravel()),
             gap_matrix=sp.csr_matrix((np.ones(n), (pairs, 2 * pairs + 1)), shape=(n, size)),
-            gap0=np.zeros(n),
+            gap0=np.full(n, -SEATED),
             observed=np.arange(size, dtype=np.int64),
         )
 
