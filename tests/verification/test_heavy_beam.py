@@ -22,7 +22,7 @@ BEAM = HeavyBeam(flexural_rigidity=1.0, mass_per_length=1.0, length=4.0, gravity
 """With it l = δ^(1/4) in SI numbers."""
 DAMPING_RATE = 20.0
 """α of C = α M [1/s], some ten times the lowest frequency of the lifted part."""
-DURATION, STEPS = 40.0, 1000
+DURATION, STEPS = 60.0, 1500
 """The lift takes the first half [s]."""
 AT_REST = 1e-6
 """Speed at the end [m/s], of some 1 m/s while the end is lifted."""
@@ -103,7 +103,7 @@ def test_lifted_length_and_end_force(delta: float) -> None:
     assert found.end_force == pytest.approx(exact, rel=DISCRETE)
     assert 2.0 * found.end_force / beam.weight == pytest.approx(length, rel=DISCRETE)
     total = found.floor_force.sum() + found.end_force
-    assert total == pytest.approx(beam.weight * beam.length, rel=1e-9), "all of the weight"
+    assert total == pytest.approx(beam.weight * beam.length, rel=1e-7), "all of the weight"
     error = np.abs(found.height - exact_height(beam, delta, found.x)).max()
     assert error < DISCRETE * delta
     # the point force of detachment, q l/2, on the nodes next to it
