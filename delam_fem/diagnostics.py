@@ -6,7 +6,6 @@ that a run which was interrupted has its diagnostics too. Nothing here draws or 
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -76,9 +75,7 @@ class TipMotion:
     @property
     def gap(self) -> FloatArray:
         """g0(L) + q_2 - q_1 at each step, shape (n_steps,) [m]."""
-        q = self.displacement
-        gap: FloatArray = self.gap_at_rest + q[1] - q[0]
-        return gap
+        return _gap(self.gap_at_rest, self.displacement)
 
     @property
     def is_closed(self) -> npt.NDArray[np.bool_]:
@@ -153,8 +150,13 @@ def tip_closed(history: xr.Dataset) -> npt.NDArray[np.bool_]:
 
 def gap_field(history: xr.Dataset) -> FloatArray:
     """Return the gap g0 + u_2 - u_1 of all frames and nodes, shape (n_frames, n_nodes) [m]."""
-    u = history["displacement"].to_numpy()
-    gap: FloatArray = history["gap0"].to_numpy() + u[1] - u[0]
+    return _gap(history["gap0"].to_numpy(), history["displacement"].to_numpy())
+
+
+def _gap(gap0: FloatArray | float, u: FloatArray) -> FloatArray:
+    """Return the gap; NaN where a diverged motion is infinite."""
+    with np.errstate(invalid="ignore"):
+        gap: FloatArray = gap0 + u[1] - u[0]
     return gap
 
 
@@ -260,7 +262,6 @@ def _periodicity_of(motion: TipMotion, N: int) -> tuple[int | None, float | None
     q, strobe = motion.displacement, motion.strobe
     if q.shape[1] % N:
         strobe = strobe[:, :-1]
-    half_range = np.ptp(q, axis=1) / 2.0
-    if not (np.isfinite(strobe).all() and math.isfinite(half_range.sum())):
+    if not (np.isfinite(strobe).all() and np.isfinite(q).all()):
         return None, None
-    return periodicity(strobe, half_range)
+    return periodicity(strobe, np.ptp(q, axis=1) / 2.0)

@@ -44,6 +44,8 @@ def save_figures(history: xr.Dataset, case: Case, directory: str | Path) -> list
     directory.mkdir(parents=True, exist_ok=True)
     has_period = history.sizes["time"] >= case.time.steps_per_period
     names = [name for name in FIGURES if has_period or name != "spectra"]
+    for name in FIGURES.keys() - set(names):
+        (directory / f"{name}.png").unlink(missing_ok=True)  # of an earlier run
     return [save_figure(FIGURES[name], history, case, directory / f"{name}.png") for name in names]
 
 

@@ -22,7 +22,7 @@ CORNERS = 4
 
 
 def drawable_frames(history: xr.Dataset) -> xr.Dataset:
-    """Return the dataset without the frames that are not finite: the last ones of a diverged run."""
+    """Return the dataset without frames that are not finite, the last of a diverged run."""
     fields = np.stack([history[name].to_numpy() for name in ("displacement", "velocity")])
     return history.isel(frame=np.flatnonzero(np.isfinite(fields).all(axis=(0, 1, 3))))
 
