@@ -7,16 +7,20 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TypeAlias
+from typing import TypeAlias, TypeGuard
 
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 Data: TypeAlias = dict[str, object]
 """A case as tomllib returns it: tables are dictionaries, arrays are lists."""
+
+_BARE_KEY = re.compile(r"[\w-]+", re.ASCII)
+"""A key that TOML takes without quotes."""
 
 _UNION_TAGS = ("harmonic", "sweep")
 """Kinds that pydantic inserts into the place of an error, where the case file has no such level."""
@@ -54,7 +58,7 @@ def toml_text(data: Mapping[str, object]) -> str:
     """Write nested dictionaries as TOML, floats so that they are read back exactly.
 
     Args:
-        data: scalars first, then tables (dictionaries) and arrays of tables (lists of them).
+        data: scalars and lists of them, tables (dictionaries), arrays of tables (lists of them).
 
     Returns:
         The text; `tomllib.loads` gives `data` back.
@@ -63,22 +67,31 @@ def toml_text(data: Mapping[str, object]) -> str:
     for key, value in data.items():
         if isinstance(value, Mapping):
             blocks.append(f"[{key}]\n{_key_lines(value)}")
-        elif isinstance(value, list | tuple):
+        elif _is_tables(value):
             blocks += [f"[[{key}]]\n{_key_lines(table)}" for table in value]
     return "\n".join(blocks)
 
 
+def _is_tables(value: object) -> TypeGuard[Sequence[Mapping[str, object]]]:
+    """Tell an array of tables from an array of scalars."""
+    return isinstance(value, list | tuple) and any(isinstance(v, Mapping) for v in value)
+
+
 def _key_lines(table: Mapping[str, object]) -> str:
-    """Return the lines `key = value` of the scalars of a table."""
+    """Return the lines `key = value` of the scalars of a table, and of the lists of them."""
     return "".join(
-        f"{key} = {_toml_scalar(value)}\n"
+        f"{key if _BARE_KEY.fullmatch(key) else json.dumps(key)} = {_toml_value(value)}\n"
         for key, value in table.items()
-        if not isinstance(value, Mapping | list | tuple)
+        if not isinstance(value, Mapping) and not _is_tables(value)
     )
 
 
-def _toml_scalar(value: object) -> str:
-    """Return a number or a string as TOML writes it."""
+def _toml_value(value: object) -> str:
+    """Return a scalar, or a list of scalars, as TOML writes it."""
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(_toml_value(entry) for entry in value)}]"
+    if isinstance(value, bool):
+        return str(value).lower()
     if isinstance(value, float):
         return repr(float(value))  # the shortest text that reads back as the same double
     if isinstance(value, int):
