@@ -45,7 +45,8 @@ def _read(path: Path) -> Any:
     if not path.is_file():
         raise CaseError(f"mesh.file: no such file: {path}")
     try:
-        return meshio.read(path)
+        # meshio would try another format of this suffix first, and print
+        return meshio.read(path, file_format="gmsh" if path.suffix == ".msh" else None)
     except (Exception, SystemExit) as error:  # meshio exits on formats it does not know
         raise CaseError(f"mesh.file: meshio cannot read {path}: {error}") from error
 
