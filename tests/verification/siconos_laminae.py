@@ -1,0 +1,76 @@
+"""Integrate a linear system with unilateral contacts by Siconos; a process of its own.
+
+    python siconos_laminae.py PROBLEM.npz RESULT.npz
+
+Nothing of the package is imported: the problem comes as arrays, the method is all Siconos'
+(MoreauJeanOSI with θ = 1/2, Newton impacts, Lemke's algorithm for the complementarity problem).
+"""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+import numpy.typing as npt
+import siconos.kernel as sk
+
+THETA = 0.5
+
+
+class LoadedSystem(sk.LagrangianLinearTIDS):  # type: ignore[misc]
+    """M a + C v + K q = load(t) + contact, from rest; Siconos asks for the load."""
+
+    def __init__(
+        self, problem: dict[str, npt.NDArray[np.float64]], load: npt.NDArray[np.float64]
+    ) -> None:
+        n = len(problem["mass"])
+        super().__init__(
+            np.zeros(n), np.zeros(n), problem["mass"], problem["stiffness"], problem["damping"]
+        )
+        self._load, self._time_step = load, float(problem["time_step"])
+        self.setFExtPtr(np.zeros(n))
+
+    def computeFExt(self, time: float) -> None:
+        """Write the load at a time; the name is that of Siconos."""
+        self.fExt()[:] = self._load[round(time / self._time_step)]
+
+
+def integrate(problem: dict[str, npt.NDArray[np.float64]]) -> dict[str, npt.NDArray[np.float64]]:
+    """Return observed displacements and velocities after each step and how many pairs were hit.
+
+    Args:
+        problem: mass, damping, stiffness (n, n), gap_matrix (p, n), gap0 (p,), base (3, n): columns
+            of stiffness, damping and mass that couple to the base, base_states (n_steps + 1, 3):
+            its displacement, velocity and acceleration, time_step, restitution, observed (k,).
+    """
+    dt = float(problem["time_step"])
+    n_steps = len(problem["base_states"]) - 1
+    load = -problem["base_states"] @ problem["base"]
+    load = np.vstack([load, load[-1:]])  # Siconos may look one step ahead at the end
+    body = LoadedSystem(problem, load)
+    system = sk.NonSmoothDynamicalSystem(0.0, (n_steps + 2) * dt)
+    system.insertDynamicalSystem(body)
+    law = sk.NewtonImpactNSL(float(problem["restitution"]))
+    pairs = []
+    for row, rest in zip(problem["gap_matrix"], problem["gap0"], strict=True):
+        pairs.append(sk.Interaction(law, sk.LagrangianLinearTIR(row[None, :], np.array([rest]))))
+        system.link(pairs[-1], body)
+    simulation = sk.TimeStepping(
+        system, sk.TimeDiscretisation(0.0, dt), sk.MoreauJeanOSI(THETA), sk.LCP()
+    )
+    simulation.setNewtonOptions(sk.SICONOS_TS_LINEAR)
+    observed = problem["observed"]
+    u = np.empty((n_steps, observed.size))
+    v, hits = np.empty_like(u), np.zeros(n_steps, dtype=np.int64)
+    for step in range(n_steps):
+        simulation.computeOneStep()
+        u[step], v[step] = body.q()[observed], body.velocity()[observed]
+        hits[step] = sum(pair.lambda_(1)[0] > 0.0 for pair in pairs)
+        simulation.nextStep()
+    return {"u": u, "v": v, "hits": hits}
+
+
+if __name__ == "__main__":
+    with np.load(sys.argv[1]) as file:
+        given = dict(file)
+    np.savez(sys.argv[2], **integrate(given))
