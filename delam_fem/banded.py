@@ -96,16 +96,17 @@ def _factorise(value, width):  # type: ignore[no-untyped-def]
 def substitute(X, size, band, right, out):  # type: ignore[no-untyped-def]
     """Solve A x = r between two fields of X."""
     r, x, width, value = right * size, out * size, band.width, band.value
+    row = 2 * width + 1
     for i in range(size):
         total = X[r + i]
         for j in range(max(0, i - width), i):
-            total -= value[i, j - i + width] * X[x + j]
+            total -= value[i * row + j - i + width] * X[x + j]
         X[x + i] = total
     for i in range(size - 1, -1, -1):
         total = X[x + i]
         for j in range(i + 1, min(i + width + 1, size)):
-            total -= value[i, j - i + width] * X[x + j]
-        X[x + i] = total / value[i, width]
+            total -= value[i * row + j - i + width] * X[x + j]
+        X[x + i] = total / value[i * row + width]
 
 
 @numba.njit(cache=True)
@@ -118,9 +119,9 @@ def row_product(matrix, row, X, shift):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def form(matrix, X, shift):  # type: ignore[no-untyped-def]
-    """Return xᵀ A x for the field of X that begins at `shift`."""
+def form(matrix, n, X, shift):  # type: ignore[no-untyped-def]
+    """Return xᵀ A x for the field of n numbers of X that begins at `shift`."""
     result = 0.0
-    for row in range(matrix.start.size - 1):
+    for row in range(n):
         result += X[shift + row] * row_product(matrix, row, X, shift)
     return result

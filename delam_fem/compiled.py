@@ -106,13 +106,13 @@ class Compiled:
         self._memory.base[:] = base_state
         if initial is not None:
             self.restore(State(initial.motion, initial.permanent))
-        if self._law.kind != compiled_state.MOREAU:
-            compiled_contact.renew_acceleration(self._system, self._law, self._memory)
+        self._renew()
 
     def state(self) -> State:
-        """Return the present state."""
+        """Return the present state; accelerations are those of the equation of motion."""
+        self._renew()
         losses = self.dissipated, self.contact_damped
-        return State(self._fields()[:, self._order], self._memory.permanent.copy(), losses)
+        return State(self._fields()[:, self._order], self._memory.permanent.astype(np.bool_), losses)
 
     def restore(self, state: State) -> None:
         """Take over a state as it is."""
@@ -120,7 +120,7 @@ class Compiled:
         self._fields()[:, self._order] = state.motion
         self._memory.permanent[:] = state.permanent
         if self._law.kind != compiled_state.MOREAU:  # which has no springs
-            compiled_contact.list_springs(self._memory)
+            compiled_loop.list_springs(self._system, self._memory)
         self._memory.totals[[DISSIPATED, CONTACT_DAMPED]] = state.losses
 
     def destroy(self) -> None:
@@ -136,6 +136,7 @@ class Compiled:
         frames = np.empty((n_frames, 2, size))
         contact = np.empty((n_frames, self.operators.n_pairs), dtype=np.int8)
         log = Log(
+            len(record.base_states) - 1, n_frames, self._events[0].size, self._hits[0].size,
             record.base_states, record.u, record.v, record.frame_steps, frames, contact,
             *self._events, *self._hits,
         )  # fmt: skip
@@ -181,7 +182,7 @@ class Compiled:
 
     def observe(self) -> None:
         """Bring `seen_u` and `seen_v` up to date."""
-        compiled_loop.observe(self._system, self._memory.X, self.seen_u, self.seen_v)
+        compiled_loop.observe(self._system, self._memory, self.seen_u, self.seen_v)
 
     def energies(self) -> Energies:
         """Return the energies of the whole system, base included, in the fixed frame [J]."""
@@ -196,6 +197,11 @@ class Compiled:
             spring,
             momentum,
         )
+
+    def _renew(self) -> None:
+        """Renew the accelerations; the θ-scheme has none, steps by bands keep theirs."""
+        if self._law.kind != compiled_state.MOREAU:
+            compiled_loop.renew(self._system, self._law, self._memory)
 
     def _fields(self) -> FloatArray:
         """Return u, v, a in internal order, shape (3, size)."""

@@ -19,6 +19,7 @@ from delam_fem.compiled_state import (
     MOREAU,
     N_EVENTS,
     N_HITS,
+    N_RESTING,
     N_SPRINGS,
     PENALTY,
     RELEASED,
@@ -60,18 +61,25 @@ def clear(X, size, field):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def spread(system, X, pairs, values, n, sign):  # type: ignore[no-untyped-def]
-    """Add sign Hᵀ λ to r for values on n pairs."""
+def spread_one(system, X, pair, value):  # type: ignore[no-untyped-def]
+    """Add Hᵀ λ to r for a value on one pair."""
     H, shift = system.gap_rows, R * system.size
+    for entry in range(H.start[pair], H.start[pair + 1]):
+        X[shift + H.column[entry]] += value * H.value[entry]
+
+
+@numba.njit(cache=True)
+def spread(system, X, pairs, values, n, sign):  # type: ignore[no-untyped-def]
+    """Write r = sign Hᵀ λ for values on n pairs."""
+    clear(X, system.size, R)
     for k in range(n):
-        for entry in range(H.start[pairs[k]], H.start[pairs[k] + 1]):
-            X[shift + H.column[entry]] += sign * values[k] * H.value[entry]
+        spread_one(system, X, pairs[k], sign * values[k])
 
 
 @numba.njit(cache=True)
 def measure(system, X, ahead, gap, rate):  # type: ignore[no-untyped-def]
     """Write the gaps of u + ahead v and the gap rates of all pairs."""
-    for k in range(gap.size):
+    for k in range(system.n_pairs):
         rate[k] = row_product(system.gap_rows, k, X, system.size)
         gap[k] = system.gap0[k] + row_product(system.gap_rows, k, X, 0) + ahead * rate[k]
 
@@ -79,23 +87,22 @@ def measure(system, X, ahead, gap, rate):  # type: ignore[no-untyped-def]
 @numba.njit(cache=True)
 def compliance_block(system, law, memory, n):  # type: ignore[no-untyped-def]
     """Return W = H B⁻¹ Hᵀ of the n hit pairs, with B = A for the θ-scheme and M otherwise."""
-    X, W, hit = memory.X, memory.compliance, memory.hit
-    one = np.ones(1)
+    X, W, hit, n_pairs = memory.X, memory.compliance, memory.hit, system.n_pairs
     block = np.empty((n, n))
     for j in range(n):
         k = hit[j]
         if not memory.is_known[k]:
             clear(X, system.size, R)
-            spread(system, X, hit[j:], one, 1, 1.0)
+            spread_one(system, X, k, 1.0)
             if law.kind == MOREAU:
                 solve_step(system, X)
             else:
                 solve_mass(system, X)
-            for i in range(W.shape[0]):
-                W[i, k] = row_product(system.gap_rows, i, X, Z * system.size)
-            memory.is_known[k] = True
+            for i in range(n_pairs):
+                W[i * n_pairs + k] = row_product(system.gap_rows, i, X, Z * system.size)
+            memory.is_known[k] = 1
         for i in range(n):
-            block[i, j] = W[hit[i], k]
+            block[i, j] = W[hit[i] * n_pairs + k]
     return block
 
 
@@ -106,12 +113,12 @@ def renew_acceleration(system, law, memory):  # type: ignore[no-untyped-def]
     for i in range(size):
         load = row_product(system.stiffness, i, X, 0) + row_product(system.damping, i, X, size)
         for j in range(3):
-            load += system.base[j, i] * base[2 - j]
+            load += system.base[j * size + i] * base[2 - j]
         X[R * size + i] = -load
-    n, forces = memory.counts[N_SPRINGS], memory.lists[0]
-    if n:
-        _spring_loads(system, law, memory, forces)
-        spread(system, X, memory.pairs, forces, n, -1.0)
+    if memory.counts[N_SPRINGS]:
+        _spring_loads(system, law, memory, memory.residual)
+        for j in range(memory.counts[N_SPRINGS]):
+            spread_one(system, X, memory.pairs[j], -memory.residual[j])
     solve_mass(system, X)
     for i in range(size):
         X[lk.A * size + i] = X[Z * size + i]
@@ -122,13 +129,27 @@ def renew_acceleration(system, law, memory):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def _spring_loads(system, law, memory, out):  # type: ignore[no-untyped-def]
-    """Write k U + c U̇ of the spring pairs."""
+    """Write k U + c U̇ of the spring pairs at the end of the step."""
     X = memory.X
     for j in range(memory.counts[N_SPRINGS]):
         k = memory.pairs[j]
         out[j] = law.stiffness * (system.gap0[k] + row_product(system.gap_rows, k, X, 0))
         if law.damping != 0.0:
             out[j] += law.damping * row_product(system.gap_rows, k, X, system.size)
+
+
+@numba.njit(cache=True)
+def _mean_spring_loads(system, law, memory, out):  # type: ignore[no-untyped-def]
+    """Write k U + c U̇ of the spring pairs in the middle of the step.
+
+    U(θ) = U⁺ - (1-θ) Δt θ H z and U̇ = θ H z, θ = 1/2.
+    """
+    X, scheme = memory.X, system.scheme
+    by_rate = law.damping * scheme.theta - law.stiffness * scheme.p * (1.0 - scheme.theta)
+    for j in range(memory.counts[N_SPRINGS]):
+        k = memory.pairs[j]
+        out[j] = law.stiffness * (system.gap0[k] + row_product(system.gap_rows, k, X, 0))
+        out[j] += by_rate * row_product(system.gap_rows, k, X, lk.P * system.size)
 
 
 @numba.njit(cache=True)
@@ -147,13 +168,16 @@ def spring_energy(system, law, memory):  # type: ignore[no-untyped-def]
 def _spring_forces(system, law, memory):  # type: ignore[no-untyped-def]
     """Return λ of (I + softness S_PP) λ = k U + c U̇ (newmark.py, N2) by conjugate gradients.
 
-    S = H A⁻¹ Hᵀ; each product with it is one solve with A.
+    S = H A⁻¹ Hᵀ; each product with it is one solve with A. In lane order λ is the mean over the step.
     """
     X, n, pairs = memory.X, memory.counts[N_SPRINGS], memory.pairs
-    residual, forces, direction = memory.lists[0], memory.lists[1], memory.lists[2]
-    image = memory.lists[3]
-    softness = law.stiffness * system.scheme[5] + law.damping * system.scheme[4]
-    _spring_loads(system, law, memory, residual)
+    residual, forces, direction = memory.residual, memory.forces, memory.direction
+    image = memory.image
+    softness = law.stiffness * system.scheme.q + law.damping * system.scheme.p
+    if system.is_chained:
+        _mean_spring_loads(system, law, memory, residual)
+    else:
+        _spring_loads(system, law, memory, residual)
     square = 0.0
     for j in range(n):
         square += residual[j] * residual[j]
@@ -164,7 +188,6 @@ def _spring_forces(system, law, memory):  # type: ignore[no-untyped-def]
     for _ in range(2 * n):
         if square <= goal:
             break
-        clear(X, system.size, R)
         spread(system, X, pairs, direction, n, 1.0)
         solve_step(system, X)
         curvature = 0.0
@@ -184,31 +207,35 @@ def _spring_forces(system, law, memory):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def push_springs(system, law, memory):  # type: ignore[no-untyped-def]
-    """Correct the candidate of a Newmark step by the springs: Δa = -A⁻¹ Hᵀ λ."""
-    X, size, c = memory.X, system.size, system.coefficients
+    """Correct the candidate of a step by the springs.
+
+    Lane order: Δz = -Δt A⁻¹ Hᵀ λ; otherwise Δa = -A⁻¹ Hᵀ λ.
+    """
+    X, size, scheme = memory.X, system.size, system.scheme
     forces = _spring_forces(system, law, memory)
-    clear(X, size, R)
     spread(system, X, memory.pairs, forces, memory.counts[N_SPRINGS], -1.0)
     solve_step(system, X)
-    d1, d2 = c[4 * lk.D1], c[4 * lk.D2]
+    to_u, to_v = scheme.d1, scheme.d2
+    if system.is_chained:
+        to_u, to_v = scheme.time_step * scheme.p, scheme.time_step
     for i in range(size):
         z = X[Z * size + i]
-        X[i] += d1 * z
-        X[size + i] += d2 * z
-        X[2 * size + i] += z
-        X[lk.P * size + i] += d2 * z
+        X[i] += to_u * z
+        X[size + i] += to_v * z
+        X[lk.A * size + i] += z
+        X[lk.P * size + i] += to_v * z
     if law.damping != 0.0:
         total = 0.0
         for j in range(memory.counts[N_SPRINGS]):
             total += row_product(system.gap_rows, memory.pairs[j], X, lk.P * size) ** 2
-        memory.totals[CONTACT_DAMPED] += system.scheme[1] * law.damping * total
+        memory.totals[CONTACT_DAMPED] += system.scheme.weight * law.damping * total
 
 
 @numba.njit(cache=True)
-def list_springs(memory):  # type: ignore[no-untyped-def]
+def list_springs(system, memory):  # type: ignore[no-untyped-def]
     """Bring the list of spring pairs in line with `permanent`."""
     n = 0
-    for k in range(memory.permanent.size):
+    for k in range(system.n_pairs):
         if memory.permanent[k]:
             memory.pairs[n] = k
             n += 1
@@ -268,7 +295,6 @@ def _separate_impulses(system, law, memory, n):  # type: ignore[no-untyped-def]
 def _apply_impulses(system, law, memory, n):  # type: ignore[no-untyped-def]
     """Change the velocities by the impulses; return the change of kinetic energy [J]."""
     X, size = memory.X, system.size
-    clear(X, size, R)
     spread(system, X, memory.hit, memory.impulse, n, 1.0)
     if law.is_coupled:
         solve_mass(system, X)
@@ -291,7 +317,7 @@ def examine_impacts(system, law, memory, log, step):  # type: ignore[no-untyped-
     """Release open springs, hit closed approaching pairs, rest the slow ones (supervisor.Impacts)."""
     X, permanent = memory.X, memory.permanent
     n, is_same = 0, True
-    for k in range(permanent.size):
+    for k in range(system.n_pairs):
         gap = system.gap0[k] + row_product(system.gap_rows, k, X, 0)
         if permanent[k] and not gap <= 0.0:
             is_same = False
@@ -315,13 +341,15 @@ def examine_impacts(system, law, memory, log, step):  # type: ignore[no-untyped-
             is_same &= memory.rate_post[j] >= law.threshold
     if not is_same:
         memory.totals[RELEASED] -= spring_energy(system, law, memory)
-        for k in range(permanent.size):
-            permanent[k] &= memory.gap[k] <= 0.0
+        for k in range(system.n_pairs):
+            if not memory.gap[k] <= 0.0:
+                permanent[k] = 0
         for j in range(n):
-            permanent[memory.hit[j]] = memory.rate_post[j] < law.threshold
-        list_springs(memory)
+            permanent[memory.hit[j]] = 1 if memory.rate_post[j] < law.threshold else 0
+        list_springs(system, memory)
         memory.totals[RELEASED] += spring_energy(system, law, memory)
-    renew_acceleration(system, law, memory)
+    if not system.is_chained:
+        renew_acceleration(system, law, memory)
     return DONE
 
 
@@ -329,17 +357,18 @@ def examine_impacts(system, law, memory, log, step):  # type: ignore[no-untyped-
 def examine_penalty(system, law, memory):  # type: ignore[no-untyped-def]
     """Put springs on the closed pairs and no others (supervisor.PenaltySprings)."""
     is_same = True
-    for k in range(memory.permanent.size):
+    for k in range(system.n_pairs):
         memory.gap[k] = system.gap0[k] + row_product(system.gap_rows, k, memory.X, 0)
-        is_same &= (memory.gap[k] <= 0.0) == memory.permanent[k]
+        is_same &= (memory.gap[k] <= 0.0) == (memory.permanent[k] != 0)
     if is_same:
         return
     memory.totals[RELEASED] -= spring_energy(system, law, memory)
-    for k in range(memory.permanent.size):
-        memory.permanent[k] = memory.gap[k] <= 0.0
-    list_springs(memory)
+    for k in range(system.n_pairs):
+        memory.permanent[k] = 1 if memory.gap[k] <= 0.0 else 0
+    list_springs(system, memory)
     memory.totals[RELEASED] += spring_energy(system, law, memory)
-    renew_acceleration(system, law, memory)
+    if not system.is_chained:
+        renew_acceleration(system, law, memory)
 
 
 @numba.njit(cache=True)
@@ -350,8 +379,8 @@ def examine_moreau(system, law, memory, log, step):  # type: ignore[no-untyped-d
     """
     X, size = memory.X, system.size
     n, is_done = 0, True
-    rate_free = memory.lists[0]
-    for k in range(memory.gap.size):
+    rate_free = memory.residual
+    for k in range(system.n_pairs):
         if memory.gap[k] <= 0.0:
             rate_free[n] = row_product(system.gap_rows, k, X, size)
             memory.hit[n], memory.rate_pre[n] = k, memory.rate[k]
@@ -365,14 +394,13 @@ def examine_moreau(system, law, memory, log, step):  # type: ignore[no-untyped-d
     n_pushed, energy = 0, 0.0
     for j in range(n):
         if memory.impulse[j] > 0.0:
-            for values in (memory.impulse, memory.rate_pre, memory.rate_post):
-                values[n_pushed] = values[j]
-            memory.hit[n_pushed] = memory.hit[j]
+            memory.hit[n_pushed], memory.impulse[n_pushed] = memory.hit[j], memory.impulse[j]
+            memory.rate_pre[n_pushed] = memory.rate_pre[j]
+            memory.rate_post[n_pushed] = memory.rate_post[j]
             n_pushed += 1
-    clear(X, size, R)
     spread(system, X, memory.hit, memory.impulse, n_pushed, 1.0)
     solve_step(system, X)
-    to_u = system.scheme[4]
+    to_u = system.scheme.p
     for i in range(size):
         z = X[Z * size + i]
         X[i] += to_u * z
@@ -381,7 +409,8 @@ def examine_moreau(system, law, memory, log, step):  # type: ignore[no-untyped-d
     for j in range(n_pushed):
         energy += memory.impulse[j] * 0.5 * (memory.rate_pre[j] + memory.rate_post[j])
         if memory.rate_pre[j] > -law.threshold:
-            memory.permanent[memory.hit[j]] = True
+            memory.permanent[memory.hit[j]] = 1
+            memory.counts[N_RESTING] += 1
     if n_pushed:
         _note(memory, log, step, n_pushed, energy)
     return DONE

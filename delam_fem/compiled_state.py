@@ -18,7 +18,7 @@ NONE, IMPACTS, PENALTY, MOREAU = range(4)
 """Kinds of laws; "newton" is IMPACTS without a threshold."""
 DISSIPATED, CONTACT_DAMPED, IMPACT, RELEASED = range(4)
 """Places in `Memory.totals`."""
-N_SPRINGS, N_EVENTS, N_HITS, N_FRAMES = range(4)
+N_SPRINGS, N_EVENTS, N_HITS, N_FRAMES, N_RESTING = range(5)
 """Places in `Memory.counts`."""
 
 
@@ -51,7 +51,7 @@ class Memory(NamedTuple):
         base: q, q', q'' of the base now, shape (3,).
         force: load of the base on the first row, shape (8,).
         totals: dissipated, damped in contacts, by impacts, released by springs so far [J].
-        counts: springs, and what of the event buffers is filled.
+        counts: springs, what is filled of the event buffers, pairs at rest under MOREAU.
         permanent: pairs that carry a spring, shape (n_pairs,).
         pairs: the same pairs as a list, its first counts[N_SPRINGS].
         compliance: W = H B⁻¹ Hᵀ, columns as far as known, shape (n_pairs, n_pairs).
@@ -59,7 +59,7 @@ class Memory(NamedTuple):
         gap, rate: of all pairs at the examined instant, each of shape (n_pairs,).
         hit: pairs that are hit now, a list.
         impulse, rate_pre, rate_post: of these.
-        lists: work space of the springs, shape (4, n_pairs).
+        forces, residual, direction, image: of the solution for spring forces.
     """
 
     X: FloatArray
@@ -67,23 +67,29 @@ class Memory(NamedTuple):
     force: FloatArray
     totals: FloatArray
     counts: IntArray
-    permanent: npt.NDArray[np.bool_]
+    permanent: npt.NDArray[np.uint8]
     pairs: IntArray
     compliance: FloatArray
-    is_known: npt.NDArray[np.bool_]
+    is_known: npt.NDArray[np.uint8]
     gap: FloatArray
     rate: FloatArray
     hit: IntArray
     impulse: FloatArray
     rate_pre: FloatArray
     rate_post: FloatArray
-    lists: FloatArray
+    forces: FloatArray
+    residual: FloatArray
+    direction: FloatArray
+    image: FloatArray
 
 
 class Log(NamedTuple):
     """Where a period is written.
 
     Attributes:
+        n_steps: N.
+        n_frames: frames to keep.
+        n_events, n_hits: room in the event buffers.
         base_states: q, q', q'' of the base at each step, shape (N + 1, 3).
         u: m_b·u, c_b·u, k_b·u and the observed u at each step, shape (N + 1, 3 + n_observed).
         v: observed v, shape (N + 1, n_observed).
@@ -94,6 +100,10 @@ class Log(NamedTuple):
         hit, impulse, rate_pre, rate_post: of the hits of all impacts one after the other.
     """
 
+    n_steps: int
+    n_frames: int
+    n_events: int
+    n_hits: int
     base_states: FloatArray
     u: FloatArray
     v: FloatArray
@@ -116,16 +126,19 @@ def memory(size: int, n_pairs: int) -> Memory:
         base=np.zeros(3),
         force=aligned_zeros(8),
         totals=np.zeros(4),
-        counts=np.zeros(4, dtype=np.int64),
-        permanent=np.zeros(n_pairs, dtype=np.bool_),
+        counts=np.zeros(5, dtype=np.int64),
+        permanent=np.zeros(n_pairs, dtype=np.uint8),
         pairs=np.zeros(n_pairs, dtype=np.int64),
         compliance=np.zeros((n_pairs, n_pairs)),
-        is_known=np.zeros(n_pairs, dtype=np.bool_),
+        is_known=np.zeros(n_pairs, dtype=np.uint8),
         gap=np.zeros(n_pairs),
         rate=np.zeros(n_pairs),
         hit=np.zeros(n_pairs, dtype=np.int64),
         impulse=np.zeros(n_pairs),
         rate_pre=np.zeros(n_pairs),
         rate_post=np.zeros(n_pairs),
-        lists=np.zeros((4, n_pairs)),
+        forces=np.zeros(n_pairs),
+        residual=np.zeros(n_pairs),
+        direction=np.zeros(n_pairs),
+        image=np.zeros(n_pairs),
     )

@@ -1,21 +1,17 @@
 """What compiled code knows of a problem: the operators in its own order, the scheme, the factors.
 
-Newmark's scheme and the θ-scheme of Moreau and Jean are one step (lane_kernels.py, L1 and L2) with other numbers:
+Two laminae with Rayleigh damping, under the θ-scheme or the average acceleration, go in lane order
+(lane_kernels.py). Everything else goes by sparse rows and bands (banded.py), where a step of either scheme is
 
-                 c2              c3          g      d1       d2      ρ          weight
-    Newmark      (1/2 - β) Δt²   (1 - γ) Δt  0      β Δt²    γ Δt    1          Δt/4
-    θ-scheme     0               0           (θ-1)Δt  θ Δt²  Δt      1/θ - 1    θ² Δt
+    ũ = u + Δt v + c2 a,   ṽ = v + c3 a                                                        (G1)
+    A a⁺ = f - C ṽ - K (ũ + g ṽ),   A = M + p C + q K                                           (G2)
+    u⁺ = ũ + d1 a⁺,   v⁺ = ṽ + d2 a⁺                                                            (G3)
 
-    (M + p C + q K) a⁺ = f - C ṽ - K (ũ + g ṽ),   Newmark: p = γ Δt, q = β Δt²;  θ: p = θ Δt, q = θ² Δt²
+                 p       q          c2              c3          g          d1       d2      ρ
+    Newmark      γ Δt    β Δt²      (1/2 - β) Δt²   (1 - γ) Δt  0          β Δt²    γ Δt    1
+    θ-scheme     θ Δt    θ² Δt²     0               0           (θ-1) Δt   θ Δt²    Δt      1/θ - 1
 
-The damping loss of a step is weight · (v⁺ + ρ v)ᵀ C (v⁺ + ρ v).
-
-With C = αM + βK in a lamina A = c_M M + c_K K, c_M = 1 + p α, c_K = q + p β, so that M = (A - c_K K)/c_M and
-
-    a⁺ = A⁻¹ (f - K w) - (α/c_M) ṽ,                     w = ũ + s ṽ,  s = g + β - α c_K / c_M      (S1)
-       = A⁻¹ (f + (c_M/c_K) M w) - w/c_K - (α/c_M) ṽ                                             (S2)
-
-S2 needs no product with a matrix when M is diagonal.
+The damping loss of a step is weight · zᵀ C z with z = v⁺ + ρ v.
 """
 
 from __future__ import annotations
@@ -33,22 +29,21 @@ from delam_fem.operators import FloatArray, IntArray, Operators
 from delam_fem.simd import aligned_zeros
 
 
-@dataclass(frozen=True)
-class Scheme:
+class Scheme(NamedTuple):
     """Numbers of a time integration; see the module.
 
     Attributes:
         time_step: Δt [s].
-        to_C: p, factor of C in A [s].
-        to_K: q, factor of K in A [s²].
-        c2, c3, g, d1, d2, rho, weight: see the module.
-        theta: where in the step the base is taken: 1 at its end, θ within.
+        p, q, c2, c3, g, d1, d2, rho: see the module.
+        weight: of the damping loss [s].
+        theta: where in the step the load of the base is taken: 1 at its end.
         gap_ahead: time by which the examined gaps are extrapolated from the start; 0: the end's [s].
+        is_midpoint: whether it is the θ-scheme but for the gaps (θ = 1/2: average acceleration).
     """
 
     time_step: float
-    to_C: float
-    to_K: float
+    p: float
+    q: float
     c2: float
     c3: float
     g: float
@@ -56,25 +51,33 @@ class Scheme:
     d2: float
     rho: float
     weight: float
-    theta: float = 1.0
-    gap_ahead: float = 0.0
+    theta: float
+    gap_ahead: float
+    is_midpoint: bool
 
     @classmethod
     def newmark(cls, time_step: float, beta: float = 0.25, gamma: float = 0.5) -> Scheme:
         """Return Newmark's scheme; β = 0 is the central difference."""
         dt = time_step
         p, q = gamma * dt, beta * dt**2
-        return cls(dt, p, q, (0.5 - beta) * dt**2, (1.0 - gamma) * dt, 0.0, q, p, 1.0, 0.25 * dt)
+        return cls(
+            dt, p, q, (0.5 - beta) * dt**2, (1.0 - gamma) * dt, 0.0, q, p, 1.0, 0.25 * dt,
+            1.0, 0.0, beta == 0.25 and gamma == 0.5,
+        )  # fmt: skip
 
     @classmethod
     def moreau_jean(cls, time_step: float, theta: float = 0.5) -> Scheme:
         """Return the θ-scheme."""
         dt, p = time_step, theta * time_step
-        ratio = (1.0 - theta) / theta
         return cls(
-            dt, p, p**2, 0.0, 0.0, (theta - 1.0) * dt, theta * dt**2, dt, ratio, theta * p,
-            theta, 0.5 * dt,
+            dt, p, p**2, 0.0, 0.0, (theta - 1.0) * dt, theta * dt**2, dt, 1.0 / theta - 1.0,
+            theta * p, theta, 0.5 * dt, True,
         )  # fmt: skip
+
+    def as_theta(self) -> Scheme:
+        """Return the same motion as a θ-scheme, where `is_midpoint`."""
+        theta = self.p / self.time_step
+        return Scheme.moreau_jean(self.time_step, theta)._replace(gap_ahead=self.gap_ahead)
 
 
 class System(NamedTuple):
@@ -82,10 +85,12 @@ class System(NamedTuple):
 
     Attributes:
         size: numbers per field.
+        n_pairs: contact pairs.
+        n_observed: observed dofs.
         is_chained: two laminae in lane order; otherwise sparse rows and bands.
         is_diagonal_load: L2's B is diagonal.
-        coefficients: of L1 and L2, shape (36,).
-        scheme: g, weight, θ, gap_ahead, p, q.
+        scheme: the time integration.
+        coefficients: of L1 and L2, shape (16,).
         load_tape, solution, mass_solution, form, rest: tapes of lane_kernels.py.
         band, mass_band: factors of A and M where not chained.
         mass, damping, stiffness: by rows.
@@ -98,10 +103,12 @@ class System(NamedTuple):
     """
 
     size: int
+    n_pairs: int
+    n_observed: int
     is_chained: bool
     is_diagonal_load: bool
+    scheme: Scheme
     coefficients: FloatArray
-    scheme: FloatArray
     load_tape: FloatArray
     solution: FloatArray
     mass_solution: FloatArray
@@ -126,8 +133,8 @@ _NOTHING = np.zeros(0)
 
 @dataclass(frozen=True)
 class _Tapes:
-    coefficients: FloatArray
     is_diagonal_load: bool
+    coefficients: FloatArray
     load: FloatArray
     solution: FloatArray
     mass_solution: FloatArray
@@ -142,79 +149,57 @@ def build(operators: Operators, scheme: Scheme) -> tuple[System, IntArray]:
         ArithmeticError: M or A is singular.
     """
     o = operators
-    order = lanes.lane_order(o.n_dofs // 4) if o.n_dofs % 4 == 0 and o.n_dofs else None
-    tapes = None if order is None else _tapes(o, scheme, order)
-    if order is not None and tapes is not None:
-        size = lanes.ROW * -(-o.n_dofs // lanes.ROW)
-        return _system(o, scheme, order, (size, tapes)), order
+    if scheme.is_midpoint and o.n_dofs and o.n_dofs % 4 == 0:
+        order = lanes.lane_order(o.n_dofs // 4)
+        tapes = _tapes(o, scheme.as_theta(), order)
+        if tapes is not None:
+            size = lanes.ROW * -(-o.n_dofs // lanes.ROW)
+            return _system(o, scheme.as_theta(), (order, size), tapes), order
     order = banded.band_order(sum(abs(matrix) for matrix in (o.mass, o.damping, o.stiffness)))
-    return _system(o, scheme, order, (o.n_dofs, None)), order
+    return _system(o, scheme, (order, o.n_dofs), None), order
 
 
 def _system(
-    o: Operators, scheme: Scheme, order: IntArray, layout: tuple[int, _Tapes | None]
+    o: Operators, scheme: Scheme, places: tuple[IntArray, int], tapes: _Tapes | None
 ) -> System:
-    size, tapes = layout
+    order, size = places
     to = sp.csr_matrix((np.ones(o.n_dofs), (order, np.arange(o.n_dofs))), (size, o.n_dofs))
     mass, damping, stiffness = (to @ A @ to.T for A in (o.mass, o.damping, o.stiffness))
     base = np.vstack([o.base.mass, o.base.damping, o.base.stiffness]) @ to.T
     band = mass_band = _NO_BAND
     if tapes is None:
-        band = banded.factorise(mass + scheme.to_C * damping + scheme.to_K * stiffness)
+        band = banded.factorise(mass + scheme.p * damping + scheme.q * stiffness)
         mass_band = banded.factorise(mass)
-        nothing = [_NOTHING] * 5
-        tapes = _Tapes(_coefficients(scheme), False, *nothing)
-        is_chained = False
-    else:
-        is_chained = True
+    kept = tapes or _Tapes(False, *[_NOTHING] * 6)
     return System(
-        size,
-        is_chained,
-        tapes.is_diagonal_load,
-        tapes.coefficients,
-        np.array(
-            [scheme.g, scheme.weight, scheme.theta, scheme.gap_ahead, scheme.to_C, scheme.to_K]
-        ),
-        tapes.load,
-        tapes.solution,
-        tapes.mass_solution,
-        tapes.form,
-        tapes.rest,
-        band,
-        mass_band,
-        banded.rows(mass),
-        banded.rows(damping),
-        banded.rows(stiffness),
-        np.ascontiguousarray(base),
-        to @ (1.0 / o.lumped_mass),
-        banded.rows(o.gap_matrix @ to.T),
-        np.array(o.gap0, dtype=float),
-        banded.rows(sp.csr_matrix(base)),
-        order[o.observed],
+        size=size,
+        n_pairs=o.n_pairs,
+        n_observed=o.observed.size,
+        is_chained=tapes is not None,
+        is_diagonal_load=kept.is_diagonal_load,
+        scheme=scheme,
+        coefficients=kept.coefficients,
+        load_tape=kept.load,
+        solution=kept.solution,
+        mass_solution=kept.mass_solution,
+        form=kept.form,
+        rest=kept.rest,
+        band=band,
+        mass_band=mass_band,
+        mass=banded.rows(mass),
+        damping=banded.rows(damping),
+        stiffness=banded.rows(stiffness),
+        base=np.ascontiguousarray(base),
+        inverse_lumped=to @ (1.0 / o.lumped_mass),
+        gap_rows=banded.rows(o.gap_matrix @ to.T),
+        gap0=np.array(o.gap0, dtype=float),
+        seen=banded.rows(sp.csr_matrix(base)),
+        observed=order[o.observed],
     )
 
 
-def _coefficients(
-    scheme: Scheme,
-    s: FloatArray | float = 0.0,
-    kappa_w: FloatArray | float = 0.0,
-    kappa_v: FloatArray | float = 0.0,
-) -> FloatArray:
-    """Return the coefficients of L1 and L2 over the lanes, shape (36,)."""
-    result = aligned_zeros(lk.N_COEFFICIENTS * lanes.LANES)
-    table = result.reshape(lk.N_COEFFICIENTS, lanes.LANES)
-    given = (
-        (lk.DT, scheme.time_step), (lk.C2, scheme.c2), (lk.C3, scheme.c3), (lk.S, s),
-        (lk.KAPPA_W, kappa_w), (lk.KAPPA_V, kappa_v), (lk.D1, scheme.d1), (lk.D2, scheme.d2),
-        (lk.RHO, scheme.rho),
-    )  # fmt: skip
-    for row, value in given:
-        table[row] = value
-    return result
-
-
 def _tapes(o: Operators, scheme: Scheme, order: IntArray) -> _Tapes | None:
-    """Return what the lane kernels read, None where the operators are not two laminae."""
+    """Return what the lane kernels read, None where the operators are not two such laminae."""
     M, C, K = (lanes.chains(matrix, order) for matrix in (o.mass, o.damping, o.stiffness))
     damping, rest = lanes.rayleigh(o), _rest(o, order)
     is_at_clamp = all(
@@ -224,21 +209,36 @@ def _tapes(o: Operators, scheme: Scheme, order: IntArray) -> _Tapes | None:
     if M is None or C is None or K is None or damping is None or rest is None or not is_at_clamp:
         return None
     alpha, beta = (np.repeat(values, 2) for values in damping)
-    c_M, c_K = 1.0 + scheme.to_C * alpha, scheme.to_K + scheme.to_C * beta
-    A = M.scaled(c_M) + K.scaled(c_K)
-    is_diagonal = not (M.before.any() or M.after.any() or M.middle[..., 0, 1].any())
-    is_diagonal &= scheme.to_K > 0.0
-    s, kappa_v = scheme.g + beta - alpha * c_K / c_M, -alpha / c_M
+    dt, theta = scheme.time_step, scheme.theta
+    c_M, c_K = 1.0 + scheme.p * alpha, scheme.q + scheme.p * beta
+    is_diagonal = _prefers_mass(o, float(c_K.min()))
+    coefficients = aligned_zeros(lk.N_COEFFICIENTS * lanes.LANES)
+    table = coefficients.reshape(lk.N_COEFFICIENTS, lanes.LANES)
+    table[lk.S] = c_K / (scheme.p * c_M)
+    table[lk.KAPPA] = -dt / c_K if is_diagonal else 1.0 / (theta * c_M)
+    table[lk.TO_U], table[lk.MINUS_RHO] = scheme.p, -scheme.rho
+    by_mass, by_stiffness = M.scaled(dt * c_M / c_K), K.scaled(np.full(lanes.LANES, -dt))
     return _Tapes(
-        _coefficients(scheme, s, -1.0 / c_K if is_diagonal else 0.0, kappa_v),
         is_diagonal,
-        lanes.diagonal_tape(M.scaled(c_M / c_K)) if is_diagonal
-        else lanes.product_tape(K.scaled(np.full(lanes.LANES, -1.0))),
-        lanes.solution_tape(A),
+        coefficients,
+        lanes.diagonal_tape(by_mass) if is_diagonal else lanes.product_tape(by_stiffness),
+        lanes.solution_tape(M.scaled(c_M) + K.scaled(c_K)),
         lanes.solution_tape(M),
         lanes.form_tape(C),
         rest,
-    )  # fmt: skip
+    )
+
+
+def _prefers_mass(o: Operators, c_K: float) -> bool:
+    """Return whether L4 serves: M is diagonal, and 1/c_K no larger than what M⁻¹K may amplify.
+
+    u/c_K is a part of L4's acceleration, K u / M of L3's; whose part is larger loses more digits.
+    """
+    M = sp.coo_matrix(o.mass)
+    if np.any((M.row != M.col) & (M.data != 0.0)):
+        return False
+    largest = np.max(abs(o.stiffness).sum(axis=1).A1 / o.mass.diagonal())
+    return bool(c_K * largest >= 1.0)
 
 
 def _rest(o: Operators, order: IntArray) -> FloatArray | None:

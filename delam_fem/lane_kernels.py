@@ -1,13 +1,20 @@
 """The step in lane order (lanes.py): sweeps over the rows, four chains at a time.
 
-All fields of the state stand in one array X; a field begins at its number times the size. A step is
+All fields of the state stand in one array X; a field begins at its number times the size. The θ-scheme, and the
+average acceleration as its case θ = 1/2, is a step from (u, v) to
 
-    ũ = u + Δt v + c2 a,   ṽ = v + c3 a,   w = ũ + s ṽ                                           (L1)
-    a⁺ = A⁻¹ (f + B w) + κ_w w + κ_v ṽ                                                        (L2)
-    u⁺ = ũ + d1 a⁺,   v⁺ = ṽ + d2 a⁺
+    A v_θ = M v + θ Δt (f_θ - K u),   A = M + θ Δt C + θ² Δt² K,   u⁺ = u + Δt v_θ,   v⁺ = v_θ/θ - ρ v
 
-which holds Newmark's scheme and the θ-scheme (see compiled_system.py). With C = αM + βK the products with C and
-K merge into one with B = -K, or with a multiple of M, whichever is the cheaper.
+with ρ = 1/θ - 1. Where C = αM + βK, A = c_M M + c_K K, so that one of the two products on the right can be expressed by
+A itself. With z = v_θ/θ = v⁺ + ρ v the step becomes
+
+    z = A⁻¹ (Δt f_θ + B w) + κ h,   w = u + s v                                              (L1)
+    u⁺ = u + θ Δt z,   v⁺ = z - ρ v                                                          (L2)
+    B = -Δt K,              h = v,  κ = 1/(θ c_M)                                             (L3)
+    B = Δt (c_M/c_K) M,     h = u,  κ = -Δt/c_K                                               (L4)
+
+and s = c_K/(θ Δt c_M). L4 needs no product with a matrix when M is diagonal. There are no accelerations: what
+they would be follows from the equation of motion.
 """
 
 from __future__ import annotations
@@ -17,12 +24,14 @@ import numpy as np
 
 from delam_fem.simd import fma, lane, load, smaller, splat, store, swap_halves, swap_neighbours
 
-U, V, A, Y, W, P, Z, R = range(8)
-"""Fields: u, v, a, half-solved, w of L1, v⁺ + ρ v, solution, right-hand side."""
-N_FIELDS = 8
-DT, C2, C3, S, KAPPA_W, KAPPA_V, D1, D2, RHO = range(9)
+U, V, A, Y, Z, R, P = range(7)
+"""Fields: u, v, a, half-solved, solution, right-hand side, v⁺ + ρ v."""
+N_FIELDS = 7
+S, KAPPA, TO_U, MINUS_RHO = range(4)
 """Coefficients of L1 and L2, each over the four lanes."""
-N_COEFFICIENTS = 9
+N_COEFFICIENTS = 4
+ROW = 8
+"""Numbers of a row: two components over four lanes."""
 
 
 @numba.njit(cache=True)
@@ -32,33 +41,20 @@ def total(a):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def predict(X, size, c):  # type: ignore[no-untyped-def]
-    """Write L1 over u and v; keep w and ṽ + ρ v."""
-    dt, c2, c3, s, rho = load(c, 0), load(c, 4), load(c, 8), load(c, 12), load(c, 32)
-    for i in range(0, size, 4):
-        v, a = load(X, size + i), load(X, 2 * size + i)
-        u = fma(c2, a, fma(dt, v, load(X, i)))
-        v_new = fma(c3, a, v)
-        store(X, i, u)
-        store(X, size + i, v_new)
-        store(X, W * size + i, fma(s, v_new, u))
-        store(X, P * size + i, fma(rho, v, v_new))
-
-
-@numba.njit(cache=True)
-def eliminate_diagonal(X, size, load_tape, solution, force):  # type: ignore[no-untyped-def]
-    """Go to the middle with r = f + B w, B diagonal: y_j = r_j - L_j y_{j-1}."""
-    w, y = W * size, Y * size
-    y0 = fma(load(load_tape, 0), load(X, w), load(force, 0))
-    y1 = fma(load(load_tape, 4), load(X, w + 4), load(force, 4))
+def eliminate_diagonal(X, size, c, load_tape, solution, force):  # type: ignore[no-untyped-def]
+    """Go to the middle with r = Δt f + B w, B diagonal: y_j = r_j - L_j y_{j-1}."""
+    s, v, y = load(c, 4 * S), V * size, Y * size
+    w0, w1 = fma(s, load(X, v), load(X, 0)), fma(s, load(X, v + 4), load(X, 4))
+    y0 = fma(load(load_tape, 0), w0, load(force, 0))
+    y1 = fma(load(load_tape, 4), w1, load(force, 4))
     store(X, y, y0)
     store(X, y + 4, y1)
     for i in range(8, size, 8):
         t = 6 * i
-        r0 = load(load_tape, i) * load(X, w + i)
-        r1 = load(load_tape, i + 4) * load(X, w + i + 4)
-        r0 = fma(load(solution, t), y0, r0)
-        r1 = fma(load(solution, t + 8), y0, r1)
+        w0 = fma(s, load(X, v + i), load(X, i))
+        w1 = fma(s, load(X, v + i + 4), load(X, i + 4))
+        r0 = fma(load(solution, t), y0, load(load_tape, i) * w0)
+        r1 = fma(load(solution, t + 8), y0, load(load_tape, i + 4) * w1)
         y0, y1 = (
             fma(load(solution, t + 4), y1, r0),
             fma(load(solution, t + 12), y1, r1),
@@ -68,16 +64,17 @@ def eliminate_diagonal(X, size, load_tape, solution, force):  # type: ignore[no-
 
 
 @numba.njit(cache=True)
-def eliminate_chained(X, size, load_tape, solution, force):  # type: ignore[no-untyped-def]
-    """Go to the middle with r = f + B w, B block tridiagonal: y_j = r_j - L_j y_{j-1}."""
-    w, y, zero = W * size, Y * size, splat(0.0)
+def eliminate_chained(X, size, c, load_tape, solution, force):  # type: ignore[no-untyped-def]
+    """Go to the middle with r = Δt f + B w, B block tridiagonal: y_j = r_j - L_j y_{j-1}."""
+    s, v, y, zero = load(c, 4 * S), V * size, Y * size, splat(0.0)
     y0 = y1 = before0 = before1 = zero
     r0, r1 = load(force, 0), load(force, 4)
-    w0, w1 = load(X, w), load(X, w + 4)
+    w0, w1 = fma(s, load(X, v), load(X, 0)), fma(s, load(X, v + 4), load(X, 4))
     for i in range(0, size, 8):
-        t = 6 * i
-        if i + 8 < size:
-            next0, next1 = load(X, w + i + 8), load(X, w + i + 12)
+        t, j = 6 * i, i + 8
+        if j < size:
+            next0 = fma(s, load(X, v + j), load(X, j))
+            next1 = fma(s, load(X, v + j + 4), load(X, j + 4))
         else:
             next0, next1 = swap_neighbours(w0), swap_neighbours(w1)
         r0 = fma(load(load_tape, t), before0, r0)
@@ -104,16 +101,21 @@ def eliminate_chained(X, size, load_tape, solution, force):  # type: ignore[no-u
 
 
 @numba.njit(cache=True)
-def finish(X, size, c, solution, form, rest):  # type: ignore[no-untyped-def]
-    """Go back to the ends, complete the step, and measure it on the way.
+def finish(X, size, c, solution, form, rest, held, keeps):  # type: ignore[no-untyped-def]
+    """Go back to the ends, complete the step (L1, L2), and measure it on the way.
+
+    Args:
+        X, size, c, solution, form, rest: see compiled_system.py.
+        held: field h of L1.
+        keeps: whether z is kept in the field P.
 
     Returns:
-        (v⁺ + ρ v)ᵀ C (v⁺ + ρ v) and the smallest gap.
+        zᵀ C z and the smallest gap.
     """
-    kappa_w, kappa_v, d1, d2 = load(c, 16), load(c, 20), load(c, 24), load(c, 28)
-    y, last = Y * size, size - 8
+    kappa, to_u, minus_rho = load(c, 4 * KAPPA), load(c, 4 * TO_U), load(c, 4 * MINUS_RHO)
+    y, last, h, v = Y * size, size - 8, held * size, V * size
     next0, next1 = swap_neighbours(load(X, y + last)), swap_neighbours(load(X, y + last + 4))
-    p0_next = p1_next = loss0 = loss1 = splat(0.0)
+    z0_next = z1_next = loss0 = loss1 = splat(0.0)
     gap = splat(np.inf)
     for i in range(last, -1, -8):
         t, q = 6 * i, i // 2 * 7
@@ -122,34 +124,29 @@ def finish(X, size, c, solution, form, rest):  # type: ignore[no-untyped-def]
         x1 = fma(load(solution, t + 28), y1, load(solution, t + 24) * y0)
         x0 = fma(load(solution, t + 32), next0, x0)
         x1 = fma(load(solution, t + 40), next0, x1)
-        x0, x1 = (
+        next0, next1 = (
             fma(load(solution, t + 36), next1, x0),
             fma(load(solution, t + 44), next1, x1),
         )
-        next0, next1 = x0, x1
-        v0, v1 = load(X, size + i), load(X, size + i + 4)
-        a0 = fma(kappa_v, v0, fma(kappa_w, load(X, W * size + i), x0))
-        a1 = fma(kappa_v, v1, fma(kappa_w, load(X, W * size + i + 4), x1))
-        u0, u1 = fma(d1, a0, load(X, i)), fma(d1, a1, load(X, i + 4))
-        p0, p1 = fma(d2, a0, load(X, P * size + i)), fma(d2, a1, load(X, P * size + i + 4))
-        store(X, 2 * size + i, a0)
-        store(X, 2 * size + i + 4, a1)
+        z0, z1 = fma(kappa, load(X, h + i), next0), fma(kappa, load(X, h + i + 4), next1)
+        u0, u1 = fma(to_u, z0, load(X, i)), fma(to_u, z1, load(X, i + 4))
         store(X, i, u0)
         store(X, i + 4, u1)
-        store(X, size + i, fma(d2, a0, v0))
-        store(X, size + i + 4, fma(d2, a1, v1))
-        store(X, P * size + i, p0)
-        store(X, P * size + i + 4, p1)
+        store(X, v + i, fma(minus_rho, load(X, v + i), z0))
+        store(X, v + i + 4, fma(minus_rho, load(X, v + i + 4), z1))
+        if keeps:
+            store(X, P * size + i, z0)
+            store(X, P * size + i + 4, z1)
         if i == last:
-            p0_next, p1_next = swap_neighbours(p0), swap_neighbours(p1)
-        flow0 = fma(load(form, q + 4), p1, load(form, q) * p0)
-        flow1 = load(form, q + 8) * p1
-        flow0 = fma(load(form, q + 12), p0_next, flow0)
-        flow1 = fma(load(form, q + 20), p0_next, flow1)
-        flow0 = fma(load(form, q + 16), p1_next, flow0)
-        flow1 = fma(load(form, q + 24), p1_next, flow1)
-        loss0, loss1 = fma(p0, flow0, loss0), fma(p1, flow1, loss1)
-        p0_next, p1_next = p0, p1
+            z0_next, z1_next = swap_neighbours(z0), swap_neighbours(z1)
+        flow0 = fma(load(form, q + 4), z1, load(form, q) * z0)
+        flow1 = load(form, q + 8) * z1
+        flow0 = fma(load(form, q + 12), z0_next, flow0)
+        flow1 = fma(load(form, q + 20), z0_next, flow1)
+        flow0 = fma(load(form, q + 16), z1_next, flow0)
+        flow1 = fma(load(form, q + 24), z1_next, flow1)
+        loss0, loss1 = fma(z0, flow0, loss0), fma(z1, flow1, loss1)
+        z0_next, z1_next = z0, z1
         gap = smaller(swap_halves(u0) - u0 + load(rest, i // 2), gap)
     return total(loss0 + loss1), _smallest(gap)
 

@@ -23,13 +23,12 @@ import numpy as np
 import scipy.sparse as sp
 
 from delam_fem import simd
+from delam_fem.lane_kernels import ROW
 from delam_fem.operators import FloatArray, IntArray, Operators
 
 BLOCK = 2
 """Dofs per node."""
 LANES = simd.WIDTH
-ROW = BLOCK * LANES
-"""Numbers per row of a vector in lane order."""
 RAYLEIGH_TOLERANCE = 1e-13
 """Of C - αM - βK relative to C: round-off of an assembly."""
 

@@ -50,32 +50,68 @@ def aligned_zeros(size: int) -> FloatArray:
     return raw[first : first + size]
 
 
+@intrinsic
+def pointers(typing, arrays):  # type: ignore[no-untyped-def]
+    """Return a named tuple with the bare addresses of its arrays; tuples within it likewise.
+
+    Compiled code that passes arrays on counts references to them all the time, which costs more than
+    a step. The caller keeps the arrays alive; indices are not checked, of a matrix they count on through the rows.
+    """
+
+    def code(context, builder, signature, values):  # type: ignore[no-untyped-def]
+        return _bare_value(context, builder, signature.args[0], values[0])
+
+    return _bare_type(arrays)(arrays), code
+
+
+def _bare_type(kind: types.Type) -> types.Type:
+    """Return the type of a value without its references."""
+    if isinstance(kind, types.Array):
+        return types.CPointer(kind.dtype)
+    if isinstance(kind, types.BaseNamedTuple):
+        members = [_bare_type(member) for member in kind.types]
+        return types.BaseTuple.from_types(members, kind.instance_class)
+    return kind
+
+
+def _bare_value(context, builder, kind, value):  # type: ignore[no-untyped-def]
+    """Return a value without its references."""
+    if isinstance(kind, types.Array):
+        return context.make_array(kind)(context, builder, value).data
+    if isinstance(kind, types.BaseNamedTuple):
+        members = [
+            _bare_value(context, builder, member, builder.extract_value(value, i))
+            for i, member in enumerate(kind.types)
+        ]
+        return context.make_tuple(builder, _bare_type(kind), members)
+    return value
+
+
 def _address(context, builder, signature, values):  # type: ignore[no-untyped-def]
-    """Return the address of array[index] as that of a vector."""
-    array = context.make_array(signature.args[0])(context, builder, values[0])
+    """Return pointer + index as the address of a vector."""
     index = context.cast(builder, values[1], signature.args[1], types.intp)
-    return builder.bitcast(builder.gep(array.data, [index]), _VECTOR.as_pointer())
+    return builder.bitcast(builder.gep(values[0], [index]), _VECTOR.as_pointer())
 
 
 @intrinsic
-def load(typing, array, index):  # type: ignore[no-untyped-def]
-    """Return array[index : index + 4]; no bounds are checked."""
+def load(typing, pointer, index):  # type: ignore[no-untyped-def]
+    """Return the four numbers from an index of a pointer on."""
 
     def code(context, builder, signature, values):  # type: ignore[no-untyped-def]
         return builder.load(_address(context, builder, signature, values), align=8)
 
-    return float64x4(array, index), code
+    return float64x4(pointer, index), code
 
 
 @intrinsic
-def store(typing, array, index, value):  # type: ignore[no-untyped-def]
-    """Write array[index : index + 4]; no bounds are checked."""
+def store(typing, pointer, index, value):  # type: ignore[no-untyped-def]
+    """Write four numbers from an index of a pointer on."""
 
     def code(context, builder, signature, values):  # type: ignore[no-untyped-def]
         builder.store(values[2], _address(context, builder, signature, values), align=8)
         return context.get_dummy_value()
 
-    return types.none(array, index, value), code
+    return types.none(pointer, index, value), code
 
 
 @intrinsic
