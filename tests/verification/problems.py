@@ -87,6 +87,7 @@ class Motions:
         rate_pre: gap rates before the impulse [m/s].
         impact_energy: change of energy at the instant, of all pairs hit then [J].
         state: (u, v) of all dofs at the end, shape (2, n).
+        frames: the same after each step, shape (k - 1, 2, n), if asked for.
         ledger: rows of `recorder.LEDGER`, one per stretch of the run.
         energy_residual: relative residual of the ledger.
     """
@@ -100,6 +101,7 @@ class Motions:
     rate_pre: FloatArray
     impact_energy: FloatArray
     state: FloatArray
+    frames: FloatArray
     ledger: FloatArray
     energy_residual: float
 
@@ -117,6 +119,7 @@ def simulate(
     time_step: float,
     n_steps: int,
     motion: Motion = at_rest,
+    keep_frames: bool = False,
 ) -> Motions:
     """Run a problem from its initial displacements and velocities, in one stretch."""
     engine = law.engine(operators, time_step)
@@ -127,7 +130,7 @@ def simulate(
         n_periods=1,
         n_observed=operators.observed.size,
         window_periods=1,
-        frames_per_period=0,
+        frames_per_period=n_steps if keep_frames else 0,
         limit=UNBOUNDED,
     )
     times = time_step * np.arange(n_steps + 1)
@@ -157,6 +160,7 @@ def simulate(
         table[3],
         table[4],
         state,
+        np.array(record.frames),
         recorder.ledger,
         recorder.energy_residual(),
     )
