@@ -45,16 +45,21 @@ if TYPE_CHECKING:
     )
     from delam_fem.results import Result
     from delam_fem.run import run
+    from delam_fem.sweep import run_sweep
+    from delam_fem.sweepgrid import Sweep, load_sweep
 
 __all__ = [
     "PRESETS",
     "Case",
     "CaseError",
     "Result",
+    "Sweep",
     "__version__",
     "load_case",
+    "load_sweep",
     "preset",
     "run",
+    "run_sweep",
     "save_case",
 ]
 
@@ -63,9 +68,12 @@ _HOMES = {
     "Case": "parameters",
     "CaseError": "parameters",
     "Result": "results",
+    "Sweep": "sweepgrid",
     "load_case": "parameters",
+    "load_sweep": "sweepgrid",
     "preset": "parameters",
     "run": "run",
+    "run_sweep": "sweep",
     "save_case": "parameters",
 }
 """The module of each public name."""

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from delam_fem.cli_sweep import register as register_sweeps
 from delam_fem.terminal import (
     DONE,
     FAILED,
@@ -210,6 +211,8 @@ def _writable(directory: Path) -> Path:
         ) from None
     return directory
 
+
+register_sweeps(app)
 
 if __name__ == "__main__":
     app()

@@ -1,4 +1,4 @@
-"""How far a run has come: a bar on a terminal, plain lines elsewhere."""
+"""How far a run or a sweep has come: a bar on a terminal, plain lines elsewhere."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from rich.progress import (
 from rich.text import Text
 
 Report: TypeAlias = Callable[[int, int], None]
-"""Called with the periods done and all periods, once per period."""
+"""Called with the periods (points) done and all of them, once per period (chunk of points)."""
 
 LINES = 10
 """Plain lines per run, at most, unless it is slow."""
@@ -29,21 +29,21 @@ SILENCE = 10.0
 
 
 @contextmanager
-def progress(console: Console, steps_per_period: int) -> Iterator[Report]:
+def progress(console: Console, steps_per_period: int = 0) -> Iterator[Report]:
     """Show the progress of a run on a console.
 
     Args:
         console: where; a bar if it is a terminal.
-        steps_per_period: for the rate.
+        steps_per_period: for the rate; 0: points of a sweep are counted, not periods.
 
     Yields:
-        The function to call with the periods done and all periods.
+        The function to call with the periods (points) done and all of them.
     """
     if not console.is_terminal:
         yield PlainProgress(lambda line: console.print(line, soft_wrap=True), steps_per_period)
         return
     columns = (
-        TextColumn("period {task.completed:.0f} of {task.total:.0f}"),
+        TextColumn(_unit(steps_per_period) + " {task.completed:.0f} of {task.total:.0f}"),
         BarColumn(),
         _Rate(steps_per_period),
         TimeRemainingColumn(),
@@ -58,8 +58,20 @@ def progress(console: Console, steps_per_period: int) -> Iterator[Report]:
         yield report
 
 
+def _unit(steps_per_period: int) -> str:
+    """Return what is counted."""
+    return "period" if steps_per_period else "point"
+
+
+def _rate(per_second: float, steps_per_period: int) -> str:
+    """Return a rate of periods or points as text."""
+    if not steps_per_period:
+        return f"{per_second:,.4g} points/s"
+    return f"{per_second * steps_per_period:,.0f} steps/s"
+
+
 class _Rate(ProgressColumn):
-    """Steps per second."""
+    """Steps or points per second."""
 
     def __init__(self, steps_per_period: int) -> None:
         """Keep the number of steps per period."""
@@ -69,7 +81,7 @@ class _Rate(ProgressColumn):
     def render(self, task: Task) -> Text:
         """Return the rate as text."""
         speed = task.speed
-        return Text(f"{speed * self.steps_per_period:,.0f} steps/s" if speed else "")
+        return Text(_rate(speed, self.steps_per_period) if speed else "")
 
 
 class PlainProgress:
@@ -77,7 +89,7 @@ class PlainProgress:
 
     Attributes:
         say: what a line is handed to.
-        steps_per_period: for the rate.
+        steps_per_period: for the rate; 0 counts points.
     """
 
     def __init__(
@@ -101,7 +113,8 @@ class PlainProgress:
         is_next_tenth = done * LINES // total > self._said[1] * LINES // total
         if done == total or is_next_tenth or now[0] - self._said[0] >= SILENCE:
             self._said = now
-            self.say(f"period {done} of {total}{self._rate(self._start, now, total)}")
+            unit = _unit(self.steps_per_period)
+            self.say(f"{unit} {done} of {total}{self._rate(self._start, now, total)}")
 
     def _rate(self, start: tuple[float, int], now: tuple[float, int], total: int) -> str:
         """Return the rate and the time left, once they are known."""
@@ -109,4 +122,4 @@ class PlainProgress:
         if seconds <= 0.0 or periods <= 0:
             return ""
         left = (total - now[1]) * seconds / periods
-        return f", {periods * self.steps_per_period / seconds:,.0f} steps/s, {left:.0f} s left"
+        return f", {_rate(periods / seconds, self.steps_per_period)}, {left:.0f} s left"

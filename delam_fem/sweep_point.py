@@ -1,0 +1,220 @@
+"""One point of a sweep after another, in a worker: case, model, engine, run, row of numbers.
+
+No dataset is built, and models are kept for the points that share them. Nothing of dolfinx or PETSc
+is imported unless the sweep asks for it, so that a worker starts fast.
+"""
+
+from __future__ import annotations
+
+import logging
+import pickle
+import threading
+import time
+from dataclasses import dataclass, field
+from functools import lru_cache
+
+import numpy as np
+
+from delam_fem import reference
+from delam_fem.initial import first_mode, initial_state
+from delam_fem.lyapunov import largest_exponent
+from delam_fem.model import Model
+from delam_fem.operators import FloatArray, Operators
+from delam_fem.parameters import Case, CaseError
+from delam_fem.recorder import Recorder
+from delam_fem.recording import motion_of, recorder_of
+from delam_fem.simulate import Engine, State, simulate
+from delam_fem.sweep_quantities import Quantity, quantities, row_of
+from delam_fem.sweepgrid import Sweep
+
+KEPT_MODELS = 16
+"""Models a worker keeps; neighbouring points mostly share one."""
+_KEPT_SWEEPS = 4
+
+_log = logging.getLogger(__name__)
+_thread = threading.local()
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """Points that a worker computes one after the other.
+
+    Attributes:
+        track: number of the track, -1 if the points are independent.
+        indices: the points.
+        state: at the end of the point before, None where there is none.
+    """
+
+    track: int
+    indices: tuple[int, ...]
+    state: State | None = None
+
+
+@dataclass(frozen=True)
+class Point:
+    """What came of a point.
+
+    Attributes:
+        index: of the point.
+        outcome: "completed", "diverged" or "failed".
+        error: why, empty where completed.
+        row: the numbers, shape as `sweep_quantities.quantities` says; None unless completed.
+    """
+
+    index: int
+    outcome: str
+    error: str
+    row: FloatArray | None
+
+
+@dataclass(frozen=True)
+class Done:
+    """What came of a chunk.
+
+    Attributes:
+        chunk: the chunk.
+        points: its points, in order.
+        state: at the end of the last point of a track that was completed.
+        seconds: time that they took.
+        idle: time that the worker had waited for them, 0 for its first [s].
+    """
+
+    chunk: Chunk
+    points: tuple[Point, ...]
+    state: State | None
+    seconds: float
+    idle: float
+
+
+@dataclass
+class PointRunner:
+    """Computes points of one sweep.
+
+    Attributes:
+        sweep: the sweep.
+    """
+
+    sweep: Sweep
+    _models: dict[object, Model] = field(default_factory=dict)
+
+    def quantities(self, n_nodes: int) -> tuple[Quantity, ...]:
+        """Return the layout of a row."""
+        return quantities(self.sweep.file.record, n_nodes)
+
+    def point(self, index: int, carried: State | None) -> tuple[Point, State | None]:
+        """Compute a point; whatever goes wrong is part of the result.
+
+        Args:
+            index: of the point.
+            carried: state to start from; None: from the initial conditions.
+
+        Returns:
+            The point, and the state at its end if it was completed.
+        """
+        try:
+            with np.errstate(all="ignore"):  # a diverged motion is told by its outcome
+                return self._computed(index, carried)
+        except Exception as error:
+            _log.debug("point %d", index, exc_info=True)
+            kind = "" if isinstance(error, CaseError) else f"{type(error).__name__}: "
+            return Point(index, "failed", f"{kind}{error}", None), None
+
+    def model(self, case: Case) -> Model:
+        """Return the discretised case, made once for the cases that share it."""
+        key = (case.lamina, case.gap, case.mesh, case.damping, case.time.mass)
+        if key not in self._models:
+            while len(self._models) >= KEPT_MODELS:
+                del self._models[next(iter(self._models))]
+            self._models[key] = _assemble(case, self.sweep.file.operators)
+        return self._models[key]
+
+    def _computed(self, index: int, carried: State | None) -> tuple[Point, State | None]:
+        record = self.sweep.file.record
+        case = self.sweep.case(index)
+        if not record.node_distortion:
+            output = case.output.model_copy(update={"fields_per_period": 0})
+            case = case.model_copy(update={"output": output})
+        model = self.model(case)
+        operators = model.operators
+        if carried is None:
+            carried = initial_state(case, operators, self.sweep.initial(index))
+        engine = _engine(case, operators, self.sweep.file.engine)
+        try:
+            recorder, motion = recorder_of(case, operators), motion_of(case)
+            engine.start(carried, motion(0)[0])
+            outcome = simulate(engine, recorder, motion)
+            if outcome != "completed":
+                return Point(index, outcome, _where(recorder, case), None), None
+            state = engine.state()
+            extra = {}
+            if record.lyapunov:
+                extra["lyapunov_exponent"] = largest_exponent(
+                    engine,
+                    operators,
+                    recorder,
+                    motion,
+                    direction=first_mode(operators, 0) + first_mode(operators, 1),
+                    period=case.period,
+                    periods=record.lyapunov,
+                    perturbation=record.perturbation,
+                )
+        finally:
+            engine.destroy()
+        wanted = self.quantities(model.x.size)
+        row = row_of(wanted, case, recorder, operators.gap0, extra)
+        return Point(index, outcome, "", row), state
+
+
+def compute(packed: bytes, chunk: Chunk) -> Done:
+    """Compute a chunk; this is what an executor is given.
+
+    Args:
+        packed: the pickled sweep; unpacked once per worker.
+        chunk: the points.
+    """
+    begin = time.perf_counter()
+    idle = begin - getattr(_thread, "end", begin)
+    runner, state = _runner(packed), chunk.state
+    points = []
+    for index in chunk.indices:
+        carried = state if chunk.track >= 0 else None
+        point, after = runner.point(index, carried)
+        points.append(point)
+        if chunk.track >= 0 and after is not None:
+            state = after  # past a point that failed, the last good state goes on
+    _thread.end = time.perf_counter()
+    return Done(chunk, tuple(points), state, _thread.end - begin, idle)
+
+
+@lru_cache(maxsize=_KEPT_SWEEPS)
+def _runner(packed: bytes) -> PointRunner:
+    return PointRunner(pickle.loads(packed))
+
+
+def _assemble(case: Case, operators: str) -> Model:
+    """Assemble a case; the closed form needs no dolfinx and is equal to round-off."""
+    if operators == "closed-form":
+        return reference.assemble(case)
+    from delam_fem import beam
+
+    return beam.assemble(case)
+
+
+def _engine(case: Case, operators: Operators, name: str) -> Engine:
+    """Return the engine of a name."""
+    if name == "compiled":
+        from delam_fem.compiled import compiled_engine
+
+        return compiled_engine(case, operators)
+    from mpi4py import MPI
+
+    from delam_fem.engines import petsc_engine
+
+    return petsc_engine(case, operators, MPI.COMM_SELF)
+
+
+def _where(recorder: Recorder, case: Case) -> str:
+    """Say when a motion diverged."""
+    last = recorder.window[-1].n_steps
+    t = ((recorder.n_closed - 1) * recorder.steps_per_period + last) * case.time_step
+    return f"diverged at t = {t:.6g} s (period {recorder.n_closed})"
