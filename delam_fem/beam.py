@@ -12,6 +12,7 @@ afterwards (paper eq. 9, 10).
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,7 @@ from mpi4py import MPI
 from delam_fem.gap import initial_gap
 from delam_fem.hermite import BENDING_DEGREE, MASS_DEGREE, Hermite
 from delam_fem.mesh import node_coordinates
-from delam_fem.model import Model
+from delam_fem.model import Model, crossing_rate
 from delam_fem.operators import BaseCoupling, FloatArray, IntArray, Operators
 from delam_fem.parameters import Case
 
@@ -55,12 +56,12 @@ def assemble(
     laminae = Hermite.on_line(comm, np.tile(x, 2), _two_lines(n))
     M, C, K, lumped = _matrices(case, laminae, n, (EI, rhoA))
     middle = 0.5 * (x[1:] + x[:-1])
-    return Model(
-        operators=_operators(case, x, (M, C, K), lumped),
-        x=x,
-        flexural_rigidity=np.array([np.broadcast_to(EI(i, middle), n) for i in (0, 1)]),
-        mass_per_length=np.array([np.broadcast_to(rhoA(i, middle), n) for i in (0, 1)]),
+    EI_of_cell, rhoA_of_cell = (
+        np.array([np.broadcast_to(profile(i, middle), n) for i in (0, 1)]) for profile in (EI, rhoA)
     )
+    operators = _operators(case, x, (M, C, K), lumped)
+    rate = crossing_rate(x, EI_of_cell, rhoA_of_cell)
+    return Model(replace(operators, recovery_rate=rate), x, EI_of_cell, rhoA_of_cell)
 
 
 def _two_lines(n: int) -> IntArray:
@@ -119,8 +120,8 @@ def _operators(
     dofs = np.arange(4 * (n + 1)).reshape(2, n + 1, 2)  # lamina, node, (u, phi)
     free, base = dofs[:, 1:].ravel(), dofs[:, 0, 0]
     mass, damping, stiffness = (matrix[free][:, free].tocsr() for matrix in matrices)
-    columns = (np.asarray(matrix[free][:, base].sum(axis=1)).ravel() for matrix in matrices)
-    corner = (float(matrix[base][:, base].sum()) for matrix in matrices)
+    m, c, k = (np.asarray(matrix[free][:, base].sum(axis=1)).ravel() for matrix in matrices)
+    m_aa, c_aa, k_aa = (float(matrix[base][:, base].sum()) for matrix in matrices)
     pairs = np.arange(n)
     u1, u2 = 2 * pairs, 2 * (n + pairs)
     ones = np.ones(n)
@@ -133,7 +134,7 @@ def _operators(
         damping=damping,
         stiffness=stiffness,
         lumped_mass=lumped[free],
-        base=BaseCoupling(*columns, corner=(next(corner), next(corner), next(corner))),
+        base=BaseCoupling(m, c, k, corner=(m_aa, c_aa, k_aa)),
         gap_matrix=H,
         gap0=initial_gap(case.gap, x, case.lamina[0].length)[1:],
         observed=np.array([u1[-1], u2[-1]]),

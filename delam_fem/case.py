@@ -80,11 +80,11 @@ class Case(Section):
                 f"expected the length {first.length!r} of lamina {first.name}, as the contact "
                 f"line needs opposite points, given {second.length!r}",
             )
-        if self.contact.law == "moreau" and self.time.scheme == "central-difference":
+        if self.contact.law.startswith("moreau") and self.time.scheme == "central-difference":
             raise inconsistent(
                 "time.scheme",
-                'expected "newmark" with contact.law "moreau", which has a time stepping of its '
-                'own, given "central-difference"',
+                f'expected "newmark" with contact.law "{self.contact.law}", which has a time '
+                'stepping of its own, given "central-difference"',
             )
         if self.output.fields_per_period > self.time.steps_per_period:
             raise inconsistent(

@@ -11,6 +11,9 @@ import numpy as np
 from delam_fem import complementarity
 from delam_fem.operators import FloatArray
 
+LARGEST_RECOVERY = 0.9
+"""Share of a penetration that a step may take back."""
+
 
 def separate_impulses(
     rate_pre: FloatArray, restitution: float, inverse_mass: FloatArray
@@ -45,6 +48,45 @@ def coupled_impulses(
         ArithmeticError: no solution (velocities or W are not finite).
     """
     return complementarity.solve(compliance, rate_free + restitution * rate_pre)
+
+
+def floor_impulses(lacking: FloatArray, compliance: FloatArray) -> FloatArray:
+    """Return the impulses that lift gap rates to their floors.
+
+        0 <= p  ⊥  W p + lacking >= 0
+
+    Args:
+        lacking: gap rates without impulses less their floors, shape (k,) [m/s].
+        compliance: W of the k pairs, shape (k, k) [1/kg].
+
+    Raises:
+        ArithmeticError: no solution (velocities or W are not finite).
+    """
+    return complementarity.solve(compliance, lacking)
+
+
+def recovery_floor(
+    gap: FloatArray,
+    rate_pre: FloatArray,
+    restitution: float,
+    recovery_rate: FloatArray,
+    time_step: float,
+) -> FloatArray:
+    """Return the gap rate below which no pair may end a step (law "moreau-recovery").
+
+        open, U > 0:     U̇⁺ >= -2 U / Δt                       the gap may be used up by mid-step
+        closed, U <= 0:  U̇⁺ >= -e min(U̇, 0) - κ U              Newton's law; penetrations recede
+
+    Args:
+        gap: U at the start of the step, shape (n_pairs,) [m].
+        rate_pre: U̇ at the start of the step, shape (n_pairs,) [m/s].
+        restitution: e [-].
+        recovery_rate: κ, shape (n_pairs,) [1/s]; at most `LARGEST_RECOVERY` is taken back a step.
+        time_step: Δt [s].
+    """
+    rate = np.minimum(recovery_rate, LARGEST_RECOVERY / time_step)
+    closed = -restitution * np.minimum(rate_pre, 0.0) - rate * gap
+    return np.where(gap > 0.0, -2.0 * gap / time_step, closed)
 
 
 def spring_energy(stiffness: float, gap: FloatArray) -> float:

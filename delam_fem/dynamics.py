@@ -47,6 +47,11 @@ class LazyCompliance:
         self._require(pairs)
         return self._values[pairs[:, None], pairs]
 
+    def columns(self, pairs: IntArray) -> FloatArray:
+        """Return the columns of some pairs, shape (n_pairs, k)."""
+        self._require(pairs)
+        return self._values[:, pairs]
+
 
 class LumpedCompliance:
     """H D^-1 H^T of the lumped mass D; pairs of different nodes do not feel one another."""
@@ -144,8 +149,11 @@ class Dynamics:
         self._impulse.spread()
         self._H.multTranspose(self._impulse.vector, self._r)
         factor.solve(self._r, self._w)
-        self._H.mult(self._w, self._rate.vector)
-        return self._rate.gather().copy()
+        gaps = petsc.Shared(self._H.createVecLeft())  # a law may be looking at the usual ones
+        self._H.mult(self._w, gaps.vector)
+        result = gaps.gather().copy()
+        gaps.destroy()
+        return result
 
     # -- what a recorder sees -----------------------------------------------------------------
 

@@ -11,7 +11,14 @@ from delam_fem.newmark import Newmark
 from delam_fem.operators import Operators
 from delam_fem.parameters import Case
 from delam_fem.simulate import StepByStep
-from delam_fem.supervisor import Impacts, MoreauImpacts, NoContact, PenaltySprings, Supervisor
+from delam_fem.supervisor import (
+    Impacts,
+    MoreauImpacts,
+    MoreauRecovery,
+    NoContact,
+    PenaltySprings,
+    Supervisor,
+)
 
 
 def petsc_engine(case: Case, operators: Operators, comm: MPI.Intracomm) -> StepByStep:
@@ -25,7 +32,7 @@ def petsc_engine(case: Case, operators: Operators, comm: MPI.Intracomm) -> StepB
     Raises:
         CaseError: the time step is beyond the stability limit of the scheme.
     """
-    if case.contact.law == "moreau":
+    if case.contact.law.startswith("moreau"):
         return _moreau(case, operators, PETSc.Comm(comm))
     stepper = _newmark(case, operators, PETSc.Comm(comm))
     return StepByStep(stepper, _supervisor(case, stepper))
@@ -71,11 +78,19 @@ def _supervisor(case: Case, stepper: Newmark) -> Supervisor:
 
 
 def _moreau(case: Case, operators: Operators, comm: PETSc.Comm) -> StepByStep:
-    stepper = MoreauJean(operators, case.time_step, comm=comm)
-    supervisor = MoreauImpacts(
+    e, resting = case.contact.restitution, case.contact.threshold_velocity
+    if case.contact.law == "moreau":
+        stepper = MoreauJean(operators, case.time_step, comm=comm)
+        law = MoreauImpacts(
+            stepper.compliance, n_pairs=operators.n_pairs, restitution=e, resting_velocity=resting
+        )
+        return StepByStep(stepper, law)
+    stepper = MoreauJean(operators, case.time_step, anticipates=True, comm=comm)
+    recovery = MoreauRecovery(
         stepper.compliance,
-        n_pairs=operators.n_pairs,
-        restitution=case.contact.restitution,
-        resting_velocity=case.contact.threshold_velocity,
+        restitution=e,
+        resting_velocity=resting,
+        recovery_rate=operators.recovery_rate,
+        time_step=case.time_step,
     )
-    return StepByStep(stepper, supervisor)
+    return StepByStep(stepper, recovery)

@@ -27,6 +27,7 @@ class MoreauJean(Dynamics):
         time_step: float,
         *,
         theta: float = 0.5,
+        anticipates: bool = False,
         comm: PETSc.Comm = PETSc.COMM_SELF,
     ) -> None:
         """Factorise Â.
@@ -35,10 +36,12 @@ class MoreauJean(Dynamics):
             operators: the semi-discrete problem.
             time_step: Δt [s].
             theta: θ, from 1/2 (no numerical damping) to 1.
+            anticipates: show the law every gap before it closes (`contact.recovery_floor`) instead
+                of the pairs of J2.
             comm: PETSc communicator.
         """
         super().__init__(operators, time_step, comm)
-        o, self._theta = operators, theta
+        o, self._theta, self._anticipates = operators, theta, anticipates
         to = theta * time_step
         # divided by -Δt, so that a solve with the right-hand side of _load gives v⁺ - v
         self._A = petsc.Factor(
@@ -52,8 +55,11 @@ class MoreauJean(Dynamics):
 
     @property
     def gap(self) -> FloatArray:
-        """Predicted gaps U + Δt/2 U̇ at the start of the step, shape (n_pairs,) [m]."""
-        return self._predicted.gather()
+        """Gaps that the law examines, shape (n_pairs,) [m].
+
+        Those at the start of the step where the law anticipates, else predicted as in J2.
+        """
+        return self._gap.gather() if self._anticipates else self._predicted.gather()
 
     def rate_pre(self) -> FloatArray:
         """Return gap rates at the start of the step, shape (n_pairs,) [m/s]."""
@@ -67,9 +73,9 @@ class MoreauJean(Dynamics):
         """Make the free motion of the next step; return the smallest predicted gap [m]."""
         u, v, r, w, dt, theta = self.u, self.v, self._r, self._w, self.time_step, self._theta
         predicted, rate = self._predicted.vector, self._rate_start.vector
-        self._H.multAdd(u, self._gap0, predicted)
+        self._H.multAdd(u, self._gap0, self._gap.vector)
         self._H.mult(v, rate)
-        predicted.axpy(0.5 * dt, rate)
+        predicted.waxpy(0.5 * dt, rate, self._gap.vector)
         v.copy(self._start)
         w.waxpy(theta * dt, v, u)
         self._K.mult(w, r)
@@ -84,6 +90,10 @@ class MoreauJean(Dynamics):
         v.axpy(1.0, w)
         u.axpy(dt * (1.0 - theta), self._start)
         u.axpy(dt * theta, v)
+        if self._anticipates:
+            self._H.mult(v, predicted)
+            predicted.scale(0.5 * dt)
+            predicted.axpy(1.0, self._gap.vector)  # below 0 where U̇⁺ < -2 U / Δt
         return float(predicted.min()[1])
 
     def jump(self, decision: Decision) -> tuple[float, float]:

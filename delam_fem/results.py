@@ -64,7 +64,8 @@ class Result:
         Raises:
             OSError: the folder cannot be written or the disk is full.
         """
-        from delam_fem import plots, report, vtk
+        from delam_fem import plots, vtk
+        from delam_fem.report import write_report
 
         directory = Path(directory)
         written = self.save_numbers(directory)
@@ -73,7 +74,7 @@ class Result:
             collection = vtk.write_fields(self.history, self.case, directory / "fields")
             picture = vtk.render(self.history, self.case, directory / "figures" / "laminae.png")
             written += [path for path in (collection, picture) if path is not None]
-        written.append(report.write_report(self.history, self.summary, self.case, directory))
+        written.append(write_report(self.history, self.summary, self.case, directory))
         return written
 
     def save_numbers(self, directory: str | Path) -> list[Path]:

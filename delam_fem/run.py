@@ -128,12 +128,17 @@ def _result(
 def _divergence(case: Case, history: Any) -> str:
     """Say when and with what energy a run diverged, and what may help."""
     energy = float(history.energy_kinetic[-1] + history.energy_strain[-1])
-    remedy = "fewer elements or more steps per period"
-    if case.contact.impulse == "lumped" and case.time.mass == "consistent":
+    law = case.contact.law
+    adds_energy = case.contact.impulse == "lumped" and case.time.mass == "consistent"
+    if law == "none":
+        remedy = "a smaller excitation.amplitude: linear beams know no large displacements"
+    elif law in ("newton", "newton-penalty") and adds_energy:
         remedy = (
             'contact.impulse = "consistent" or time.mass = "lumped": with the consistent mass, '
             "lumped impulses can add energy"
         )
+    else:
+        remedy = "more steps per period, fewer elements or a smaller excitation.amplitude"
     return (
         f"diverged at t = {float(history.time[-1]):.6g} s (period {history.sizes['period']}) with "
         f"{energy:.3g} J in the laminae; try {remedy}"

@@ -191,7 +191,7 @@ class Contact(Section):
     """The contact law and its numbers.
 
     Attributes:
-        law: "none", "newton", "newton-penalty", "penalty" or "moreau".
+        law: "none", "newton", "newton-penalty", "penalty", "moreau" or "moreau-recovery".
         impulse: "lumped" on the hit nodes alone, or "consistent" with the mass matrix.
         restitution: e [-].
         penalty_stiffness: k_con [N/m per node pair].
@@ -199,7 +199,7 @@ class Contact(Section):
         threshold_velocity: gamma [m/s]; pairs that separate slower stay in contact.
     """
 
-    law: Literal["none", "newton", "newton-penalty", "penalty", "moreau"]
+    law: Literal["none", "newton", "newton-penalty", "penalty", "moreau", "moreau-recovery"]
     impulse: Literal["lumped", "consistent"] = "consistent"
     restitution: Restitution = 0.1
     penalty_stiffness: NotNegative = 100.0

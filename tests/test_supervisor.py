@@ -9,7 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from delam_fem.supervisor import Impacts, MoreauImpacts, NoContact, PenaltySprings
+from delam_fem.supervisor import (
+    Impacts,
+    MoreauImpacts,
+    MoreauRecovery,
+    NoContact,
+    PenaltySprings,
+)
 
 E = 0.25
 GAMMA = 1e-2
@@ -42,6 +48,9 @@ class Matrix:
 
     def block(self, pairs: np.ndarray) -> np.ndarray:
         return self.W[np.ix_(pairs, pairs)]
+
+    def columns(self, pairs: np.ndarray) -> np.ndarray:
+        return self.W[:, pairs]
 
 
 def seen(gap: list[float], rate: list[float]) -> Seen:
@@ -142,6 +151,47 @@ def test_moreau_reports_what_rests() -> None:
     assert decision.rate_post == pytest.approx([0.0, E])
     assert supervisor.permanent.tolist() == [True, False, False]
     assert not supervisor.is_holding
+
+
+def recovery(W: np.ndarray, rate: float = 100.0) -> MoreauRecovery:
+    n = W.shape[0]
+    return MoreauRecovery(
+        Matrix(W),
+        restitution=E,
+        resting_velocity=GAMMA,
+        recovery_rate=np.full(n, rate),
+        time_step=1e-3,
+    )
+
+
+def test_recovery_holds_every_gap_rate_above_its_floor() -> None:
+    gap = np.array([1e-4, 1.0, -1e-4, -1e-4])
+    pre = np.array([-1.0, -1.0, -1.0, 0.0])
+    free = np.array([-1.0, -1.0, -1.0, -1.0])
+    decision = recovery(np.eye(4)).examine(Seen(gap, pre, free))
+    assert decision is not None
+    assert decision.hit.tolist() == [0, 2, 3]
+    # -2 U / Δt; -e U̇ - κ U; - κ U
+    assert decision.rate_post == pytest.approx([-0.2, E + 0.01, 0.01])
+
+
+def test_recovery_takes_back_no_more_than_most_of_a_penetration() -> None:
+    decision = recovery(np.eye(1), rate=1e9).examine(Seen(np.array([-1e-4]), np.zeros(1)))
+    assert decision is not None
+    assert decision.rate_post == pytest.approx([0.9 * 1e-4 / 1e-3])
+
+
+def test_neighbours_pushed_below_their_floor_join() -> None:
+    W = np.array([[1.0, -0.9, 0.0], [-0.9, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    gap, free = np.array([-1e-9, 1e-6, 1.0]), np.array([-1.0, 0.0, 0.0])
+    decision = recovery(W).examine(Seen(gap, np.zeros(3), free))
+    assert decision is not None
+    assert decision.hit.tolist() == [0, 1]
+    assert decision.rate_post == pytest.approx([1e-7, -2e-3])
+
+
+def test_recovery_sees_nothing_where_all_is_open() -> None:
+    assert recovery(np.eye(1)).examine(Seen(np.ones(1), -np.ones(1))) is None
 
 
 @settings(max_examples=60, derandomize=True, deadline=None)
