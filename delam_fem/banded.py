@@ -1,7 +1,7 @@
 """Any other system: rows of sparse matrices, and a banded factorisation after reordering.
 
-Scalar code without assumptions on the operators: a mass on a spring, a bar, laminae with their own damping. The
-order of the dofs is that of reverse Cuthill–McKee, which keeps the band narrow.
+Scalar code without assumptions on the operators: a mass on a spring, a bar, laminae with their own
+damping. The order of the dofs is that of reverse Cuthill–McKee, which keeps the band narrow.
 """
 
 from __future__ import annotations

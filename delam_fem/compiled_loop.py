@@ -1,4 +1,4 @@
-"""The steps of a period in compiled code: step, law, ledger and record without Python in between."""
+"""The steps of a period in compiled code: step, law, ledger and record, no Python in between."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ import numpy as np
 
 from delam_fem import banded
 from delam_fem import compiled_contact as contact
+from delam_fem import compiled_springs as springs
 from delam_fem import lane_kernels as lk
 from delam_fem.banded import row_product
+from delam_fem.compiled_algebra import measure
 from delam_fem.compiled_state import (
     DISSIPATED,
     MOREAU,
@@ -17,6 +19,7 @@ from delam_fem.compiled_state import (
     N_HITS,
     N_RESTING,
     N_SPRINGS,
+    NONE,
 )
 from delam_fem.simd import pointers
 
@@ -27,27 +30,9 @@ OPEN, HIT, PERMANENT = (np.int8(k) for k in range(3))
 
 
 @numba.njit(cache=True)
-def _advance_chained(system, memory, base, keeps):  # type: ignore[no-untyped-def]
-    """Make the candidate state in lane order; return zᵀ C z and the smallest gap."""
-    X, size, c, force, column = memory.X, system.size, system.coefficients, memory.force, system.base
-    q, dq, ddq = base
-    dt = system.scheme.time_step
-    for i in range(lk.ROW):
-        load = column[i] * ddq + column[size + i] * dq + column[2 * size + i] * q
-        force[i] = -dt * load
-    if system.is_diagonal_load:
-        lk.eliminate_diagonal(X, size, c, system.load_tape, system.solution, force)
-    else:
-        lk.eliminate_chained(X, size, c, system.load_tape, system.solution, force)
-    held = lk.U if system.is_diagonal_load else lk.V
-    return lk.finish(X, size, c, system.solution, system.form, system.rest, held, keeps)
-
-
-@numba.njit(cache=True)
-def _advance_banded(system, memory, base):  # type: ignore[no-untyped-def]
+def _advance_banded(system, memory, q, dq, ddq):  # type: ignore[no-untyped-def]
     """Make the candidate state of any system; return zᵀ C z and the smallest gap."""
     X, size, column, scheme = memory.X, system.size, system.base, system.scheme
-    q, dq, ddq = base
     for i in range(size):
         v, a = X[size + i], X[lk.A * size + i]
         X[i] += scheme.time_step * v + scheme.c2 * a
@@ -90,7 +75,7 @@ def _smallest_gap(system, X, ahead):  # type: ignore[no-untyped-def]
     return smallest
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, forceinline=True)
 def _look_ahead(system, memory, ahead):  # type: ignore[no-untyped-def]
     """Return the smallest predicted gap; keep gaps and rates where one is closed (J2)."""
     if memory.counts[N_RESTING]:
@@ -99,41 +84,77 @@ def _look_ahead(system, memory, ahead):  # type: ignore[no-untyped-def]
             memory.permanent[k] = 0
     smallest = _smallest_gap(system, memory.X, ahead)
     if smallest <= 0.0:
-        contact.measure(system, memory.X, ahead, memory.gap, memory.rate)
+        measure(system, memory.X, ahead, memory.gap, memory.rate)
     return smallest
 
 
-@numba.njit(cache=True)
-def _advance(system, law, memory, states, step, is_jumping):  # type: ignore[no-untyped-def]
-    """Make the candidate state of a step, springs included; return zᵀ C z and the smallest gap."""
-    base, after = memory.base, system.scheme.theta
-    before, k = 1.0 - after, 3 * step
-    q, dq, ddq = states[k], states[k + 1], states[k + 2]
-    mixed = (
-        after * q + before * base[0], after * dq + before * base[1], after * ddq + before * base[2]
-    )  # fmt: skip
-    base[0], base[1], base[2] = q, dq, ddq
-    has_springs = memory.counts[N_SPRINGS] > 0
-    if system.is_chained:
-        flow, smallest = _advance_chained(system, memory, mixed, has_springs or is_jumping)
-    else:
-        flow, smallest = _advance_banded(system, memory, mixed)
-    if has_springs:
-        contact.push_springs(system, law, memory)
-        return _loss(system, memory.X), _smallest_gap(system, memory.X, 0.0)
-    return flow, smallest
+@numba.njit(cache=True, forceinline=True)
+def _mix_base(system, base, states, step):  # type: ignore[no-untyped-def]
+    """Return the base at θ within a step, and take over its state at the end."""
+    after, k = system.scheme.theta, 3 * step
+    before = 1.0 - after
+    q = after * states[k] + before * base[0]
+    dq = after * states[k + 1] + before * base[1]
+    ddq = after * states[k + 2] + before * base[2]
+    base[0], base[1], base[2] = states[k], states[k + 1], states[k + 2]
+    return q, dq, ddq
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, forceinline=True)
 def _observe(system, X, u, v, row):  # type: ignore[no-untyped-def]
     """Write row `row` of m_b·u, c_b·u, k_b·u and the observed u; of the observed v."""
     n = system.n_observed
     first_u, first_v = row * (3 + n), row * n
-    for j in range(3):
-        u[first_u + j] = row_product(system.seen, j, X, 0)
+    if system.is_chained:
+        lk.base_rows(system, X, u, first_u)
+    else:
+        for j in range(3):
+            u[first_u + j] = row_product(system.base_rows, j, X, 0)
     for k in range(n):
         place = system.observed[k]
         u[first_u + 3 + k], v[first_v + k] = X[place], X[system.size + place]
+
+
+@numba.njit(cache=True)
+def _glide(system, memory, log, steps, touch, is_moreau):  # type: ignore[no-untyped-def]
+    """Compute steps in lane order while no gap is as small as `touch`; there are no springs.
+
+    Returns:
+        A step whose candidate touches, not yet recorded, its zᵀ C z and smallest gap; where none
+        does, the step after the last.
+    """
+    X, totals, weight = memory.X, memory.totals, system.scheme.weight
+    predicted, ahead = np.inf, system.scheme.gap_ahead
+    first, last = steps
+    for step in range(first, last + 1):
+        if is_moreau:
+            predicted = _look_ahead(system, memory, ahead)
+        q, dq, ddq = _mix_base(system, memory.base, log.base_states, step)
+        flow, smallest = lk.step(system, X, q, dq, ddq, predicted <= 0.0)
+        if is_moreau:
+            smallest = predicted
+        if smallest <= touch:
+            return step, flow, smallest
+        totals[DISSIPATED] += weight * flow
+        _observe(system, X, log.u, log.v, step)
+    return last + 1, 0.0, np.inf
+
+
+@numba.njit(cache=True)
+def _advance(system, law, memory, log, step):  # type: ignore[no-untyped-def]
+    """Make one candidate of any kind, springs included; return zᵀ C z and the smallest gap."""
+    X, predicted, is_moreau = memory.X, np.inf, law.kind == MOREAU
+    if is_moreau:
+        predicted = _look_ahead(system, memory, system.scheme.gap_ahead)
+    q, dq, ddq = _mix_base(system, memory.base, log.base_states, step)
+    if system.is_chained:
+        flow, smallest = lk.step(system, X, q, dq, ddq, True)
+    else:
+        flow, smallest = _advance_banded(system, memory, q, dq, ddq)
+    if memory.counts[N_SPRINGS]:
+        springs.push_springs(system, law, memory)
+        return _loss(system, X), _smallest_gap(system, X, 0.0)
+    return flow, predicted if is_moreau else smallest
 
 
 @numba.njit(cache=True)
@@ -155,37 +176,45 @@ def _keep_frame(system, memory, log, step):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
+def _contact(system, law, memory, log, step, flow):  # type: ignore[no-untyped-def]
+    """Account for the damping of a candidate and let the law act; return how it ended."""
+    if law.kind != MOREAU:
+        memory.totals[DISSIPATED] += system.scheme.weight * flow
+        return contact.examine(system, law, memory, log, step)
+    status = contact.examine(system, law, memory, log, step)
+    memory.totals[DISSIPATED] += system.scheme.weight * _loss(system, memory.X)
+    return status
+
+
+@numba.njit(cache=True)
 def _run_steps(system, law, memory, log, first, floor):  # type: ignore[no-untyped-def]
     """Compute steps with bare addresses; see `run_steps`."""
-    weight, is_moreau = system.scheme.weight, law.kind == MOREAU
-    counts, totals = memory.counts, memory.totals
-    predicted = np.inf
-    for step in range(first, log.n_steps + 1):
+    counts, step, touch = memory.counts, first, floor if law.kind == NONE else 0.0
+    while step <= log.n_steps:
         if counts[N_EVENTS] == log.n_events or counts[N_HITS] + system.n_pairs > log.n_hits:
             return step - 1, FULL
-        if is_moreau:
-            predicted = _look_ahead(system, memory, system.scheme.gap_ahead)
-        flow, smallest = _advance(
-            system, law, memory, log.base_states, step, predicted <= 0.0
-        )
-        if is_moreau:
-            smallest = predicted
+        n_frames, last = counts[N_FRAMES], log.n_steps
+        if n_frames < log.n_frames and log.frame_steps[n_frames] >= step:
+            last = log.frame_steps[n_frames]
+        if system.is_chained and counts[N_SPRINGS] == 0:
+            step, flow, smallest = _glide(
+                system, memory, log, (step, last), touch, law.kind == MOREAU
+            )
         else:
-            totals[DISSIPATED] += weight * flow
-        if smallest <= 0.0 or counts[N_SPRINGS] > 0:
-            if smallest < floor:
-                return step - 1, DIVERGED
-            status = contact.examine(system, law, memory, log, step)
-            if status != contact.DONE:
-                return step - 1, status
-            if is_moreau:
-                flow = _loss(system, memory.X)
-        if is_moreau:
-            totals[DISSIPATED] += weight * flow
-        _observe(system, memory.X, log.u, log.v, step)
-        n_frames = counts[N_FRAMES]
-        if n_frames < log.n_frames and log.frame_steps[n_frames] == step:
-            _keep_frame(system, memory, log, step)
+            flow, smallest = _advance(system, law, memory, log, step)
+        if step <= last:
+            if smallest <= 0.0 or counts[N_SPRINGS] > 0:
+                if smallest < floor:
+                    return step - 1, DIVERGED
+                status = _contact(system, law, memory, log, step, flow)
+                if status != contact.DONE:
+                    return step - 1, status
+            else:
+                memory.totals[DISSIPATED] += system.scheme.weight * flow
+            _observe(system, memory.X, log.u, log.v, step)
+            step += 1
+        if step > last and n_frames < log.n_frames and log.frame_steps[n_frames] == last:
+            _keep_frame(system, memory, log, last)
     return log.n_steps, COMPLETED
 
 
@@ -197,8 +226,8 @@ def run_steps(system, law, memory, log, first, floor):  # type: ignore[no-untype
     """Compute the steps from `first` to the end of the period.
 
     Returns:
-        The last step done and how the loop ended: COMPLETED, DIVERGED, FULL (empty the event buffers
-        and go on), or a failure of compiled_contact.py.
+        The last step done and how the loop ended: COMPLETED, DIVERGED, FULL (empty the event
+        buffers and go on), or a failure of compiled_contact.py.
     """
     return _run_steps(pointers(system), law, pointers(memory), pointers(log), first, floor)
 
@@ -212,13 +241,13 @@ def observe(system, memory, u, v):  # type: ignore[no-untyped-def]
 @numba.njit(cache=True)
 def renew(system, law, memory):  # type: ignore[no-untyped-def]
     """Compute the accelerations from the equation of motion."""
-    contact.renew_acceleration(pointers(system), law, pointers(memory))
+    springs.renew_acceleration(pointers(system), law, pointers(memory))
 
 
 @numba.njit(cache=True)
 def list_springs(system, memory):  # type: ignore[no-untyped-def]
     """Bring the list of spring pairs in line with `permanent`."""
-    contact.list_springs(pointers(system), pointers(memory))
+    springs.list_springs(pointers(system), pointers(memory))
 
 
 @numba.njit(cache=True)
@@ -232,4 +261,4 @@ def stored_energies(system, law, memory):  # type: ignore[no-untyped-def]
         attachment += s.base[2 * size + i] * X[i]
     kinetic = 0.5 * banded.form(s.mass, size, X, size)
     strain = 0.5 * banded.form(s.stiffness, size, X, 0)
-    return kinetic, strain, contact.spring_energy(s, law, m), momentum, attachment
+    return kinetic, strain, springs.spring_energy(s, law, m), momentum, attachment

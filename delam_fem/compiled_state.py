@@ -31,8 +31,8 @@ class Law(NamedTuple):
         restitution: e [-].
         stiffness: of the springs [N/m].
         damping: of the springs [N s/m].
-        threshold: rate after an impact below which a pair rests on a spring, -inf: never; MOREAU: approach
-            slower than this counts as resting [m/s].
+        threshold: rate after an impact below which a pair rests on a spring, -inf: never; MOREAU:
+            approach slower than this counts as resting [m/s].
     """
 
     kind: int
@@ -49,7 +49,6 @@ class Memory(NamedTuple):
     Attributes:
         X: fields of lane_kernels.py one after the other, shape (8 size,).
         base: q, q', q'' of the base now, shape (3,).
-        force: load of the base on the first row, shape (8,).
         totals: dissipated, damped in contacts, by impacts, released by springs so far [J].
         counts: springs, what is filled of the event buffers, pairs at rest under MOREAU.
         permanent: pairs that carry a spring, shape (n_pairs,).
@@ -64,7 +63,6 @@ class Memory(NamedTuple):
 
     X: FloatArray
     base: FloatArray
-    force: FloatArray
     totals: FloatArray
     counts: IntArray
     permanent: npt.NDArray[np.uint8]
@@ -124,7 +122,6 @@ def memory(size: int, n_pairs: int) -> Memory:
     return Memory(
         X=aligned_zeros(N_FIELDS * size),
         base=np.zeros(3),
-        force=aligned_zeros(8),
         totals=np.zeros(4),
         counts=np.zeros(5, dtype=np.int64),
         permanent=np.zeros(n_pairs, dtype=np.uint8),

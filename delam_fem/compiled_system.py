@@ -1,7 +1,8 @@
 """What compiled code knows of a problem: the operators in its own order, the scheme, the factors.
 
 Two laminae with Rayleigh damping, under the θ-scheme or the average acceleration, go in lane order
-(lane_kernels.py). Everything else goes by sparse rows and bands (banded.py), where a step of either scheme is
+(lane_kernels.py). Everything else goes by sparse rows and bands (banded.py), where a step of either
+scheme is
 
     ũ = u + Δt v + c2 a,   ṽ = v + c3 a                                                        (G1)
     A a⁺ = f - C ṽ - K (ũ + g ṽ),   A = M + p C + q K                                           (G2)
@@ -37,7 +38,7 @@ class Scheme(NamedTuple):
         p, q, c2, c3, g, d1, d2, rho: see the module.
         weight: of the damping loss [s].
         theta: where in the step the load of the base is taken: 1 at its end.
-        gap_ahead: time by which the examined gaps are extrapolated from the start; 0: the end's [s].
+        gap_ahead: time by which gaps are extrapolated from the start; 0: those of the end [s].
         is_midpoint: whether it is the θ-scheme but for the gaps (θ = 1/2: average acceleration).
     """
 
@@ -98,7 +99,7 @@ class System(NamedTuple):
         inverse_lumped: shape (size,).
         gap_rows: H.
         gap0: gaps at rest, shape (n_pairs,) [m].
-        seen: rows m_b, c_b, k_b.
+        base_rows: base by rows.
         observed: places of the observed dofs.
     """
 
@@ -123,7 +124,7 @@ class System(NamedTuple):
     inverse_lumped: FloatArray
     gap_rows: Rows
     gap0: FloatArray
-    seen: Rows
+    base_rows: Rows
     observed: IntArray
 
 
@@ -153,7 +154,7 @@ def build(operators: Operators, scheme: Scheme) -> tuple[System, IntArray]:
         order = lanes.lane_order(o.n_dofs // 4)
         tapes = _tapes(o, scheme.as_theta(), order)
         if tapes is not None:
-            size = lanes.ROW * -(-o.n_dofs // lanes.ROW)
+            size = lk.ROW * -(-o.n_dofs // lk.ROW)
             return _system(o, scheme.as_theta(), (order, size), tapes), order
     order = banded.band_order(sum(abs(matrix) for matrix in (o.mass, o.damping, o.stiffness)))
     return _system(o, scheme, (order, o.n_dofs), None), order
@@ -189,11 +190,11 @@ def _system(
         mass=banded.rows(mass),
         damping=banded.rows(damping),
         stiffness=banded.rows(stiffness),
-        base=np.ascontiguousarray(base),
+        base=lanes.flat(base).reshape(3, size),
         inverse_lumped=to @ (1.0 / o.lumped_mass),
         gap_rows=banded.rows(o.gap_matrix @ to.T),
         gap0=np.array(o.gap0, dtype=float),
-        seen=banded.rows(sp.csr_matrix(base)),
+        base_rows=banded.rows(sp.csr_matrix(base)),
         observed=order[o.observed],
     )
 
@@ -203,7 +204,7 @@ def _tapes(o: Operators, scheme: Scheme, order: IntArray) -> _Tapes | None:
     M, C, K = (lanes.chains(matrix, order) for matrix in (o.mass, o.damping, o.stiffness))
     damping, rest = lanes.rayleigh(o), _rest(o, order)
     is_at_clamp = all(
-        (order[np.flatnonzero(column)] < lanes.ROW).all()
+        (order[np.flatnonzero(column)] < lk.ROW).all()
         for column in (o.base.mass, o.base.damping, o.base.stiffness)
     )
     if M is None or C is None or K is None or damping is None or rest is None or not is_at_clamp:
@@ -257,7 +258,7 @@ def _rest(o: Operators, order: IntArray) -> FloatArray | None:
     if abs(o.gap_matrix - opposite).max() != 0.0:
         return None
     place = order[2 * pair]
-    result = aligned_zeros(lanes.LANES * -(-o.n_dofs // lanes.ROW))
+    result = aligned_zeros(lanes.LANES * -(-o.n_dofs // lk.ROW))
     result[:] = np.inf
-    result[place // lanes.ROW * lanes.LANES + place % lanes.LANES] = o.gap0
+    result[place // lk.ROW * lanes.LANES + place % lanes.LANES] = o.gap0
     return result

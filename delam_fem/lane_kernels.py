@@ -1,20 +1,21 @@
 """The step in lane order (lanes.py): sweeps over the rows, four chains at a time.
 
-All fields of the state stand in one array X; a field begins at its number times the size. The θ-scheme, and the
-average acceleration as its case θ = 1/2, is a step from (u, v) to
+All fields of the state stand in one array X; a field begins at its number times the size. The
+θ-scheme, and the average acceleration as its case θ = 1/2, is a step from (u, v) to
 
-    A v_θ = M v + θ Δt (f_θ - K u),   A = M + θ Δt C + θ² Δt² K,   u⁺ = u + Δt v_θ,   v⁺ = v_θ/θ - ρ v
+    A v_θ = M v + θ Δt (f_θ - K u),   A = M + θ Δt C + θ² Δt² K
+    u⁺ = u + Δt v_θ,   v⁺ = v_θ/θ - ρ v,   ρ = 1/θ - 1
 
-with ρ = 1/θ - 1. Where C = αM + βK, A = c_M M + c_K K, so that one of the two products on the right can be expressed by
-A itself. With z = v_θ/θ = v⁺ + ρ v the step becomes
+Where C = αM + βK, A = c_M M + c_K K, so that one of the two products on the right can be expressed
+by A itself. With z = v_θ/θ = v⁺ + ρ v the step becomes
 
     z = A⁻¹ (Δt f_θ + B w) + κ h,   w = u + s v                                              (L1)
     u⁺ = u + θ Δt z,   v⁺ = z - ρ v                                                          (L2)
     B = -Δt K,              h = v,  κ = 1/(θ c_M)                                             (L3)
     B = Δt (c_M/c_K) M,     h = u,  κ = -Δt/c_K                                               (L4)
 
-and s = c_K/(θ Δt c_M). L4 needs no product with a matrix when M is diagonal. There are no accelerations: what
-they would be follows from the equation of motion.
+and s = c_K/(θ Δt c_M). L4 needs no product with a matrix when M is diagonal. There are no
+accelerations: what they would be follows from the equation of motion.
 """
 
 from __future__ import annotations
@@ -34,19 +35,18 @@ ROW = 8
 """Numbers of a row: two components over four lanes."""
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, forceinline=True)
 def total(a):  # type: ignore[no-untyped-def]
     """Return the sum of the lanes."""
     return (lane(a, 0) + lane(a, 1)) + (lane(a, 2) + lane(a, 3))
 
 
-@numba.njit(cache=True)
-def eliminate_diagonal(X, size, c, load_tape, solution, force):  # type: ignore[no-untyped-def]
+@numba.njit(cache=True, forceinline=True)
+def eliminate_diagonal(X, size, c, load_tape, solution, force0, force1):  # type: ignore[no-untyped-def]
     """Go to the middle with r = Δt f + B w, B diagonal: y_j = r_j - L_j y_{j-1}."""
     s, v, y = load(c, 4 * S), V * size, Y * size
     w0, w1 = fma(s, load(X, v), load(X, 0)), fma(s, load(X, v + 4), load(X, 4))
-    y0 = fma(load(load_tape, 0), w0, load(force, 0))
-    y1 = fma(load(load_tape, 4), w1, load(force, 4))
+    y0, y1 = fma(load(load_tape, 0), w0, force0), fma(load(load_tape, 4), w1, force1)
     store(X, y, y0)
     store(X, y + 4, y1)
     for i in range(8, size, 8):
@@ -63,12 +63,12 @@ def eliminate_diagonal(X, size, c, load_tape, solution, force):  # type: ignore[
         store(X, y + i + 4, y1)
 
 
-@numba.njit(cache=True)
-def eliminate_chained(X, size, c, load_tape, solution, force):  # type: ignore[no-untyped-def]
+@numba.njit(cache=True, forceinline=True)
+def eliminate_chained(X, size, c, load_tape, solution, force0, force1):  # type: ignore[no-untyped-def]
     """Go to the middle with r = Δt f + B w, B block tridiagonal: y_j = r_j - L_j y_{j-1}."""
     s, v, y, zero = load(c, 4 * S), V * size, Y * size, splat(0.0)
     y0 = y1 = before0 = before1 = zero
-    r0, r1 = load(force, 0), load(force, 4)
+    r0, r1 = force0, force1
     w0, w1 = fma(s, load(X, v), load(X, 0)), fma(s, load(X, v + 4), load(X, 4))
     for i in range(0, size, 8):
         t, j = 6 * i, i + 8
@@ -100,14 +100,12 @@ def eliminate_chained(X, size, c, load_tape, solution, force):  # type: ignore[n
         before0, before1, w0, w1, r0, r1 = w0, w1, next0, next1, zero, zero
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, forceinline=True)
 def finish(X, size, c, solution, form, rest, held, keeps):  # type: ignore[no-untyped-def]
     """Go back to the ends, complete the step (L1, L2), and measure it on the way.
 
-    Args:
-        X, size, c, solution, form, rest: see compiled_system.py.
-        held: field h of L1.
-        keeps: whether z is kept in the field P.
+    `held` is the field h of L1, `keeps` tells whether z is kept in the field P; the rest is from
+    `compiled_system.System`.
 
     Returns:
         zᵀ C z and the smallest gap.
@@ -151,7 +149,37 @@ def finish(X, size, c, solution, form, rest, held, keeps):  # type: ignore[no-un
     return total(loss0 + loss1), _smallest(gap)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, forceinline=True)
+def step(system, X, q, dq, ddq, keeps):  # type: ignore[no-untyped-def]
+    """Make a candidate state with the base at q, q', q''; return zᵀ C z and the smallest gap.
+
+    `keeps` tells whether z is kept in the field P.
+    """
+    size, c, base, dt = system.size, system.coefficients, system.base, system.scheme.time_step
+    by_q, by_dq, by_ddq = splat(-dt * q), splat(-dt * dq), splat(-dt * ddq)
+    m, d, k = 0, size, 2 * size
+    force0 = fma(by_q, load(base, k), fma(by_dq, load(base, d), by_ddq * load(base, m)))
+    m, d, k = m + 4, d + 4, k + 4
+    force1 = fma(by_q, load(base, k), fma(by_dq, load(base, d), by_ddq * load(base, m)))
+    if system.is_diagonal_load:
+        held = U
+        eliminate_diagonal(X, size, c, system.load_tape, system.solution, force0, force1)
+    else:
+        held = V
+        eliminate_chained(X, size, c, system.load_tape, system.solution, force0, force1)
+    return finish(X, size, c, system.solution, system.form, system.rest, held, keeps)
+
+
+@numba.njit(cache=True, forceinline=True)
+def base_rows(system, X, out, first):  # type: ignore[no-untyped-def]
+    """Write m_b·u, c_b·u, k_b·u, which only the first row enters, to out[first:]."""
+    u0, u1, base, size = load(X, 0), load(X, 4), system.base, system.size
+    for j in range(3):
+        terms = fma(load(base, j * size + 4), u1, load(base, j * size) * u0)
+        out[first + j] = total(terms)
+
+
+@numba.njit(cache=True, forceinline=True)
 def _smallest(gap):  # type: ignore[no-untyped-def]
     """Return the smallest lane."""
     gap = smaller(gap, swap_neighbours(gap))
@@ -179,7 +207,7 @@ def loss(X, size, form):  # type: ignore[no-untyped-def]
     return total(loss0 + loss1)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, forceinline=True)
 def smallest_gap(X, size, rest, ahead):  # type: ignore[no-untyped-def]
     """Return the smallest gap of u + ahead v."""
     gap, time = splat(np.inf), splat(ahead)

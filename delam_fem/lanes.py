@@ -1,8 +1,8 @@
 """Two laminae as four chains of nodes that run from both ends to the middle, side by side.
 
-Each lamina is a chain of 2×2 blocks (u, φ) that only neighbours couple. Eliminating it from the clamp and from
-the tip at once, up to the middle, makes two chains of half the length; the two laminae make four. They
-are the four lanes of a vector:
+Each lamina is a chain of 2×2 blocks (u, φ) that only neighbours couple. Eliminating it from the
+clamp and from the tip at once, up to the middle, makes two chains of half the length; the two
+laminae make four. They are the four lanes of a vector:
 
     row      lane 0 (lamina 1)   lane 1 (lamina 1)   lane 2 (lamina 2)   lane 3 (lamina 2)
     0        node 1              node n              node 1              node n
@@ -10,8 +10,8 @@ are the four lanes of a vector:
     …                            (n odd: lanes 1 and 3 begin with an empty row instead of node n)
     m - 1    node m              node m + 1          node m              node m + 1
 
-The row that follows the last one is the last one with its neighbours swapped, so that every kernel in
-lane_kernels.py treats the middle as any other row. Coefficients are laid out row by row in the
+The row that follows the last one is the last one with its neighbours swapped, so that every kernel
+in lane_kernels.py treats the middle as any other row. Coefficients are laid out row by row in the
 order in which a kernel reads them (a tape).
 """
 
@@ -134,7 +134,7 @@ def product_tape(matrix: Chains) -> FloatArray:
 
 def diagonal_tape(matrix: Chains) -> FloatArray:
     """Return the diagonal of A, shape (8 m,)."""
-    return _flat(np.einsum("rlii->ril", matrix.middle))
+    return flat(np.einsum("rlii->ril", matrix.middle))
 
 
 def form_tape(matrix: Chains) -> FloatArray:
@@ -146,7 +146,7 @@ def form_tape(matrix: Chains) -> FloatArray:
     both[:-1] += matrix.before[1:].swapaxes(-1, -2)  # in the middle each lane counts its own side
     diagonal = np.stack([D[..., 0, 0], D[..., 0, 1] + D[..., 1, 0], D[..., 1, 1]], axis=1)
     coupling = both.transpose(0, 2, 3, 1).reshape(len(D), 4, LANES)
-    return _flat(np.concatenate([diagonal, coupling], axis=1))
+    return flat(np.concatenate([diagonal, coupling], axis=1))
 
 
 def solution_tape(matrix: Chains) -> FloatArray:
@@ -155,8 +155,9 @@ def solution_tape(matrix: Chains) -> FloatArray:
         y_j = r_j - L_j y_{j-1},   x_j = D_j⁻¹ y_j - U_j x_{j+1}
         L_j = B_j D_{j-1}⁻¹,   D_j = A_jj - L_j F_{j-1},   U_j = D_j⁻¹ F_j
 
-    with B and F the couplings backwards and forwards. In the last row the two chains of a lamina meet in
-    a 4×4 system, whose inverse takes the places of D⁻¹ and U, with y swapped for the next x.
+    with B and F the couplings backwards and forwards. In the last row the two chains of a lamina
+    meet in a 4×4 system, whose inverse takes the places of D⁻¹ and U, with y swapped for the next
+    x.
 
     Returns:
         -L_j, D_j⁻¹, -U_j of each row.
@@ -184,10 +185,11 @@ def solution_tape(matrix: Chains) -> FloatArray:
 
 def _tape(*blocks: FloatArray) -> FloatArray:
     """Return 2×2 blocks of shape (m, lanes, 2, 2) row by row, each entry over all lanes."""
-    return _flat(np.stack([block.transpose(0, 2, 3, 1) for block in blocks], axis=1))
+    return flat(np.stack([block.transpose(0, 2, 3, 1) for block in blocks], axis=1))
 
 
-def _flat(values: FloatArray) -> FloatArray:
+def flat(values: FloatArray) -> FloatArray:
+    """Return all values in a row that begins at a cache line."""
     result = simd.aligned_zeros(values.size)
     result[:] = values.ravel()
     return result

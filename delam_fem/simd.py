@@ -1,8 +1,8 @@
 """Four doubles side by side in compiled code, so that four chains are worked on at once.
 
 Numba by itself leaves loops over four lanes scalar (they are too short for its loop vectoriser, and
-vectorisation of straight code is off). `float64x4` is LLVM's <4 x double>: two or four instructions on a
-machine without registers of that width, with the same results.
+vectorisation of straight code is off). `float64x4` is LLVM's <4 x double>: two or four instructions
+on a machine without registers of that width.
 """
 
 from __future__ import annotations
@@ -54,12 +54,13 @@ def aligned_zeros(size: int) -> FloatArray:
 def pointers(typing, arrays):  # type: ignore[no-untyped-def]
     """Return a named tuple with the bare addresses of its arrays; tuples within it likewise.
 
-    Compiled code that passes arrays on counts references to them all the time, which costs more than
-    a step. The caller keeps the arrays alive; indices are not checked, of a matrix they count on through the rows.
+    Compiled code that passes arrays on counts references to them all the time, which costs more
+    than a step. The caller keeps the arrays alive; indices are not checked and count through the
+    rows of a matrix.
     """
 
     def code(context, builder, signature, values):  # type: ignore[no-untyped-def]
-        return _bare_value(context, builder, signature.args[0], values[0])
+        return _bare_value(context, builder, signature.args[0], values[0])  # type: ignore[no-untyped-call]
 
     return _bare_type(arrays)(arrays), code
 
@@ -80,7 +81,9 @@ def _bare_value(context, builder, kind, value):  # type: ignore[no-untyped-def]
         return context.make_array(kind)(context, builder, value).data
     if isinstance(kind, types.BaseNamedTuple):
         members = [
-            _bare_value(context, builder, member, builder.extract_value(value, i))
+            _bare_value(  # type: ignore[no-untyped-call]
+                context, builder, member, builder.extract_value(value, i)
+            )
             for i, member in enumerate(kind.types)
         ]
         return context.make_tuple(builder, _bare_type(kind), members)
@@ -98,7 +101,8 @@ def load(typing, pointer, index):  # type: ignore[no-untyped-def]
     """Return the four numbers from an index of a pointer on."""
 
     def code(context, builder, signature, values):  # type: ignore[no-untyped-def]
-        return builder.load(_address(context, builder, signature, values), align=8)
+        place = _address(context, builder, signature, values)  # type: ignore[no-untyped-call]
+        return builder.load(place, align=8)
 
     return float64x4(pointer, index), code
 
@@ -108,7 +112,8 @@ def store(typing, pointer, index, value):  # type: ignore[no-untyped-def]
     """Write four numbers from an index of a pointer on."""
 
     def code(context, builder, signature, values):  # type: ignore[no-untyped-def]
-        builder.store(values[2], _address(context, builder, signature, values), align=8)
+        place = _address(context, builder, signature, values)  # type: ignore[no-untyped-call]
+        builder.store(values[2], place, align=8)
         return context.get_dummy_value()
 
     return types.none(pointer, index, value), code
