@@ -1,9 +1,9 @@
 """The one door to dolfinx: imports it safely and hides what its versions name differently.
 
-Written against dolfinx 0.11 names and tried from 0.5 on; no other file asks for a version. The
-import itself needs care: dolfinx up to 0.7 switches the process to RTLD_GLOBAL for good, after
-which vtk, netCDF4 and h5py wheels break when they load their own libraries, so the switch is held
-still meanwhile.
+Written against dolfinx 0.11 names and tested with 0.5.2, 0.9.0 and 0.11.0; no other file asks for a
+version. The import itself needs care: dolfinx up to 0.7 switches the process to RTLD_GLOBAL for
+good, after which vtk, netCDF4 and h5py wheels break when they load their own libraries, so the
+switch is held still meanwhile.
 """
 
 from __future__ import annotations
@@ -72,10 +72,8 @@ def create_interval_mesh(
         import basix.ufl
 
         coordinates = basix.ufl.element("Lagrange", "interval", 1, shape=(1,))
-        try:
-            return dolfinx.mesh.create_mesh(comm, cells, coordinates, points)
-        except TypeError:  # until 0.9 the points come before the element
-            return dolfinx.mesh.create_mesh(comm, cells, points, ufl.Mesh(coordinates))
+        # by name, for until 0.9 the points come before the element
+        return dolfinx.mesh.create_mesh(comm, cells, e=coordinates, x=points)
     domain = ufl.Mesh(ufl.VectorElement("Lagrange", ufl.Cell("interval", geometric_dimension=1), 1))
     return dolfinx.mesh.create_mesh(comm, cells, points, domain)
 

@@ -23,21 +23,22 @@ die() {
     exit 1
 }
 
-# Prints the codename of the Debian release that the file $1 (os-release) describes.
+# Prints the codename of the Debian release that the file $1 (os-release) describes; testing and
+# unstable, which call themselves alike, are both "sid".
 debian_codename() {
     local id='' name=''
     if [[ -r $1 ]]; then
         id=$(. "$1" && printf '%s' "${ID:-}")
-        name=$(. "$1" && printf '%s' "${VERSION_CODENAME:-sid}")
+        name=$(. "$1" && [[ ${PRETTY_NAME:-} != */sid* ]] && printf '%s' "${VERSION_CODENAME:-}") || true
     fi
     if [[ $id != debian ]]; then
-        die "expected Debian (12 is tested), found ${id:-no os-release}. Elsewhere dolfinx comes from" \
+        die "expected Debian 12, 13 or sid, found ${id:-no os-release}. Elsewhere dolfinx comes from" \
             "conda:  conda create -n delam -c conda-forge fenics-dolfinx petsc4py mpi4py meshio python-gmsh" \
             "        conda activate delam && pip install -e '$ROOT[test]'" \
             "docker: docker run -it -v '$ROOT':/delam_fem -w /delam_fem dolfinx/dolfinx:stable" \
             "        pip install -e '.[test]'    # in the container"
     fi
-    printf '%s\n' "$name"
+    printf '%s\n' "${name:-sid}"
 }
 
 # Prints the packages that are not installed.
