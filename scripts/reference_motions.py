@@ -60,7 +60,7 @@ def strike_velocities(result: Result) -> tuple[float, float]:
 
 
 def _contacts(result: Result) -> float:
-    return float(result.summary["tip_contacts_per_period"])
+    return float(result.summary["tip_contacts_per_period"] or 0.0)  # None: law "none"
 
 
 def _no_tip_contact(result: Result) -> bool:

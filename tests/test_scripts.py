@@ -1,0 +1,47 @@
+"""The scripts in a short form; each is checked by a number that it gives."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+SCRIPTS = Path(__file__).parents[1] / "scripts"
+
+
+def script(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(name, SCRIPTS / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # dataclasses look their module up
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.slow
+def test_reference_motions_are_those_of_the_paper(capsys: pytest.CaptureFixture[str]) -> None:
+    assert script("reference_motions").main(["--periods", "90"]) == 0
+    table = capsys.readouterr().out
+    assert table.count("yes") == 4
+    assert "0.50" in table  # one contact in two periods
+
+
+def test_another_motion_is_not_taken_for_the_paper_s() -> None:
+    module = script("reference_motions")
+    settings = {"time.periods": 60, "contact.law": "none"}
+    result = module.compute("paper", 1.25, **settings)
+    assert not module.MOTIONS[3].holds(result)
+
+
+def test_benchmark_measures_ratios(tmp_path: Path) -> None:
+    figures = script("benchmark").main(["--short", "-o", str(tmp_path)])
+    rows = figures["rows"]
+    assert [row["dofs"] for row in rows] == [20, 80, 200]
+    for row in rows:
+        assert 0.0 < row["bare"] < row["without contact"]
+    assert json.loads((tmp_path / "performance.json").read_text())["rows"] == rows
