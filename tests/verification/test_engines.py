@@ -1,0 +1,164 @@
+"""The compiled engine against the PETSc engine: one motion, the same impacts, the same ledger."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from delam_fem import reference
+from delam_fem.compiled import compiled_engine
+from delam_fem.engines import petsc_engine
+from delam_fem.parameters import Case, preset
+from delam_fem.recorder import LEDGER, Recorder
+from delam_fem.recording import motion_of, recorder_of
+from delam_fem.run import run
+from delam_fem.simulate import Engine, State, simulate
+
+SAME = 1e-9
+"""m, m/s; round-off that some hundred impacts have amplified (seen: 1e-11 and less)."""
+SAME_ENERGY = 1e-9
+"""J; the laminae exchange some 1e-2 J in a period."""
+CLOSED = 1e-9
+"""Relative residual of the ledger; round-off of a thousand steps (seen: 1e-11)."""
+FIRST_IMPACTS = 20
+LAWS = ("newton", "newton-penalty", "penalty", "moreau")
+
+
+def cases() -> Iterator[Any]:
+    """Every law with every impulse that it knows, both masses, both schemes that it knows."""
+    for law in ("none", *LAWS):
+        for impulse in ("lumped", "consistent") if law.startswith("newton") else ("consistent",):
+            for mass in ("lumped", "consistent"):
+                for scheme in ("newmark", "central-difference")[: 1 if law == "moreau" else 2]:
+                    name = "-".join((law, impulse, mass, scheme))
+                    yield pytest.param(law, impulse, mass, scheme, id=name)
+
+
+def case_of(law: str, impulse: str, mass: str, scheme: str, **more: Any) -> Case:
+    settings = {
+        "contact.law": law,
+        "contact.impulse": impulse,
+        "time.mass": mass,
+        "time.scheme": scheme,
+        "time.periods": 2,
+        "output.window_periods": 2,
+        "excitation.frequency": 3.25,
+    }
+    if law == "penalty":
+        settings |= {"contact.penalty_damping": 0.3}
+    if scheme == "central-difference":  # few elements, else it needs very small steps
+        settings |= {
+            "mesh.elements": 5, "time.steps_per_period": 4000, "damping.rayleigh": "mass",
+            "time.periods": 3, "output.window_periods": 3,
+        }  # fmt: skip
+    return preset("paper", settings | more)
+
+
+def compute(case: Case, name: str, initial: State | None = None) -> tuple[Recorder, State]:
+    """Run a case on closed-form operators, which need no quadrature."""
+    operators = reference.assemble(case).operators
+    engine: Engine = (
+        compiled_engine(case, operators)
+        if name == "compiled"
+        else petsc_engine(case, operators, MPI.COMM_SELF)
+    )
+    recorder, motion = recorder_of(case, operators), motion_of(case)
+    engine.start(initial, motion(0)[0])
+    assert simulate(engine, recorder, motion) == "completed"
+    state = engine.state()
+    engine.destroy()
+    return recorder, state
+
+
+def impacts(recorder: Recorder) -> list[tuple[int, int, int]]:
+    """Return (period, step, pair) of all impacts."""
+    return [
+        (period, step, int(pair))
+        for period, record in enumerate(recorder.window)
+        for step, decision, _ in record.jumps
+        for pair in decision.hit
+    ]
+
+
+def assert_same(one: Recorder, other: Recorder) -> None:
+    for a, b in zip(one.window, other.window, strict=True):
+        assert a.n_steps == b.n_steps
+        np.testing.assert_allclose(a.u[:, 3:], b.u[:, 3:], rtol=0.0, atol=SAME)
+        np.testing.assert_allclose(a.v, b.v, rtol=0.0, atol=100.0 * SAME)  # modes up to 1 kHz
+        np.testing.assert_allclose(a.u[:, :3], b.u[:, :3], rtol=1e-7, atol=1e-7)
+        assert len(a.frames) == len(b.frames) > 0
+        for frame, same in zip(a.frames, b.frames, strict=True):
+            np.testing.assert_allclose(frame[0], same[0], rtol=0.0, atol=SAME)
+        np.testing.assert_array_equal(np.array(a.contact), np.array(b.contact))
+    np.testing.assert_allclose(one.ledger, other.ledger, rtol=0.0, atol=SAME_ENERGY)
+    np.testing.assert_allclose(one.impulse, other.impulse, rtol=1e-7)
+
+
+@pytest.mark.parametrize(("law", "impulse", "mass", "scheme"), list(cases()))
+def test_compiled_equals_petsc(law: str, impulse: str, mass: str, scheme: str) -> None:
+    case = case_of(law, impulse, mass, scheme)
+    petsc, end = compute(case, "petsc")
+    compiled, same_end = compute(case, "compiled")
+    assert_same(petsc, compiled)
+    assert impacts(petsc) == impacts(compiled)
+    if law not in ("none", "penalty"):
+        assert len(impacts(petsc)) >= FIRST_IMPACTS
+    for a, b in zip(petsc.window, compiled.window, strict=True):
+        for (_, one, energy), (_, other, same) in zip(a.jumps, b.jumps, strict=True):
+            np.testing.assert_allclose(other.impulses, one.impulses, rtol=1e-6, atol=1e-12)
+            np.testing.assert_allclose(other.rate_pre, one.rate_pre, rtol=1e-6, atol=1e-8)
+            np.testing.assert_allclose(other.rate_post, one.rate_post, rtol=1e-6, atol=1e-8)
+            assert same == pytest.approx(energy, rel=1e-6, abs=1e-14)
+    np.testing.assert_array_equal(same_end.permanent, end.permanent)
+    np.testing.assert_allclose(same_end.motion[0], end.motion[0], rtol=0.0, atol=SAME)
+    if scheme == "newmark":
+        assert compiled.energy_residual() < CLOSED
+
+
+@pytest.mark.parametrize("elements", [1, 2, 7])
+def test_any_number_of_elements(elements: int) -> None:
+    more = {"mesh.elements": elements, "excitation.frequency": 1.6}
+    case = case_of("newton-penalty", "consistent", "consistent", "newmark", **more)
+    petsc, compiled = (compute(case, name)[0] for name in ("petsc", "compiled"))
+    assert impacts(petsc) == impacts(compiled)
+    assert_same(petsc, compiled)
+
+
+def test_stiff_springs_on_many_pairs() -> None:
+    more = {"contact.penalty_stiffness": 1e4, "contact.penalty_damping": 3.0}
+    case = case_of("penalty", "consistent", "consistent", "newmark", **more)
+    petsc, compiled = (compute(case, name)[0] for name in ("petsc", "compiled"))
+    assert compiled.ledger[:, LEDGER.index("contact_damping_loss")].min() > 0.0
+    assert_same(petsc, compiled)
+    assert compiled.energy_residual() < CLOSED
+
+
+def test_small_steps_choose_the_other_product() -> None:
+    more = {"mesh.elements": 4, "time.steps_per_period": 40000, "damping.rayleigh": "mass"}
+    case = case_of("newton-penalty", "lumped", "lumped", "newmark", **more)
+    petsc, compiled = (compute(case, name)[0] for name in ("petsc", "compiled"))
+    assert_same(petsc, compiled)
+
+
+@pytest.mark.parametrize("law", ["newton-penalty", "moreau"])
+def test_engines_take_over_from_one_another(law: str) -> None:
+    case = case_of(law, "consistent", "consistent", "newmark")
+    _, state = compute(case, "petsc")
+    petsc, compiled = (compute(case, name, state)[0] for name in ("petsc", "compiled"))
+    assert impacts(petsc)[:FIRST_IMPACTS] == impacts(compiled)[:FIRST_IMPACTS]
+    assert_same(petsc, compiled)
+
+
+def test_run_on_dolfinx_operators() -> None:
+    case = case_of("newton-penalty", "lumped", "lumped", "newmark", **{"time.periods": 3})
+    petsc, compiled = (run(case, engine) for engine in ("petsc", "compiled"))
+    assert compiled.summary["engine"] == compiled.history.attrs["engine"] == "compiled"
+    for name in ("tip_displacement", "displacement", "strobe_displacement"):
+        difference = petsc.history[name].values - compiled.history[name].values
+        assert np.abs(difference).max() < SAME
+    np.testing.assert_array_equal(petsc.history.event_node, compiled.history.event_node)
+    assert compiled.summary["energy_residual"] < CLOSED
