@@ -7,14 +7,13 @@ from petsc4py import PETSc
 
 from delam_fem import stability
 from delam_fem.moreau import MoreauJean
+from delam_fem.moreau_laws import MoreauImpacts, MoreauRecovery
 from delam_fem.newmark import Newmark
 from delam_fem.operators import Operators
 from delam_fem.parameters import Case
 from delam_fem.simulate import StepByStep
 from delam_fem.supervisor import (
     Impacts,
-    MoreauImpacts,
-    MoreauRecovery,
     NoContact,
     PenaltySprings,
     Supervisor,

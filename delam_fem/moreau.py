@@ -13,7 +13,8 @@ from __future__ import annotations
 from petsc4py import PETSc
 
 from delam_fem import petsc
-from delam_fem.dynamics import Dynamics, LazyCompliance
+from delam_fem.compliance import LazyCompliance
+from delam_fem.dynamics import Dynamics
 from delam_fem.operators import FloatArray, Operators
 from delam_fem.supervisor import BoolArray, Decision
 

@@ -19,7 +19,8 @@ import numpy as np
 from petsc4py import PETSc
 
 from delam_fem import petsc
-from delam_fem.dynamics import Dynamics, LazyCompliance, LumpedCompliance
+from delam_fem.compliance import LazyCompliance, LumpedCompliance
+from delam_fem.dynamics import Dynamics
 from delam_fem.operators import FloatArray, Operators
 from delam_fem.supervisor import BoolArray, Compliance, Decision
 

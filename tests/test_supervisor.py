@@ -9,10 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from delam_fem.moreau_laws import MoreauImpacts, MoreauRecovery
 from delam_fem.supervisor import (
     Impacts,
-    MoreauImpacts,
-    MoreauRecovery,
     NoContact,
     PenaltySprings,
 )

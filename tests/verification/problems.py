@@ -16,11 +16,12 @@ import scipy.sparse as sp
 
 from delam_fem import simulate as time_loop
 from delam_fem.moreau import MoreauJean
+from delam_fem.moreau_laws import MoreauImpacts
 from delam_fem.newmark import Newmark
 from delam_fem.operators import BaseCoupling, Operators
 from delam_fem.recorder import N_BASE, Recorder
 from delam_fem.reference import element_mass, element_stiffness
-from delam_fem.supervisor import Impacts, MoreauImpacts, PenaltySprings
+from delam_fem.supervisor import Impacts, PenaltySprings
 
 FloatArray = npt.NDArray[np.float64]
 Motion = Callable[[FloatArray], FloatArray]
