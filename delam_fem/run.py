@@ -16,13 +16,14 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from delam_fem import _dolfinx, beam, checkpoint, diagnostics, results
+from delam_fem.compiled import compiled_engine
 from delam_fem.engines import petsc_engine
 from delam_fem.model import Model
 from delam_fem.parameters import Case, CaseError
 from delam_fem.recorder import Recorder
 from delam_fem.recording import motion_of, recorder_of
 from delam_fem.results import Result
-from delam_fem.simulate import Outcome, State, simulate
+from delam_fem.simulate import Engine, Outcome, State, simulate
 from delam_fem.watch import Watch, stop_signals
 
 EngineName = Literal["petsc", "compiled"]
@@ -62,10 +63,14 @@ def run(
     Raises:
         CaseError: the case cannot be computed as it stands, or there is nothing to resume.
     """
-    if engine != "petsc":
-        raise CaseError(f"engine: expected 'petsc', given {engine!r}")
+    if engine not in ("petsc", "compiled"):
+        raise CaseError(f"engine: expected 'petsc' or 'compiled', given {engine!r}")
     model = beam.assemble(case, comm=comm) if model is None else model
-    computing = petsc_engine(case, model.operators, comm)
+    computing: Engine
+    if engine == "compiled":  # every rank computes the same
+        computing = compiled_engine(case, model.operators)
+    else:
+        computing = petsc_engine(case, model.operators, comm)
     recorder, motion = recorder_of(case, model.operators), motion_of(case)
     kept = None if directory is None else checkpoint.path_in(Path(directory))
     if resume:
