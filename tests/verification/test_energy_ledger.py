@@ -151,6 +151,15 @@ def test_literal_scheme_gains_energy(elements: int, damping: str) -> None:
     assert literal.gain > 0.3 * literal.loss
 
 
+def test_literal_scheme_blows_up_and_says_what_helps() -> None:
+    settings = {"damping.rayleigh": "mass", "contact.impulse": "lumped"}
+    result = compute(settings, periods=300)
+    assert result.summary["outcome"] == "diverged"
+    assert 'contact.impulse = "consistent"' in result.summary["message"]
+    settings["contact.impulse"] = "consistent"
+    assert compute(settings, periods=100).summary["outcome"] == "completed"
+
+
 def reaction_work(o: Operators, motions: Motions, base: FloatArray, law: Law) -> float:
     """Return the integral of the support reaction times the base velocity [J].
 
