@@ -43,7 +43,7 @@ def compiled_engine(case: Case, operators: Operators) -> Compiled:
         CaseError: the time step is beyond the stability limit of the scheme.
     """
     law = law_of(case)
-    if case.contact.law == "moreau":
+    if law.kind >= compiled_state.MOREAU:
         return Compiled(operators, Scheme.moreau_jean(case.time_step), law)
     beta = 0.25
     if case.time.scheme == "central-difference":
@@ -67,6 +67,7 @@ def law_of(case: Case) -> Law:
             compiled_state.PENALTY, stiffness=stiffness, damping=contact.penalty_damping
         ),
         "moreau": Law(compiled_state.MOREAU, True, e, threshold=threshold),
+        "moreau-recovery": Law(compiled_state.RECOVERY, True, e, threshold=threshold),
     }[contact.law]
 
 
@@ -88,7 +89,16 @@ class Compiled:
 
         Raises:
             ArithmeticError: a matrix is singular.
+            ValueError: the law "moreau-recovery" lacks what it needs.
         """
+        rates = operators.recovery_rate.size
+        if law.kind == compiled_state.RECOVERY and (
+            rates != operators.n_pairs or scheme.rho == 0.0
+        ):
+            raise ValueError(
+                f'law "moreau-recovery": expected θ < 1 and {operators.n_pairs} recovery rates, '
+                f'given θ = {scheme.theta} and {rates} rates: use the law "moreau"'
+            )
         self.operators = operators
         self.stepper = CompiledStepper(operators, scheme, law)
         n = HITS_PER_PAIR * operators.n_pairs

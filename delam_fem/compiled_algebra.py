@@ -71,7 +71,7 @@ def compliance_block(system, law, memory, n):  # type: ignore[no-untyped-def]
         if not memory.is_known[k]:
             clear(X, system.size, R)
             spread_one(system, X, k, 1.0)
-            if law.kind == MOREAU:
+            if law.kind >= MOREAU:
                 solve_step(system, X)
             else:
                 solve_mass(system, X)

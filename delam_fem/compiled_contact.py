@@ -22,12 +22,16 @@ from delam_fem.compiled_state import (
     N_HITS,
     N_RESTING,
     PENALTY,
+    RECOVERY,
     RELEASED,
 )
+from delam_fem.contact import LARGEST_RECOVERY
 from delam_fem.lane_kernels import R, Z
 
 DONE, NOT_FINITE, UNSOLVED = 0, -1, -2
 """How a decision ended: well, with velocities that are no numbers, with impulses not found."""
+ROUND_OFF = 1e-12
+"""Shortfall of a gap rate that does not count, relative to the largest one."""
 
 
 @numba.njit(cache=True)
@@ -44,22 +48,21 @@ def _note(memory, log, step, n, energy):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def _coupled_impulses(system, law, memory, n, rate_free):  # type: ignore[no-untyped-def]
-    """Solve 0 <= p ⊥ (rate_free + W p) + e rate_pre >= 0 on the n hit pairs."""
+def _coupled_impulses(system, law, memory, n, q):  # type: ignore[no-untyped-def]
+    """Solve 0 <= p ⊥ W p + q >= 0 on the n hit pairs; keep p and W p."""
     W = compliance_block(system, law, memory, n)
-    q = np.empty(n)
+    right, p = np.empty(n), np.zeros(n)
     for j in range(n):
-        q[j] = rate_free[j] + law.restitution * memory.rate_pre[j]
+        right[j] = q[j]
         if not np.isfinite(q[j]):
             return NOT_FINITE
-    p = np.zeros(n)
-    if not complementarity.solve_into(W, q, p):
+    if not complementarity.solve_into(W, right, p):
         return UNSOLVED
     for i in range(n):
-        rate = rate_free[i]
+        change = 0.0
         for j in range(n):
-            rate += W[i, j] * p[j]
-        memory.impulse[i], memory.rate_post[i] = p[i], rate
+            change += W[i, j] * p[j]
+        memory.impulse[i], memory.change[i] = p[i], change
     return DONE
 
 
@@ -116,9 +119,13 @@ def examine_impacts(system, law, memory, log, step):  # type: ignore[no-untyped-
         return DONE
     if n:
         if law.is_coupled:
-            status = _coupled_impulses(system, law, memory, n, memory.rate_pre)
+            for j in range(n):
+                memory.residual[j] = memory.rate_pre[j] + law.restitution * memory.rate_pre[j]
+            status = _coupled_impulses(system, law, memory, n, memory.residual)
             if status != DONE:
                 return status
+            for j in range(n):
+                memory.rate_post[j] = memory.rate_pre[j] + memory.change[j]
         else:
             _separate_impulses(system, law, memory, n)
         _note(memory, log, step, n, _apply_impulses(system, law, memory, n))
@@ -157,25 +164,9 @@ def examine_penalty(system, law, memory):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def examine_moreau(system, law, memory, log, step):  # type: ignore[no-untyped-def]
-    """Add the impulses of the pairs whose predicted gap is closed (supervisor.MoreauImpacts).
-
-    `memory.gap` and `memory.rate` are those at the start of the step.
-    """
+def _push_within_step(system, law, memory, log, step, n):  # type: ignore[no-untyped-def]
+    """Add the impulses of the n hit pairs to a θ-step; pairs without an impulse were not hit."""
     X, size = memory.X, system.size
-    n, is_done = 0, True
-    rate_free = memory.residual
-    for k in range(system.n_pairs):
-        if memory.gap[k] <= 0.0:
-            rate_free[n] = row_product(system.gap_rows, k, X, size)
-            memory.hit[n], memory.rate_pre[n] = k, memory.rate[k]
-            is_done &= rate_free[n] + law.restitution * memory.rate[k] >= 0.0
-            n += 1
-    if is_done:
-        return DONE
-    status = _coupled_impulses(system, law, memory, n, rate_free)
-    if status != DONE:
-        return status
     n_pushed, energy = 0, 0.0
     for j in range(n):
         if memory.impulse[j] > 0.0:
@@ -183,12 +174,13 @@ def examine_moreau(system, law, memory, log, step):  # type: ignore[no-untyped-d
             memory.rate_pre[n_pushed] = memory.rate_pre[j]
             memory.rate_post[n_pushed] = memory.rate_post[j]
             n_pushed += 1
+    if n_pushed == 0:
+        return
     spread(system, X, memory.hit, memory.impulse, n_pushed, 1.0)
     solve_step(system, X)
-    to_u = system.scheme.p
     for i in range(size):
         z = X[Z * size + i]
-        X[i] += to_u * z
+        X[i] += system.scheme.p * z
         X[size + i] += z
         X[lk.P * size + i] += z
     for j in range(n_pushed):
@@ -196,8 +188,102 @@ def examine_moreau(system, law, memory, log, step):  # type: ignore[no-untyped-d
         if memory.rate_pre[j] > -law.threshold:
             memory.permanent[memory.hit[j]] = 1
             memory.counts[N_RESTING] += 1
-    if n_pushed:
-        _note(memory, log, step, n_pushed, energy)
+    _note(memory, log, step, n_pushed, energy)
+
+
+@numba.njit(cache=True)
+def examine_moreau(system, law, memory, log, step):  # type: ignore[no-untyped-def]
+    """Add the impulses of the pairs whose predicted gap is closed (supervisor.MoreauImpacts).
+
+    `memory.gap` and `memory.rate` are those at the start of the step.
+    """
+    n, is_done, lacking = 0, True, memory.residual
+    for k in range(system.n_pairs):
+        if memory.gap[k] <= 0.0:
+            free = row_product(system.gap_rows, k, memory.X, system.size)
+            memory.hit[n], memory.rate_pre[n], memory.rate_post[n] = k, memory.rate[k], free
+            lacking[n] = free + law.restitution * memory.rate[k]
+            is_done &= lacking[n] >= 0.0
+            n += 1
+    if is_done:
+        return DONE
+    status = _coupled_impulses(system, law, memory, n, lacking)
+    if status == DONE:
+        for j in range(n):
+            memory.rate_post[j] += memory.change[j]
+        _push_within_step(system, law, memory, log, step, n)
+    return status
+
+
+@numba.njit(cache=True)
+def _lacking(system, law, memory):  # type: ignore[no-untyped-def]
+    """Write what every gap rate lacks to its floor (contact.recovery_floor); return the least.
+
+    The start of the step follows from its end: U = U⁺ - θ Δt H z, U̇ = (H z - U̇⁺) / ρ.
+    """
+    X, size, scheme = memory.X, system.size, system.scheme
+    smallest, fastest = 0.0, LARGEST_RECOVERY / scheme.time_step
+    for k in range(system.n_pairs):
+        free = row_product(system.gap_rows, k, X, size)
+        mean = row_product(system.gap_rows, k, X, lk.P * size)
+        pre = (mean - free) / scheme.rho
+        gap = system.gap0[k] + row_product(system.gap_rows, k, X, 0) - scheme.p * mean
+        if gap > 0.0:
+            floor = -2.0 * gap / scheme.time_step
+        else:
+            recovery = min(system.recovery_rate[k], fastest)
+            floor = -law.restitution * min(pre, 0.0) - recovery * gap
+        memory.rate[k], memory.forces[k], memory.direction[k] = pre, free, free - floor
+        smallest = min(smallest, free - floor)
+    return smallest
+
+
+@numba.njit(cache=True)
+def _join(system, memory, n, tolerance):  # type: ignore[no-untyped-def]
+    """Add pairs that n impulses push below their floor to the list of hits; return its length."""
+    lacking, n_pairs, total, j = memory.direction, system.n_pairs, 0, 0
+    for k in range(n_pairs):
+        if j < n and memory.hit[j] == k:
+            j += 1
+            memory.image[k] = 1.0
+            total += 1
+            continue
+        value = lacking[k]
+        for i in range(n):
+            value += memory.compliance[k * n_pairs + memory.hit[i]] * memory.impulse[i]
+        is_joining = value < -tolerance and lacking[k] >= 0.0
+        memory.image[k] = 1.0 if is_joining else 0.0
+        total += is_joining
+    if total > n:
+        j = 0
+        for k in range(n_pairs):
+            if memory.image[k] == 1.0:
+                memory.hit[j] = k
+                j += 1
+    return total
+
+
+@numba.njit(cache=True)
+def examine_recovery(system, law, memory, log, step):  # type: ignore[no-untyped-def]
+    """Hold every gap rate above its floor (supervisor.MoreauRecovery)."""
+    tolerance = -ROUND_OFF * _lacking(system, law, memory)
+    lacking, free, n, n_before = memory.direction, memory.forces, 0, 0
+    for k in range(system.n_pairs):
+        if lacking[k] < 0.0:
+            memory.hit[n] = k
+            n += 1
+    while n > n_before:  # neighbours that the impulses push below their floor join in
+        n_before = n
+        for j in range(n):
+            memory.residual[j] = lacking[memory.hit[j]]
+        status = _coupled_impulses(system, law, memory, n, memory.residual)
+        if status != DONE:
+            return status
+        n = _join(system, memory, n, tolerance)
+    for j in range(n):
+        k = memory.hit[j]
+        memory.rate_pre[j], memory.rate_post[j] = memory.rate[k], free[k] + memory.change[j]
+    _push_within_step(system, law, memory, log, step, n)
     return DONE
 
 
@@ -210,4 +296,6 @@ def examine(system, law, memory, log, step):  # type: ignore[no-untyped-def]
         examine_penalty(system, law, memory)
     elif law.kind == MOREAU:
         return examine_moreau(system, law, memory, log, step)
+    elif law.kind == RECOVERY:
+        return examine_recovery(system, law, memory, log, step)
     return DONE

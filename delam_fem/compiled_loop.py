@@ -20,6 +20,7 @@ from delam_fem.compiled_state import (
     N_RESTING,
     N_SPRINGS,
     NONE,
+    RECOVERY,
 )
 from delam_fem.simd import pointers
 
@@ -30,9 +31,10 @@ OPEN, HIT, PERMANENT = (np.int8(k) for k in range(3))
 
 
 @numba.njit(cache=True)
-def _advance_banded(system, memory, q, dq, ddq):  # type: ignore[no-untyped-def]
+def _advance_banded(system, memory, base_state):  # type: ignore[no-untyped-def]
     """Make the candidate state of any system; return zᵀ C z and the smallest gap."""
     X, size, column, scheme = memory.X, system.size, system.base, system.scheme
+    q, dq, ddq = base_state
     for i in range(size):
         v, a = X[size + i], X[lk.A * size + i]
         X[i] += scheme.time_step * v + scheme.c2 * a
@@ -75,13 +77,31 @@ def _smallest_gap(system, X, ahead):  # type: ignore[no-untyped-def]
     return smallest
 
 
+@numba.njit(cache=True)
+def _anticipated_gap(system, X):  # type: ignore[no-untyped-def]
+    """Return the smallest U + Δt/2 U̇⁺, U at the start of the step."""
+    smallest, scheme = np.inf, system.scheme
+    for k in range(system.n_pairs):
+        gap = system.gap0[k] + row_product(system.gap_rows, k, X, 0)
+        gap -= scheme.p * row_product(system.gap_rows, k, X, lk.P * system.size)
+        gap += scheme.gap_ahead * row_product(system.gap_rows, k, X, system.size)
+        smallest = min(smallest, gap)
+    return smallest
+
+
 @numba.njit(cache=True, forceinline=True)
-def _look_ahead(system, memory, ahead):  # type: ignore[no-untyped-def]
-    """Return the smallest predicted gap; keep gaps and rates where one is closed (J2)."""
+def _look_ahead(system, law, memory):  # type: ignore[no-untyped-def]
+    """Return the smallest gap that is predicted (J2); keep gaps and rates where one is closed.
+
+    Infinite for laws that look at the end of the step.
+    """
     if memory.counts[N_RESTING]:
         memory.counts[N_RESTING] = 0
         for k in range(system.n_pairs):
             memory.permanent[k] = 0
+    if law.kind != MOREAU:
+        return np.inf
+    ahead = system.scheme.gap_ahead
     smallest = _smallest_gap(system, memory.X, ahead)
     if smallest <= 0.0:
         measure(system, memory.X, ahead, memory.gap, memory.rate)
@@ -116,7 +136,7 @@ def _observe(system, X, u, v, row):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def _glide(system, memory, log, steps, touch, is_moreau):  # type: ignore[no-untyped-def]
+def _glide(system, law, memory, log, steps, touch):  # type: ignore[no-untyped-def]
     """Compute steps in lane order while no gap is as small as `touch`; there are no springs.
 
     Returns:
@@ -124,14 +144,13 @@ def _glide(system, memory, log, steps, touch, is_moreau):  # type: ignore[no-unt
         does, the step after the last.
     """
     X, totals, weight = memory.X, memory.totals, system.scheme.weight
-    predicted, ahead = np.inf, system.scheme.gap_ahead
-    first, last = steps
+    anticipates, (first, last) = law.kind == RECOVERY, steps
+    ahead = system.scheme.gap_ahead if anticipates else 0.0
     for step in range(first, last + 1):
-        if is_moreau:
-            predicted = _look_ahead(system, memory, ahead)
-        q, dq, ddq = _mix_base(system, memory.base, log.base_states, step)
-        flow, smallest = lk.step(system, X, q, dq, ddq, predicted <= 0.0)
-        if is_moreau:
+        predicted = _look_ahead(system, law, memory)
+        base_state = _mix_base(system, memory.base, log.base_states, step)
+        flow, smallest = lk.step(system, X, base_state, ahead, anticipates or predicted <= touch)
+        if law.kind == MOREAU:
             smallest = predicted
         if smallest <= touch:
             return step, flow, smallest
@@ -143,18 +162,18 @@ def _glide(system, memory, log, steps, touch, is_moreau):  # type: ignore[no-unt
 @numba.njit(cache=True)
 def _advance(system, law, memory, log, step):  # type: ignore[no-untyped-def]
     """Make one candidate of any kind, springs included; return zᵀ C z and the smallest gap."""
-    X, predicted, is_moreau = memory.X, np.inf, law.kind == MOREAU
-    if is_moreau:
-        predicted = _look_ahead(system, memory, system.scheme.gap_ahead)
-    q, dq, ddq = _mix_base(system, memory.base, log.base_states, step)
+    X, predicted = memory.X, _look_ahead(system, law, memory)
+    base_state = _mix_base(system, memory.base, log.base_states, step)
     if system.is_chained:
-        flow, smallest = lk.step(system, X, q, dq, ddq, True)
+        flow, smallest = lk.step(system, X, base_state, 0.0, True)
     else:
-        flow, smallest = _advance_banded(system, memory, q, dq, ddq)
+        flow, smallest = _advance_banded(system, memory, base_state)
     if memory.counts[N_SPRINGS]:
         springs.push_springs(system, law, memory)
         return _loss(system, X), _smallest_gap(system, X, 0.0)
-    return flow, predicted if is_moreau else smallest
+    if law.kind == RECOVERY:
+        return flow, _anticipated_gap(system, X)
+    return flow, predicted if law.kind == MOREAU else smallest
 
 
 @numba.njit(cache=True)
@@ -178,7 +197,7 @@ def _keep_frame(system, memory, log, step):  # type: ignore[no-untyped-def]
 @numba.njit(cache=True)
 def _contact(system, law, memory, log, step, flow):  # type: ignore[no-untyped-def]
     """Account for the damping of a candidate and let the law act; return how it ended."""
-    if law.kind != MOREAU:
+    if law.kind < MOREAU:
         memory.totals[DISSIPATED] += system.scheme.weight * flow
         return contact.examine(system, law, memory, log, step)
     status = contact.examine(system, law, memory, log, step)
@@ -197,9 +216,7 @@ def _run_steps(system, law, memory, log, first, floor):  # type: ignore[no-untyp
         if n_frames < log.n_frames and log.frame_steps[n_frames] >= step:
             last = log.frame_steps[n_frames]
         if system.is_chained and counts[N_SPRINGS] == 0:
-            step, flow, smallest = _glide(
-                system, memory, log, (step, last), touch, law.kind == MOREAU
-            )
+            step, flow, smallest = _glide(system, law, memory, log, (step, last), touch)
         else:
             flow, smallest = _advance(system, law, memory, log, step)
         if step <= last:

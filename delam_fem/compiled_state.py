@@ -14,8 +14,8 @@ from delam_fem.lane_kernels import N_FIELDS
 from delam_fem.operators import FloatArray, IntArray
 from delam_fem.simd import aligned_zeros
 
-NONE, IMPACTS, PENALTY, MOREAU = range(4)
-"""Kinds of laws; "newton" is IMPACTS without a threshold."""
+NONE, IMPACTS, PENALTY, MOREAU, RECOVERY = range(5)
+"""Kinds of laws; "newton" is IMPACTS without a threshold, the last two go with the θ-scheme."""
 DISSIPATED, CONTACT_DAMPED, IMPACT, RELEASED = range(4)
 """Places in `Memory.totals`."""
 N_SPRINGS, N_EVENTS, N_HITS, N_FRAMES, N_RESTING = range(5)
@@ -26,13 +26,13 @@ class Law(NamedTuple):
     """A contact law.
 
     Attributes:
-        kind: NONE, IMPACTS, PENALTY or MOREAU.
+        kind: NONE, IMPACTS, PENALTY, MOREAU or RECOVERY.
         is_coupled: simultaneous impacts feel one another ("consistent").
         restitution: e [-].
         stiffness: of the springs [N/m].
         damping: of the springs [N s/m].
-        threshold: rate after an impact below which a pair rests on a spring, -inf: never; MOREAU:
-            approach slower than this counts as resting [m/s].
+        threshold: rate after an impact below which a pair rests on a spring, -inf: never; MOREAU
+            and RECOVERY: approach slower than this counts as resting [m/s].
     """
 
     kind: int
@@ -50,7 +50,7 @@ class Memory(NamedTuple):
         X: fields of lane_kernels.py one after the other, shape (8 size,).
         base: q, q', q'' of the base now, shape (3,).
         totals: dissipated, damped in contacts, by impacts, released by springs so far [J].
-        counts: springs, what is filled of the event buffers, pairs at rest under MOREAU.
+        counts: springs, what is filled of the event buffers, pairs at rest under the θ-scheme.
         permanent: pairs that carry a spring, shape (n_pairs,).
         pairs: the same pairs as a list, its first counts[N_SPRINGS].
         compliance: W = H B⁻¹ Hᵀ, columns as far as known, shape (n_pairs, n_pairs).
@@ -58,7 +58,8 @@ class Memory(NamedTuple):
         gap, rate: of all pairs at the examined instant, each of shape (n_pairs,).
         hit: pairs that are hit now, a list.
         impulse, rate_pre, rate_post: of these.
-        forces, residual, direction, image: of the solution for spring forces.
+        change: W p of the hit pairs [m/s].
+        forces, residual, direction, image: work space of springs and impulses.
     """
 
     X: FloatArray
@@ -75,6 +76,7 @@ class Memory(NamedTuple):
     impulse: FloatArray
     rate_pre: FloatArray
     rate_post: FloatArray
+    change: FloatArray
     forces: FloatArray
     residual: FloatArray
     direction: FloatArray
@@ -134,6 +136,7 @@ def memory(size: int, n_pairs: int) -> Memory:
         impulse=np.zeros(n_pairs),
         rate_pre=np.zeros(n_pairs),
         rate_post=np.zeros(n_pairs),
+        change=np.zeros(n_pairs),
         forces=np.zeros(n_pairs),
         residual=np.zeros(n_pairs),
         direction=np.zeros(n_pairs),

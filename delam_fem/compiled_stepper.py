@@ -83,12 +83,12 @@ class CompiledStepper:
         self.memory.X[:] = 0.0
         self._fields()[:, self.order] = motion
         self.memory.permanent[:] = permanent
-        if self.law.kind != compiled_state.MOREAU:  # which has no springs
+        if self.law.kind < compiled_state.MOREAU:  # which has no springs
             compiled_loop.list_springs(self.system, self.memory)
 
     def renew_acceleration(self) -> None:
-        """Compute a from the equation of motion; the law "moreau" knows none."""
-        if self.law.kind != compiled_state.MOREAU:
+        """Compute a from the equation of motion; the θ-scheme knows none."""
+        if self.law.kind < compiled_state.MOREAU:
             compiled_loop.renew(self.system, self.law, self.memory)
 
     def _fields(self) -> FloatArray:

@@ -101,11 +101,11 @@ def eliminate_chained(X, size, c, load_tape, solution, force0, force1):  # type:
 
 
 @numba.njit(cache=True, forceinline=True)
-def finish(X, size, c, solution, form, rest, held, keeps):  # type: ignore[no-untyped-def]
+def finish(X, size, c, solution, form, rest, held, ahead, keeps):  # type: ignore[no-untyped-def]
     """Go back to the ends, complete the step (L1, L2), and measure it on the way.
 
     `held` is the field h of L1, `keeps` tells whether z is kept in the field P; the rest is from
-    `compiled_system.System`.
+    `compiled_system.System`. The gaps are those of u⁺, or of u + ahead v⁺ where `ahead` is not 0.
 
     Returns:
         zᵀ C z and the smallest gap.
@@ -127,10 +127,14 @@ def finish(X, size, c, solution, form, rest, held, keeps):  # type: ignore[no-un
             fma(load(solution, t + 44), next1, x1),
         )
         z0, z1 = fma(kappa, load(X, h + i), next0), fma(kappa, load(X, h + i + 4), next1)
-        u0, u1 = fma(to_u, z0, load(X, i)), fma(to_u, z1, load(X, i + 4))
-        store(X, i, u0)
-        store(X, i + 4, u1)
-        store(X, v + i, fma(minus_rho, load(X, v + i), z0))
+        u0 = load(X, i)
+        seen = u0_new = fma(to_u, z0, u0)
+        v0_new = fma(minus_rho, load(X, v + i), z0)
+        if ahead != 0.0:
+            seen = fma(splat(ahead), v0_new, u0)
+        store(X, i, u0_new)
+        store(X, i + 4, fma(to_u, z1, load(X, i + 4)))
+        store(X, v + i, v0_new)
         store(X, v + i + 4, fma(minus_rho, load(X, v + i + 4), z1))
         if keeps:
             store(X, P * size + i, z0)
@@ -145,16 +149,17 @@ def finish(X, size, c, solution, form, rest, held, keeps):  # type: ignore[no-un
         flow1 = fma(load(form, q + 24), z1_next, flow1)
         loss0, loss1 = fma(z0, flow0, loss0), fma(z1, flow1, loss1)
         z0_next, z1_next = z0, z1
-        gap = smaller(swap_halves(u0) - u0 + load(rest, i // 2), gap)
+        gap = smaller(swap_halves(seen) - seen + load(rest, i // 2), gap)
     return total(loss0 + loss1), _smallest(gap)
 
 
 @numba.njit(cache=True, forceinline=True)
-def step(system, X, q, dq, ddq, keeps):  # type: ignore[no-untyped-def]
-    """Make a candidate state with the base at q, q', q''; return zᵀ C z and the smallest gap.
+def step(system, X, base_state, ahead, keeps):  # type: ignore[no-untyped-def]
+    """Make a candidate state; return zᵀ C z and the smallest gap.
 
-    `keeps` tells whether z is kept in the field P.
+    `base_state` is (q, q', q'') at θ; for `ahead` and `keeps` see `finish`.
     """
+    q, dq, ddq = base_state
     size, c, base, dt = system.size, system.coefficients, system.base, system.scheme.time_step
     by_q, by_dq, by_ddq = splat(-dt * q), splat(-dt * dq), splat(-dt * ddq)
     m, d, k = 0, size, 2 * size
@@ -167,7 +172,7 @@ def step(system, X, q, dq, ddq, keeps):  # type: ignore[no-untyped-def]
     else:
         held = V
         eliminate_chained(X, size, c, system.load_tape, system.solution, force0, force1)
-    return finish(X, size, c, system.solution, system.form, system.rest, held, keeps)
+    return finish(X, size, c, system.solution, system.form, system.rest, held, ahead, keeps)
 
 
 @numba.njit(cache=True, forceinline=True)

@@ -11,7 +11,7 @@ import scipy.sparse as sp
 
 from delam_fem import banded, compiled, compiled_contact, lane_kernels, lanes, reference, simd
 from delam_fem.compiled import Compiled, compiled_engine
-from delam_fem.compiled_state import IMPACTS, MOREAU, PENALTY, Law
+from delam_fem.compiled_state import IMPACTS, MOREAU, PENALTY, RECOVERY, Law
 from delam_fem.compiled_system import Scheme, build
 from delam_fem.operators import BaseCoupling, Operators
 from delam_fem.parameters import Case, CaseError, preset
@@ -251,7 +251,7 @@ def start(case: Case) -> tuple[Compiled, Recorder]:
     return engine, recorder
 
 
-LAWS = ("none", "newton", "newton-penalty", "penalty", "moreau")
+LAWS = ("none", "newton", "newton-penalty", "penalty", "moreau", "moreau-recovery")
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -337,3 +337,11 @@ def test_unstable_central_difference_is_refused() -> None:
     case = paper(**{"time.scheme": "central-difference"})
     with pytest.raises(CaseError, match="central difference needs a time step"):
         compiled_engine(case, reference.assemble(case).operators)
+
+
+def test_recovery_needs_its_rates() -> None:
+    law = Law(RECOVERY, True, 0.1)
+    with pytest.raises(ValueError, match="expected θ < 1 and 1 recovery rates"):
+        Compiled(ball(), Scheme.moreau_jean(1e-4), law)
+    with pytest.raises(ValueError, match=r"given θ = 1\.0 and 5 rates"):
+        Compiled(operators_of(5), Scheme.moreau_jean(1e-4, theta=1.0), law)
