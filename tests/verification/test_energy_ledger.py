@@ -27,9 +27,9 @@ grows with the condition of K, as the fourth power of the number of elements."""
 ROUND_OFF = 1e-9
 """Energy that an impact may gain by round-off, relative to the largest loss."""
 FREQUENCIES = (1.25, 1.60, 3.25, 3.65)
-PARTING_GAIN = 0.05
+PARTING_GAIN = 0.1
 """What pushing pairs that part already may gain with moreau, in parts of the losses.
-Measured: 0.006 to 0.028 over 20 periods, less with finer meshes."""
+Measured: 0.006 to 0.03 over 20 periods, 0.065 with mass damping over 60."""
 BASE_WORK_ORDER = 0.05
 """Window around 2. Measured: 2.00 with and without contact."""
 BASE_WORK = 1e-6
@@ -77,6 +77,7 @@ LAWS: list[dict[str, object]] = [
     {"contact.law": "penalty", "contact.penalty_stiffness": 1e4, "contact.penalty_damping": 0.5},
     {"contact.law": "moreau"},
     {"contact.law": "moreau", "contact.restitution": 0.5},
+    {"contact.law": "moreau-recovery"},
 ]
 
 
@@ -91,7 +92,7 @@ def test_ledger_closes(frequency: float, law: dict[str, object], mass: str) -> N
     history = result.history
     assert history.energy_base_work.values.max() > 1e-6
     assert history.energy_damping_loss.values.min() > 0.0
-    if law["contact.law"] in ("newton", "newton-penalty", "moreau"):
+    if law["contact.law"] not in ("none", "penalty"):
         assert history.sizes["event"] > 50
         impacts = Instants.of(result)
         assert history.energy_impact_loss.sum() == pytest.approx(
