@@ -114,7 +114,9 @@ def finish(X, size, c, solution, form, rest, held, ahead, keeps):  # type: ignor
     y, last, h, v = Y * size, size - 8, held * size, V * size
     next0, next1 = swap_neighbours(load(X, y + last)), swap_neighbours(load(X, y + last + 4))
     z0_next = z1_next = loss0 = loss1 = splat(0.0)
-    gap = splat(np.inf)
+    gap, by_v, by_z = splat(np.inf), splat(ahead), splat(0.0)
+    if ahead == 0.0:
+        by_z = to_u
     for i in range(last, -1, -8):
         t, q = 6 * i, i // 2 * 7
         y0, y1 = load(X, y + i), load(X, y + i + 4)
@@ -127,12 +129,9 @@ def finish(X, size, c, solution, form, rest, held, ahead, keeps):  # type: ignor
             fma(load(solution, t + 44), next1, x1),
         )
         z0, z1 = fma(kappa, load(X, h + i), next0), fma(kappa, load(X, h + i + 4), next1)
-        u0 = load(X, i)
-        seen = u0_new = fma(to_u, z0, u0)
-        v0_new = fma(minus_rho, load(X, v + i), z0)
-        if ahead != 0.0:
-            seen = fma(splat(ahead), v0_new, u0)
-        store(X, i, u0_new)
+        u0, v0_new = load(X, i), fma(minus_rho, load(X, v + i), z0)
+        seen = fma(by_v, v0_new, fma(by_z, z0, u0))
+        store(X, i, fma(to_u, z0, u0))
         store(X, i + 4, fma(to_u, z1, load(X, i + 4)))
         store(X, v + i, v0_new)
         store(X, v + i + 4, fma(minus_rho, load(X, v + i + 4), z1))
