@@ -79,18 +79,19 @@ def base_flows(
     Returns:
         Work of the base and the part of the damping loss that involves the base velocity [J].
     """
-    step = np.diff(seen, axis=0)
-    mean = 0.5 * (seen[1:] + seen[:-1])
-    q, dq = base_states[:, 0], base_states[:, 1]
+    columns = np.ascontiguousarray(seen.T)  # sums over columns are several times faster like this
+    q, dq, ddq = np.ascontiguousarray(base_states.T)
+    step_m, step_c, _ = np.diff(columns)
+    mean_k = 0.5 * (columns[2, 1:] + columns[2, :-1])
     mean_dq = 0.5 * (dq[1:] + dq[:-1])
-    mean_ddq = 0.5 * (base_states[1:, 2] + base_states[:-1, 2])
+    mean_ddq = 0.5 * (ddq[1:] + ddq[:-1])
     mass, damping, stiffness = base.corner
     corner_damping = damping * time_step * float(mean_dq @ mean_dq)
-    cross_damping = float(step[:, 1] @ mean_dq)
+    cross_damping = float(step_c @ mean_dq)
     work = (
-        -float(step[:, 0] @ mean_ddq)
+        -float(step_m @ mean_ddq)
         + cross_damping
-        + float(mean[:, 2] @ np.diff(q))
+        + float(mean_k @ np.diff(q))
         + momentum[1] * float(dq[-1])
         - momentum[0] * float(dq[0])
         + 0.5 * mass * float(dq[-1] ** 2 - dq[0] ** 2)

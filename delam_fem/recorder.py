@@ -154,16 +154,17 @@ class Recorder:
         record.n_steps = n_steps
         self.window.append(record)
         self.n_closed += 1
-        observed = record.u[rows, N_BASE:]
+        observed = np.ascontiguousarray(record.u[rows, N_BASE:].T)
+        impulses = [decision.impulses for _, decision, _ in record.jumps]
         with np.errstate(all="ignore"):  # a diverged motion is told by the return value
-            self.strobe[k] = observed[-1], record.v[n_steps]
-            self.envelope[k] = observed.min(axis=0), observed.max(axis=0)
+            self.strobe[k] = observed[:, -1], record.v[n_steps]
+            self.envelope[k] = observed.min(axis=1), observed.max(axis=1)
             self.impulse[k] = (
-                sum(float(decision.impulses.sum()) for _, decision, _ in record.jumps),
-                sum(decision.hit.size for _, decision, _ in record.jumps),
+                np.concatenate(impulses).sum() if impulses else 0.0,
+                sum(p.size for p in impulses),
             )
             self.ledger[k] = self._ledger_row(record, stepper, n_steps)
-            return bool(np.abs(observed).max(initial=0.0) < self.limit)
+            return bool(np.abs(self.envelope[k]).max(initial=0.0) < self.limit)
 
     def energy_residual(self) -> float:
         """Return the largest residual of a period over the largest energy exchanged in one [-]."""

@@ -33,7 +33,14 @@ def recorder_of(case: Case, operators: Operators) -> Recorder:
 
 
 def motion_of(case: Case) -> Callable[[int], FloatArray]:
-    """Return the base states of a period by its number, shape (N + 1, 3)."""
+    """Return the base states of a period by its number, shape (N + 1, 3).
+
+    A harmonic motion has one table for all periods, which is not to be written to.
+    """
     motion, n_steps, dt = base_motion(case), case.time.steps_per_period, case.time_step
     steps = np.arange(n_steps + 1)
+    if case.excitation.kind == "harmonic":
+        table = motion.states(steps * dt)
+        table.flags.writeable = False
+        return lambda period: table
     return lambda period: motion.states((period * n_steps + steps) * dt)
