@@ -1,9 +1,10 @@
 """The one door to dolfinx: imports it safely and hides what its versions name differently.
 
 Written against dolfinx 0.11 names and tested with 0.5.2, 0.9.0 and 0.11.0; no other file asks for a
-version. The import itself needs care: dolfinx up to 0.7 switches the process to RTLD_GLOBAL for
-good, after which vtk, netCDF4 and h5py wheels break when they load their own libraries, so the
-switch is held still meanwhile.
+version. The import itself needs care. dolfinx up to 0.7 switches the process to RTLD_GLOBAL for
+good; later ones, where Numba is installed, have llvmlite load PETSc so, and HDF5 with it. After
+either, vtk, netCDF4 and h5py wheels take symbols of those libraries for their own and break, so
+both are held still meanwhile.
 """
 
 from __future__ import annotations
@@ -14,24 +15,29 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+import llvmlite.binding
 import numpy as np
 import numpy.typing as npt
 
 
-def _import_with_local_symbols() -> Any:
-    """Import dolfinx while `sys.setdlopenflags` does nothing."""
-    switch = sys.setdlopenflags
-    sys.setdlopenflags = lambda flags: None
+@contextmanager
+def _symbols_stay_local() -> Iterator[None]:
+    """Let what makes the symbols of libraries visible to all others do nothing."""
+    held = [(sys, "setdlopenflags"), (llvmlite.binding, "load_library_permanently")]
+    originals = [getattr(owner, name) for owner, name in held]
+    for owner, name in held:
+        setattr(owner, name, lambda *_: None)
     try:
-        import dolfinx
-        import dolfinx.fem.petsc
-        import dolfinx.mesh
+        yield
     finally:
-        sys.setdlopenflags = switch
-    return dolfinx
+        for (owner, name), original in zip(held, originals, strict=True):
+            setattr(owner, name, original)
 
 
-dolfinx = _import_with_local_symbols()
+with _symbols_stay_local():
+    import dolfinx
+    import dolfinx.fem.petsc
+    import dolfinx.mesh
 
 import ufl  # noqa: E402  (after dolfinx, which brings it)
 from mpi4py import MPI  # noqa: E402
@@ -101,7 +107,8 @@ def discontinuous_space(mesh: Any, degree: int) -> Any:
 
 def cell_nodes(mesh: Any) -> npt.NDArray[np.int32]:
     """Return the geometry nodes of the cells that this rank owns, shape (n_cells, n_nodes)."""
-    table = mesh.geometry.dofmap
+    geometry = mesh.geometry
+    table = geometry.dofmaps[0] if hasattr(geometry, "dofmaps") else geometry.dofmap
     count = mesh.topology.index_map(mesh.topology.dim).size_local
     if isinstance(table, np.ndarray):
         return table[:count]
