@@ -17,6 +17,7 @@ The damping loss of a step is weight · zᵀ C z with z = v⁺ + ρ v.
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -130,6 +131,8 @@ class System(NamedTuple):
     observed: IntArray
 
 
+_KEPT: deque[tuple[Operators, Scheme, tuple[System, IntArray]]] = deque(maxlen=4)
+"""Of the last calls of `build`; nothing of a system is ever written to."""
 _NO_BAND = Band(0, np.zeros((0, 1)))
 _NOTHING = np.zeros(0)
 
@@ -148,10 +151,21 @@ class _Tapes:
 def build(operators: Operators, scheme: Scheme) -> tuple[System, IntArray]:
     """Return a problem for compiled code, and where it keeps each dof, shape (n,).
 
+    The last ones are kept: the points of a sweep mostly share operators and scheme, and making a
+    system of 20 elements takes as long as twenty periods.
+
     Raises:
         ArithmeticError: M or A is singular.
     """
-    o = operators
+    for known, known_scheme, built in _KEPT:
+        if known is operators and known_scheme == scheme:
+            return built
+    built = _built(operators, scheme)
+    _KEPT.append((operators, scheme, built))
+    return built
+
+
+def _built(o: Operators, scheme: Scheme) -> tuple[System, IntArray]:
     if scheme.is_midpoint and o.n_dofs and o.n_dofs % 4 == 0:
         order = lanes.lane_order(o.n_dofs // 4)
         tapes = _tapes(o, scheme.as_theta(), order)

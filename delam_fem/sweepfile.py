@@ -140,7 +140,7 @@ class Record(Section):
     node_distortion: Annotated[bool, Field(strict=True), expected("true or false")] = False
     energies: Annotated[bool, Field(strict=True), expected("true or false")] = False
     lyapunov: CountOrNone = 0
-    perturbation: _Perturbation = 1e-6
+    perturbation: _Perturbation = 0.03
 
 
 class SweepFile(Section):
