@@ -5,12 +5,13 @@ Modules with heavy imports (dolfinx, matplotlib) are imported by the command tha
 
 from __future__ import annotations
 
-import tempfile
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import typer
 
+from delam_fem.cli_converge import register as register_convergence
+from delam_fem.cli_inputs import case_of, writable
 from delam_fem.cli_sweep import register as register_sweeps
 from delam_fem.terminal import (
     DONE,
@@ -22,9 +23,6 @@ from delam_fem.terminal import (
     summary_rows,
     table,
 )
-
-if TYPE_CHECKING:
-    from delam_fem.parameters import Case
 
 STATUS = {"completed": DONE, "diverged": FAILED, "interrupted": INTERRUPTED}
 """Exit status by the outcome of a run."""
@@ -86,8 +84,8 @@ def run_command(
 ) -> None:
     """Compute a case; results go to DIR (runs/NAME)."""
     with reported(quiet):
-        case = _case(case_name, overrides)
-        directory = _writable(output or Path("runs") / case.name)
+        case = case_of(case_name, overrides)
+        directory = writable(output or Path("runs") / case.name)
         from mpi4py import MPI
         from rich.console import Console
 
@@ -130,8 +128,8 @@ def compare_command(
 ) -> None:
     """Compare dolfinx and PETSc with the independent reference."""
     with reported(quiet):
-        case = _case(case_name, overrides)
-        directory = _writable(output or Path("runs") / f"{case.name}-compare")
+        case = case_of(case_name, overrides)
+        directory = writable(output or Path("runs") / f"{case.name}-compare")
         from delam_fem.compare import compare
 
         comparison = compare(case, impacts=impacts, periods=periods)
@@ -154,8 +152,8 @@ def modes_command(
 ) -> None:
     """List natural frequencies beside those of the exact cantilever."""
     with reported(quiet):
-        case = _case(case_name, overrides)
-        directory = _writable(output or Path("runs") / f"{case.name}-modes")
+        case = case_of(case_name, overrides)
+        directory = writable(output or Path("runs") / f"{case.name}-modes")
         from delam_fem.modes import modes
 
         found = modes(case, count)
@@ -179,40 +177,8 @@ def presets_command(
         typer.echo("\n".join(PRESETS) if show is None else preset_text(show), nl=show is None)
 
 
-def _case(name: str, overrides: list[str] | None) -> Case:
-    """Return the case of a preset or a file, with the overrides of the command line."""
-    from delam_fem.overrides import parse_override
-    from delam_fem.parameters import PRESETS, CaseError, load_case, preset
-
-    keys = dict(parse_override(text) for text in overrides or [])
-    path = Path(name)
-    if path.suffix == ".toml" or path.is_file() or len(path.parts) > 1:
-        return load_case(path, keys)
-    if name not in PRESETS:
-        raise CaseError(
-            f"case {name!r}: neither a file nor a preset; expected a case file (.toml) or one of "
-            f"{', '.join(PRESETS)}"
-        )
-    return preset(name, keys)
-
-
-def _writable(directory: Path) -> Path:
-    """Make a folder and see that files can be written there, before any work is done."""
-    from delam_fem.parameters import CaseError
-
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=directory):
-            pass
-    except OSError as error:
-        raise CaseError(
-            f"output folder {directory}: cannot be written ({error.strerror}); choose another "
-            "with -o DIR"
-        ) from None
-    return directory
-
-
 register_sweeps(app)
+register_convergence(app)
 
 if __name__ == "__main__":
     app()
