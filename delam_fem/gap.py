@@ -82,23 +82,23 @@ def read_gap_table(path: Path, length: float) -> tuple[FloatArray, FloatArray]:
     gap = np.array([row[2] for row in rows])
     for k in np.flatnonzero(~(np.diff(x) > 0.0)):
         raise CaseError(
-            f"gap file {path}, line {lines[k + 1]}: expected x to increase, given {x[k + 1]!r} "
-            f"after {x[k]!r}"
+            f"gap file {path}, line {lines[k + 1]}: expected x to increase, given {x[k + 1]} "
+            f"after {x[k]}"
         )
     margin = _END_TOLERANCE * length
     if abs(x[0]) > margin or x[-1] < length - margin:
         raise CaseError(
-            f"gap file {path}: expected x from 0 to the length {length!r} m, given {x[0]!r} to "
-            f"{x[-1]!r}"
+            f"gap file {path}: expected x from 0 to the length {length!r} m, given {x[0]} to "
+            f"{x[-1]}"
         )
     if abs(gap[0]) > margin:
         raise CaseError(
-            f"gap file {path}, line {lines[0]}: expected the gap 0 at the clamp, given {gap[0]!r}"
+            f"gap file {path}, line {lines[0]}: expected the gap 0 at the clamp, given {gap[0]}"
         )
     for k in np.flatnonzero(gap[1:] <= 0.0):
         raise CaseError(
             f"gap file {path}, line {lines[k + 1]}: the gap starts closed beyond the clamp: "
-            f"expected a positive gap, given {gap[k + 1]!r} m"
+            f"expected a positive gap, given {gap[k + 1]} m"
         )
     x[0] = gap[0] = 0.0
     return x, gap
