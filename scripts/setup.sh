@@ -88,14 +88,11 @@ distribution_numpy() {
     dpkg-query -W -f '${Version}' python3-numpy | sed -E 's/^[0-9]+://; s/[+~-].*$//'
 }
 
-# Prints the constraints of release $1.
+# Prints the constraints of release $1; where they leave numpy open, the distribution's is added.
 constraints() {
     local file=$ROOT/scripts/constraints-$1.txt
-    if [[ -r $file ]]; then
-        cat "$file"
-    else
-        printf 'numpy==%s\n' "$(distribution_numpy)"
-    fi
+    [[ ! -r $file ]] || cat "$file"
+    grep -qs '^numpy==' "$file" || printf 'numpy==%s\n' "$(distribution_numpy)"
 }
 
 # Prints what decides whether the set-up has to be done again, for release $1.

@@ -42,7 +42,8 @@ def test_table_is_interpolated_without_overshoot(tmp_path: Path) -> None:
     rows = np.array([[0.0, 0.0], [0.2, 0.001], [0.3, 0.010], [0.5, 0.0101], [L, 0.012]])
     gap = table(
         tmp_path,
-        "# measured\nx [m], gap [m]\n\n" + "".join(f"{x!r}, {g!r}  # row\n" for x, g in rows),
+        "# measured\nx [m], gap [m]\n\n"
+        + "".join(f"{float(x)!r}, {float(g)!r}  # row\n" for x, g in rows),
     )
     assert initial_gap(gap, rows[:, 0], L) == pytest.approx(rows[:, 1], rel=ROUND_OFF)
     fine = initial_gap(gap, np.linspace(0.0, L, 500), L)
