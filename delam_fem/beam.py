@@ -12,7 +12,6 @@ afterwards (paper eq. 9, 10).
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -23,7 +22,7 @@ from mpi4py import MPI
 from delam_fem.gap import initial_gap
 from delam_fem.hermite import BENDING_DEGREE, MASS_DEGREE, Hermite
 from delam_fem.mesh import node_coordinates
-from delam_fem.model import Model, crossing_rate
+from delam_fem.model import Model
 from delam_fem.operators import BaseCoupling, FloatArray, IntArray, Operators
 from delam_fem.parameters import Case
 
@@ -59,9 +58,7 @@ def assemble(
     EI_of_cell, rhoA_of_cell = (
         np.array([np.broadcast_to(profile(i, middle), n) for i in (0, 1)]) for profile in (EI, rhoA)
     )
-    operators = _operators(case, x, (M, C, K), lumped)
-    rate = crossing_rate(x, EI_of_cell, rhoA_of_cell)
-    return Model(replace(operators, recovery_rate=rate), x, EI_of_cell, rhoA_of_cell)
+    return Model(_operators(case, x, (M, C, K), lumped), x, EI_of_cell, rhoA_of_cell)
 
 
 def _two_lines(n: int) -> IntArray:

@@ -6,12 +6,14 @@ Contact history is part of it: which pairs rest on springs, and the records of t
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from delam_fem.energy import Energies
+from delam_fem.operators import FloatArray
 from delam_fem.parameters import Case, CaseError
 from delam_fem.recorder import PeriodRecord, Recorder
 from delam_fem.simulate import Engine, State
@@ -56,8 +58,21 @@ def save(
     os.replace(temporary, path)
 
 
-def load(path: Path | None, case: Case, engine: Engine, recorder: Recorder) -> None:
+def load(
+    path: Path | None,
+    case: Case,
+    engine: Engine,
+    recorder: Recorder,
+    motion: Callable[[int], FloatArray],
+) -> None:
     """Take up a run where a checkpoint left it.
+
+    Args:
+        path: the file; None where no folder was given.
+        case: what is computed.
+        engine: takes over the state.
+        recorder: takes over what was kept.
+        motion: states of the base in a period, see `simulate`.
 
     Raises:
         CaseError: there is no checkpoint, or it belongs to another case.
@@ -73,8 +88,9 @@ def load(path: Path | None, case: Case, engine: Engine, recorder: Recorder) -> N
                 "interrupted run, or without --resume"
             )
         damping, contact = (float(loss) for loss in data["losses"])
-        engine.restore(State(data["motion"], data["permanent"], (damping, contact)))
         k = recorder.n_closed = int(data["n_closed"])
+        state = State(data["motion"], data["permanent"], (damping, contact))
+        engine.restore(state, motion(k)[0])
         for name in _PERIOD_ARRAYS:
             getattr(recorder, name)[:k] = data[name]
         for j in range(min(k, recorder.window.maxlen or k)):

@@ -89,15 +89,11 @@ class Compiled:
 
         Raises:
             ArithmeticError: a matrix is singular.
-            ValueError: the law "moreau-recovery" lacks what it needs.
+            ValueError: law "moreau-recovery" with θ = 1, where a step does not tell its start.
         """
-        rates = operators.recovery_rate.size
-        if law.kind == compiled_state.RECOVERY and (
-            rates != operators.n_pairs or scheme.rho == 0.0
-        ):
+        if law.kind == compiled_state.RECOVERY and scheme.rho == 0.0:
             raise ValueError(
-                f'law "moreau-recovery": expected θ < 1 and {operators.n_pairs} recovery rates, '
-                f'given θ = {scheme.theta} and {rates} rates: use the law "moreau"'
+                f'law "moreau-recovery": expected θ < 1, given {scheme.theta}: use the law "moreau"'
             )
         self.operators = operators
         self.stepper = CompiledStepper(operators, scheme, law)
@@ -109,9 +105,8 @@ class Compiled:
 
     def start(self, initial: State | None, base_state: FloatArray) -> None:
         """Take a state, or rest, and renew the accelerations; see `simulate.Engine`."""
-        self.stepper.memory.base[:] = base_state
-        if initial is not None:
-            self.restore(State(initial.motion, initial.permanent))
+        initial = self.state() if initial is None else initial
+        self.restore(State(initial.motion, initial.permanent), base_state)
         self.stepper.renew_acceleration()
 
     def state(self) -> State:
@@ -119,8 +114,9 @@ class Compiled:
         s = self.stepper
         return State(s.state(), s.permanent, (s.dissipated, s.contact_damped))
 
-    def restore(self, state: State) -> None:
-        """Take over a state as it is."""
+    def restore(self, state: State, base_state: FloatArray) -> None:
+        """Take over a state as it is; see `simulate.Engine`."""
+        self.stepper.memory.base[:] = base_state
         self.stepper.restore(state.motion, state.permanent)
         self.stepper.dissipated, self.stepper.contact_damped = state.losses
 

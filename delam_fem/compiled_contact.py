@@ -25,7 +25,6 @@ from delam_fem.compiled_state import (
     RECOVERY,
     RELEASED,
 )
-from delam_fem.contact import LARGEST_RECOVERY
 from delam_fem.lane_kernels import R, Z
 
 DONE, NOT_FINITE, UNSOLVED = 0, -1, -2
@@ -222,17 +221,16 @@ def _lacking(system, law, memory):  # type: ignore[no-untyped-def]
     The start of the step follows from its end: U = U⁺ - θ Δt H z, U̇ = (H z - U̇⁺) / ρ.
     """
     X, size, scheme = memory.X, system.size, system.scheme
-    smallest, fastest = 0.0, LARGEST_RECOVERY / scheme.time_step
+    smallest = 0.0
     for k in range(system.n_pairs):
         free = row_product(system.gap_rows, k, X, size)
         mean = row_product(system.gap_rows, k, X, lk.P * size)
         pre = (mean - free) / scheme.rho
         gap = system.gap0[k] + row_product(system.gap_rows, k, X, 0) - scheme.p * mean
-        if gap > 0.0:
-            floor = -2.0 * gap / scheme.time_step
-        else:
-            recovery = min(system.recovery_rate[k], fastest)
-            floor = -law.restitution * min(pre, 0.0) - recovery * gap
+        floor = -gap / scheme.time_step
+        if not gap > 0.0:
+            floor -= law.restitution * min(pre, 0.0)
+        floor = min(floor, -pre)
         memory.rate[k], memory.forces[k], memory.direction[k] = pre, free, free - floor
         smallest = min(smallest, free - floor)
     return smallest

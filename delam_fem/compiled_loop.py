@@ -79,12 +79,12 @@ def _smallest_gap(system, X, ahead):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def _anticipated_gap(system, X):  # type: ignore[no-untyped-def]
-    """Return the smallest U + Δt/2 U̇⁺, U at the start of the step."""
+    """Return the smallest U + Δt U̇⁺, U at the start of the step."""
     smallest, scheme = np.inf, system.scheme
     for k in range(system.n_pairs):
         gap = system.gap0[k] + row_product(system.gap_rows, k, X, 0)
         gap -= scheme.p * row_product(system.gap_rows, k, X, lk.P * system.size)
-        gap += scheme.gap_ahead * row_product(system.gap_rows, k, X, system.size)
+        gap += scheme.time_step * row_product(system.gap_rows, k, X, system.size)
         smallest = min(smallest, gap)
     return smallest
 
@@ -145,7 +145,7 @@ def _glide(system, law, memory, log, steps, touch):  # type: ignore[no-untyped-d
     """
     X, totals, weight = memory.X, memory.totals, system.scheme.weight
     anticipates, (first, last) = law.kind == RECOVERY, steps
-    ahead = system.scheme.gap_ahead if anticipates else 0.0
+    ahead = system.scheme.time_step if anticipates else 0.0
     for step in range(first, last + 1):
         predicted = _look_ahead(system, law, memory)
         base_state = _mix_base(system, memory.base, log.base_states, step)

@@ -100,7 +100,6 @@ class System(NamedTuple):
         inverse_lumped: shape (size,).
         gap_rows: H.
         gap0: gaps at rest, shape (n_pairs,) [m].
-        recovery_rate: κ of each pair, 0 where not known, likewise [1/s].
         base_rows: base by rows.
         observed: places of the observed dofs.
     """
@@ -126,7 +125,6 @@ class System(NamedTuple):
     inverse_lumped: FloatArray
     gap_rows: Rows
     gap0: FloatArray
-    recovery_rate: FloatArray
     base_rows: Rows
     observed: IntArray
 
@@ -210,7 +208,6 @@ def _system(
         inverse_lumped=to @ (1.0 / o.lumped_mass),
         gap_rows=banded.rows(o.gap_matrix @ to.T),
         gap0=np.array(o.gap0, dtype=float),
-        recovery_rate=np.array(o.recovery_rate if o.recovery_rate.size else 0.0 * o.gap0),
         base_rows=banded.rows(sp.csr_matrix(base)),
         observed=order[o.observed],
     )

@@ -11,9 +11,6 @@ import numpy as np
 from delam_fem import complementarity
 from delam_fem.operators import FloatArray
 
-LARGEST_RECOVERY = 0.9
-"""Share of a penetration that a step may take back."""
-
 
 def separate_impulses(
     rate_pre: FloatArray, restitution: float, inverse_mass: FloatArray
@@ -66,27 +63,27 @@ def floor_impulses(lacking: FloatArray, compliance: FloatArray) -> FloatArray:
 
 
 def recovery_floor(
-    gap: FloatArray,
-    rate_pre: FloatArray,
-    restitution: float,
-    recovery_rate: FloatArray,
-    time_step: float,
+    gap: FloatArray, rate_pre: FloatArray, restitution: float, time_step: float
 ) -> FloatArray:
     """Return the gap rate below which no pair may end a step (law "moreau-recovery").
 
-        open, U > 0:     U̇⁺ >= -2 U / Δt                       the gap may be used up by mid-step
-        closed, U <= 0:  U̇⁺ >= -e min(U̇, 0) - κ U              Newton's law; penetrations recede
+        U̇⁺ >= min(-U/Δt - e min(U̇, 0) [U <= 0],  -U̇)
+
+    An open gap is used up by the end of the step at the earliest; a closed one opens by Newton's
+    law and by what takes its penetration back within a step; but no pair leaves faster than it
+    came, so that no impulse does work: p (U̇⁺ + U̇)/2 <= 0.
 
     Args:
         gap: U at the start of the step, shape (n_pairs,) [m].
         rate_pre: U̇ at the start of the step, shape (n_pairs,) [m/s].
         restitution: e [-].
-        recovery_rate: κ, shape (n_pairs,) [1/s]; at most `LARGEST_RECOVERY` is taken back a step.
         time_step: Δt [s].
+
+    Source:
+        The gap constraint is that of D. E. Stewart and J. C. Trinkle (1996); docs/convergence.md.
     """
-    rate = np.minimum(recovery_rate, LARGEST_RECOVERY / time_step)
-    closed = -restitution * np.minimum(rate_pre, 0.0) - rate * gap
-    return np.where(gap > 0.0, -2.0 * gap / time_step, closed)
+    newton = np.where(gap > 0.0, 0.0, -restitution * np.minimum(rate_pre, 0.0))
+    return np.minimum(newton - gap / time_step, -rate_pre)
 
 
 def spring_energy(stiffness: float, gap: FloatArray) -> float:

@@ -77,19 +77,18 @@ def _supervisor(case: Case, stepper: Newmark) -> Supervisor:
 
 
 def _moreau(case: Case, operators: Operators, comm: PETSc.Comm) -> StepByStep:
-    e, resting = case.contact.restitution, case.contact.threshold_velocity
-    if case.contact.law == "moreau":
+    contact = case.contact
+    n, e, resting = operators.n_pairs, contact.restitution, contact.threshold_velocity
+    if contact.law == "moreau":
         stepper = MoreauJean(operators, case.time_step, comm=comm)
-        law = MoreauImpacts(
-            stepper.compliance, n_pairs=operators.n_pairs, restitution=e, resting_velocity=resting
-        )
+        law = MoreauImpacts(stepper.compliance, n_pairs=n, restitution=e, resting_velocity=resting)
         return StepByStep(stepper, law)
     stepper = MoreauJean(operators, case.time_step, anticipates=True, comm=comm)
     recovery = MoreauRecovery(
         stepper.compliance,
+        n_pairs=n,
         restitution=e,
-        resting_velocity=resting,
-        recovery_rate=operators.recovery_rate,
         time_step=case.time_step,
+        resting_velocity=resting,
     )
     return StepByStep(stepper, recovery)

@@ -15,31 +15,6 @@ from delam_fem.operators import Operators
 FloatArray = npt.NDArray[np.float64]
 
 
-def crossing_rate(
-    x: FloatArray, flexural_rigidity: FloatArray, mass_per_length: FloatArray
-) -> FloatArray:
-    """Return how fast bending waves cross the elements at each contact pair.
-
-        1/τ,   τ = h² Σ_i sqrt(ρA_i / EI_i)   over the two laminae
-
-    A bending wave spreads over a length l within about l² sqrt(ρA/EI): what happens at a node in
-    less than τ is the mesh's affair, not the beams'.
-
-    Args:
-        x: positions of the nodes, clamp included, shape (n_nodes,) [m].
-        flexural_rigidity: EI of each cell of each lamina, shape (2, n_nodes - 1) [N m2].
-        mass_per_length: rho A likewise [kg/m].
-
-    Returns:
-        Rates at the free nodes, by the mean τ of their cells, shape (n_nodes - 1,) [1/s].
-    """
-    h = np.diff(x)
-    tau = h**2 * np.sqrt(mass_per_length / flexural_rigidity).sum(axis=0)
-    following = np.append(tau[1:], tau[-1])
-    rate: FloatArray = 2.0 / (tau + following)
-    return rate
-
-
 @dataclass(frozen=True)
 class Model:
     """Two discretised laminae with opposite nodes.

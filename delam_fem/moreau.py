@@ -93,8 +93,7 @@ class MoreauJean(Dynamics):
         u.axpy(dt * theta, v)
         if self._anticipates:
             self._H.mult(v, predicted)
-            predicted.scale(0.5 * dt)
-            predicted.axpy(1.0, self._gap.vector)  # below 0 where U̇⁺ < -2 U / Δt
+            predicted.aypx(dt, self._gap.vector)  # U + Δt U̇⁺ without impulses
         return float(predicted.min()[1])
 
     def jump(self, decision: Decision) -> tuple[float, float]:

@@ -21,11 +21,30 @@ class FullCompliance(Compliance, Protocol):
         """Return the columns of some pairs, shape (n_pairs, k) [1/kg]."""
 
 
-class MoreauImpacts(Memory):
-    """Law "moreau": impulses within the step, on every pair whose predicted gap is closed.
+class _StepImpacts(Memory):
+    """What both laws report: which pairs were pushed without having approached.
 
-    `permanent` tells which pairs were pushed without having approached: they rest on one another.
+    `permanent` tells them; it changes what is reported, not the motion.
     """
+
+    def __init__(self, n_pairs: int, resting_velocity: float) -> None:
+        """Begin with no pair at rest; slower approach than `resting_velocity` is none [m/s]."""
+        super().__init__(n_pairs)
+        self._resting_velocity, self._none = resting_velocity, self.permanent
+
+    def _forget(self) -> None:
+        """Begin a step with no pair at rest."""
+        self.permanent, self.is_holding = self._none, False
+
+    def _report(self, hit: IntArray, rate_pre: FloatArray) -> None:
+        """Note the pairs that rest, and look again after the next step even if all is open."""
+        self.permanent = self._none.copy()
+        self.permanent[hit[rate_pre > -self._resting_velocity]] = True
+        self.is_holding = bool(self.permanent.any())
+
+
+class MoreauImpacts(_StepImpacts):
+    """Law "moreau": impulses within the step, on every pair whose predicted gap is closed."""
 
     def __init__(
         self,
@@ -41,18 +60,15 @@ class MoreauImpacts(Memory):
             compliance: W of the matrix of the θ-step, M + θ Δt C + θ² Δt² K.
             n_pairs: number of contact pairs.
             restitution: e [-].
-            resting_velocity: approach slower than this counts as resting [m/s]; it changes what is
-                reported, not the motion.
+            resting_velocity: approach slower than this is reported as resting [m/s].
         """
-        super().__init__(n_pairs)
+        super().__init__(n_pairs, resting_velocity)
         self._compliance = compliance
         self._restitution = restitution
-        self._resting_velocity = resting_velocity
-        self._none = self.permanent
 
     def examine(self, seen: Kinematics) -> Decision | None:
         """Return the impulses of this step."""
-        self.permanent = self._none
+        self._forget()
         active = np.flatnonzero(seen.gap <= 0.0)
         if not active.size:
             return None
@@ -64,49 +80,44 @@ class MoreauImpacts(Memory):
         pushed = impulses > 0.0
         rate_post = (rate_free + W @ impulses)[pushed]
         hit, rate_pre = active[pushed], rate_pre[pushed]
-        self.permanent = self._none.copy()
-        self.permanent[hit[rate_pre > -self._resting_velocity]] = True
+        self._report(hit, rate_pre)
         return Decision(hit, impulses[pushed], rate_pre, rate_post)
 
 
-class MoreauRecovery(Memory):
+class MoreauRecovery(_StepImpacts):
     """Law "moreau-recovery": the θ-step with a floor under every gap rate, open gaps included.
 
-    A pair comes into contact before its gap is used up, and a penetration that the step could not
-    avoid is taken back within the time in which a wave crosses an element.
+    A pair comes into contact when its gap is used up, not when it has been overrun, and takes back
+    the penetration that remains as far as that needs no energy (`contact.recovery_floor`).
     """
 
     def __init__(
         self,
         compliance: FullCompliance,
         *,
+        n_pairs: int,
         restitution: float,
-        resting_velocity: float,
-        recovery_rate: FloatArray,
         time_step: float,
+        resting_velocity: float = 0.0,
     ) -> None:
         """Set the law up.
 
         Args:
             compliance: W of the matrix of the θ-step, M + θ Δt C + θ² Δt² K.
+            n_pairs: number of contact pairs.
             restitution: e [-].
-            resting_velocity: approach slower than this counts as resting [m/s]; only reported.
-            recovery_rate: κ of each pair, shape (n_pairs,) [1/s].
             time_step: Δt [s].
+            resting_velocity: see `MoreauImpacts`.
         """
-        super().__init__(recovery_rate.size)
+        super().__init__(n_pairs, resting_velocity)
         self._compliance = compliance
-        self._restitution, self._resting_velocity = restitution, resting_velocity
-        self._recovery_rate, self._time_step = recovery_rate, time_step
-        self._none = self.permanent
+        self._restitution, self._time_step = restitution, time_step
 
     def examine(self, seen: Kinematics) -> Decision | None:
         """Return the impulses of this step."""
-        self.permanent = self._none
+        self._forget()
         pre, free = seen.rate_pre(), seen.rate_free()
-        floor = contact.recovery_floor(
-            seen.gap, pre, self._restitution, self._recovery_rate, self._time_step
-        )
+        floor = contact.recovery_floor(seen.gap, pre, self._restitution, self._time_step)
         lacking = free - floor
         active = np.flatnonzero(lacking < 0.0)
         if not active.size:
@@ -124,8 +135,7 @@ class MoreauRecovery(Memory):
         pushed = impulses > 0.0
         hit, rate_pre = active[pushed], pre[active[pushed]]
         rate_post = free[hit] + change[hit]
-        self.permanent = self._none.copy()
-        self.permanent[hit[rate_pre > -self._resting_velocity]] = True
+        self._report(hit, rate_pre)
         return Decision(hit, impulses[pushed], rate_pre, rate_post)
 
     @staticmethod

@@ -54,8 +54,6 @@ class Operators:
         gap_matrix: H, CSR (n_pairs, n); gap rate = H v.
         gap0: gap at rest, shape (n_pairs,) [m]; positive is open.
         observed: dofs whose motion is recorded at each step, shape (n_observed,).
-        recovery_rate: rate at which waves cross the elements at each pair, shape (n_pairs,) [1/s];
-            law "moreau-recovery" takes back penetrations at it. Empty: not known.
     """
 
     mass: sp.csr_matrix
@@ -66,7 +64,6 @@ class Operators:
     gap_matrix: sp.csr_matrix
     gap0: FloatArray
     observed: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    recovery_rate: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
         """Check the shapes.

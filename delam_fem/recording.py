@@ -41,6 +41,7 @@ def motion_of(case: Case) -> Callable[[int], FloatArray]:
     steps = np.arange(n_steps + 1)
     if case.excitation.kind == "harmonic":
         table = motion.states(steps * dt)
+        table[-1] = table[0]  # but for round-off it is
         table.flags.writeable = False
         return lambda period: table
     return lambda period: motion.states((period * n_steps + steps) * dt)

@@ -7,14 +7,14 @@ case, the gap at rest and the motion of the base are inputs to both. How the mod
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
 
 from delam_fem.gap import initial_gap
-from delam_fem.model import Model, crossing_rate
+from delam_fem.model import Model
 from delam_fem.operators import BaseCoupling, Operators
 from delam_fem.parameters import Case, CaseError, Lamina
 
@@ -62,7 +62,7 @@ def assemble(case: Case, x: npt.ArrayLike | None = None) -> Model:
     )
     EI = np.stack([beam.flexural_rigidity for beam in beams])
     rhoA = np.stack([beam.mass_per_length for beam in beams])
-    return Model(replace(operators, recovery_rate=crossing_rate(x, EI, rhoA)), x, EI, rhoA)
+    return Model(operators, x, EI, rhoA)
 
 
 def element_stiffness(flexural_rigidity: npt.ArrayLike, h: npt.ArrayLike) -> FloatArray:

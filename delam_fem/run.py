@@ -74,7 +74,7 @@ def run(
     recorder, motion = recorder_of(case, model.operators), motion_of(case)
     kept = None if directory is None else checkpoint.path_in(Path(directory))
     if resume:
-        checkpoint.load(kept, case, computing, recorder)
+        checkpoint.load(kept, case, computing, recorder, motion)
     else:
         computing.start(initial, motion(0)[0])
     begin, first = time.perf_counter(), recorder.n_closed

@@ -49,8 +49,8 @@ class Engine(Protocol):
     def state(self) -> State:
         """Return the present state."""
 
-    def restore(self, state: State) -> None:
-        """Take over a state as it is."""
+    def restore(self, state: State, base_state: FloatArray) -> None:
+        """Take over a state as it is, with (q, q', q'') of the base at that time."""
 
     def destroy(self) -> None:
         """Free what the engine holds."""
@@ -102,9 +102,8 @@ class StepByStep:
 
     def start(self, initial: State | None, base_state: FloatArray) -> None:
         """Take a state, or rest, and renew the accelerations; see `Engine`."""
-        self.stepper.base_states, self.stepper.base_index = [base_state.tolist()], 0
-        if initial is not None:
-            self.restore(State(initial.motion, initial.permanent))
+        initial = self.state() if initial is None else initial
+        self.restore(State(initial.motion, initial.permanent), base_state)
         self.stepper.renew_acceleration()
 
     def state(self) -> State:
@@ -112,8 +111,9 @@ class StepByStep:
         s = self.stepper
         return State(s.state(), self.supervisor.permanent.copy(), (s.dissipated, s.contact_damped))
 
-    def restore(self, state: State) -> None:
-        """Take over a state as it is."""
+    def restore(self, state: State, base_state: FloatArray) -> None:
+        """Take over a state as it is; see `Engine`."""
+        self.stepper.base_states, self.stepper.base_index = [base_state.tolist()], 0
         self.stepper.restore(state.motion)
         self.stepper.restore_springs(state.permanent)
         self.supervisor.restore(state.permanent.copy())

@@ -96,8 +96,7 @@ def assert_same(one: Recorder, other: Recorder) -> None:
         assert len(a.frames) == len(b.frames) > 0
         for frame, same in zip(a.frames, b.frames, strict=True):
             np.testing.assert_allclose(frame[0], same[0], rtol=0.0, atol=SAME)
-        hit = np.isin(a.frame_steps, [step for step, _, _ in a.jumps])
-        np.testing.assert_array_equal(np.array(a.contact)[hit], np.array(b.contact)[hit])
+        np.testing.assert_array_equal(np.array(a.contact), np.array(b.contact))
     np.testing.assert_allclose(one.ledger, other.ledger, rtol=0.0, atol=SAME_ENERGY)
     np.testing.assert_allclose(one.impulse, other.impulse, rtol=1e-7)
 
@@ -113,12 +112,11 @@ def test_compiled_equals_petsc(law: str, impulse: str, mass: str, scheme: str) -
         assert len(impacts(petsc)) >= FIRST_IMPACTS
     for a, b in zip(petsc.window, compiled.window, strict=True):
         for (_, one, energy), (_, other, same) in zip(a.jumps, b.jumps, strict=True):
-            np.testing.assert_allclose(other.impulses, one.impulses, rtol=1e-6, atol=1e-12)
+            np.testing.assert_allclose(other.impulses, one.impulses, rtol=1e-6, atol=1e-10)
             np.testing.assert_allclose(other.rate_pre, one.rate_pre, rtol=1e-6, atol=1e-8)
             np.testing.assert_allclose(other.rate_post, one.rate_post, rtol=1e-6, atol=1e-8)
             assert same == pytest.approx(energy, rel=1e-6, abs=1e-14)
-    if not law.startswith("moreau"):  # there it is what the last impacts left, nothing lasting
-        np.testing.assert_array_equal(same_end.permanent, end.permanent)
+    np.testing.assert_array_equal(same_end.permanent, end.permanent)
     np.testing.assert_allclose(same_end.motion[0], end.motion[0], rtol=0.0, atol=SAME)
     if scheme == "newmark":
         assert compiled.energy_residual() < CLOSED
