@@ -2,32 +2,51 @@
 
     .venv/bin/python scripts/benchmark.py [--short] [-o docs]
 
-Machines are noisy: each figure is the fastest of several runs. Prints a table; with -o also writes
-performance.json there.
+Machines are noisy: each figure is the fastest of several runs. Prints tables; with -o also writes
+performance.json, performance.md and figures/performance.png there.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import os
 import resource
 import sys
 import time
 from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
+from matplotlib.figure import Figure
+from mpi4py import MPI
 from petsc4py import PETSc
 from rich.console import Console
 from rich.table import Table
 
 import delam_fem as df
 from delam_fem import petsc, reference
+from delam_fem.compiled import compiled_engine
 from delam_fem.engines import petsc_engine
-from delam_fem.run import motion_of, recorder_of
+from delam_fem.recording import motion_of, recorder_of
+from delam_fem.reference_loop import simulate_reference
 from delam_fem.simulate import simulate
 
 COMM = PETSc.COMM_SELF
+SCHEMES: dict[str, dict[str, Any]] = {
+    "newton-penalty, lumped mass and impulses": {"time.mass": "lumped"},
+    "newton-penalty, consistent mass and impulses": {"contact.impulse": "consistent"},
+    "moreau-recovery": {"contact.law": "moreau-recovery", "contact.impulse": "consistent"},
+    "no contact, lumped mass": {"contact.law": "none", "time.mass": "lumped"},
+}
+BASELINE = "newton-penalty, lumped mass and impulses"
+SIZES = (5, 20, 50, 200, 500, 1000, 2000)
+COUPLED_UP_TO = 200
+"""Elements; beyond, simultaneous impacts of hundreds of pairs would take the whole time."""
+PLAIN_UP_TO = 50
+"""Elements up to which the plain loop is worth waiting for."""
 
 
 def fastest(action: Callable[[], object], repeats: int, per_call: int = 1) -> float:
@@ -49,49 +68,98 @@ def bare_operations(case: df.Case, repeats: int) -> float:
     C, K = petsc.matrix(o.damping, COMM), petsc.matrix(o.stiffness, COMM)
     x, y = K.createVecs()
     x.set(1.0)
-    calls = max(20, 200_000 // o.n_dofs)
 
     def operations() -> None:
         K.mult(x, y)
         C.mult(x, y)
         A.solve(x, y)
 
-    return fastest(operations, repeats, calls)
+    return fastest(operations, repeats, max(20, 200_000 // o.n_dofs))
 
 
-def step(case: df.Case, repeats: int, engine: str = "petsc") -> float:
-    """Return the time of a step with all that a run does in it [µs]."""
-    operators = reference.assemble(case).operators
-    times = []
-    for _ in range(repeats):
-        computing = make_engine(engine, case, operators)
-        recorder, motion = recorder_of(case, operators), motion_of(case)
-        computing.start(None, motion(0)[0])
-        begin = time.perf_counter()
-        outcome = simulate(computing, recorder, motion)
-        times.append(time.perf_counter() - begin)
-        computing.destroy()
-        if outcome != "completed":
-            raise RuntimeError(f"{case.name} with {case.mesh.elements} elements {outcome}")
-    return 1e6 * min(times) / (case.n_periods * case.time.steps_per_period)
+def case_of(elements: int, periods: int, **settings: Any) -> df.Case:
+    """Return the preset `paper` at 3.25 Hz on a mesh, from rest, without fields."""
+    keys: dict[str, Any] = {"mesh.elements": elements, "time.periods": periods}
+    keys |= {"output.window_periods": 1, "output.fields_per_period": 0}
+    return df.preset("paper", keys | settings)
 
 
 def make_engine(name: str, case: df.Case, operators: Any) -> Any:
     """Return an engine by its name."""
     if name == "petsc":
-        from mpi4py import MPI
-
         return petsc_engine(case, operators, MPI.COMM_SELF)
-    raise ValueError(name)
+    return compiled_engine(case, operators)
 
 
-def case_of(elements: int, periods: int, **settings: Any) -> df.Case:
-    """Return the preset at 3.25 Hz on a mesh; fine meshes need a scheme that loses energy."""
-    keys: dict[str, Any] = {"mesh.elements": elements, "time.periods": periods}
-    keys |= {"output.window_periods": 1, "output.fields_per_period": 0}
-    if elements > 50:
-        keys["time.mass"] = "lumped"
-    return df.preset("paper", keys | settings)
+def step(case: df.Case, repeats: int, engine: str) -> dict[str, float]:
+    """Return the time of a step with all that a run does in it, and in the engine alone [µs]."""
+    operators = reference.assemble(case).operators
+    whole, inner = [], []
+    for _ in range(repeats):
+        computing = make_engine(engine, case, operators)
+        recorder, motion = recorder_of(case, operators), motion_of(case)
+        computing.start(None, motion(0)[0])
+        within = Stopwatch(computing.run_period)
+        begin = time.perf_counter()
+        outcome = simulate(Timed(computing, within), recorder, motion)
+        whole.append(time.perf_counter() - begin)
+        inner.append(within.seconds)
+        computing.destroy()
+        if outcome != "completed":
+            raise RuntimeError(f"{case.name} with {case.mesh.elements} elements {outcome}")
+    steps = case.n_periods * case.time.steps_per_period
+    return {"run": 1e6 * min(whole) / steps, "engine": 1e6 * min(inner) / steps}
+
+
+class Stopwatch:
+    """Adds up the time of calls."""
+
+    def __init__(self, action: Callable[..., int]) -> None:
+        """Take over the call."""
+        self._action, self.seconds = action, 0.0
+
+    def __call__(self, *arguments: Any) -> int:
+        """Call and count."""
+        begin = time.perf_counter()
+        result = self._action(*arguments)
+        self.seconds += time.perf_counter() - begin
+        return result
+
+
+class Timed:
+    """An engine of which the periods are timed."""
+
+    def __init__(self, engine: Any, run_period: Stopwatch) -> None:
+        """Take over the engine."""
+        self.stepper, self.run_period = engine.stepper, run_period
+
+
+def plain_loop(case: df.Case, repeats: int) -> float:
+    """Return the time of a step of the plain NumPy and SciPy loop of the reference [µs]."""
+    model = reference.assemble(case)
+    steps = case.n_periods * case.time.steps_per_period
+    loop = fastest(lambda: simulate_reference(model, case, periods=case.n_periods), repeats)
+    return loop / steps
+
+
+def _one_run(periods: int) -> int:
+    """Compute so many periods in a worker; return the steps."""
+    case = case_of(20, periods, **SCHEMES[BASELINE])
+    operators = reference.assemble(case).operators
+    engine = compiled_engine(case, operators)
+    recorder, motion = recorder_of(case, operators), motion_of(case)
+    engine.start(None, motion(0)[0])
+    simulate(engine, recorder, motion)
+    return periods * case.time.steps_per_period
+
+
+def throughput(workers: int, periods: int) -> float:
+    """Return steps per second of so many processes, each with runs of its own [1/s]."""
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        list(pool.map(_one_run, [2] * workers))  # compiled code is loaded
+        begin = time.perf_counter()
+        steps = sum(pool.map(_one_run, [periods] * (4 * workers)))
+        return steps / (time.perf_counter() - begin)
 
 
 def memory_growth(periods: tuple[int, int]) -> float:
@@ -105,54 +173,135 @@ def memory_growth(periods: tuple[int, int]) -> float:
 
 def measure(short: bool) -> dict[str, Any]:
     """Return all figures."""
-    repeats = 2 if short else 5
-    sizes = (5, 20, 50) if short else (5, 20, 50, 200, 500, 1000, 2000)
+    repeats = 2 if short else 4
     rows = []
-    for n in sizes:
-        periods = max(1, min(40, 2000 // n)) if not short else 3
-        case = case_of(n, periods)
-        bare = bare_operations(case, repeats)
-        times = {"with contact": step(case, repeats)}
-        times["without contact"] = step(case.with_overrides({"contact.law": "none"}), repeats)
-        rows.append({"elements": n, "dofs": 4 * n, "bare": bare, **times})
+    for n in (5, 20, 50) if short else SIZES:
+        periods = 2 if short else max(1, min(40, 2000 // n))
+        row: dict[str, Any] = {"elements": n, "dofs": 4 * n}
+        row["bare"] = bare_operations(case_of(n, 1), repeats)
+        for name, settings in SCHEMES.items():
+            if "consistent" in settings.values() and n > COUPLED_UP_TO:
+                continue
+            case = case_of(n, periods, **settings)
+            row[name] = {engine: step(case, repeats, engine) for engine in ("petsc", "compiled")}
+        if n <= PLAIN_UP_TO:
+            row["plain"] = plain_loop(case_of(n, 1, **SCHEMES[BASELINE]), 1)
+        rows.append(row)
     spans = (3, 6) if short else (20, 200)
-    return {"rows": rows, "memory_growth_mb": memory_growth(spans), "periods": spans}
+    cores = os.cpu_count() or 1
+    workers = sorted({1, cores})
+    return {
+        "rows": rows,
+        "throughput": {str(n): throughput(n, 20 if short else 300) for n in workers},
+        "memory_growth_mb": memory_growth(spans),
+        "periods": spans,
+    }
 
 
-def table(figures: dict[str, Any]) -> Table:
-    """Return the figures as a table."""
-    headings = ("elements", "dofs", "MatSolve + 2 MatMult", "step", "step with contact", "ratio",
-                "ns per dof")  # fmt: skip
-    result = Table(*headings, title="PETSc engine, µs")
-    for row in figures["rows"]:
-        ratio = row["with contact"] / row["bare"]
-        result.add_row(
-            str(row["elements"]),
-            str(row["dofs"]),
-            f"{row['bare']:.2f}",
-            f"{row['without contact']:.2f}",
-            f"{row['with contact']:.2f}",
-            f"{ratio:.1f}",
-            f"{1e3 * row['with contact'] / row['dofs']:.0f}",
-        )
+HEADINGS = ("elements", "dofs", "MatSolve + 2 MatMult", "plain loop", "PETSc", "PETSc / bare",
+            "compiled", "of it engine", "PETSc / compiled")  # fmt: skip
+
+
+def cells(row: dict[str, Any], scheme: str) -> list[str]:
+    """Return the cells of a mesh and a scheme, µs and ratios."""
+    by_petsc, by_compiled = row[scheme]["petsc"]["run"], row[scheme]["compiled"]
+    plain = f"{row['plain']:.0f}" if scheme == BASELINE and "plain" in row else "–"
+    return [
+        str(row["elements"]),
+        str(row["dofs"]),
+        f"{row['bare']:.2f}",
+        plain,
+        f"{by_petsc:.2f}",
+        f"{by_petsc / row['bare']:.1f}",
+        f"{by_compiled['run']:.2f}",
+        f"{by_compiled['engine']:.2f}",
+        f"{by_petsc / by_compiled['run']:.0f}",
+    ]
+
+
+def tables(figures: dict[str, Any]) -> dict[str, list[list[str]]]:
+    """Return the rows of a table for each scheme."""
+    return {name: [cells(row, name) for row in figures["rows"] if name in row] for name in SCHEMES}
+
+
+def closing_lines(figures: dict[str, Any]) -> list[str]:
+    """Return what stands below the tables."""
+    short, long = figures["periods"]
+    lines = [
+        f"{workers} process(es): {rate / 1e6:.2f} million steps/s"
+        for workers, rate in figures["throughput"].items()
+    ]
+    growth = figures["memory_growth_mb"]
+    return [*lines, f"peak memory from {short} to {long} periods: {growth:+.1f} MB"]
+
+
+def markdown(figures: dict[str, Any]) -> str:
+    """Return docs/performance.md."""
+    parts = [
+        "# Performance\n",
+        "Made by `scripts/benchmark.py -o docs`; all figures of one run on one machine, the "
+        "fastest of several repeats, in µs per step at 1000 steps per period and 3.25 Hz from "
+        "rest, ledger and record included. *MatSolve + 2 MatMult* is what PETSc needs for the "
+        "bare linear algebra of a step, *plain loop* the readable NumPy and SciPy loop of "
+        "`reference_loop.py`, *of it engine* the compiled steps without the record of each "
+        "period.\n",
+        "![Cost of a step](figures/performance.png)\n",
+    ]
+    for name, rows in tables(figures).items():
+        parts.append(f"## {name}\n")
+        lines = [HEADINGS, ("---",) * len(HEADINGS), *rows]
+        parts.append("\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n")
+    parts.append("## Cores and memory\n")
+    parts.append("\n".join(f"- {line}" for line in closing_lines(figures)) + "\n")
+    return "\n".join(parts)
+
+
+def figure(figures: dict[str, Any]) -> Figure:
+    """Return cost over dofs, log–log."""
+    result = Figure(figsize=(8.0, 4.8), layout="constrained")
+    axes = result.add_subplot(
+        xscale="log", yscale="log", xlabel="degrees of freedom [–]", ylabel="time of a step [µs]"
+    )
+    rows = figures["rows"]
+    dofs = [row["dofs"] for row in rows]
+    axes.plot(dofs, [row["bare"] for row in rows], "k:", label="MatSolve + 2 MatMult")
+    plain = [row for row in rows if "plain" in row]
+    axes.plot([r["dofs"] for r in plain], [r["plain"] for r in plain], "ks-", label="plain loop")
+    for name, colour in zip(SCHEMES, ("#0072B2", "#D55E00", "#009E73", "#CC79A7"), strict=True):
+        own = [row for row in rows if name in row]
+        x = [row["dofs"] for row in own]
+        for engine, line in (("petsc", "o-"), ("compiled", "^--")):
+            y = [row[name][engine]["run"] for row in own]
+            axes.plot(x, y, line, color=colour, label=f"{engine}: {name}")
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=7)
     return result
+
+
+def write(figures: dict[str, Any], folder: Path) -> None:
+    """Write numbers, page and figure."""
+    (folder / "figures").mkdir(parents=True, exist_ok=True)
+    (folder / "performance.json").write_text(json.dumps(figures, indent=2) + "\n")
+    (folder / "performance.md").write_text(markdown(figures), encoding="utf-8")
+    figure(figures).savefig(folder / "figures" / "performance.png", dpi=110)
 
 
 def main(arguments: list[str] | None = None) -> dict[str, Any]:
     """Measure, print and write."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--short", action="store_true", help="small meshes, few repeats")
-    parser.add_argument("-o", "--output", type=Path, help="folder for performance.json")
+    parser.add_argument("-o", "--output", type=Path, help="folder for numbers, page and figure")
     given = parser.parse_args(arguments)
     figures = measure(given.short)
-    console = Console()
-    console.print(table(figures))
-    short, long = figures["periods"]
-    growth = figures["memory_growth_mb"]
-    console.print(f"peak memory from {short} to {long} periods: {growth:+.1f} MB")
+    console = Console(width=120)
+    for name, rows in tables(figures).items():
+        table = Table(*HEADINGS, title=f"{name}: µs per step")
+        for row in rows:
+            table.add_row(*row)
+        console.print(table)
+    console.print("\n".join(closing_lines(figures)))
     if given.output is not None:
-        given.output.mkdir(parents=True, exist_ok=True)
-        (given.output / "performance.json").write_text(json.dumps(figures, indent=2) + "\n")
+        write(figures, given.output)
     return figures
 
 
