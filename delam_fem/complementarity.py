@@ -19,6 +19,9 @@ from delam_fem.operators import FloatArray
 TOLERANCE = 1e-13
 """Residual that counts as none, relative to the largest |q|: round-off of a few dozen pairs."""
 
+UNSOLVABLE = 1e-4
+"""Residual that no round-off explains, relative likewise: nearly alike pairs reach 1e-6."""
+
 
 @numba.njit(cache=True)
 def _solve_active(W, q, active, n_active, out):  # type: ignore[no-untyped-def]
@@ -134,7 +137,8 @@ def solve(W: FloatArray, q: FloatArray) -> FloatArray:
         p, shape (k,), e.g. impulses [N s].
 
     Raises:
-        ArithmeticError: W or q is not finite, or the active set does not settle.
+        ArithmeticError: W or q is not finite, q is not in the range of W, or the active set does
+            not settle.
 
     Source:
         spec of consistent impulses; C. L. Lawson, R. J. Hanson, Solving Least Squares Problems,
@@ -145,4 +149,6 @@ def solve(W: FloatArray, q: FloatArray) -> FloatArray:
         raise ArithmeticError("impulses: the velocities before the impact are not finite")
     if q.size and not solve_into(W, q, p):
         raise ArithmeticError(f"impulses: no solution found for {q.size} pairs (is W symmetric?)")
+    if q.size > 1 and (W @ p + q).min() < -UNSOLVABLE * np.abs(q).max():
+        raise ArithmeticError("impulses: no impulses can part these pairs (q is not in W's range)")
     return p

@@ -186,3 +186,9 @@ def test_what_is_not_finite_is_refused(broken: float, place: str) -> None:
         q[1] = broken
     with pytest.raises(ArithmeticError, match="not finite"):
         solve(W, q)
+
+
+def test_pairs_that_no_impulse_can_part_are_told() -> None:
+    W = np.array([[1.0, -1.0], [-1.0, 1.0]])
+    with pytest.raises(ArithmeticError, match="no impulses can part these pairs"):
+        solve(W, np.array([-1.0, -1.0]))
