@@ -1,0 +1,77 @@
+"""Keep the first impacts of the four reference motions, for comparison between releases.
+
+    .venv/bin/python scripts/first_impacts.py [FILE]    (default: tests/data/first_impacts.npz)
+
+What is kept was computed with dolfinx 0.5.2; the tests compare every other version with it. To be
+run again only when the model itself changes.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+import delam_fem as df
+
+FREQUENCIES = (1.25, 1.60, 3.25, 3.65)
+"""Of the reference motions [Hz]."""
+IMPACTS = 20
+"""Counted by pairs; all of them fall into the first period."""
+EVERY = 20
+"""Steps between the states kept besides those at impacts."""
+KEPT = Path(__file__).parents[1] / "tests" / "data" / "first_impacts.npz"
+
+
+def first_impacts(frequency: float, **overrides: object) -> dict[str, npt.NDArray[np.generic]]:
+    """Compute a reference motion from rest up to its 20th impact.
+
+    Args:
+        frequency: of the base [Hz].
+        overrides: keys of the case to change, with `__` for the dot.
+
+    Returns:
+        step, node, velocity_before [m/s] and impulse [N s] of the impacts, shape (20,) each; and
+        displacement [m], shape (2 laminae, states, nodes), at the steps `state_step`.
+    """
+    changes = {key.replace("__", "."): value for key, value in overrides.items()}
+    case = df.preset(
+        "paper",
+        {
+            "excitation.frequency": frequency,
+            "time.periods": 1,
+            "output.window_periods": 1,
+            "output.fields_per_period": 1000,  # every step
+            **changes,
+        },
+    )
+    history = df.run(case).history
+    step = np.rint(history.event_time.to_numpy() / case.time_step).astype(np.int32)[:IMPACTS]
+    frame_step = np.rint(history.frame.to_numpy() / case.time_step).astype(np.int32)
+    is_kept = (frame_step <= step[-1]) & ((frame_step % EVERY == 0) | np.isin(frame_step, step))
+    return {
+        "step": step,
+        "node": history.event_node.to_numpy()[:IMPACTS].astype(np.int32),
+        "velocity_before": history.event_velocity_before.to_numpy()[:IMPACTS],
+        "impulse": history.event_impulse.to_numpy()[:IMPACTS],
+        "state_step": frame_step[is_kept],
+        "displacement": history.displacement.to_numpy()[:, is_kept],
+    }
+
+
+def main(arguments: list[str]) -> int:
+    """Write the file."""
+    path = Path(arguments[0]) if arguments else KEPT
+    arrays = {
+        f"{frequency:.2f} {name}": values
+        for frequency in FREQUENCIES
+        for name, values in first_impacts(frequency).items()
+    }
+    np.savez_compressed(path, **arrays)  # type: ignore[arg-type]
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
