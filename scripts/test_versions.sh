@@ -12,8 +12,6 @@ DEFAULT_RELEASES=(trixie sid)
 MIRROR=http://deb.debian.org/debian # where the machine's own sources name none
 PLACE=/opt/delam_fem                # of the project in a tree
 DEBOOTSTRAP_SECONDS=900             # it takes half a minute; a dead connection would hang for hours
-NOT_TESTED=77
-
 TESTS_SECONDS=1800                  # they take a third of it
 NOT_TESTED=77
 
@@ -22,12 +20,12 @@ say() { printf 'test_versions: %s\n' "$*"; }
 # -- within the namespaces of one tree ------------------------------------------------------------
 # Whatever is mounted here is gone with the last process of the namespaces, however that ends.
 
-# Prints the Debian archive that apt of this machine uses (its sources in either format).
+# Prints the Debian archive in the apt configuration $1, which may be of either format.
 mirror() {
     local found
-    found=$({ cat /etc/apt/sources.list /etc/apt/sources.list.d/*.{list,sources} 2>/dev/null || true; } |
-        sed -nE 's#^(URIs:|deb( \[[^]]*\])?) *(https?://[^ ]*/debian)/?( .*)?$#\3#p' | head -n 1)
-    printf '%s\n' "${found:-$MIRROR}"
+    found=$({ cat "$1"/sources.list "$1"/sources.list.d/*.{list,sources} 2>/dev/null || true; } |
+        sed -nE 's#^(URIs:|deb( \[[^]]*\])?) *(https?://[^ ]*/debian)/?( .*)?$#\3#p' | sort -u)
+    printf '%s\n' "${found%%$'\n'*}" | sed "s#^\$#$MIRROR#"
 }
 
 # Ends the test of this tree with a verdict, a reason and any further lines on stdin.
@@ -88,18 +86,19 @@ short_demo() {
 
 # Tests release $1 in folder $2; the result goes to $2/result, the progress to file descriptor 3.
 test_tree() {
-    local release=$1 tree=$2/tree command found status=0
+    local release=$1 tree=$2/tree archive command found status=0
     RESULT=$2/result
+    archive=$(mirror /etc/apt)
     say "$release: making a tree" >&3
-    timeout "$DEBOOTSTRAP_SECONDS" debootstrap --variant=minbase "$release" "$tree" "$(mirror)" ||
-        verdict "not tested" "no tree from $(mirror); debootstrap's last words are in the log" </dev/null
+    timeout "$DEBOOTSTRAP_SECONDS" debootstrap --variant=minbase "$release" "$tree" "$archive" ||
+        verdict "not tested" "no tree from $archive; debootstrap's last words are in the log" </dev/null
     { mount -t proc proc "$tree/proc" && mount --rbind /sys "$tree/sys" && mount --rbind /dev "$tree/dev"; } ||
         verdict "not tested" "nothing can be mounted in the tree" </dev/null
     provide "$tree"
     mkdir -p "$tree$PLACE"
     tar -x -f "$2/../project.tar" -C "$tree$PLACE"
     within "$tree" apt-get -q update -o APT::Update::Error-Mode=any ||
-        verdict "not tested" "apt-get in the tree cannot reach $(mirror)" </dev/null
+        verdict "not tested" "apt-get in the tree cannot reach $archive" </dev/null
     command=$(readme_setup "$tree$PLACE/README.md") ||
         verdict failed "README.md has no line 'scripts/setup.sh' in a bash block" </dev/null
     say "$release: $command" >&3
@@ -141,7 +140,7 @@ clean_up() {
     for pid in "${!JOBS[@]}"; do
         kill -KILL "$pid" 2>/dev/null || true # and with it, by --kill-child, all in its namespaces
     done
-    wait
+    { wait; } 2>/dev/null
     for _ in {1..50}; do
         rm -rf --one-file-system -- "$WORK" 2>/dev/null && return
         sleep 0.2
