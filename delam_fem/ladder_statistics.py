@@ -75,7 +75,7 @@ class PeriodRow:
         impulse: sum of impulses [N s].
         impacts: impulses on pairs.
         work: energy lost in contact, by impacts, springs and dampers [J].
-        gain: of it, what single impacts have added [J].
+        gain: what single impacts have added, already taken off that [J].
     """
 
     low: FloatArray
@@ -101,7 +101,7 @@ def row_of(recorder: Recorder) -> PeriodRow:
         impulse=float(recorder.impulse[k, 0]),
         impacts=float(recorder.impulse[k, 1]),
         work=ledger["impact_loss"] + ledger["contact_damping_loss"] - ledger["spring_released"],
-        gain=sum(energy for _, _, energy in record.jumps if energy > 0.0),
+        gain=float(recorder.impulse[k, 2]),
     )
 
 

@@ -106,7 +106,8 @@ class Recorder:
         strobe: observed (u, v) at the end of each period, shape (n_periods, 2, n_observed).
         envelope: smallest and largest observed u within each period, likewise.
         ledger: rows of `LEDGER`, shape (n_periods, 9) [J].
-        impulse: sum of impulses and number of impacts within each period, shape (n_periods, 2).
+        impulse: sum of impulses, number of impacts, and energy added by the instants of impact
+            that gain, within each period, shape (n_periods, 3) [N s, -, J].
         window: records of the last periods.
     """
 
@@ -129,7 +130,7 @@ class Recorder:
         self.strobe = np.full((n_periods, 2, n_observed), np.nan)
         self.envelope = np.full((n_periods, 2, n_observed), np.nan)
         self.ledger = np.full((n_periods, len(LEDGER)), np.nan)
-        self.impulse = np.full((n_periods, 2), np.nan)
+        self.impulse = np.full((n_periods, 3), np.nan)
         self.window: deque[PeriodRecord] = deque(maxlen=window_periods)
         ticks = np.arange(1, frames_per_period + 1) * steps_per_period
         self._frame_steps = np.rint(ticks / max(frames_per_period, 1)).astype(np.int64)
@@ -162,6 +163,7 @@ class Recorder:
             self.impulse[k] = (
                 np.concatenate(impulses).sum() if impulses else 0.0,
                 sum(p.size for p in impulses),
+                sum(energy for _, _, energy in record.jumps if energy > 0.0),
             )
             self.ledger[k] = self._ledger_row(record, stepper, n_steps)
             return bool(np.abs(self.envelope[k]).max(initial=0.0) < self.limit)

@@ -15,7 +15,7 @@ from typing import Any, Literal
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from delam_fem import _dolfinx, beam, checkpoint, diagnostics, results
+from delam_fem import _dolfinx, beam, checkpoint, diagnostics, energy_gain, results
 from delam_fem.compiled import compiled_engine
 from delam_fem.engines import petsc_engine
 from delam_fem.model import Model
@@ -124,6 +124,11 @@ def _result(
     history = results.history(recorder, model, case, attributes)
     summary |= diagnostics.summary(history, case)
     summary["energy_residual"] = recorder.energy_residual()
+    summary["impact_energy_gain"] = energy_gain.gain_of(recorder)
+    warning = energy_gain.gain_warning(case, recorder)
+    summary["warnings"] = [] if warning is None else [warning]
+    if warning is not None:
+        _log.warning(warning)
     if summary["outcome"] == "diverged":
         summary["message"] = _divergence(case, history)
         _log.error(summary["message"])
@@ -134,14 +139,10 @@ def _divergence(case: Case, history: Any) -> str:
     """Say when and with what energy a run diverged, and what may help."""
     energy = float(history.energy_kinetic[-1] + history.energy_strain[-1])
     law = case.contact.law
-    adds_energy = case.contact.impulse == "lumped" and case.time.mass == "consistent"
     if law == "none":
         remedy = "a smaller excitation.amplitude: linear beams know no large displacements"
-    elif law in ("newton", "newton-penalty") and adds_energy:
-        remedy = (
-            'contact.impulse = "consistent" or time.mass = "lumped": with the consistent mass, '
-            "lumped impulses can add energy"
-        )
+    elif energy_gain.may_add_energy(case):
+        remedy = energy_gain.REMEDY
     else:
         remedy = "more steps per period, fewer elements or a smaller excitation.amplitude"
     return (
