@@ -12,6 +12,7 @@ import typer
 
 from delam_fem.cli_converge import register as register_convergence
 from delam_fem.cli_inputs import case_of, writable
+from delam_fem.cli_paper import register as register_paper
 from delam_fem.cli_sweep import register as register_sweeps
 from delam_fem.terminal import (
     DONE,
@@ -178,6 +179,7 @@ def presets_command(
 
 
 register_sweeps(app)
+register_paper(app)
 register_convergence(app)
 
 if __name__ == "__main__":

@@ -111,10 +111,58 @@ ALLOWED: dict[str, set[str]] = {
         *("beam", "model", "modes", "operators", "parameters", "reference", "reference_loop"),
         "run",
     },
+    # the paper
+    "restitution": set(),
+    "paper": {
+        *("figure_style", "paper_chart", "paper_claims", "paper_detail", "paper_lab"),
+        *("paper_linear", "paper_motion", "paper_plane", "paper_response", "paper_shapes"),
+        *("paper_spectra", "paper_strikes", "paper_system", "paper_threshold", "parameters"),
+    },
+    "paper_chart": {
+        *("diagnostics", "figure_style", "paper_claims", "paper_lab", "paper_shapes"),
+        "results",
+    },
+    "paper_claims": set(),
+    "paper_detail": {
+        *("diagnostics", "figure_style", "motion_figures", "paper_claims", "paper_lab"),
+        *("paper_measures", "paper_motion", "results"),
+    },
+    "paper_lab": {"executors", "parameters", "results", "run", "sweep", "sweepgrid"},
+    "paper_linear": {
+        *("cantilever", "excitation", "figure_style", "paper_claims", "paper_lab"),
+        *("parameters", "results"),
+    },
+    "paper_measures": {"diagnostics", "results"},
+    "paper_motion": {
+        *("diagnostics", "figure_style", "motion_figures", "paper_claims", "paper_lab"),
+        *("paper_measures", "results"),
+    },
+    "paper_page": {"paper_claims"},
+    "paper_plane": {"attractors", "diagnostics", "figure_style", "paper_claims", "paper_lab"},
+    "paper_response": {
+        *("figure_style", "paper_claims", "paper_lab", "paper_linear", "parameters"),
+        "results",
+    },
+    "paper_shapes": {
+        *("diagnostics", "figure_style", "paper_claims", "paper_lab", "parameters"),
+        "results",
+    },
+    "paper_spectra": {
+        *("diagnostics", "figure_style", "harmonics", "paper_claims", "paper_lab"),
+        *("paper_measures", "results"),
+    },
+    "paper_strikes": {"figure_style", "paper_claims", "paper_lab", "restitution", "results"},
+    "paper_system": {"figure_style", "gap", "paper_claims", "paper_lab", "parameters"},
+    "paper_threshold": {
+        *("figure_style", "paper_claims", "paper_lab", "reference", "results"),
+        "stability",
+    },
     # the command
     "progress": set(),
     "terminal": {"parameters"},
+    "cli_paper": {"paper", "paper_lab", "paper_page", "terminal"},
     "cli": {
+        "cli_paper",
         "__init__",
         "compare",
         "modes",

@@ -1,0 +1,77 @@
+"""What the paper says, what came out, and whether it holds: rows of tables and pieces of pages."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from matplotlib.figure import Figure
+
+Verdict = Literal["holds", "does not hold", "open"]
+"""`open`: the paper's text does not allow a judgement."""
+
+HEADING = ("figure", "the paper says", "where", "what came out", "verdict")
+
+
+@dataclass(frozen=True)
+class Claim:
+    """One statement of the paper beside what was measured.
+
+    Attributes:
+        figure: short name of the figure that measures it.
+        text: what the paper says.
+        source: where it says so.
+        measured: what came out, in words and numbers.
+        verdict: whether that agrees.
+        is_headline: whether the short table has it too.
+    """
+
+    figure: str
+    text: str
+    source: str
+    measured: str
+    verdict: Verdict
+    is_headline: bool = False
+
+    @property
+    def row(self) -> tuple[str, str, str, str, str]:
+        """The claim as a row below `HEADING`."""
+        return self.figure, self.text, self.source, self.measured, self.verdict
+
+
+def judged(is_true: bool) -> Verdict:
+    """Return the verdict of a test."""
+    return "holds" if is_true else "does not hold"
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A figure with all that belongs to it.
+
+    Attributes:
+        name: short name, "2a".
+        title: what the figure shows.
+        caption: what is compared with what.
+        figure: the picture.
+        numbers: of the picture, for JSON.
+        claims: rows of the table.
+        animation: writes a GIF to a path, if there is one.
+    """
+
+    name: str
+    title: str
+    caption: str
+    figure: Figure
+    numbers: Mapping[str, Any]
+    claims: tuple[Claim, ...] = ()
+    animation: Callable[[Path], None] | None = field(default=None, compare=False)
+
+
+def markdown_table(claims: Iterable[Claim], *, with_source: bool = True) -> str:
+    """Return claims as a table of Markdown."""
+    keep = [k for k in range(len(HEADING)) if with_source or HEADING[k] != "where"]
+    rows = [HEADING, *(claim.row for claim in claims)]
+    lines = ["| " + " | ".join(row[k].replace("|", "\\|") for k in keep) + " |" for row in rows]
+    return "\n".join([lines[0], "|" + "---|" * len(keep), *lines[1:]]) + "\n"
