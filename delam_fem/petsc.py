@@ -65,7 +65,7 @@ class Factor:
         self._solver = PETSc.KSP().create(comm)
         self._solver.setOptionsPrefix(prefix)
         self._solver.setType(PETSc.KSP.Type.PREONLY)
-        preconditioner = self._solver.getPC()
+        self._preconditioner = preconditioner = self._solver.getPC()
         preconditioner.setType(PETSc.PC.Type.LU)
         if comm.size > 1:
             preconditioner.setFactorSolverType("mumps")
@@ -74,10 +74,13 @@ class Factor:
         self._solver.setOperators(self._matrix)
         self._solver.setFromOptions()
         self._solver.setUp()
-        self.solve = preconditioner.getFactorMatrix().solve
+        self._factor = preconditioner.getFactorMatrix()
+        self.solve = self._factor.solve
 
     def destroy(self) -> None:
-        """Free the factor and its matrix."""
+        """Free the factor and its matrix; petsc4py only defers what Python lets go of."""
+        self._factor.destroy()
+        self._preconditioner.destroy()
         self._solver.destroy()
         self._matrix.destroy()
 
