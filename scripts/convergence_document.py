@@ -1,0 +1,238 @@
+"""The tables and figures of docs/convergence.md, from the ladders of convergence_study.py."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from convergence_ladders import DAMPINGS, FEW, FREQUENCIES, LAWS, LITERAL, MESHES, RESTITUTIONS
+from matplotlib.figure import Figure
+
+import delam_fem as df
+from delam_fem import reference
+from delam_fem.convergence import Convergence
+from delam_fem.convergence_figures import (
+    error_over_cost,
+    error_over_steps,
+    free_over_elements,
+    free_over_steps,
+    limit_over_elements,
+    work_over_steps,
+)
+from delam_fem.convergence_tables import Table, limit_text, number
+from delam_fem.extrapolation import Limit
+from delam_fem.figure_style import BLACK, BLUE, GREEN, VERMILLION, WIDTH
+from delam_fem.ladder import Rung
+from delam_fem.ladder_statistics import EXTREMA, WORK
+from delam_fem.run import run
+
+SHOWN_PERIODS = 240
+"""Of the figure of the literal scheme."""
+DEFAULT_STEPS = (1000, 2000, 4000)
+"""At which the laws are compared for use."""
+Y1 = EXTREMA[0]
+
+
+def mm(found: Convergence, rung: Rung, digits: int = 2) -> str:
+    """Return the smallest y1 of a rung."""
+    result = found.results[rung.key]
+    value = Y1.factor * found.value(rung, Y1.name)
+    return number(value, f".{digits}f") if result.outcome == "completed" else result.error
+
+
+def limit_row(found: Convergence, rungs: Sequence[Rung], others: Sequence[Rung]) -> list[str]:
+    """Return extremes and contact work of the last rung, with an estimate of their errors.
+
+    That is the largest of what the last refinement has changed, of twice the standard error and of
+    the distance to the last of the other law's rungs.
+    """
+    last, before = rungs[-1], rungs[-2]
+    cells = []
+    for q in (*EXTREMA, WORK):
+        value = found.value(last, q.name)
+        changes = [abs(value - found.value(rung, q.name)) for rung in (before, *others[-1:])]
+        error = max(*changes, 2.0 * found.standard_error(last, q.name))
+        cells.append(limit_text(Limit(np.zeros(0), value, error, ""), q))
+    return cells
+
+
+def what_converges(all_found: dict[str, Convergence]) -> Table:
+    """Return the smallest y1 of every law over steps per period."""
+    found = all_found["laws"]
+    rows = []
+    for entry in found.ladder.schemes:
+        rungs = found.ladder.along_steps(entry, 20)
+        rows.append((entry.name, *(mm(found, rung) for rung in rungs)))
+    return Table("", ("law", *(f"N = {n}" for n in FEW)), tuple(rows))
+
+
+def errors(all_found: dict[str, Convergence], damping: str) -> Table:
+    """Return errors against the limit, and costs, of every law over steps per period."""
+    found = all_found[damping]
+    heading = ["N"]
+    for entry in LAWS:
+        heading += [f"{entry.name} [%]", "µs/step"]
+    rows = []
+    for steps in found.ladder.steps:
+        row = [str(steps)]
+        for entry in LAWS:
+            rung = found.ladder.rung(entry, 20, steps)
+            cost = found.results[rung.key].microseconds_per_step
+            row += [number(100.0 * found.error(rung), ".1f"), number(cost, ".2f")]
+        rows.append(tuple(row))
+    return Table("", tuple(heading), tuple(rows))
+
+
+def meshes(all_found: dict[str, Convergence], damping: str) -> Table:
+    """Return the rigid limit of each mesh."""
+    found = all_found[damping]
+    ladder, moreau, recovery = found.ladder, LAWS[2], LAWS[3]
+    rows = []
+    for mesh in MESHES:
+        rungs = [ladder.rung(moreau, mesh, ladder.steps[-1]), ladder.limit_of(mesh)]
+        others = [ladder.rung(recovery, mesh, ladder.steps[-1])]
+        rows.append((str(mesh), *limit_row(found, rungs, others)))
+    return Table("", ("elements", *(q.heading for q in (*EXTREMA, WORK))), tuple(rows))
+
+
+def motions(all_found: dict[str, Convergence]) -> Table:
+    """Return the rigid limits of the four motions."""
+    rows = []
+    for f in FREQUENCIES:
+        found = all_found[f"{f:.2f} Hz"]
+        rigid, recovery = found.ladder.schemes[0], found.ladder.schemes[-1]
+        rungs, others = (found.ladder.along_steps(law, 20) for law in (rigid, recovery))
+        rows.append((f"{f:.2f}", *limit_row(found, rungs, others)))
+    return Table("", ("f [Hz]", *(q.heading for q in (*EXTREMA, WORK))), tuple(rows))
+
+
+def motion_errors(all_found: dict[str, Convergence]) -> Table:
+    """Return the errors of two laws at few steps for the four motions."""
+    chosen = [(law, n) for law in ("moreau e = 0.1", "moreau-recovery") for n in DEFAULT_STEPS]
+    rows = []
+    for f in FREQUENCIES:
+        found = all_found[f"{f:.2f} Hz"]
+        schemes = {entry.name: entry for entry in found.ladder.schemes}
+        rungs = [found.ladder.rung(schemes[name], 20, steps) for name, steps in chosen]
+        rows.append((f"{f:.2f}", *(number(100.0 * found.error(rung), ".1f") for rung in rungs)))
+    heading = (f"{name.split()[0]}, N = {steps} [%]" for name, steps in chosen)
+    return Table("", ("f [Hz]", *heading), tuple(rows))
+
+
+def restitutions(all_found: dict[str, Convergence]) -> Table:
+    """Return the smallest y1 over steps for three coefficients of restitution."""
+    rows = []
+    for name, where in [("restitution", "3.25, stiffness")] + [
+        (f"{f:.2f} Hz", f"{f:.2f}, two-mode") for f in FREQUENCIES
+    ]:
+        found = all_found[name]
+        for entry in found.ladder.schemes[: len(RESTITUTIONS)]:
+            rungs = [found.ladder.rung(entry, 20, steps) for steps in FEW]
+            rows.append((where, entry.name.split(" = ")[1], *(mm(found, r) for r in rungs)))
+    return Table("", ("f [Hz], damping", "e", *(f"N = {n}" for n in FEW)), tuple(rows))
+
+
+def literal(all_found: dict[str, Convergence]) -> Table:
+    """Return what becomes of the literal scheme: energy that impacts add, or when it diverges."""
+    rows = []
+    for damping in ("mass", *DAMPINGS):
+        found = all_found[f"literal {damping}"]
+        for entry in LITERAL:
+            for steps in found.ladder.steps:
+                rungs = found.ladder.along_meshes(entry, steps)
+                cells = [_literal_cell(found, rung) for rung in rungs]
+                rows.append((damping, entry.name.split("/")[0], str(steps), *cells))
+    return Table("", ("damping", "law", "N", *(f"{n} elements" for n in MESHES)), tuple(rows))
+
+
+def _literal_cell(found: Convergence, rung: Rung) -> str:
+    result = found.results[rung.key]
+    if result.outcome != "completed":
+        return f"**{result.error}**"
+    gain, work = (found.value(rung, name) for name in ("impact_gain", WORK.name))
+    text = f"{100.0 * gain / (work + gain):.2g} %"
+    return f"**{text}, net gain**" if work < 0.0 else text
+
+
+def default_errors(all_found: dict[str, Convergence]) -> Table:
+    """Return the errors of two laws with few steps per period on all meshes."""
+    rows = []
+    for damping in DAMPINGS:
+        found = all_found[damping]
+        for entry in LAWS[2:]:
+            for steps in DEFAULT_STEPS:
+                rungs = found.ladder.along_meshes(entry, steps)
+                cells = (number(100.0 * found.error(rung), ".1f") for rung in rungs)
+                rows.append((damping, entry.name, str(steps), *cells))
+    return Table("", ("damping", "law", "N", *(f"{n} elements [%]" for n in MESHES)), tuple(rows))
+
+
+def literal_figure() -> Figure:
+    """Draw how the tips of the literal scheme move beside those of a dissipative one."""
+    figure = Figure(figsize=(WIDTH, 4.4), layout="constrained")
+    axes = figure.subplots()
+    runs = (("mass", 20, VERMILLION), ("stiffness", 50, BLUE), ("two-mode", 80, GREEN))
+    for damping, elements, colour in runs:
+        for impulse, line in (("lumped", "-"), ("consistent", "--")):
+            keys = {"contact.law": "newton", "contact.impulse": impulse, "mesh.elements": elements}
+            few = {"time.periods": SHOWN_PERIODS, "time.steps_per_period": 1000}
+            chosen = df.preset("paper", {**keys, **few, "damping.rayleigh": damping})
+            found = run(chosen, "compiled", model=reference.assemble(chosen)).history
+            y1 = 1e3 * np.abs(found.envelope_min.values[0])
+            label = f"{damping}, {elements} elements, {impulse} impulses"
+            axes.semilogy(np.arange(1, y1.size + 1), y1, line, color=colour, label=label)
+    axes.axhline(1e3 * chosen.lamina[0].length, color=BLACK, linestyle=":", label="length")
+    axes.set(xlabel="period of the excitation", ylabel="largest −y1 in the period [mm]")
+    axes.legend()
+    figure.suptitle("3.25 Hz, newton, consistent mass, T/1000")
+    return figure
+
+
+@dataclass(frozen=True)
+class Document:
+    """The tables and figures of the document, by name."""
+
+    tables: dict[str, Table]
+    figures: dict[str, Callable[[], Figure]]
+
+
+def document(found: dict[str, Convergence]) -> Document:
+    """Return what the document shows."""
+    tables = {
+        "what converges": what_converges(found),
+        "motions": motions(found),
+        "motion errors": motion_errors(found),
+        "restitutions": restitutions(found),
+        "literal": literal(found),
+        "default": default_errors(found),
+    }
+    figures: dict[str, Callable[[], Figure]] = {"literal": literal_figure}
+    for damping in DAMPINGS:
+        tables[f"errors {damping}"] = errors(found, damping)
+        tables[f"meshes {damping}"] = meshes(found, damping)
+        name = damping.replace("-", "_")
+        figures[f"steps_{name}"] = partial(error_over_steps, found[damping])
+        figures[f"cost_{name}"] = partial(error_over_cost, found[damping])
+        figures[f"work_{name}"] = partial(work_over_steps, found[damping])
+        figures[f"meshes_{name}"] = partial(limit_over_elements, found[damping])
+    figures["free_steps"] = partial(free_over_steps, found["two-mode"])
+    figures["free_elements"] = partial(free_over_elements, found["two-mode"])
+    return Document(tables, figures)
+
+
+def fill(text: str, tables: dict[str, Table]) -> str:
+    """Return the document with its tables replaced.
+
+    Raises:
+        KeyError: the document asks for a table that there is not.
+    """
+
+    def body(match: re.Match[str]) -> str:
+        table = tables[match[2]].markdown().split("\n\n", 1)[1]
+        return f"{match[1]}\n{table}{match[3]}"
+
+    pattern = re.compile(r"(<!-- table ([\w. -]+?) -->)\n.*?(<!-- end -->)", re.DOTALL)
+    return pattern.sub(body, text)

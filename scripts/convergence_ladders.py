@@ -1,0 +1,57 @@
+"""The ladders behind docs/convergence.md."""
+
+from __future__ import annotations
+
+import delam_fem as df
+from delam_fem.ladder import Ladder, Scheme, scheme
+
+MESHES = (10, 20, 40, 80, 160)
+FEW = (1000, 4000, 16000, 64000, 256000)
+LAST = FEW[-1]
+DAMPINGS = ("stiffness", "two-mode")
+FREQUENCIES = (1.25, 1.60, 3.25, 3.65)
+RESTITUTIONS = (0.1, 0.0, 0.5)
+STIFFNESSES = (1e2, 1e3, 1e4, 1e5)
+LAWS = tuple(scheme(law) for law in ("newton", "newton-penalty", "moreau", "moreau-recovery"))
+LITERAL = tuple(scheme(f"{law}/lumped") for law in ("newton", "newton-penalty"))
+LITERAL_PERIODS = 150
+"""Statistics over so many, after as many: what grows has grown by then."""
+
+
+def case(damping: str, **keys: object) -> df.Case:
+    """Return the preset with a damping model and other changes."""
+    return df.preset("default", {"damping.rayleigh": damping, **keys})
+
+
+def varied(law: str, label: str, **keys: object) -> Scheme:
+    """Return a scheme with a parameter of its own."""
+    return Scheme(
+        f"{law} {label}", (("contact.law", law), *((f"contact.{k}", v) for k, v in keys.items()))
+    )
+
+
+def ladders() -> dict[str, Ladder]:
+    """Return all ladders by name."""
+    steps = (250, 500, 1000, 2000, 4000, 8000, 16000, 64000)
+    found = {
+        damping: Ladder(case(damping), LAWS, MESHES, steps, limit_steps=LAST)
+        for damping in DAMPINGS
+    }
+    springs = (
+        varied(law, f"k = {k:g} N/m", penalty_stiffness=k)
+        for law in ("newton-penalty", "penalty")
+        for k in STIFFNESSES
+    )
+    found["laws"] = Ladder(case("stiffness"), (*LAWS, *springs), (20,), FEW, limit_steps=LAST)
+    rigid = tuple(varied("moreau", f"e = {e:g}", restitution=e) for e in RESTITUTIONS)
+    both = (*rigid, scheme("moreau-recovery"))
+    for f in FREQUENCIES:
+        base = case("two-mode", **{"excitation.frequency": f})
+        steps = (1000, 2000, *FEW[1:])
+        found[f"{f:.2f} Hz"] = Ladder(base, both, (20,), steps, limit_steps=LAST)
+    found["restitution"] = Ladder(case("stiffness"), rigid, (20,), FEW, limit_steps=0)
+    for damping in ("mass", *DAMPINGS):
+        found[f"literal {damping}"] = Ladder(
+            case(damping), LITERAL, MESHES, (1000, 4000), LITERAL_PERIODS, limit_steps=0
+        )
+    return found

@@ -1,0 +1,53 @@
+"""Compute the ladders behind docs/convergence.md and bring its tables and figures up to date.
+
+    .venv/bin/python scripts/convergence_study.py [--folder runs/convergence] [--workers 2]
+
+What is finished is kept in the folder and not computed again. Between lines such as
+`<!-- table NAME -->` and `<!-- end -->` of the document its tables are replaced.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from convergence_document import document, fill
+from convergence_ladders import ladders
+from rich.console import Console
+
+from delam_fem.convergence import run_ladder
+from delam_fem.figure_style import styled
+from delam_fem.progress import progress
+
+ROOT = Path(__file__).parents[1]
+DOCUMENT = ROOT / "docs" / "convergence.md"
+FIGURES = ROOT / "docs" / "figures"
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Compute what is missing, then write figures and document; return the exit status."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--folder", type=Path, default=ROOT / "runs" / "convergence")
+    parser.add_argument("--workers", type=int, default=None)
+    given = parser.parse_args(arguments)
+    console, found = Console(stderr=True), {}
+    for name, ladder in ladders().items():
+        console.print(f"ladder {name}: {len(ladder.rungs())} rungs")
+        with progress(console) as report:
+            found[name] = run_ladder(
+                ladder, given.folder / name, workers=given.workers, resume=True, progress=report
+            )
+        if not found[name].is_complete:
+            return 130
+    shown = document(found)
+    FIGURES.mkdir(parents=True, exist_ok=True)
+    with styled():
+        for name, draw in shown.figures.items():
+            draw().savefig(FIGURES / f"convergence_{name}.png")
+    DOCUMENT.write_text(fill(DOCUMENT.read_text("utf-8"), shown.tables), "utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
