@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import logging
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
@@ -37,12 +37,14 @@ def _symbols_stay_local() -> Iterator[None]:
 with _symbols_stay_local():
     import dolfinx
     import dolfinx.fem.petsc
+    import dolfinx.io
     import dolfinx.mesh
 
 import ufl  # noqa: E402  (after dolfinx, which brings it)
 from mpi4py import MPI  # noqa: E402
 
 version: str = dolfinx.__version__
+has_adios2: bool = dolfinx.common.has_adios2
 
 
 @contextmanager
@@ -60,27 +62,29 @@ def _compiling_in_silence() -> Iterator[None]:
 def create_interval_mesh(
     comm: MPI.Intracomm, x: npt.NDArray[np.float64], cells: npt.NDArray[np.int64]
 ) -> Any:
-    """Build a 1D mesh of intervals that need not be connected.
+    """Build a mesh of intervals that need not be connected.
 
     Args:
         comm: communicator of the mesh.
-        x: node coordinates, shape (n_nodes,) [m]; rank 0's are used.
+        x: node coordinates, shape (n_nodes,), or (n_nodes, 2) in a plane [m]; rank 0's are used.
         cells: node pairs, shape (n_cells, 2); rank 0's are used.
 
     Returns:
         The mesh, distributed over `comm`; both ends of an interface facet may be on any rank.
     """
+    points = np.ascontiguousarray(x, dtype=np.float64).reshape(len(x), -1)
     if comm.rank > 0:
-        x, cells = np.empty(0), np.empty((0, 2), dtype=np.int64)
-    points = np.ascontiguousarray(x, dtype=np.float64).reshape(-1, 1)
+        points, cells = points[:0], np.empty((0, 2), dtype=np.int64)
+    dim = points.shape[1]
     cells = np.ascontiguousarray(cells, dtype=np.int64)
     if hasattr(dolfinx.fem, "functionspace"):
         import basix.ufl
 
-        coordinates = basix.ufl.element("Lagrange", "interval", 1, shape=(1,))
+        coordinates = basix.ufl.element("Lagrange", "interval", 1, shape=(dim,))
         # by name, for until 0.9 the points come before the element
         return dolfinx.mesh.create_mesh(comm, cells, e=coordinates, x=points)
-    domain = ufl.Mesh(ufl.VectorElement("Lagrange", ufl.Cell("interval", geometric_dimension=1), 1))
+    cell = ufl.Cell("interval", geometric_dimension=dim)
+    domain = ufl.Mesh(ufl.VectorElement("Lagrange", cell, 1))
     return dolfinx.mesh.create_mesh(comm, cells, points, domain)
 
 
@@ -97,12 +101,44 @@ def pair_space(mesh: Any) -> Any:
 
 
 @_compiling_in_silence()
-def discontinuous_space(mesh: Any, degree: int) -> Any:
-    """Return the discontinuous Lagrange space of a degree."""
-    kind = ("Discontinuous Lagrange", degree)
+def space(mesh: Any, family: str, degree: int) -> Any:
+    """Return the scalar space of a family ("Lagrange", "Discontinuous Lagrange") and degree."""
     if hasattr(dolfinx.fem, "functionspace"):
-        return dolfinx.fem.functionspace(mesh, kind)
-    return dolfinx.fem.FunctionSpace(mesh, kind)
+        return dolfinx.fem.functionspace(mesh, (family, degree))
+    return dolfinx.fem.FunctionSpace(mesh, (family, degree))
+
+
+def input_nodes(linear: Any) -> npt.NDArray[np.int64]:
+    """Return the input node of each dof of a P1 space on this rank."""
+    dofmap, geometry = linear.dofmap, linear.mesh.geometry
+    nodes = np.empty(dofmap.index_map.size_local + dofmap.index_map.num_ghosts, dtype=np.int64)
+    for cell, vertices in enumerate(cell_nodes(linear.mesh)):
+        nodes[dofmap.cell_dofs(cell)] = np.asarray(geometry.input_global_indices)[vertices]
+    return nodes
+
+
+def write_vtx(
+    path: str,
+    mesh: Any,
+    times: npt.NDArray[np.float64],
+    fields: Mapping[str, npt.NDArray[np.float64]],
+) -> None:
+    """Write nodal values for ParaView by ADIOS2; only where `has_adios2`.
+
+    Args:
+        path: a folder that ends in .bp.
+        mesh: of intervals.
+        times: of the frames, shape (n_frames,) [s].
+        fields: name and values, shape (n_frames, n_nodes), in the order of the input nodes.
+    """
+    linear = space(mesh, "Lagrange", 1)
+    nodes = input_nodes(linear)
+    functions = {name: dolfinx.fem.Function(linear, name=name) for name in fields}
+    with dolfinx.io.VTXWriter(mesh.comm, path, list(functions.values()), "BP4") as writer:
+        for k, time in enumerate(times):
+            for name, values in fields.items():
+                functions[name].x.array[:] = values[k, nodes]
+            writer.write(float(time))
 
 
 def cell_nodes(mesh: Any) -> npt.NDArray[np.int32]:

@@ -93,7 +93,7 @@ class Hermite:
         Args:
             values: a callable (input cells (k,), x (k,)) -> (k,).
         """
-        space = _dolfinx.discontinuous_space(self.mesh, COEFFICIENT_DEGREE)
+        space = _dolfinx.space(self.mesh, "Discontinuous Lagrange", COEFFICIENT_DEGREE)
         points = space.tabulate_dof_coordinates()[:, 0]
         cells = np.empty(len(points), dtype=np.int64)
         for local, given in enumerate(self.cell_of_cell):

@@ -64,7 +64,7 @@ class Result:
         Raises:
             OSError: the folder cannot be written or the disk is full.
         """
-        from delam_fem import plots, vtk
+        from delam_fem import plots, vtk, vtx
         from delam_fem.report import write_report
 
         directory = Path(directory)
@@ -72,8 +72,9 @@ class Result:
         written += plots.save_figures(self.history, self.case, directory / "figures")
         if self.history.sizes.get("frame", 0):
             collection = vtk.write_fields(self.history, self.case, directory / "fields")
+            lines = vtx.write_lines(self.history, directory / "fields")
             picture = vtk.render(self.history, self.case, directory / "figures" / "laminae.png")
-            written += [path for path in (collection, picture) if path is not None]
+            written += [path for path in (collection, lines, picture) if path is not None]
         written.append(write_report(self.history, self.summary, self.case, directory))
         return written
 

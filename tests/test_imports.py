@@ -92,10 +92,11 @@ ALLOWED: dict[str, set[str]] = {
     "ribbons": {"parameters"},
     "snapshots": {"diagnostics", "figure_style", "parameters", "ribbons"},
     "vtk": {"parameters", "ribbons", "snapshots"},
+    "vtx": {"_dolfinx", "operators"},
     "report": {"contact_figures", "figure_style", "parameters"},
     "results": {
         *("fields", "model", "operators", "parameters", "plots", "recorder", "report"),
-        *("simulate", "vtk"),
+        *("simulate", "vtk", "vtx"),
     },
     # the whole
     "run": {
@@ -189,7 +190,7 @@ STRANGERS = [
     ),
 ]
 
-ABOVE_DOLFINX = {"_dolfinx", "hermite", "beam", "run"}
+ABOVE_DOLFINX = {"_dolfinx", "hermite", "beam", "run", "vtx"}
 ABOVE_PETSC = {"petsc", "dynamics", "newmark", "moreau", "engines", "watch", *ABOVE_DOLFINX}
 FROM_THE_DISTRIBUTION = {"basix", "dolfinx", "mpi4py", "petsc4py", "slepc4py", "ufl"}
 PART_OF = {  # modules that another distribution pins and brings
