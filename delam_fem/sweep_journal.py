@@ -19,6 +19,8 @@ from delam_fem.parameters import CaseError
 from delam_fem.simulate import State
 from delam_fem.sweep_point import Done, Point
 
+PATIENCE = 5.0
+"""Time in which a process that was just stopped lets go of its journal [s]."""
 _SCHEMA = """
     CREATE TABLE about (identity TEXT NOT NULL);
     CREATE TABLE point (
@@ -37,20 +39,23 @@ class Journal:
         path: of the file.
     """
 
-    def __init__(self, path: Path, identity: str, *, resume: bool) -> None:
+    def __init__(
+        self, path: Path, identity: str, *, resume: bool, patience: float = PATIENCE
+    ) -> None:
         """Open a journal, and hold it until `close`: a second process is refused.
 
         Args:
             path: of the file.
             identity: text that is the same only for the same sweep.
             resume: whether to go on with what is there.
+            patience: how long to wait for another process that holds it [s].
 
         Raises:
             CaseError: another process has it; it belongs to another sweep; there are finished
                 points that `resume` does not ask for.
         """
         self.path = path
-        self._connection = sqlite3.connect(path, isolation_level=None)
+        self._connection = sqlite3.connect(path, timeout=patience, isolation_level=None)
         try:
             self._open(identity, resume)
         except sqlite3.OperationalError as error:

@@ -195,6 +195,7 @@ def _assemble(case: Case, operators: str) -> Model:
     """Assemble a case; the closed form needs no dolfinx and is equal to round-off."""
     if operators == "closed-form":
         return reference.assemble(case)
+    _initialise_petsc()
     from delam_fem import beam
 
     return beam.assemble(case)
@@ -206,11 +207,23 @@ def _engine(case: Case, operators: Operators, name: str) -> Engine:
         from delam_fem.compiled import compiled_engine
 
         return compiled_engine(case, operators)
+    _initialise_petsc()
     from mpi4py import MPI
 
     from delam_fem.engines import petsc_engine
 
     return petsc_engine(case, operators, MPI.COMM_SELF)
+
+
+def _initialise_petsc() -> None:
+    """Initialise PETSc for this process alone.
+
+    By itself it does so with all ranks together, and a worker would wait for the others forever.
+    """
+    import petsc4py
+    from mpi4py import MPI
+
+    petsc4py.init(comm=MPI.COMM_SELF)
 
 
 def _where(recorder: Recorder, case: Case) -> str:

@@ -8,10 +8,12 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-
-from mpi4py import MPI
+from typing import TYPE_CHECKING
 
 from delam_fem.simulate import Outcome
+
+if TYPE_CHECKING:  # a sweep waits for signals in a process that must not start MPI
+    from mpi4py import MPI
 
 CHECKPOINT_SECONDS = 30.0
 """Time between two checkpoints: little to lose, little to write."""
@@ -64,6 +66,8 @@ class Watch:
 
     def __call__(self, period: int) -> bool:
         """Return whether the run shall end; all ranks decide alike."""
+        from mpi4py import MPI
+
         self._report(period)
         is_due = time.monotonic() - self._last > CHECKPOINT_SECONDS
         wishes = self._comm.allreduce(2 * is_due + self._is_stopped(), MPI.BOR)
