@@ -112,6 +112,23 @@ ALLOWED: dict[str, set[str]] = {
         *("beam", "model", "modes", "operators", "parameters", "reference", "reference_loop"),
         "run",
     },
+    # lateral impact on one lamina
+    "ground": {"cantilever", "operators", "parameters", "reference"},
+    "struck_beam": {"operators", "parameters"},
+    "ground_run": {
+        *("compiled", "compiled_state", "compiled_system", "operators", "recorder", "simulate"),
+    },
+    "rolling": {"ground", "ground_run", "operators", "parameters"},
+    "tip_block": {"ground_run", "operators", "parameters", "struck_beam"},
+    "tip_fall": {
+        *("ground", "ground_run", "operators", "parameters", "simulate", "struck_beam"),
+        "tip_block",
+    },
+    "lateral": {"ground", "ground_run", "rolling", "tip_block", "tip_fall"},
+    "lateral_figures": {
+        *("figure_style", "ground", "ground_run", "lateral", "rolling", "struck_beam"),
+        "tip_block",
+    },
     # the paper
     "restitution": set(),
     "paper": {

@@ -1,0 +1,199 @@
+"""Lateral impact of a strip: exact beams, weak form, other engine, where the energy goes."""
+
+import numpy as np
+import pytest
+import ufl
+from mpi4py import MPI
+from problems import Law, simulate
+from scipy.optimize import brentq
+
+from delam_fem import ground, ground_run, hermite, lateral
+from delam_fem.cantilever import cantilever_roots
+from delam_fem.ground_run import LIFT, GroundLaw
+from delam_fem.rolling import Rolling, rolling
+from delam_fem.simulate import State
+from delam_fem.tip_block import TipBlock
+
+ROUND_OFF = 1e-12
+"""Relative, of assembled matrices."""
+SPEED = 5e-3
+"""Of the tip: the steps of the fall do not resolve the modes beyond 100 kHz that ripple it."""
+FORCE = 0.01
+"""Of peak force and impulses: the speed of the tip ripples by 0.5 %, which the exact beam leaves
+out, and 200 elements carry waves up to 100 kHz well."""
+WAVES = 0.10
+"""Of strains at the second gauge, rms: what comes back from the clamp early, and the damping."""
+ARRIVAL = 0.05
+"""Of half waves: at the lower end of the band they are one wave of a dispersive train."""
+SAME_STEPS = 1e-9
+"""Of two engines up to the first impacts: their rounding times the number of steps [m]."""
+
+
+# -- (ii) the tip on a block ------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def block() -> TipBlock:
+    return lateral.tip_block(time_step=5e-7, duration=0.6e-3)
+
+
+def test_tip_falls_as_the_exact_cantilever(block: TipBlock) -> None:
+    # w(L, t) = δ Σ 12/B⁴ cos ω t for a strip let go by a tip force
+    B = cantilever_roots(300)
+    omega = block.lamina.angular_frequencies(300)
+    touch = brentq(lambda t: float(np.sum(12.0 / B**4 * np.cos(omega * t))), 0.011, 0.0135)
+    after = touch + np.linspace(0.0, 30e-6, 61)
+    speed = LIFT * (12.0 / B**4 * omega * np.sin(np.outer(after, omega))).sum(axis=1).mean()
+    assert block.fall_time == pytest.approx(touch, rel=1e-4)
+    assert block.speed == pytest.approx(speed, rel=SPEED)
+
+
+def test_force_is_that_of_the_exact_beam(block: TipBlock) -> None:
+    numbers = block.numbers()
+    assert numbers["lowest_period_ms"] == pytest.approx(50.0)
+    assert numbers["peak_duration_us"] == pytest.approx(30.0, rel=0.02)
+    assert numbers["peak_force_N"] == pytest.approx(numbers["peak_force_exact_N"], rel=FORCE)
+
+
+def test_rigid_block_gives_the_impulse_of_the_exact_beam(block: TipBlock) -> None:
+    numbers = block.numbers()
+    exact = numbers["rigid_impulse_of_peak_exact_N_s"]
+    assert numbers["rigid_impulse_of_peak_N_s"] == pytest.approx(exact, rel=FORCE)
+
+
+def test_tip_stays_on_the_block_after_the_peak(block: TipBlock) -> None:
+    assert abs(block.numbers()["restitution_after_peak"]) < 0.02
+    early = (block.spring.time > 0.0) & (block.spring.time < 1e-4)
+    assert (block.force[early] > 0.0).all()
+
+
+def test_strain_before_the_release_is_that_of_beam_theory(block: TipBlock) -> None:
+    numbers = block.numbers()
+    assert numbers["static_strain"] == pytest.approx(numbers["static_strain_exact"], rel=1e-9)
+
+
+def test_wave_at_the_second_gauge_is_the_exact_chirp(block: TipBlock) -> None:
+    assert block.numbers()["wave_misfit_second_gauge"] < WAVES
+
+
+def test_half_waves_arrive_by_the_dispersion_relation(block: TipBlock) -> None:
+    numbers = block.numbers()
+    frequency = np.array(numbers["half_wave_Hz"])
+    assert frequency.size >= 3
+    assert (np.diff(frequency) < 0.0).all()  # the higher ones first
+    exact = numbers["half_wave_arrival_exact_us"]
+    assert numbers["half_wave_arrival_us"] == pytest.approx(exact, rel=ARRIVAL)
+    assert numbers["mean_wave_speed_m_s"] < 0.5 * numbers["longitudinal_speed_m_s"]
+
+
+# -- single impacts ---------------------------------------------------------------------------
+
+
+def impact_loss(n: int, restitution: float) -> float:
+    """Return the loss when the tip of a strip that moves downwards as a whole meets the ground."""
+    operators = ground.on_ground(ground.steel_strip(), n, "tip")
+    motion = np.zeros((3, 2 * n))
+    motion[1, ::2] = -1.0
+    out = ground_run.run(
+        GroundLaw("newton", restitution),
+        operators,
+        State(motion, np.zeros(1, dtype=np.bool_)),
+        time_step=1e-9,  # before anything else moves
+        steps_per_stretch=1,
+        n_stretches=1,
+    )
+    return float(out.energy.impact[-1])
+
+
+def test_loss_of_a_rigid_impact_vanishes_with_the_mesh() -> None:
+    # ½ (1 - e²) U̇² / W, and 1/W is a mass of the order of ρA h
+    coarse, fine = impact_loss(40, 0.0), impact_loss(80, 0.0)
+    assert coarse / fine == pytest.approx(2.0, rel=1e-3)
+    assert impact_loss(40, 0.5) / coarse == pytest.approx(0.75, rel=1e-3)
+
+
+# -- (i) the whole strip on the ground --------------------------------------------------------
+
+
+@pytest.fixture(scope="module", params=sorted(lateral.LAWS))
+def by_step(request: pytest.FixtureRequest) -> list[Rolling]:
+    law = lateral.LAWS[request.param]
+    return [rolling(law=law, n_elements=40, time_step=step) for step in (1e-5, 2.5e-6)]
+
+
+def test_nearly_all_energy_goes_whatever_the_step(by_step: list[Rolling]) -> None:
+    lost = [run.shares(0.025)["lost"] for run in by_step]
+    assert min(lost) > 0.94
+    assert abs(lost[1] - lost[0]) < 0.03
+
+
+def test_impacts_lose_less_and_damping_more_with_smaller_steps(by_step: list[Rolling]) -> None:
+    coarse, fine = (run.shares(0.025) for run in by_step)
+    assert fine["impacts"] < 0.8 * coarse["impacts"]
+    assert fine["damping"] > coarse["damping"]
+
+
+def test_ledger_of_the_fall_closes(by_step: list[Rolling]) -> None:
+    assert max(run.numbers()["energy_residual"] for run in by_step) < 1e-9
+
+
+def test_contact_line_runs_as_the_release_makes_it() -> None:
+    from_tip, from_clamp = (rolling(lift=by).front() for by in ("tip force", "uniform load"))
+    assert from_tip[0] < -0.99  # Spearman's rank correlation of place and time
+    assert from_clamp[0] > 0.99
+    assert 300.0 < from_tip[1] < 450.0
+    assert 400.0 < from_clamp[1] < 600.0
+
+
+def test_a_first_mode_lands_at_once_and_loses_all_at_impacts() -> None:
+    run = rolling(lift="first mode", n_elements=40)
+    begin, end = run.landing
+    assert end - begin <= 2.0 * run.time_step
+    assert run.shares(end + 1e-3)["impacts"] > 0.95
+
+
+# -- equivalences -----------------------------------------------------------------------------
+
+
+def test_matrices_are_those_of_the_weak_form() -> None:
+    strip, n = ground.steel_strip(damping_ratio=0.002), 8
+    x = np.linspace(0.0, strip.length, n + 1)
+    cells = np.column_stack([np.arange(n), np.arange(1, n + 1)])
+    line = hermite.Hermite.on_line(MPI.COMM_SELF, x, cells)
+    trial, test = ufl.TrialFunction(line.space), ufl.TestFunction(line.space)
+    EI, rhoA = strip.flexural_rigidity, strip.mass_per_length
+    forms = {
+        "mass": rhoA
+        * line.value(trial)
+        * line.value(test)
+        * ufl.dx(metadata={"quadrature_degree": hermite.MASS_DEGREE}),
+        "stiffness": EI
+        * line.curvature(trial)
+        * line.curvature(test)
+        * ufl.dx(metadata={"quadrature_degree": hermite.BENDING_DEGREE}),
+    }
+    operators = ground.on_ground(strip, n, "tip")
+    for name, form in forms.items():
+        weak = line.assemble(form)[2:, 2:]
+        assert abs(weak - getattr(operators, name)).max() <= ROUND_OFF * abs(weak).max()
+
+
+@pytest.mark.parametrize("name", ["moreau", "newton"])
+def test_both_engines_land_alike(name: str) -> None:
+    strip, n, step, n_steps = ground.steel_strip(damping_ratio=0.002), 10, 2e-5, 630
+    operators = ground.on_ground(strip, n, "everywhere")
+    shape = ground.lifted(strip, n, LIFT, "tip force")
+    out = ground_run.run(
+        GroundLaw(name, 0.1, threshold_velocity=0.0),
+        operators,
+        ground_run.released(shape, operators),
+        time_step=step,
+        steps_per_stretch=n_steps,
+        n_stretches=1,
+    )
+    other = simulate(
+        operators, Law(name, 0.1), (shape, 0.0 * shape), time_step=step, n_steps=n_steps
+    )
+    assert other.impact_pair.tolist() == out.impulses.pair.tolist()
+    assert other.impact_pair.size >= 3
+    assert np.abs(other.u - out.u).max() < SAME_STEPS
