@@ -27,8 +27,9 @@ LINE_WIDTH = 2
 """Bins on both sides that belong to a line, as a Hann window spreads it."""
 FEWEST_STROBES = 64
 """Fewer do not tell lines from noise."""
-SAME_ATTRACTOR = 0.15
-"""Largest difference of two fingerprints of one attractor; cycles of clapping scatter by 0.1."""
+SAME_ATTRACTOR = 0.2
+"""Largest difference of two motions of one attractor in half peak-to-peak amplitudes; successive
+cycles of clapping alone differ by 0.1."""
 
 
 def kinds_of_motion(outcome: TextArray, periodicity: FloatArray, strobes: FloatArray) -> IntArray:
@@ -93,8 +94,8 @@ class Attractors:
 
     Attributes:
         number: of the attractor of each point, -1 for none, shape (...).
-        periodicity: of each attractor, NaN for none, shape (n_attractors,).
-        amplitude: half peak-to-peak of both tips, shape (n_attractors, 2) [m].
+        periodicity: the most frequent one of each attractor, NaN for none, shape (n_attractors,).
+        amplitude: half peak-to-peak of both tips, the median, shape (n_attractors, 2) [m].
         share: of the points, shape (n_attractors,) [-].
     """
 
@@ -110,9 +111,9 @@ def attractors(
     """Tell attractors by the fingerprint of the motion at the end of each point.
 
     The fingerprint does not depend on which of its periods a period-doubled motion ends with:
-    extremes of both tips, mean and standard deviation of their strobes, in half peak-to-peak
-    amplitudes. Points are of one attractor where no part differs by `SAME_ATTRACTOR` from that of
-    the attractor's first point.
+    extremes of both tips, mean and standard deviation of their strobes. Points are of one attractor
+    where no part differs from that of the attractor's first point by `SAME_ATTRACTOR` times the
+    larger tip's half peak-to-peak amplitude.
 
     Args:
         periodicity: NaN for none, shape (...).
@@ -125,28 +126,29 @@ def attractors(
     """
     shape, amplitude = periodicity.shape, 0.5 * (tip_max - tip_min)
     parts = [tip_min, tip_max, strobes.mean(axis=-1), strobes.std(axis=-1)]
-    prints = np.stack(parts, axis=-1).reshape(-1, 2, len(parts))
-    scale = amplitude.reshape(-1, 2)
+    prints = np.stack(parts, axis=-1).reshape(-1, 2 * len(parts))
+    bound = SAME_ATTRACTOR * amplitude.reshape(-1, 2).max(axis=-1)
     number = np.full(len(prints), -1, dtype=np.int64)
     first: list[int] = []
-    for i in np.flatnonzero(np.isfinite(prints).all(axis=(1, 2))):
-        for k, j in enumerate(first):
-            bound = SAME_ATTRACTOR * np.maximum(scale[i], scale[j])[:, None]
-            if (np.abs(prints[i] - prints[j]) <= bound).all():
-                number[i] = k
-                break
-        else:
-            number[i] = len(first)
+    for i in np.flatnonzero(np.isfinite(prints).all(axis=1)):
+        near = np.abs(prints[first] - prints[i]).max(axis=1, initial=0.0)
+        same = np.flatnonzero(near <= np.maximum(bound[first], bound[i]))
+        if not same.size:
             first.append(int(i))
+        number[i] = same[0] if same.size else len(first) - 1
     counts = np.bincount(number[number >= 0], minlength=len(first))
     order = np.argsort(-counts, kind="stable")
-    rank = np.empty_like(order)
-    rank[order] = np.arange(order.size)
-    number[number >= 0] = rank[number[number >= 0]]
-    leaders = np.array(first, dtype=np.int64)[order]
+    number[number >= 0] = np.argsort(order)[number[number >= 0]]
+    members = [number == k for k in range(len(first))]
     return Attractors(
         number.reshape(shape),
-        periodicity.ravel()[leaders],
-        scale[leaders],
-        counts[order] / max(len(prints), 1),
+        np.array([_most_frequent(periodicity.ravel()[own]) for own in members]),
+        np.array([np.median(amplitude.reshape(-1, 2)[own], axis=0) for own in members]),
+        counts[order] / max(number.size, 1),
     )
+
+
+def _most_frequent(values: FloatArray) -> float:
+    """Return the value that occurs most often, NaN being one."""
+    found, counts = np.unique(values, return_counts=True)
+    return float(found[counts.argmax()])

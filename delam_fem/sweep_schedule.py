@@ -136,7 +136,16 @@ class Schedule:
             chunk = Chunk(track.number, indices, track.state)
             if track.number == INDEPENDENT and track.waiting:
                 self.ready.append(track)
-            self._flying[self.executor.submit(compute, self.packed, chunk)] = (track, chunk)
+            self._flying[self._submitted(chunk)] = (track, chunk)
+
+    def _submitted(self, chunk: Chunk) -> Future[Done]:
+        """Submit a chunk; on a broken executor it comes back as broken."""
+        try:
+            return self.executor.submit(compute, self.packed, chunk)
+        except BrokenExecutor as error:
+            broken: Future[Done] = Future()
+            broken.set_exception(error)
+            return broken
 
     def _chunk_size(self, track: Track) -> int:
         """Return the number of points whose time is worth handing over."""
