@@ -19,7 +19,7 @@ SOURCES = {path.stem: path for path in sorted(PACKAGE.glob("*.py"))}
 
 # Each module with the modules of the package that it may import, at the top or in a function.
 ALLOWED: dict[str, set[str]] = {
-    "__init__": {"parameters", "results", "run"},
+    "__init__": {"parameters", "results", "run", "sweep", "sweepgrid"},
     # cases
     "values": set(),
     "sections": {"cantilever", "values"},
@@ -69,16 +69,28 @@ ALLOWED: dict[str, set[str]] = {
     # the compiled engine
     "simd": {"operators"},
     "banded": {"operators"},
-    "lanes": {"operators", "simd"},
+    "lanes": {"lane_kernels", "operators", "simd"},
     "lane_kernels": {"simd"},
     "compiled_state": {"lane_kernels", "operators", "simd"},
     "compiled_system": {"banded", "lane_kernels", "lanes", "operators", "simd"},
-    "compiled_contact": {"banded", "compiled_state", "complementarity", "lane_kernels"},
-    "compiled_loop": {"banded", "compiled_contact", "compiled_state", "lane_kernels"},
+    "compiled_contact": {
+        *("banded", "compiled_algebra", "compiled_springs", "compiled_state", "complementarity"),
+        "lane_kernels",
+    },
+    "compiled_loop": {
+        *("banded", "compiled_algebra", "compiled_contact", "compiled_springs", "compiled_state"),
+        *("lane_kernels", "simd"),
+    },
     "compiled": {
-        *("compiled_contact", "compiled_loop", "compiled_state", "compiled_system", "energy"),
-        *("lane_kernels", "operators", "parameters", "recorder", "simulate", "stability"),
+        *("compiled_contact", "compiled_loop", "compiled_state", "compiled_stepper"),
+        *("compiled_system", "operators", "parameters", "recorder", "simulate", "stability"),
         "supervisor",
+    },
+    "compiled_algebra": {"banded", "compiled_state", "lane_kernels"},
+    "compiled_springs": {"banded", "compiled_algebra", "compiled_state", "lane_kernels"},
+    "compiled_stepper": {
+        *("compiled_loop", "compiled_state", "compiled_system", "energy", "lane_kernels"),
+        *("operators", "supervisor"),
     },
     "recording": {"excitation", "operators", "parameters", "recorder"},
     # results and their pictures
@@ -100,8 +112,8 @@ ALLOWED: dict[str, set[str]] = {
     },
     # the whole
     "run": {
-        *("_dolfinx", "beam", "checkpoint", "diagnostics", "engines", "model", "parameters"),
-        *("recorder", "recording", "results", "simulate", "watch"),
+        *("_dolfinx", "beam", "checkpoint", "compiled", "diagnostics", "energy_gain", "engines"),
+        *("model", "parameters", "recorder", "recording", "results", "simulate", "watch"),
     },
     "modes": {"beam", "cantilever", "model", "operators", "parameters"},
     # the reference
@@ -175,20 +187,63 @@ ALLOWED: dict[str, set[str]] = {
         *("figure_style", "paper_claims", "paper_lab", "reference", "results"),
         "stability",
     },
+    # sweeps of runs and their diagrams
+    "executors": {"parameters"},
+    "initial": {"operators", "parameters", "simulate"},
+    "sweepfile": {"values"},
+    "sweepgrid": {"casefile", "overrides", "parameters", "sweepfile"},
+    "sweep_quantities": {
+        *("diagnostics", "fields", "harmonics", "operators", "parameters", "recorder", "sweepfile"),
+    },
+    "sweep_point": {
+        *("beam", "compiled", "engines", "initial", "lyapunov", "model", "operators", "parameters"),
+        *("recorder", "recording", "reference", "simulate", "sweep_quantities", "sweepgrid"),
+    },
+    "sweep_journal": {"operators", "parameters", "simulate", "sweep_point"},
+    "sweep_schedule": {"simulate", "sweep_point"},
+    "sweep_dataset": {"operators", "sweep_journal", "sweep_point", "sweep_quantities", "sweepgrid"},
+    "sweep": {
+        *("executors", "parameters", "sweep_dataset", "sweep_journal", "sweep_point"),
+        *("sweep_quantities", "sweep_schedule", "sweepgrid", "watch"),
+    },
+    "lyapunov": {"operators", "recorder", "simulate"},
+    "attractors": set(),
+    "diagram_axes": {"parameters"},
+    "line_diagrams": {"attractors", "cantilever", "diagram_axes", "figure_style", "parameters"},
+    "map_diagrams": {"attractors", "diagnostics", "diagram_axes", "figure_style", "parameters"},
+    "diagrams": {"figure_style", "line_diagrams", "map_diagrams"},
+    # ladders of runs
+    "extrapolation": set(),
+    "ladder_statistics": {"diagnostics", "harmonics", "operators", "recorder"},
+    "ladder": {"mesh", "parameters"},
+    "ladder_rung": {
+        *("compiled", "engines", "initial", "ladder", "ladder_statistics", "mesh", "operators"),
+        *("parameters", "recorder", "recording", "reference", "simulate"),
+    },
+    "convergence": {
+        *("cantilever", "executors", "extrapolation", "ladder", "ladder_rung", "ladder_statistics"),
+        *("operators", "parameters", "results", "watch"),
+    },
+    "convergence_tables": {"convergence", "extrapolation", "ladder", "ladder_statistics"},
+    "convergence_figures": {"convergence", "figure_style", "ladder", "ladder_statistics"},
+    "energy_gain": {"parameters", "recorder"},
+    "__main__": {"cli"},
+    "cli_inputs": {"overrides", "parameters"},
+    "cli_sweep": {
+        *("diagrams", "executors", "overrides", "parameters", "progress", "sweep", "sweepgrid"),
+        "terminal",
+    },
+    "cli_converge": {
+        *("cli_inputs", "convergence", "convergence_figures", "convergence_tables", "ladder"),
+        *("parameters", "progress", "terminal"),
+    },
     # the command
     "progress": set(),
     "terminal": {"parameters"},
     "cli_paper": {"paper", "paper_lab", "paper_page", "terminal"},
     "cli": {
-        "cli_paper",
-        "__init__",
-        "compare",
-        "modes",
-        "overrides",
-        "parameters",
-        "progress",
-        "run",
-        "terminal",
+        *("__init__", "cli_converge", "cli_inputs", "cli_paper", "cli_sweep", "compare", "modes"),
+        *("parameters", "progress", "run", "terminal"),
     },
 }
 
@@ -208,7 +263,16 @@ STRANGERS = [
 ]
 
 ABOVE_DOLFINX = {"_dolfinx", "hermite", "beam", "run", "vtx"}
-ABOVE_PETSC = {"petsc", "dynamics", "newmark", "moreau", "engines", "watch", *ABOVE_DOLFINX}
+ABOVE_PETSC = {
+    "petsc",
+    "compliance",
+    "dynamics",
+    "newmark",
+    "moreau",
+    "engines",
+    "watch",
+    *ABOVE_DOLFINX,
+}
 FROM_THE_DISTRIBUTION = {"basix", "dolfinx", "mpi4py", "petsc4py", "slepc4py", "ufl"}
 PART_OF = {  # modules that another distribution pins and brings
     "llvmlite": "numba",
