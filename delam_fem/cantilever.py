@@ -26,6 +26,9 @@ def cantilever_roots(n: int) -> FloatArray:
 
     The equation is solved as cos B + sech B = 0, which does not grow with B.
 
+    >>> cantilever_roots(3).round(4).tolist()
+    [1.8751, 4.6941, 7.8548]
+
     Args:
         n: number of roots, at least 1.
 

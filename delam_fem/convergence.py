@@ -1,9 +1,12 @@
 """Compute a ladder: rungs to an executor, each finished one into one file, all of it comparable.
 
->>> from delam_fem.ladder import Ladder, scheme
->>> ladder = Ladder(df.preset("default"), (scheme("moreau"),), (10, 20, 40), (1000, 2000, 4000))
->>> found = run_ladder(ladder, "runs/ladder", workers=2)
->>> found.error(ladder.rungs()[-1])
+In Python:
+
+    import delam_fem as df
+    from delam_fem.ladder import Ladder, scheme
+    ladder = Ladder(df.preset("default"), (scheme("moreau"),), (10, 20, 40), (1000, 2000, 4000))
+    found = run_ladder(ladder, "runs/ladder", workers=2)
+    found.error(ladder.rungs()[-1])
 """
 
 from __future__ import annotations

@@ -1,8 +1,10 @@
 """Compute a sweep: points to an executor, what comes back to the journal, all of it to one dataset.
 
->>> import delam_fem as df
->>> data = df.run_sweep(df.load_sweep("bifurcation.toml"), "runs/bifurcation", workers=2)
->>> data.tip_amplitude.sel(lamina="thick").plot.line(x="frequency")
+In Python:
+
+    import delam_fem as df
+    data = df.run_sweep(df.load_sweep("bifurcation.toml"), "runs/bifurcation", workers=2)
+    data.tip_amplitude.sel(lamina="thick").plot.line(x="frequency")
 """
 
 from __future__ import annotations

@@ -1,0 +1,117 @@
+"""The README's code blocks work as they stand.
+
+Python blocks and lines with delam-fem are run. The scripts of the set-up, which do the same for the
+whole project, are only looked up. A block that takes too long has a reason in the line before it:
+`<!-- not run in tests: REASON -->`.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+BLOCK = re.compile(
+    r"(?:^<!-- not run in tests: (?P<reason>\S.*) -->\n+)?"
+    r"^```(?P<language>python|bash)\n(?P<code>.*?)^```$",
+    re.MULTILINE | re.DOTALL,
+)
+COMMAND = ".venv/bin/delam-fem"
+LONGEST = 600  # s
+
+
+class Block(NamedTuple):
+    """A code block and the reason why it is not run, if any."""
+
+    name: str
+    language: str
+    code: str
+    reason: str | None
+
+
+def blocks(text: str) -> list[Block]:
+    return [
+        Block(
+            f"line{text.count(chr(10), 0, found.start('code'))}",
+            found["language"],
+            found["code"],
+            found["reason"],
+        )
+        for found in BLOCK.finditer(text)
+    ]
+
+
+def commands(code: str) -> list[list[str]]:
+    """Return the words of each command of a bash block."""
+    lines = code.replace("\\\n", " ").splitlines()
+    return [words for line in lines if (words := shlex.split(line, comments=True))]
+
+
+def run(arguments: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
+    done = subprocess.run(
+        arguments,
+        cwd=folder,
+        env={**os.environ, "MPLBACKEND": "Agg", "PYVISTA_OFF_SCREEN": "true"},
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        timeout=LONGEST,
+    )
+    assert done.returncode == 0, done.stderr
+    return done
+
+
+@pytest.fixture
+def checkout(tmp_path: Path) -> Path:
+    """Return a folder that has what a checkout has, but keeps the runs to itself."""
+    for name in ("meshes", "docs", "scripts"):
+        (tmp_path / name).symlink_to(ROOT / name)
+    (tmp_path / ".venv").mkdir()
+    (tmp_path / ".venv" / "bin").symlink_to(Path(sys.executable).parent)
+    return tmp_path
+
+
+RUN = [block for block in blocks(README) if block.reason is None]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "block", [b for b in RUN if b.language == "python"], ids=lambda block: block.name
+)
+def test_python_block_runs(block: Block, checkout: Path) -> None:
+    script = checkout / "block.py"
+    script.write_text(block.code, encoding="utf-8")
+    run([sys.executable, str(script)], checkout)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "block", [b for b in RUN if b.language == "bash"], ids=lambda block: block.name
+)
+def test_bash_block_runs(block: Block, checkout: Path) -> None:
+    for words in commands(block.code):
+        if words[0].startswith("scripts/"):
+            assert os.access(ROOT / words[0], os.X_OK), words
+            continue
+        assert Path(words[0]).name == "delam-fem", words
+        run([str(checkout / COMMAND), *words[1:]], checkout)
+
+
+def test_readme_has_blocks_of_both_kinds_that_run() -> None:
+    assert {block.language for block in RUN} == {"python", "bash"}
+
+
+def test_blocks_and_reasons_are_found() -> None:
+    text = "\n```bash\na b  # c\nd \\\n  e\n```\n\n<!-- not run in tests: hours -->\n\n"
+    first, second = blocks(text + "```python\nx\n```\n```toml\ny\n```\n")
+    assert commands(first.code) == [["a", "b"], ["d", "e"]]
+    assert first.reason is None
+    assert (second.code, second.reason) == ("x\n", "hours")
