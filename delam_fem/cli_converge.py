@@ -57,7 +57,7 @@ def converge_command(
         str | None, typer.Option(metavar="N,…", help="Steps per period; 250,500,…,16000.")
     ] = None,
     periods: Annotated[
-        int | None, typer.Option(min=1, help="Periods of the statistics, after as many; 30.")
+        int | None, typer.Option(min=1, help="Periods of the statistics; 60.")
     ] = None,
     limit_steps: Annotated[
         int | None,

@@ -23,7 +23,10 @@ EngineName = Literal["petsc", "compiled"]
 ELEMENTS = (5, 10, 20, 40, 80, 160)
 STEPS = (250, 500, 1000, 2000, 4000, 8000, 16000)
 LIMIT_STEPS = 64000
-PERIODS = 30
+PERIODS, SETTLING = 60, 30
+"""Periods of the statistics, and those before them."""
+MANY_STEPS, FEW_PERIODS = 16000, 10
+"""With more steps per period than that cycles scatter so little that few of them tell."""
 LAWS = ("newton", "newton-penalty", "penalty", "moreau", "moreau-recovery")
 RIGID: dict[str, object] = {
     "contact.law": "moreau",
@@ -80,6 +83,7 @@ class Rung:
         mesh: elements of equal length, or the file.
         elements: per lamina.
         steps: N, per period.
+        periods: the last ones, of which statistics are taken.
         case: what is computed.
     """
 
@@ -87,6 +91,7 @@ class Rung:
     mesh: MeshChoice
     elements: int
     steps: int
+    periods: int
     case: Case
 
     @property
@@ -104,7 +109,7 @@ class Ladder:
         schemes: with contact.
         meshes: from coarse to fine.
         steps: N per period, increasing.
-        periods: that statistics are taken of; as many are run before them.
+        periods: that statistics are taken of, after as many but at most `SETTLING`.
         limit_steps: N of the runs that stand for the rigid limit; 0: none.
         engine: what computes the steps.
     """
@@ -181,19 +186,21 @@ class Ladder:
         return {}
 
     def _new(self, scheme: Scheme, mesh: MeshChoice, steps: int) -> Rung:
-        is_file = isinstance(mesh, Path)
+        is_file, periods = isinstance(mesh, Path), self.periods
+        if steps > MANY_STEPS:
+            periods = min(periods, FEW_PERIODS)
         case = self.case.with_overrides(
             {
                 "mesh.file" if is_file else "mesh.elements": str(mesh) if is_file else mesh,
                 "output.fields_per_period": 0,
                 "output.window_periods": 1,
                 "time.steps_per_period": steps,
-                "time.periods": 2 * self.periods,
+                "time.periods": min(self.periods, SETTLING) + periods,
                 **dict(scheme.overrides),
             }
         )
         elements = mesh if isinstance(mesh, int) else node_coordinates(case).size - 1
-        return Rung(scheme.name, mesh, elements, steps, case)
+        return Rung(scheme.name, mesh, elements, steps, periods, case)
 
 
 def _key(scheme: str, mesh: MeshChoice, steps: int) -> str:

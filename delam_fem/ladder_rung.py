@@ -101,14 +101,13 @@ def _clapping(rung: Rung, engine: EngineName) -> RungResult:
     """Return the statistics of a motion with contact."""
     case = rung.case
     operators = _operators(case)
-    n = case.n_periods // 2
-    run = _run(case, operators, engine, _spun_up(case, engine), n)
+    run = _run(case, operators, engine, _spun_up(case, engine), rung.periods)
     periods = run.recorder.n_closed
     cost = 1e6 * run.seconds / rung.steps
     if run.outcome != "completed":
         error = f"{run.outcome} in period {periods}"
         return RungResult(rung.key, run.outcome, error, {}, cost, periods)
-    found = statistics(run.rows, run.recorder.strobe[-n:, 0].T)
+    found = statistics(run.rows, run.recorder.strobe[-rung.periods :, 0].T)
     found["energy_residual"] = (run.recorder.energy_residual(), 0.0)
     return RungResult(rung.key, run.outcome, "", found, cost, periods)
 

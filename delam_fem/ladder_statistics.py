@@ -49,7 +49,8 @@ class Quantity:
 EXTREMA = tuple(
     Quantity(f"tip_{end}_{i}", f"y{i} {end}", "mm", 1e3) for i in (1, 2) for end in ("min", "max")
 )
-"""Extremes of the tip displacements."""
+"""Extremes of the tip displacements within a period, their mean: the extremes over several periods
+would grow with the scatter of cycles."""
 WORK = Quantity("contact_work", "contact work", "mJ", 1e3)
 GENERAL = (
     *(Quantity(f"distortion_factor_{i}", f"d{i}", "%", 1e2) for i in (1, 2)),
@@ -135,8 +136,8 @@ def _of_block(rows: list[PeriodRow]) -> dict[str, float]:
     factors = harmonics.distortion_factor(amplitudes)
     values: dict[str, float] = {}
     for i in range(2):
-        values[f"tip_min_{i + 1}"] = float(min(row.low[i] for row in rows))
-        values[f"tip_max_{i + 1}"] = float(max(row.high[i] for row in rows))
+        values[f"tip_min_{i + 1}"] = float(np.mean([row.low[i] for row in rows]))
+        values[f"tip_max_{i + 1}"] = float(np.mean([row.high[i] for row in rows]))
         values[f"distortion_factor_{i + 1}"] = float(factors[i])
         for k, amplitude in enumerate(amplitudes[i, :SHOWN_HARMONICS].tolist()):
             values[f"amplitude_{i + 1}_{k + 1}"] = amplitude

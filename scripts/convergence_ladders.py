@@ -14,8 +14,8 @@ RESTITUTIONS = (0.1, 0.0, 0.5)
 STIFFNESSES = (1e2, 1e3, 1e4, 1e5)
 LAWS = tuple(scheme(law) for law in ("newton", "newton-penalty", "moreau", "moreau-recovery"))
 LITERAL = tuple(scheme(f"{law}/lumped") for law in ("newton", "newton-penalty"))
-LITERAL_PERIODS = 150
-"""Statistics over so many, after as many: what grows has grown by then."""
+LITERAL_PERIODS = 300
+"""What grows has grown by then."""
 
 
 def case(damping: str, **keys: object) -> df.Case:
