@@ -20,6 +20,7 @@ import numpy as np
 from delam_fem import (
     paper_chart,
     paper_detail,
+    paper_lateral,
     paper_linear,
     paper_motion,
     paper_plane,
@@ -42,6 +43,8 @@ FIGURES: dict[str, Callable[[Laboratory], Piece]] = {
     "3": paper_motion.histories,
     "4": paper_shapes.shapes,
     "5": paper_spectra.spectra,
+    "6": paper_lateral.rolling_strip,
+    "7": paper_lateral.struck_tip,
     "8": paper_strikes.velocities,
     "9": paper_detail.portrait_of_impacts,
     "10": paper_detail.impacts_in_detail,

@@ -183,11 +183,13 @@ def _flow(axes: Axes, counts: npt.NDArray[np.float64], total: int) -> None:
 
 def _arrow(axes: Axes, start: tuple[float, float], end: tuple[float, float], text: str) -> None:
     """Draw an arrow between two boxes with a number in its middle."""
+    is_level = start[1] == end[1]  # boxes are wider than high
     axes.annotate(
         "", end, start, zorder=0,
-        arrowprops={"arrowstyle": "-|>", "color": BLACK, "shrinkA": 14, "shrinkB": 22},
+        arrowprops={
+            "arrowstyle": "-|>", "color": BLACK, "shrinkA": 14, "shrinkB": 38 if is_level else 22
+        },
     )  # fmt: skip
-    is_level = start[1] == end[1]
     x, y = 0.5 * (start[0] + end[0]), 0.5 * (start[1] + end[1])
     axes.text(
         x + (0.0 if is_level else 1.0), y + (1.0 if is_level else 0.0), text, fontsize=8.5,

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import logging
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import Executor
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor, Future
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 from delam_fem import executors
 from delam_fem.parameters import Case, CaseError, preset
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 EngineName = Literal["petsc", "compiled"]
 Method = Literal["3.1", "3.2"]
+_T = TypeVar("_T")
 
 LAWS: dict[Method, str] = {"3.1": "newton", "3.2": "newton-penalty"}
 """The contact laws by the section of the paper that introduces them."""
@@ -43,6 +44,7 @@ class Plan:
         response_step: between the frequencies of a stepped sine [Hz].
         response_periods: at each of them.
         thresholds: number of values of γ.
+        has_long_ladders: whether the strip on the ground is computed on all meshes and steps.
     """
 
     periods: int = 300
@@ -51,10 +53,13 @@ class Plan:
     response_step: float = 0.025
     response_periods: int = 150
     thresholds: int = 13
+    has_long_ladders: bool = True
 
 
 FULL = Plan()
-FAST = Plan(plane_points=8, response_step=0.1, response_periods=80, thresholds=5)
+FAST = Plan(
+    plane_points=8, response_step=0.1, response_periods=80, thresholds=5, has_long_ladders=False
+)
 """Histories are as long as in full: the paper's motions need their time."""
 
 
@@ -72,6 +77,13 @@ class Laboratory:
     executor: Executor
     engine: EngineName = "compiled"
     _results: dict[str, Result] = field(default_factory=dict)
+    _begun: dict[str, Future[Any]] = field(default_factory=dict)
+
+    def begin(self, name: str, function: Callable[..., _T], **given: Any) -> Future[_T]:
+        """Begin to compute anything else; what was begun under a name is not begun again."""
+        if name not in self._begun:
+            self._begun[name] = self.executor.submit(function, **given)
+        return self._begun[name]
 
     def motions(self, cases: Sequence[Case]) -> list[Result]:
         """Return the results of cases, those that are new computed at the same time.
@@ -143,7 +155,13 @@ def motion_case(
 
 
 def _computed(case: Case, engine: EngineName) -> Result:
-    """Compute a case in a worker."""
+    """Compute a case in a worker; that lumped impulses add energy is known of this scheme."""
     from delam_fem.run import run
 
-    return run(case, engine)
+    log = logging.getLogger("delam_fem.run")
+    level = log.level
+    log.setLevel(logging.ERROR)
+    try:
+        return run(case, engine)
+    finally:
+        log.setLevel(level)

@@ -145,7 +145,14 @@ ALLOWED: dict[str, set[str]] = {
     "restitution": set(),
     "paper": {
         *("figure_style", "paper_chart", "paper_claims", "paper_detail", "paper_lab"),
-        *("paper_linear", "paper_motion", "paper_plane", "paper_response", "paper_shapes"),
+        *(
+            "paper_lateral",
+            "paper_linear",
+            "paper_motion",
+            "paper_plane",
+            "paper_response",
+            "paper_shapes",
+        ),
         *("paper_spectra", "paper_strikes", "paper_system", "paper_threshold", "parameters"),
     },
     "paper_chart": {
@@ -158,6 +165,7 @@ ALLOWED: dict[str, set[str]] = {
         *("paper_measures", "paper_motion", "results"),
     },
     "paper_lab": {"executors", "parameters", "results", "run", "sweep", "sweepgrid"},
+    "paper_lateral": {"lateral", "lateral_figures", "paper_claims", "paper_lab"},
     "paper_linear": {
         *("cantilever", "excitation", "figure_style", "paper_claims", "paper_lab"),
         *("parameters", "results"),

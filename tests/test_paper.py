@@ -1,0 +1,300 @@
+"""The paper's tight rows in numbers, and what its figures are measured by."""
+
+import json
+import re
+from collections.abc import Iterator
+from concurrent.futures import Future
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from delam_fem import paper, paper_chart, paper_linear, paper_motion, paper_plane, paper_response
+from delam_fem.cli import app
+from delam_fem.executors import Serial
+from delam_fem.paper_claims import Claim, markdown_table
+from delam_fem.paper_lab import FREQUENCIES, Laboratory, Plan, laboratory, motion_case
+from delam_fem.paper_measures import contact_begins, is_as_described, rough_part, strikes
+from delam_fem.paper_page import README_MARKS, between, entries, tally, write_docs, write_page
+from delam_fem.parameters import CaseError
+
+PLAN = Plan(
+    plane_points=2, plane_periods=80, response_periods=40, thresholds=2, has_long_ladders=False
+)
+THICK_HZ, THIN_HZ = 3.1649, 1.4357
+"""Natural frequencies from the given EI."""
+PRINTED = 5e-5
+"""Half of their last digit."""
+
+
+@pytest.fixture(scope="module")
+def lab() -> Iterator[Laboratory]:
+    yield Laboratory(PLAN, Serial())
+
+
+def verdicts(piece: paper.Piece) -> dict[str, str]:
+    return {claim.text: claim.verdict for claim in piece.claims}
+
+
+def test_natural_frequencies_and_mass_ratio(lab: Laboratory) -> None:
+    numbers = paper.FIGURES["1"](lab).numbers
+    first = [f[0] for f in numbers["natural_frequencies_hz"]]
+    assert first == pytest.approx([THICK_HZ, THIN_HZ], abs=PRINTED)
+    assert numbers["mass_ratio"] == pytest.approx(1.942, abs=5e-4)
+
+
+def test_thirty_minute_sweep_peaks_where_the_paper_reads_its_frequency(lab: Laboratory) -> None:
+    case = paper_linear.swept_case("linear", paper_linear.BAND, "none", 250)
+    (result,) = lab.motions([case])
+    thick, thin = (paper_linear.peak_frequency(result, i) for i in range(2))
+    assert 1.455 <= thin <= 1.465
+    assert THICK_HZ < thick < THICK_HZ + 0.03
+    f, amplitude = paper_linear.swept_envelope(result)
+    exact = paper_linear.exact_amplitude(motion_case(3.25, PLAN), 0, f)
+    far = (f > 1.0) & (f < 2.5)
+    assert amplitude[0, far] == pytest.approx(exact[far], rel=0.05)  # a cycle lasts 3 mHz
+
+
+@pytest.mark.parametrize("method", ["3.1", "3.2"])
+def test_four_motions_are_of_the_kind_that_the_paper_describes(
+    lab: Laboratory, method: paper.Any
+) -> None:
+    low, thin_beats, thick_beats, doubled = lab.motions(
+        [motion_case(f, PLAN, method) for f in FREQUENCIES]
+    )
+    assert [r.summary["periodicity"] for r in (low, thin_beats, thick_beats, doubled)] == [
+        1, 1, 1, 2,
+    ]  # fmt: skip
+    assert low.summary["tip_contacts_per_period"] == 0.0
+    assert low.summary["minimum_tip_gap"] == pytest.approx(2.4e-3, abs=0.2e-3)
+    thick, thin = strikes(thin_beats).mean
+    assert abs(thin) > 2.0 * abs(thick)
+    thick, thin = strikes(thick_beats).mean
+    assert thick > 0.0 > thin and thick_beats.summary["tip_contacts_per_period"] == 1.0
+    assert doubled.summary["tip_contacts_per_period"] == 0.5
+    assert all(is_as_described(r) for r in (low, thin_beats, thick_beats, doubled))
+    assert strikes(thick_beats).approach == max(
+        strikes(r).approach for r in (low, thin_beats, thick_beats, doubled)
+    )
+
+
+def test_a_motion_is_not_taken_for_that_of_another_frequency(lab: Laboratory) -> None:
+    (result,) = lab.motions([motion_case(2.0, PLAN)])
+    assert not is_as_described(result)
+
+
+@pytest.mark.parametrize("name", ["3", "8", "9", "10", "11", "12", "13"])
+def test_figures_of_the_four_motions_are_written(
+    lab: Laboratory, name: str, tmp_path: Path
+) -> None:
+    picture, numbers = paper.reproduce(lab, tmp_path, [name])
+    assert picture.stat().st_size > 20_000
+    content = json.loads(numbers.read_text("utf-8"))
+    assert content["claims"] and content["numbers"] and content["caption"]
+    assert {c["verdict"] for c in content["claims"]} <= {"holds", "does not hold", "open"}
+
+
+def test_what_holds_of_the_motions(lab: Laboratory) -> None:
+    found = verdicts(paper.FIGURES["3"](lab)) | verdicts(paper.FIGURES["12"](lab))
+    assert found["3.65 Hz: period doubling, one contact in two periods"] == "holds"
+    assert found["3.25 Hz gives the maximum strike of all"] == "holds"
+    assert found["all four motions with one set of parameters"] == "holds"
+    assert found["3.2 is distinctly smoother than 3.1 in free vibration"] == "does not hold"
+
+
+def test_every_recorded_decision_follows_the_corrected_partition(lab: Laboratory) -> None:
+    (result,) = lab.motions([paper_chart.detailed_case(lab)])
+    found = paper_chart.decisions(result)
+    assert found.violations == 0
+    assert found.counts.sum() == found.state.size == (2 * 1000 - 1) * 20
+    hits = found.counts[paper_chart.STRUCK] + found.counts[paper_chart.BEGUN]
+    assert hits == pytest.approx(result.history.sizes["event"], abs=1)
+    assert found.counts[paper_chart.BEGUN] > 0
+    shifted = result.history.copy()
+    shifted["contact_state"] = shifted["contact_state"].roll(frame=7)
+    broken = type(result)(result.case, shifted, result.summary, result.state)
+    assert paper_chart.decisions(broken).violations > 0
+
+
+def test_restitution_of_the_computed_strikes_is_near_the_given_one(lab: Laboratory) -> None:
+    numbers = paper.FIGURES["8"](lab).numbers
+    assert len(numbers["restitution"]) == 10
+    assert np.mean(numbers["restitution"]) == pytest.approx(0.1, abs=0.05)
+
+
+def test_planes_are_computed_and_drawn(lab: Laboratory, tmp_path: Path) -> None:
+    picture, numbers = paper.reproduce(lab, tmp_path, ["15"])
+    content = json.loads(numbers.read_text("utf-8"))["numbers"]
+    for law in ("newton-penalty", "penalty"):
+        assert np.shape(content[law]["kind"]) == (2, 2)
+        assert sum(content[law]["share"].values()) == pytest.approx(1.0)
+    assert content["newton-penalty"]["restitution"] == [0.0, 0.5]
+    assert picture.is_file()
+
+
+def test_scatter_of_a_doubled_motion_is_that_of_its_two_points() -> None:
+    strobes = np.tile([1.0, -1.0], (2, 50))
+    assert paper_plane.one_period_scatter(strobes, np.array([2.0, 4.0])) == pytest.approx(1.0)
+
+
+def test_main_effects_share_the_variance() -> None:
+    e, k = np.meshgrid(np.linspace(0, 1, 5), np.linspace(0, 1, 5), indexing="ij")
+    values = np.stack([3.0 * e + k, k], axis=-1)
+    by_e, by_k = (paper_plane._main_effect(values, axis) for axis in (0, 1))
+    assert by_e == pytest.approx([0.9, 0.0]) and by_k == pytest.approx([0.1, 1.0])
+
+
+def test_jumps_are_told_from_slopes() -> None:
+    f = np.arange(10.0)
+    assert paper_response.jumps(f, np.array([1, 1.1, 1.2, 1.3, 5, 5.1, 5.2, 5.3, 5.4, 5.5])) == [
+        3.5
+    ]
+    assert paper_response.jumps(f, 2.0**f) == []
+
+
+def test_doubled_window_is_the_one_about_the_frequency() -> None:
+    f = np.array([3.0, 3.2, 3.4, 3.6, 3.8, 4.0])
+    up, down = np.array([2, 1, 2, 2, 2, 1]), np.array([2, 1, 1, 2, 2, 2])
+    numbers = {"frequency_hz": f, "periodicity_up": up, "periodicity_down": down}
+    assert paper_response.doubled_window(numbers, 3.65) == (3.6, 3.8)
+    assert paper_response.doubled_window(numbers, 3.2) is None
+
+
+def test_rough_part_keeps_what_is_above_the_limit() -> None:
+    t = np.arange(2000) / 1000.0
+    low, high = np.sin(2 * np.pi * 20 * t), np.cos(2 * np.pi * 21 * t)
+    assert rough_part(low + high, 2) == pytest.approx(high, abs=1e-12)
+
+
+def test_contacts_begin_after_a_pause() -> None:
+    closed = np.zeros(200, dtype=bool)
+    closed[[3, 4, 60, 62, 150]] = True
+    assert contact_begins(closed, 1000).tolist() == [60, 150]  # pauses of 50 steps; 3 is too early
+    assert contact_begins(closed, 100).tolist() == [60, 150]
+    assert contact_begins(np.zeros(10, dtype=bool), 100).tolist() == []
+
+
+def test_positions_begin_at_the_gap(lab: Laboratory) -> None:
+    (result,) = lab.motions([motion_case(1.25, PLAN)])
+    t, y = paper_motion.tip_positions(result, 4)
+    assert t[-1] == 4.0 and y.shape == (2, 4000)
+    assert (y[1] - y[0]).min() == pytest.approx(1e3 * result.summary["minimum_tip_gap"], rel=0.2)
+
+
+@pytest.mark.parametrize(
+    ("given", "names"),
+    [([], list(paper.FIGURES)), (["2"], ["2a", "2b"]), (["fig05", "fig02a.png"[:6]], ["2a", "5"])],
+)
+def test_figures_are_chosen_as_users_name_them(given: list[str], names: list[str]) -> None:
+    assert paper.chosen(given) == names
+
+
+def test_unknown_figures_and_workers_are_told() -> None:
+    with pytest.raises(CaseError, match=r"figure '99': expected one of 1, 2a"):
+        paper.chosen(["99"])
+    with pytest.raises(CaseError, match="workers: expected at least 1, given 0"):
+        next(iter([laboratory(PLAN, workers=0).__enter__()]))
+
+
+def test_names_of_files() -> None:
+    assert [paper.file_stem(n) for n in ("1", "2a", "15", "gamma")] == [
+        "fig01", "fig02a", "fig15", "gamma",
+    ]  # fmt: skip
+
+
+def test_numbers_become_json() -> None:
+    given = {1.5: np.array([[1.0, np.nan]]), "b": (np.int64(2), np.True_, None, 1 / 3)}
+    assert paper.plain(given) == {"1.5": [[1.0, None]], "b": [2, True, None, 0.3333333]}
+
+
+class Diverging(Serial):
+    """Returns results that diverged, whatever it is given."""
+
+    def submit(self, *_: object, **__: object) -> "Future[SimpleNamespace]":  # type: ignore[override]
+        future: Future[SimpleNamespace] = Future()
+        history = SimpleNamespace(attrs={"outcome": "diverged"})
+        future.set_result(SimpleNamespace(case=SimpleNamespace(name="paper"), history=history))
+        return future
+
+
+def test_a_motion_that_diverges_is_told() -> None:
+    with pytest.raises(RuntimeError, match="case paper diverged; the case is"):
+        Laboratory(PLAN, Diverging()).motions([motion_case(3.25, PLAN)])
+
+
+def test_lateral_impact_is_judged(lab: Laboratory) -> None:
+    found = verdicts(paper.FIGURES["7"](lab))
+    assert found["no snap-back in the time scope of the impact"] == "holds"
+    assert found["the mean wave velocity is much smaller than the longitudinal one"] == "holds"
+
+
+@pytest.fixture()
+def folder(tmp_path: Path) -> Path:
+    """A folder with two figures, without their computation."""
+    claims = [
+        Claim("1", "a | b", "sec. 1", "1 < 2", "holds", True),
+        Claim("1", "c", "sec. 2", "no", "does not hold"),
+    ]
+    for name, own in (("1", claims), ("2a", [])):
+        stem = paper.file_stem(name)
+        (tmp_path / f"{stem}.png").write_bytes(b"picture")
+        content = {
+            "name": name, "title": f"title {name}", "caption": "what & what", "animation": None,
+            "claims": [vars(claim) for claim in own], "numbers": {},
+        }  # fmt: skip
+        (tmp_path / f"{stem}.json").write_text(json.dumps(content), "utf-8")
+    return tmp_path
+
+
+def test_page_links_to_what_is_there(folder: Path) -> None:
+    found = entries(folder, ["fig01", "fig02a", "fig02b"])
+    page = write_page(folder, found).read_text("utf-8")
+    targets = set(re.findall(r'(?:src|href)="([^"]+)"', page))
+    assert {t for t in targets if not t.startswith("#")} == {
+        "fig01.png", "fig01.json", "fig02a.png", "fig02a.json",
+    }  # fmt: skip
+    assert "2 statements: 1 hold, 1 do not, 0 are open." in page
+    assert "1 &lt; 2" in page and "what &amp; what" in page
+
+
+def test_documentation_is_written_from_the_numbers(folder: Path, tmp_path: Path) -> None:
+    root = tmp_path / "root"
+    root.mkdir()
+    (root / "README.md").write_text(f"head\n{README_MARKS[0]}\noutdated\n{README_MARKS[1]}\ntail\n")
+    found = entries(folder, ["fig01", "fig02a"])
+    paths = write_docs(folder, root, found)
+    readme, docs = (root / name for name in ("README.md", "docs/paper.md"))
+    assert {readme, docs} <= set(paths)
+    text = readme.read_text("utf-8")
+    assert "outdated" not in text and text.startswith("head") and text.endswith("tail\n")
+    assert "a \\| b" in text and "| c |" not in text
+    assert "| c |" in docs.read_text("utf-8")
+    for picture in re.findall(r"\((figures/\S+)\)", docs.read_text("utf-8")):
+        assert (root / "docs" / picture).is_file()
+    write_docs(folder, root, found)
+    assert readme.read_text("utf-8") == text
+
+
+def test_marks_must_be_there() -> None:
+    with pytest.raises(ValueError, match="expected A and then B"):
+        between("B text A", ("A", "B"), "")
+
+
+def test_tables_count_and_columns() -> None:
+    claim = Claim("1", "t", "s", "m", "open")
+    assert tally([claim]) == "1 statements: 0 hold, 0 do not, 1 are open."
+    assert markdown_table([claim], with_source=False).splitlines()[2] == "| 1 | t | m | open |"
+
+
+def test_command_writes_figures_numbers_and_page(tmp_path: Path) -> None:
+    result = CliRunner().invoke(app, ["paper", "1", "-o", str(tmp_path), "-j", "1", "--fast"])
+    assert result.exit_code == 0, result.output
+    assert {path.name for path in tmp_path.iterdir()} == {"fig01.png", "fig01.json", "index.html"}
+    assert "does not hold" in result.output
+
+
+def test_command_tells_unknown_figures(tmp_path: Path) -> None:
+    result = CliRunner().invoke(app, ["paper", "17", "-o", str(tmp_path)])
+    assert result.exit_code == 2
