@@ -16,7 +16,7 @@ from delam_fem.cli import app
 from delam_fem.executors import Serial
 from delam_fem.paper_claims import Claim, markdown_table
 from delam_fem.paper_lab import FREQUENCIES, Laboratory, Plan, laboratory, motion_case
-from delam_fem.paper_measures import contact_begins, is_as_described, rough_part, strikes
+from delam_fem.paper_measures import contact_begins, is_as_described, rough_part, settling, strikes
 from delam_fem.paper_page import README_MARKS, between, entries, tally, write_docs, write_page
 from delam_fem.parameters import CaseError
 
@@ -174,6 +174,15 @@ def test_contacts_begin_after_a_pause() -> None:
     assert contact_begins(closed, 1000).tolist() == [60, 150]  # pauses of 50 steps; 3 is too early
     assert contact_begins(closed, 100).tolist() == [60, 150]
     assert contact_begins(np.zeros(10, dtype=bool), 100).tolist() == []
+
+
+def test_settling_is_the_last_period_away_from_the_cycle() -> None:
+    strobe = np.tile([1.0, -1.0], (2, 100))
+    strobe[0, 150:] += 0.1  # within the scatter
+    strobe[1, 57] = 3.0
+    assert settling(strobe, np.ones(2), 2) == 58
+    assert settling(strobe[:, 60:140], np.ones(2), 2) == 0
+    assert settling(strobe[:, 60:140], np.ones(2), 1) == 80
 
 
 def test_positions_begin_at_the_gap(lab: Laboratory) -> None:
