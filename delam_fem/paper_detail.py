@@ -54,7 +54,8 @@ def portrait_of_impacts(lab: Laboratory) -> Piece:
     long = Claim(
         "9", "some hundred periods are necessary to get a stationary state", "sec. 3.1",
         "from rest, strobes stay near the stationary cycle after "
-        + ", ".join(f"{n} periods at {f:.2f} Hz" for n, f in zip(settled, FREQUENCIES, strict=True)),
+        + ", ".join(f"{n} at {f:.2f} Hz" for n, f in zip(settled, FREQUENCIES, strict=True))
+        + " (periods)",
         judged(max(settled) >= LONG),
     )  # fmt: skip
     caption = (
