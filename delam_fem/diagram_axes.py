@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -98,6 +99,11 @@ def require(data: xr.Dataset, name: str, remedy: str) -> None:
     """
     if name not in data:
         raise CaseError(f"diagram: the sweep has no {name}; compute it with {remedy}")
+
+
+def sweep_keys(data: xr.Dataset) -> dict[str, object]:
+    """Return what the file of the sweep says, as `tomllib` returns it; empty if not known."""
+    return tomllib.loads(data.attrs.get("sweep", ""))
 
 
 def heading(data: xr.Dataset) -> str:

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from delam_fem.attractors import SAME_ATTRACTOR
 from delam_fem.cantilever import transmissibility
-from delam_fem.diagram_axes import DiagramAxis, axes_of, heading, require
+from delam_fem.diagram_axes import DiagramAxis, axes_of, heading, require, sweep_keys
 from delam_fem.figure_style import (
     BASE_COLOUR,
     BLACK,
@@ -112,7 +112,9 @@ def _directions(
 ) -> list[tuple[str, xr.Dataset, tuple[str, str, str]]]:
     """Return label, points and style of each direction."""
     if "direction" not in data.dims:
-        return [("each point from the start", data, (BLUE, "o", "-"))]
+        order = sweep_keys(data).get("order", "independent")
+        label = "each point from the start" if order == "independent" else f"going {order}"
+        return [(label, data, (BLUE, "o", "-"))]
     return [(name, data.sel(direction=name), style) for name, style in DIRECTION_STYLE.items()]
 
 
