@@ -85,19 +85,13 @@ def chosen(names: Sequence[str]) -> list[str]:
     return [name for name in FIGURES if name in found]
 
 
-def reproduce(
-    lab: Laboratory,
-    directory: Path,
-    names: Sequence[str],
-    progress: Callable[[int, int], None] | None = None,
-) -> list[Path]:
+def reproduce(lab: Laboratory, directory: Path, names: Sequence[str]) -> list[Path]:
     """Compute and write figures.
 
     Args:
         lab: computes.
         directory: gets figNN.png and figNN.json, and GIFs; made where it does not exist.
         names: as `chosen` returns them.
-        progress: called with the figures done and all figures.
 
     Returns:
         The files.
@@ -107,16 +101,12 @@ def reproduce(
     """
     directory.mkdir(parents=True, exist_ok=True)
     paths: list[Path] = []
-    for done, name in enumerate(names):
-        if progress is not None:
-            progress(done, len(names))
+    for name in names:
         begin = time.perf_counter()
         with styled():
             piece = FIGURES[name](lab)
             paths += _written(piece, directory, begin)
         _log.info("figure %s: %.1f s", name, time.perf_counter() - begin)
-    if progress is not None:
-        progress(len(names), len(names))
     return paths
 
 

@@ -2,6 +2,7 @@
 
 import json
 import re
+import runpy
 from collections.abc import Iterator
 from concurrent.futures import Future
 from pathlib import Path
@@ -284,6 +285,15 @@ def test_documentation_is_written_from_the_numbers(folder: Path, tmp_path: Path)
         assert (root / "docs" / picture).is_file()
     write_docs(folder, root, found)
     assert readme.read_text("utf-8") == text
+
+
+def test_script_of_the_documentation_wants_all_figures(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    script = runpy.run_path(str(Path(__file__).parents[1] / "scripts" / "paper_docs.py"))
+    with pytest.raises(SystemExit):
+        script["main"]([str(folder)])
+    assert "no figure 2b, 3, 4" in capsys.readouterr().err
 
 
 def test_marks_must_be_there() -> None:
