@@ -63,7 +63,7 @@ def plane(data: xr.Dataset) -> Figure:
     if kinds.size <= MOST_LABELS:
         _write_periods(panel, x, y, _values(data, "periodicity", x, y))
     present = [k for k in range(len(at.KINDS)) if (kinds == k).any()]
-    shares = [f"{at.KINDS[k]} ({100.0 * (kinds == k).mean():.0f} %)" for k in present]
+    shares = [f"{at.KINDS[k]} ({_percent(float((kinds == k).mean()))})" for k in present]
     _legend(panel, [KIND_COLOURS[k] for k in present], shares)
     _finish(figure, panel, (x, y), data)
     figure.supxlabel(_thresholds(), fontsize=8.0, color="#555555")
@@ -99,11 +99,11 @@ def basins(data: xr.Dataset) -> Figure:
         found.periodicity[:shown], 1e3 * found.amplitude, found.share, strict=False
     ):
         period = f"period {P:.0f}" if np.isfinite(P) else "not periodic"
-        labels.append(f"{period}, {first:.1f} / {second:.1f} mm ({100.0 * share:.0f} %)")
+        labels.append(f"{period}, {first:.1f} / {second:.1f} mm ({_percent(float(share))})")
     if n > shown:
-        labels.append(f"{n - shown} others ({100.0 * found.share[shown:].sum():.0f} %)")
+        labels.append(f"{n - shown} others ({_percent(float(found.share[shown:].sum()))})")
     if (found.number < 0).any():
-        labels.append(f"not completed ({100.0 * (found.number < 0).mean():.0f} %)")
+        labels.append(f"not completed ({_percent(float((found.number < 0).mean()))})")
         colours = [*colours[: shown + (n > shown)], NONE]
     _legend(panel, colours[: len(labels)], labels)
     _finish(figure, panel, (x, y), data)
@@ -132,6 +132,11 @@ def lyapunov_map(data: xr.Dataset) -> Figure:
     figure.colorbar(mesh, ax=panel, label="largest Lyapunov exponent [1/s]")
     _finish(figure, panel, (x, y), data)
     return figure
+
+
+def _percent(share: float) -> str:
+    """Return a share in words, so that a rare kind is not said to be none."""
+    return f"{100.0 * share:.0f} %" if share >= 0.01 else "< 1 %"
 
 
 def _values(data: xr.Dataset, name: str, x: DiagramAxis, y: DiagramAxis) -> npt.NDArray[Any]:
