@@ -188,3 +188,14 @@ def test_the_base_is_sought_beside_the_sweep(tmp_path: Path) -> None:
     assert made.file.name == "gaps"
     assert made.case(0).gap.tip == 0.01
     assert np.prod(list(made.sizes.values())) == made.n_points == 1
+
+
+EXAMPLES = sorted((Path(__file__).parents[1] / "docs" / "examples").glob("*.toml"))
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_the_examples_of_the_documentation_are_sweeps(path: Path) -> None:
+    made = load_sweep(path)
+    assert made.n_points > 100
+    kind = {"plane": 2, "basins": 2}.get(path.stem, 1)
+    assert len(made.dimensions) == kind
