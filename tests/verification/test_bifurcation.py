@@ -17,8 +17,8 @@ from delam_fem.sweep import run_sweep
 from delam_fem.sweepgrid import sweep_of
 
 LINEAR = 2e-3
-"""Relative: the distance pulses within a cycle of the mode, which is no multiple of the period; over
-200 periods that averages out to 1e-3."""
+"""Relative: the distance pulses within a cycle of the mode, which is no multiple of the period;
+over 200 periods that averages out to 1e-3."""
 IMPACTING = 0.05
 """Relative: the exponent is that of the linearised map, and the distance is 3 % of the motion."""
 SETTLE, FOLLOW = 60, 100
