@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Sets up, then checks style and types and runs all tests with the coverage of branches, which has to
-# reach what pyproject.toml says. With arguments, which go to pytest, coverage is left out.
+# Sets up, then checks style and types and runs the tests; arguments go to pytest, for example
+# --cov for the coverage of branches, which then has to reach what pyproject.toml says.
 set -euo pipefail
 
 cd -P -- "$(dirname -- "$(readlink -f -- "${BASH_SOURCE[0]}")")/.."
@@ -9,7 +9,4 @@ source scripts/clean_environment.sh
 .venv/bin/ruff check .
 .venv/bin/ruff format --check .
 .venv/bin/mypy
-if (($#)); then
-    exec .venv/bin/python -m pytest "$@"
-fi
-exec .venv/bin/python -m pytest --cov --cov-report=term
+exec .venv/bin/python -m pytest "$@"
