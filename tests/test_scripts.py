@@ -39,7 +39,8 @@ def test_another_motion_is_not_taken_for_the_paper_s() -> None:
 
 
 @pytest.mark.slow
-def test_benchmark_measures_ratios(tmp_path: Path) -> None:
+def test_benchmark_measures_ratios(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(SCRIPTS))  # its worker processes import it
     module = script("benchmark")
     figures = module.main(["--short", "-o", str(tmp_path)])
     rows = figures["rows"]
