@@ -13,14 +13,13 @@ from typing import Any
 import numpy as np
 
 from delam_fem.energy import Energies
+from delam_fem.jumps import Columns, Jumps
 from delam_fem.operators import FloatArray
 from delam_fem.parameters import Case, CaseError
 from delam_fem.recorder import PeriodRecord, Recorder
 from delam_fem.simulate import Engine, State
-from delam_fem.supervisor import Decision
 
 _PERIOD_ARRAYS = ("strobe", "envelope", "ledger", "impulse")
-_JUMP_COLUMNS = ("hit", "impulses", "rate_pre", "rate_post")
 
 
 def path_in(directory: Path) -> Path:
@@ -103,8 +102,7 @@ def _flatten(record: PeriodRecord) -> dict[str, Any]:
     """Return a period's record as arrays."""
     energies, dissipated, contact_damped = record.start
     stored = [energies.kinetic, energies.strain, energies.spring, energies.momentum]
-    decisions = [decision for _, decision, _ in record.jumps]
-    arrays = {
+    return {
         "base_states": record.base_states,
         "u": record.u,
         "v": record.v,
@@ -113,28 +111,15 @@ def _flatten(record: PeriodRecord) -> dict[str, Any]:
         "frames": np.array(record.frames),
         "contact": np.array(record.contact, dtype=np.int8),
         "totals": [record.released, record.impact, record.n_steps],
-        "jump_steps": np.array([step for step, _, _ in record.jumps], dtype=np.int64),
-        "jump_sizes": np.array([d.hit.size for d in decisions], dtype=np.int64),
-        "jump_energies": np.array([energy for _, _, energy in record.jumps]),
+        **{f"jump_{k}": column for k, column in record.jumps.columns()._asdict().items()},
     }
-    for name in _JUMP_COLUMNS:
-        columns = [getattr(decision, name) for decision in decisions]
-        arrays[f"jump_{name}"] = np.concatenate(columns) if columns else np.empty(0)
-    return arrays
 
 
 def _rebuild(arrays: dict[str, Any]) -> PeriodRecord:
     """Return a period's record from its arrays."""
     start = [float(x) for x in arrays["start"]]
     released, impact, n_steps = (float(x) for x in arrays["totals"])
-    cuts = np.cumsum(arrays["jump_sizes"])[:-1]
-    columns = [np.split(arrays[f"jump_{name}"], cuts) for name in _JUMP_COLUMNS]
-    jumps = [
-        (int(step), Decision(hit.astype(np.int64), p, pre, post), float(energy))
-        for step, energy, hit, p, pre, post in zip(
-            arrays["jump_steps"], arrays["jump_energies"], *columns, strict=False
-        )
-    ]
+    columns = Columns(*(arrays[f"jump_{name}"] for name in Columns._fields))
     return PeriodRecord(
         arrays["base_states"],
         arrays["u"],
@@ -143,7 +128,7 @@ def _rebuild(arrays: dict[str, Any]) -> PeriodRecord:
         (Energies(*start[:4]), start[4], start[5]),
         list(arrays["frames"]),
         list(arrays["contact"]),
-        jumps,
+        Jumps(columns),
         released,
         impact,
         int(n_steps),

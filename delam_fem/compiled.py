@@ -22,11 +22,11 @@ from delam_fem.compiled_state import (
 )
 from delam_fem.compiled_stepper import CompiledStepper
 from delam_fem.compiled_system import Scheme
+from delam_fem.jumps import Columns
 from delam_fem.operators import FloatArray, Operators
 from delam_fem.parameters import Case
 from delam_fem.recorder import PeriodRecord
 from delam_fem.simulate import State
-from delam_fem.supervisor import Decision
 
 EVENTS, HITS_PER_PAIR = 256, 16
 """Impacts, and hits per pair, after which the loop returns to have its buffers emptied."""
@@ -97,11 +97,7 @@ class Compiled:
             )
         self.operators = operators
         self.stepper = CompiledStepper(operators, scheme, law)
-        n = HITS_PER_PAIR * operators.n_pairs
-        self._pairs = np.zeros(n, dtype=np.int64)
-        self._impulses, self._rates_pre, self._rates_post = np.zeros((3, n))
-        self._steps, self._sizes = np.zeros((2, EVENTS), dtype=np.int64)
-        self._energies = np.zeros(EVENTS)
+        self._events = Columns.room(EVENTS, HITS_PER_PAIR * operators.n_pairs)
 
     def start(self, initial: State | None, base_state: FloatArray) -> None:
         """Take a state, or rest, and renew the accelerations; see `simulate.Engine`."""
@@ -139,6 +135,7 @@ class Compiled:
             memory.counts[[N_EVENTS, N_HITS]] = 0
             step, ending = compiled_loop.run_steps(s.system, s.law, memory, log, step + 1, floor)
             self._empty_events(record)
+        record.end = s.stored_energies(), s.dissipated, s.contact_damped
         record.impact, record.released = (float(memory.totals[k]) for k in (IMPACT, RELEASED))
         n_kept = memory.counts[N_FRAMES]
         record.frames.extend(log.frames[:n_kept, :, s.order])
@@ -152,39 +149,28 @@ class Compiled:
         return Log(
             n_steps=len(record.base_states) - 1,
             n_frames=n_frames,
-            n_events=self._steps.size,
-            n_hits=self._pairs.size,
+            n_events=self._events.steps.size,
+            n_hits=self._events.hit.size,
             base_states=np.ascontiguousarray(record.base_states),
             u=record.u,
             v=record.v,
             frame_steps=record.frame_steps,
             frames=np.empty((n_frames, 2, size)),
             contact=np.empty((n_frames, self.operators.n_pairs), dtype=np.int8),
-            event_step=self._steps,
-            event_size=self._sizes,
-            event_energy=self._energies,
-            hit=self._pairs,
-            impulse=self._impulses,
-            rate_pre=self._rates_pre,
-            rate_post=self._rates_post,
+            event_step=self._events.steps,
+            event_size=self._events.sizes,
+            event_energy=self._events.energies,
+            hit=self._events.hit,
+            impulse=self._events.impulses,
+            rate_pre=self._events.rate_pre,
+            rate_post=self._events.rate_post,
         )
 
     def _empty_events(self, record: PeriodRecord) -> None:
-        """Turn the filled part of the event buffers into decisions of the record."""
+        """Give the filled part of the event buffers to the record."""
         n, n_hits = self.stepper.memory.counts[[N_EVENTS, N_HITS]].tolist()
-        pairs, impulses = self._pairs[:n_hits].copy(), self._impulses[:n_hits].copy()
-        rates_pre, rates_post = self._rates_pre[:n_hits].copy(), self._rates_post[:n_hits].copy()
-        first = 0
-        for step, size, energy in zip(
-            self._steps[:n].tolist(),
-            self._sizes[:n].tolist(),
-            self._energies[:n].tolist(),
-            strict=True,
-        ):
-            part = slice(first, first + size)
-            decision = Decision(pairs[part], impulses[part], rates_pre[part], rates_post[part])
-            record.jumps.append((step, decision, energy))
-            first += size
+        if n:
+            record.jumps.extend(self._events.first(n, n_hits))
 
 
 def _require_impulses(ending: int) -> None:

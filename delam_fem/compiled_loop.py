@@ -12,7 +12,10 @@ from delam_fem import lane_kernels as lk
 from delam_fem.banded import row_product
 from delam_fem.compiled_algebra import measure
 from delam_fem.compiled_state import (
+    ATTACHMENT,
     DISSIPATED,
+    KINETIC,
+    MOMENTUM,
     MOREAU,
     N_EVENTS,
     N_FRAMES,
@@ -21,6 +24,8 @@ from delam_fem.compiled_state import (
     N_SPRINGS,
     NONE,
     RECOVERY,
+    SPRING,
+    STRAIN,
 )
 from delam_fem.simd import pointers
 
@@ -235,18 +240,34 @@ def _run_steps(system, law, memory, log, first, floor):  # type: ignore[no-untyp
     return log.n_steps, COMPLETED
 
 
+@numba.njit(cache=True)
+def _store_energies(system, law, memory):  # type: ignore[no-untyped-def]
+    X, size, stored = memory.X, system.size, memory.stored
+    momentum = attachment = 0.0
+    for i in range(size):
+        momentum += system.base[i] * X[size + i]
+        attachment += system.base[2 * size + i] * X[i]
+    stored[KINETIC] = 0.5 * banded.form(system.mass, size, X, size)
+    stored[STRAIN] = 0.5 * banded.form(system.stiffness, size, X, 0)
+    stored[SPRING] = springs.spring_energy(system, law, memory)
+    stored[MOMENTUM], stored[ATTACHMENT] = momentum, attachment
+
+
 # -- called from Python -----------------------------------------------------------------------
 
 
 @numba.njit(cache=True, nogil=True)
 def run_steps(system, law, memory, log, first, floor):  # type: ignore[no-untyped-def]
-    """Compute the steps from `first` to the end of the period.
+    """Compute the steps from `first` to the end of the period; store the energies there.
 
     Returns:
         The last step done and how the loop ended: COMPLETED, DIVERGED, FULL (empty the event
         buffers and go on), or a failure of compiled_contact.py.
     """
-    return _run_steps(pointers(system), law, pointers(memory), pointers(log), first, floor)
+    bare, state = pointers(system), pointers(memory)
+    ending = _run_steps(bare, law, state, pointers(log), first, floor)
+    _store_energies(bare, law, state)
+    return ending
 
 
 @numba.njit(cache=True)
@@ -268,14 +289,6 @@ def list_springs(system, memory):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def stored_energies(system, law, memory):  # type: ignore[no-untyped-def]
-    """Return the kinetic, strain and spring energy of the free dofs [J], m·v and k·u."""
-    s, m = pointers(system), pointers(memory)
-    X, size = m.X, s.size
-    momentum = attachment = 0.0
-    for i in range(size):
-        momentum += s.base[i] * X[size + i]
-        attachment += s.base[2 * size + i] * X[i]
-    kinetic = 0.5 * banded.form(s.mass, size, X, size)
-    strain = 0.5 * banded.form(s.stiffness, size, X, 0)
-    return kinetic, strain, springs.spring_energy(s, law, m), momentum, attachment
+def store_energies(system, law, memory):  # type: ignore[no-untyped-def]
+    """Bring `Memory.stored` up to date."""
+    _store_energies(pointers(system), law, pointers(memory))

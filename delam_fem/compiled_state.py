@@ -18,6 +18,8 @@ NONE, IMPACTS, PENALTY, MOREAU, RECOVERY = range(5)
 """Kinds of laws; "newton" is IMPACTS without a threshold, the last two go with the θ-scheme."""
 DISSIPATED, CONTACT_DAMPED, IMPACT, RELEASED = range(4)
 """Places in `Memory.totals`."""
+KINETIC, STRAIN, SPRING, MOMENTUM, ATTACHMENT = range(5)
+"""Places in `Memory.stored`."""
 N_SPRINGS, N_EVENTS, N_HITS, N_FRAMES, N_RESTING = range(5)
 """Places in `Memory.counts`."""
 
@@ -50,6 +52,8 @@ class Memory(NamedTuple):
         X: fields of lane_kernels.py one after the other, shape (8 size,).
         base: q, q', q'' of the base now, shape (3,).
         totals: dissipated, damped in contacts, by impacts, released by springs so far [J].
+        stored: kinetic, strain and spring energy of the free dofs [J], m_b·v and k_b·u when last
+            asked for, or when a period ended.
         counts: springs, what is filled of the event buffers, pairs at rest under the θ-scheme.
         permanent: pairs that carry a spring, shape (n_pairs,).
         pairs: the same pairs as a list, its first counts[N_SPRINGS].
@@ -65,6 +69,7 @@ class Memory(NamedTuple):
     X: FloatArray
     base: FloatArray
     totals: FloatArray
+    stored: FloatArray
     counts: IntArray
     permanent: npt.NDArray[np.uint8]
     pairs: IntArray
@@ -125,6 +130,7 @@ def memory(size: int, n_pairs: int) -> Memory:
         X=aligned_zeros(N_FIELDS * size),
         base=np.zeros(3),
         totals=np.zeros(4),
+        stored=np.zeros(5),
         counts=np.zeros(5, dtype=np.int64),
         permanent=np.zeros(n_pairs, dtype=np.uint8),
         pairs=np.zeros(n_pairs, dtype=np.int64),

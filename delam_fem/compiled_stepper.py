@@ -61,9 +61,12 @@ class CompiledStepper:
 
     def energies(self) -> Energies:
         """Return the energies of the whole system, base included, in the fixed frame [J]."""
-        kinetic, strain, spring, momentum, attachment = compiled_loop.stored_energies(
-            self.system, self.law, self.memory
-        )
+        compiled_loop.store_energies(self.system, self.law, self.memory)
+        return self.stored_energies()
+
+    def stored_energies(self) -> Energies:
+        """Return the energies as of the end of the last period that was computed, see above."""
+        kinetic, strain, spring, momentum, attachment = self.memory.stored.tolist()
         mass, _, stiffness = self._corner
         q, dq, _ = self.memory.base.tolist()
         return Energies(

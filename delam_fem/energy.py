@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 
-import numpy as np
+import numba
 
 from delam_fem.operators import BaseCoupling, FloatArray
 
@@ -70,7 +70,8 @@ def base_flows(
     """Return the work of the base and the damping loss that its motion adds, by E2.
 
     Args:
-        seen: (m_b·u, c_b·u, k_b·u) at the steps of the stretch, its start included, shape (k+1, 3).
+        seen: rows that begin with (m_b·u, c_b·u, k_b·u) at the steps of the stretch, its start
+            included, shape (k+1, ≥ 3).
         momentum: m_b·v at the start and the end [kg m/s].
         base_states: (q, q', q'') of the base at the same steps, shape (k+1, 3).
         base: corner terms of the base.
@@ -79,23 +80,32 @@ def base_flows(
     Returns:
         Work of the base and the part of the damping loss that involves the base velocity [J].
     """
-    columns = np.ascontiguousarray(seen.T)  # sums over columns are several times faster like this
-    q, dq, ddq = np.ascontiguousarray(base_states.T)
-    step_m, step_c, _ = np.diff(columns)
-    mean_k = 0.5 * (columns[2, 1:] + columns[2, :-1])
-    mean_dq = 0.5 * (dq[1:] + dq[:-1])
-    mean_ddq = 0.5 * (ddq[1:] + ddq[:-1])
+    by_mass, cross_damping, by_stiffness, square = _sums(seen, base_states)
     mass, damping, stiffness = base.corner
-    corner_damping = damping * time_step * float(mean_dq @ mean_dq)
-    cross_damping = float(step_c @ mean_dq)
+    corner_damping = damping * time_step * square
+    (q0, dq0, _), (q1, dq1, _) = base_states[0].tolist(), base_states[-1].tolist()
     work = (
-        -float(step_m @ mean_ddq)
-        + cross_damping
-        + float(mean_k @ np.diff(q))
-        + momentum[1] * float(dq[-1])
-        - momentum[0] * float(dq[0])
-        + 0.5 * mass * float(dq[-1] ** 2 - dq[0] ** 2)
-        + 0.5 * stiffness * float(q[-1] ** 2 - q[0] ** 2)
+        cross_damping
+        - by_mass
+        + by_stiffness
+        + momentum[1] * dq1
+        - momentum[0] * dq0
+        + 0.5 * mass * (dq1**2 - dq0**2)
+        + 0.5 * stiffness * (q1**2 - q0**2)
         + corner_damping
     )
     return work, 2.0 * cross_damping + corner_damping
+
+
+@numba.njit(cache=True)
+def _sums(seen, base):  # type: ignore[no-untyped-def]
+    """Return the sums over steps of Δ(m·u) mean(q''), Δ(c·u) mean(q'), mean(k·u) Δq, mean(q')²."""
+    by_mass = by_damping = by_stiffness = square = 0.0
+    for j in range(1, seen.shape[0]):
+        mean_dq = 0.5 * (base[j, 1] + base[j - 1, 1])
+        mean_ddq = 0.5 * (base[j, 2] + base[j - 1, 2])
+        by_mass += (seen[j, 0] - seen[j - 1, 0]) * mean_ddq
+        by_damping += (seen[j, 1] - seen[j - 1, 1]) * mean_dq
+        by_stiffness += 0.5 * (seen[j, 2] + seen[j - 1, 2]) * (base[j, 0] - base[j - 1, 0])
+        square += mean_dq * mean_dq
+    return by_mass, by_damping, by_stiffness, square

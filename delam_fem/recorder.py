@@ -10,10 +10,12 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import Protocol
 
+import numba
 import numpy as np
 import numpy.typing as npt
 
 from delam_fem.energy import Energies, Flows, base_flows
+from delam_fem.jumps import Jumps
 from delam_fem.operators import BaseCoupling, FloatArray, IntArray
 from delam_fem.supervisor import Decision, Supervisor
 
@@ -24,6 +26,10 @@ LEDGER = (
     "kinetic", "strain", "spring", "base_work", "damping_loss", "contact_damping_loss",
     "impact_loss", "spring_released", "residual",
 )  # fmt: skip
+
+
+Level = tuple[Energies, float, float]
+"""Stored energies, energy dissipated and energy damped in contacts so far."""
 
 
 class Stepper(Protocol):
@@ -53,10 +59,11 @@ class PeriodRecord:
         u: `seen_u` at each step, start included, shape (N + 1, 3 + n_observed).
         v: `seen_v` likewise, shape (N + 1, n_observed).
         start: stored energies, dissipation and contact damping so far when the period began.
+        end: likewise when it ended; None until somebody asks.
         frame_steps: steps whose whole state is kept, increasing.
         frames: their (u, v), each of shape (2, n).
         contact: their contact states, each of shape (n_pairs,): 0 open, 1 hit, 2 permanent.
-        jumps: (step, decision, energy change by its impulses).
+        jumps: steps, decisions and energy changes by their impulses.
         released: energy that switching springs has set free [J].
         n_steps: steps done.
     """
@@ -65,13 +72,14 @@ class PeriodRecord:
     u: FloatArray
     v: FloatArray
     frame_steps: IntArray
-    start: tuple[Energies, float, float]
+    start: Level
     frames: list[FloatArray] = field(default_factory=list)
     contact: list[npt.NDArray[np.int8]] = field(default_factory=list)
-    jumps: list[tuple[int, Decision, float]] = field(default_factory=list)
+    jumps: Jumps = field(default_factory=Jumps)
     released: float = 0.0
     impact: float = 0.0
     n_steps: int = 0
+    end: Level | None = None
 
     def jump(self, step: int, decision: Decision, changes: tuple[float, float]) -> None:
         """Note a decision and the energies that it changed."""
@@ -79,7 +87,7 @@ class PeriodRecord:
         self.impact += impact
         self.released += released
         if decision.hit.size:
-            self.jumps.append((step, decision, impact))
+            self.jumps.append(step, decision, impact)
 
     def keep(self, step: int, stepper: Stepper, supervisor: Supervisor) -> None:
         """Note the state at the end of a step."""
@@ -89,9 +97,8 @@ class PeriodRecord:
         if n_frames < self.frame_steps.size and step == self.frame_steps[n_frames]:
             self.frames.append(stepper.state()[:2])
             state = np.where(supervisor.permanent, 2, 0).astype(np.int8)
-            if self.jumps and self.jumps[-1][0] == step:
-                hit = self.jumps[-1][1].hit
-                state[hit] = np.where(supervisor.permanent[hit], 2, 1)
+            hit = self.jumps.hit_at(step)
+            state[hit] = np.where(supervisor.permanent[hit], 2, 1)
             self.contact.append(state)
 
 
@@ -135,38 +142,47 @@ class Recorder:
         ticks = np.arange(1, frames_per_period + 1) * steps_per_period
         self._frame_steps = np.rint(ticks / max(frames_per_period, 1)).astype(np.int64)
 
-    def open(self, stepper: Stepper, base_states: FloatArray) -> PeriodRecord:
-        """Begin a period at the present state."""
+    def open(
+        self, stepper: Stepper, base_states: FloatArray, before: PeriodRecord | None = None
+    ) -> PeriodRecord:
+        """Begin a period at the present state.
+
+        Args:
+            stepper: holds the state.
+            base_states: (q, q', q'') of the base at the steps of the period, shape (N + 1, 3).
+            before: the period that has led to this very state, where there is one.
+        """
         rows, n_observed = self.steps_per_period + 1, self.strobe.shape[2]
         record = PeriodRecord(
             base_states,
             np.empty((rows, N_BASE + n_observed)),
             np.empty((rows, n_observed)),
             self._frame_steps,
-            (stepper.energies(), stepper.dissipated, stepper.contact_damped),
+            _level(stepper) if before is None or before.end is None else before.end,
         )
-        stepper.observe()
-        record.u[0], record.v[0] = stepper.seen_u, stepper.seen_v
+        if before is None:
+            stepper.observe()
+            record.u[0], record.v[0] = stepper.seen_u, stepper.seen_v
+        else:
+            record.u[0], record.v[0] = before.u[before.n_steps], before.v[before.n_steps]
         return record
 
     def close(self, record: PeriodRecord, stepper: Stepper, n_steps: int) -> bool:
         """End a period after `n_steps`; return whether the motion has stayed within bounds."""
-        k, rows = self.n_closed, slice(0, n_steps + 1)
+        k = self.n_closed
         record.n_steps = n_steps
+        if record.end is None:
+            record.end = _level(stepper)
         self.window.append(record)
         self.n_closed += 1
-        observed = np.ascontiguousarray(record.u[rows, N_BASE:].T)
-        impulses = [decision.impulses for _, decision, _ in record.jumps]
+        jumps = record.jumps.columns()
         with np.errstate(all="ignore"):  # a diverged motion is told by the return value
-            self.strobe[k] = observed[:, -1], record.v[n_steps]
-            self.envelope[k] = observed.min(axis=1), observed.max(axis=1)
-            self.impulse[k] = (
-                np.concatenate(impulses).sum() if impulses else 0.0,
-                sum(p.size for p in impulses),
-                sum(energy for _, _, energy in record.jumps if energy > 0.0),
-            )
-            self.ledger[k] = self._ledger_row(record, stepper, n_steps)
-            return bool(np.abs(self.envelope[k]).max(initial=0.0) < self.limit)
+            self.strobe[k] = record.u[n_steps, N_BASE:], record.v[n_steps]
+            largest = _extremes(record.u, n_steps + 1, self.envelope[k])
+            gains = np.maximum(jumps.energies, 0.0)
+            self.impulse[k] = jumps.impulses.sum(), jumps.hit.size, gains.sum()
+            self.ledger[k] = self._ledger_row(record, record.end)
+        return bool(largest < self.limit)
 
     def energy_residual(self) -> float:
         """Return the largest residual of a period over the largest energy exchanged in one [-]."""
@@ -175,12 +191,12 @@ class Recorder:
         residual = np.abs(rows[:, -1]).max(initial=0.0)
         return float(residual / exchanged) if exchanged > 0.0 else 0.0
 
-    def _ledger_row(self, record: PeriodRecord, stepper: Stepper, n_steps: int) -> FloatArray:
+    def _ledger_row(self, record: PeriodRecord, after: Level) -> tuple[float, ...]:
         """Return stored energies, flows and what does not add up, in the order of `LEDGER`."""
-        start, dissipated, contact_damped = record.start
-        end, rows = stepper.energies(), slice(0, n_steps + 1)
+        (start, dissipated, contact_damped), rows = record.start, slice(0, record.n_steps + 1)
+        end, dissipated_after, contact_damped_after = after
         work, base_damping = base_flows(
-            record.u[rows, :N_BASE],
+            record.u[rows],
             (start.momentum, end.momentum),
             record.base_states[rows],
             self._base,
@@ -188,15 +204,40 @@ class Recorder:
         )
         flows = Flows(
             base_work=work,
-            damping_loss=stepper.dissipated - dissipated + base_damping,
-            contact_damping_loss=stepper.contact_damped - contact_damped,
+            damping_loss=dissipated_after - dissipated + base_damping,
+            contact_damping_loss=contact_damped_after - contact_damped,
             impact_loss=-record.impact,
             spring_released=record.released,
         )
         residual = end.total - start.total - flows.net
-        return np.array(
-            [
-                end.kinetic, end.strain, end.spring, flows.base_work, flows.damping_loss,
-                flows.contact_damping_loss, flows.impact_loss, flows.spring_released, residual,
-            ]
+        return (
+            end.kinetic, end.strain, end.spring, flows.base_work, flows.damping_loss,
+            flows.contact_damping_loss, flows.impact_loss, flows.spring_released, residual,
         )  # fmt: skip
+
+
+def _level(stepper: Stepper) -> Level:
+    """Return what is stored and lost so far."""
+    return stepper.energies(), stepper.dissipated, stepper.contact_damped
+
+
+@numba.njit(cache=True)
+def _extremes(u, n_rows, envelope):  # type: ignore[no-untyped-def]
+    """Write the extremes of the observed u; return their largest magnitude.
+
+    What is not a number stays one to the end.
+    """
+    n, largest = envelope.shape[1], 0.0
+    for k in range(n):
+        low = high = u[0, N_BASE + k]
+        for row in range(1, n_rows):
+            value = u[row, N_BASE + k]
+            if value < low or value != value:
+                low = value
+            if value > high or value != value:
+                high = value
+        envelope[0, k], envelope[1, k] = low, high
+        for value in (abs(low), abs(high)):
+            if value > largest or value != value:
+                largest = value
+    return largest

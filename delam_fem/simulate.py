@@ -160,8 +160,9 @@ def simulate(
     Returns:
         How it ended; a period in which the motion diverges is kept as far as it went.
     """
+    record = None
     for period in range(recorder.n_closed, recorder.n_periods):
-        record = recorder.open(engine.stepper, motion(period))
+        record = recorder.open(engine.stepper, motion(period), record)
         n_steps = engine.run_period(record, -recorder.limit)
         is_bounded = recorder.close(record, engine.stepper, n_steps)
         if not is_bounded or n_steps < recorder.steps_per_period:

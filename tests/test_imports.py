@@ -50,7 +50,8 @@ ALLOWED: dict[str, set[str]] = {
     "moreau": {"compliance", "dynamics", "operators", "petsc", "supervisor"},
     "moreau_laws": {"contact", "operators", "supervisor"},
     "stability": {"operators", "parameters"},
-    "recorder": {"energy", "operators", "supervisor"},
+    "jumps": {"operators", "supervisor"},
+    "recorder": {"energy", "jumps", "operators", "supervisor"},
     "simulate": {"operators", "recorder", "supervisor"},
     "engines": {
         *(
@@ -64,7 +65,7 @@ ALLOWED: dict[str, set[str]] = {
             "supervisor",
         ),
     },
-    "checkpoint": {"energy", "operators", "parameters", "recorder", "simulate", "supervisor"},
+    "checkpoint": {"energy", "jumps", "operators", "parameters", "recorder", "simulate"},
     "watch": {"simulate"},
     # the compiled engine
     "simd": {"operators"},
@@ -83,7 +84,8 @@ ALLOWED: dict[str, set[str]] = {
     },
     "compiled": {
         *("compiled_contact", "compiled_loop", "compiled_state", "compiled_stepper"),
-        *("compiled_system", "operators", "parameters", "recorder", "simulate", "stability"),
+        *("compiled_system", "jumps", "operators", "parameters", "recorder", "simulate"),
+        "stability",
         "supervisor",
     },
     "compiled_algebra": {"banded", "compiled_state", "lane_kernels"},

@@ -232,7 +232,7 @@ order = "{order}"
 [set]
 mesh.elements = 3
 time.steps_per_period = 40
-time.periods = 40
+time.periods = 150
 output.fields_per_period = 20
 [[axis]]
 key = "excitation.frequency"
