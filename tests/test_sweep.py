@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -254,7 +255,7 @@ def count_in_journal(path: Path) -> int:
     copy = path.with_suffix(".copy")
     try:
         shutil.copyfile(path, copy)
-        with sqlite3.connect(copy) as connection:
+        with closing(sqlite3.connect(copy)) as connection:
             return int(connection.execute("SELECT count(*) FROM point").fetchone()[0])
     except (OSError, sqlite3.Error):
         return 0

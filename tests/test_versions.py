@@ -245,7 +245,8 @@ def test_interrupted_script_leaves_nothing(
     (tmp_path / "do").write_text(
         f"mount -t proc proc \"$3/proc\"; touch '{mark}'; exec -a {tmp_path.name} sleep 600\n"
     )
-    process = subprocess.Popen([SCRIPT, "trixie"], env=fake_debootstrap, stdout=subprocess.DEVNULL)
+    command = ["env", "--default-signal", SCRIPT, "trixie"]  # in the background SIGINT is ignored
+    process = subprocess.Popen(command, env=fake_debootstrap, stdout=subprocess.DEVNULL)
     deadline = time.monotonic() + 30.0
     while not Path(mark).exists() and time.monotonic() < deadline:
         time.sleep(0.05)
