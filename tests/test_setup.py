@@ -15,7 +15,8 @@ import delam_fem
 ROOT = Path(__file__).parents[1]
 SETUP = ROOT / "scripts" / "setup.sh"
 STAMP = ROOT / ".venv" / "delam_fem-setup.sha256"
-COMMANDS = [*sorted(ROOT.glob("scripts/*.sh")), ROOT / ".ci" / "run"]
+CI = ROOT / ".ci" / "run"
+COMMANDS = [*sorted(ROOT.glob("scripts/*.sh")), CI]
 SOURCED = "clean_environment.sh"
 READ_BY_SETUP = (SOURCED, "setup.sh", "constraints-bookworm.txt")
 NOT_TO_STAY = ("PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV", "CONDA_PREFIX", "CC")
@@ -211,6 +212,30 @@ def test_another_setup_of_the_same_folder_is_waited_for(tmp_path: Path) -> None:
     done = shell(f"{fakes}\nmain & sleep 0.2; main; wait")
     assert done.stdout.count("began") == 1, done.stdout
     assert "waiting for another" in done.stdout and "done by the other" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("tests", "versions", "expected"), [(0, 0, 0), (0, 77, 0), (0, 1, 1), (0, 2, 1), (1, 0, 1)]
+)
+def test_ci_passes_what_could_not_be_tested_and_no_failure(
+    tmp_path: Path, tests: int, versions: int, expected: int
+) -> None:
+    fakes = {
+        ".ci/run": CI.read_text(encoding="utf-8"),
+        "scripts/setup.sh": f"ROOT='{tmp_path}'; say() {{ echo $*; }}; apt_get() {{ false; }}",
+        "scripts/test.sh": f"echo tests $*; exit {tests}",
+        "scripts/test_versions.sh": f"echo versions; exit {versions}",
+    }
+    for name, text in fakes.items():
+        path = tmp_path / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(f"#!/bin/bash\n{text}\n")
+        path.chmod(0o755)
+    done = subprocess.run([tmp_path / ".ci" / "run", "-x"], capture_output=True, text=True)
+    assert done.returncode == expected, done.stderr
+    assert "no python3-siconos here" in done.stdout
+    assert "tests -x\n" in done.stdout
+    assert ("versions\n" in done.stdout) == (tests == 0)
 
 
 def test_version_of_the_package_is_the_projects() -> None:
