@@ -1,9 +1,11 @@
 """One lamina over rigid ground: the second kind of contact pair, a node against what never moves.
 
-    gap_k = u_k,   H has one entry, 1, in each row,   g0 = 0
+    gap_k = u_k + s_k,   H has one entry, 1, in each row,   g0 = s
 
-The lamina lies, or its tip rests, on the ground where it is free of stress; u counts upwards. Laws
-and time integrations see `Operators` as they do with two laminae.
+The lamina lies, or its tip rests, on the ground where it is free of stress and weight. u counts
+upwards from the shape s <= 0 in which it would hang under its weight without a ground: so its
+equation of motion has no load. Laws and time integrations see `Operators` as they do with two
+laminae.
 """
 
 from __future__ import annotations
@@ -27,11 +29,16 @@ Lift = Literal["tip force", "uniform load", "first mode"]
 
 N_CLAMP = 2
 """Dofs of the clamped node, before partition."""
+GRAVITY = 9.81
+"""[m/s2]"""
+_BELOW = 1e-9
+"""Depth of a lifted shape below the ground that is round-off, relative to the tip's height."""
 
 
 def steel_strip(
     frequency: float = 20.0,
     *,
+    length: float | None = None,
     thickness: float = 0.003,
     width: float = 0.040,
     damping_ratio: float = 0.0,
@@ -42,16 +49,17 @@ def steel_strip(
 
     Args:
         frequency: of the first mode as a cantilever [Hz].
+        length: instead of a frequency [m].
         thickness: [m].
         width: [m].
         damping_ratio: D of modes 1 and 2 [-].
     """
     young_modulus, density = 2.1e11, 7850.0
     kappa = thickness * math.sqrt(young_modulus / (12.0 * density))
-    length = float(cantilever_roots(1)[0]) * math.sqrt(kappa / (2.0 * math.pi * frequency))
+    fitting = float(cantilever_roots(1)[0]) * math.sqrt(kappa / (2.0 * math.pi * frequency))
     return Lamina(
         name="steel",
-        length=length,
+        length=length or fitting,
         width=width,
         thickness=thickness,
         density=density,
@@ -65,8 +73,24 @@ def nodes(lamina: Lamina, n: int) -> FloatArray:
     return lamina.length * np.arange(1, n + 1) / n
 
 
+def sag(lamina: Lamina, gravity: float) -> float:
+    """Return how far the tip would hang down without a ground, ρA g L⁴/(8 EI) [m].
+
+    Args:
+        lamina: the strip.
+        gravity: g [m/s2].
+    """
+    weight = lamina.mass_per_length * gravity
+    return weight * lamina.length**4 / (8.0 * lamina.flexural_rigidity)
+
+
 def on_ground(
-    lamina: Lamina, n: int, touching: Touching, observed: npt.ArrayLike | None = None
+    lamina: Lamina,
+    n: int,
+    touching: Touching,
+    observed: npt.ArrayLike | None = None,
+    *,
+    gravity: float = 0.0,
 ) -> Operators:
     """Return n Hermite elements, clamped at x = 0, over the ground.
 
@@ -78,6 +102,7 @@ def on_ground(
         n: number of elements, at least 2.
         touching: which nodes are contact pairs.
         observed: dofs recorded at each step; the tip's u where not given.
+        gravity: g, 0 for a strip without weight [m/s2].
 
     Raises:
         ValueError: n is below 2.
@@ -100,20 +125,42 @@ def on_ground(
         lumped_mass=lumped[N_CLAMP:],
         base=BaseCoupling.none(2 * n),
         gap_matrix=sp.csr_matrix(entries, shape=(pairs.size, 2 * n)),
-        gap0=np.zeros(pairs.size),
+        gap0=-lying(lamina, n, gravity)[2 * pairs],
         observed=np.asarray([2 * n - 2] if observed is None else observed, dtype=np.int64),
     )
 
 
-def lifted(lamina: Lamina, n: int, tip: float, by: Lift) -> FloatArray:
+def lying(lamina: Lamina, n: int, gravity: float) -> FloatArray:
+    """Return the shape on the ground, counted from where it would hang, u and φ, shape (2 n,)."""
+    return _shape(lamina, n, "uniform load", sag(lamina, gravity))
+
+
+def lifted(lamina: Lamina, n: int, tip: float, by: Lift, *, gravity: float = 0.0) -> FloatArray:
     """Return the shape in which the lamina is held up, u and φ of the free dofs, shape (2 n,).
 
     Args:
         lamina: the strip.
         n: number of elements.
-        tip: height of the tip [m].
-        by: what holds it.
+        tip: height of the tip above the ground [m].
+        by: what holds it, besides its weight.
+        gravity: g, 0 for a strip without weight [m/s2].
+
+    Raises:
+        ValueError: the weight would keep a part of the strip on the ground.
     """
+    hanging = sag(lamina, gravity)
+    u = _shape(lamina, n, by, tip + hanging)
+    height = u - lying(lamina, n, gravity)
+    if height[::2].min() < -_BELOW * tip:
+        raise ValueError(
+            f"height of the tip: expected so much that the whole strip leaves the ground, a third "
+            f"of its sag of {hanging:g} m with a force at the tip, given {tip:g} m"
+        )
+    return u
+
+
+def _shape(lamina: Lamina, n: int, by: Lift, tip: float) -> FloatArray:
+    """Return the shape of a cantilever without weight, u and φ, whose tip something holds."""
     xi = nodes(lamina, n) / lamina.length
     if by == "tip force":
         u, slope = (3.0 * xi**2 - xi**3) / 2.0, (6.0 * xi - 3.0 * xi**2) / 2.0

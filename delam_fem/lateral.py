@@ -1,7 +1,7 @@
 """The paper's experiments on lateral impact (section 2.3), with the studies that its figures need.
 
 `rolling` lets a strip fall on the ground along which it lies, `tip_block` lets its tip fall on a
-block. `rolling_study` repeats the first with other laws, releases, meshes and steps.
+block. `rolling_study` repeats the first with other strips, heights, laws, meshes and steps.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Any
 
 from delam_fem import ground
 from delam_fem.ground_run import GroundLaw
-from delam_fem.rolling import Rolling, rolling
+from delam_fem.rolling import Rolling, rolling, thin_strip
 from delam_fem.tip_block import TipBlock
 from delam_fem.tip_fall import tip_block
 
@@ -21,15 +21,16 @@ __all__ = ["LAWS", "RollingStudy", "Rung", "TipBlock", "rolling", "rolling_study
 LAWS = {
     "moreau": GroundLaw("moreau", 0.1),
     "moreau-recovery": GroundLaw("moreau-recovery", 0.1),
-    "newton-penalty": GroundLaw("newton-penalty", 0.1, stiffness=1e5),
+    "newton-penalty": GroundLaw("newton-penalty", 0.1, stiffness=100.0),
 }
-"""The laws compared, with the paper's e = 0.1 and γ. Its springs of 100 N/m are for laminae 10 to
-100 times as soft as the strip, which gets 1e5 N/m per node."""
-LIFTS: tuple[ground.Lift, ...] = ("tip force", "uniform load", "first mode")
+"""The laws compared, with the paper's e = 0.1, γ and springs: the thin strip is as soft as its
+laminae."""
+HEIGHTS = (0.014, 0.02, 0.03, 0.04, 0.05, 0.07, 0.085, 0.1, 0.15)
+"""Of the tip of the thin strip, which sags by 34 mm under its weight [m]."""
 DAMPING_RATIOS = (0.0, 0.002)
 """D of modes 1 and 2: none at all, and about that of a clamped steel strip."""
-LONG = 0.040
-"""Duration of the runs that show a rebound: it ends at about 38 ms [s]."""
+LONG = 0.8
+"""Duration of the runs that show a rebound, in periods: it ends at about 0.76."""
 
 
 @dataclass(frozen=True)
@@ -40,15 +41,15 @@ class Rung:
         law: name of the law.
         damping_ratio: D [-].
         elements: n.
-        time_step: Δt [s].
-        impacts, damping, left: shares of the energy after 25 ms, half a period [-].
+        steps_per_period: of the lowest period [-].
+        impacts, damping, left: shares of the energy after half a period [-].
         outcome: "completed" or "diverged".
     """
 
     law: str
     damping_ratio: float
     elements: int
-    time_step: float
+    steps_per_period: int
     impacts: float
     damping: float
     left: float
@@ -57,23 +58,25 @@ class Rung:
 
 @dataclass(frozen=True)
 class RollingStudy:
-    """The first experiment and its variations.
+    """The first experiment and its variations, all lifted by a force at the tip.
 
     Attributes:
-        by_law: released from a tip force, for each of `LAWS`.
-        by_lift: law moreau, for each of `LIFTS`.
-        ladder: meshes and time steps.
+        by_law: the thin strip, for each of `LAWS`.
+        stiff: the strip of the second experiment, law moreau.
+        by_height: the thin strip lifted by other heights [m], law moreau, on a coarser mesh.
+        ladder: the thin strip on other meshes and with other time steps.
     """
 
     by_law: Mapping[str, Rolling]
-    by_lift: Mapping[ground.Lift, Rolling]
+    stiff: Rolling
+    by_height: Mapping[float, Rolling]
     ladder: tuple[Rung, ...]
 
     def rungs(self, law: str, damping_ratio: float, elements: int) -> list[Rung]:
-        """Return the completed rungs of a law, damping and mesh, by falling time step."""
+        """Return the completed rungs of a law, damping and mesh, from few to many steps."""
         return [
             rung
-            for rung in sorted(self.ladder, key=lambda rung: -rung.time_step)
+            for rung in sorted(self.ladder, key=lambda rung: rung.steps_per_period)
             if (rung.law, rung.damping_ratio, rung.elements) == (law, damping_ratio, elements)
             and rung.outcome == "completed"
         ]
@@ -82,49 +85,60 @@ class RollingStudy:
         """Return what the figure quotes."""
         return {
             "by_law": {name: run.numbers() for name, run in self.by_law.items()},
-            "by_lift": {name: run.numbers() for name, run in self.by_lift.items()},
+            "stiff": self.stiff.numbers(),
+            "by_height_mm": {f"{1e3 * h:g}": run.numbers() for h, run in self.by_height.items()},
             "ladder": [vars(rung) for rung in self.ladder],
         }
 
 
 def rolling_study(*, fast: bool = False) -> RollingStudy:
-    """Compute the first experiment with other laws, releases, meshes and time steps.
+    """Compute the first experiment with other strips, heights, laws, meshes and time steps.
 
     Args:
         fast: with a shorter ladder.
     """
     elements, steps = (
-        ((20, 80), (1e-5, 2.5e-6)) if fast else ((20, 40, 80), (1e-5, 2.5e-6, 6.25e-7))
+        ((20, 80), (5_000, 20_000)) if fast else ((20, 40, 80), (5_000, 20_000, 80_000))
     )
-    by_law = {name: rolling(law=law, duration=LONG) for name, law in LAWS.items()}
-    others = {lift: rolling(lift=lift, duration=LONG) for lift in LIFTS[1:]}
-    ladder = tuple(
-        rung(name, damping_ratio, n, time_step)
-        for name in LAWS
-        for damping_ratio in DAMPING_RATIOS
-        for n in elements
-        for time_step in steps
+    stiff = ground.steel_strip(damping_ratio=max(DAMPING_RATIOS))
+    return RollingStudy(
+        by_law={name: rolling(law=law, periods=LONG) for name, law in LAWS.items()},
+        stiff=rolling(stiff, periods=LONG),
+        by_height={
+            height: rolling(height=height, n_elements=40, steps_per_period=10_000)
+            for height in HEIGHTS
+        },
+        ladder=tuple(
+            rung(name, damping_ratio, n, n_steps)
+            for name in LAWS
+            for damping_ratio in DAMPING_RATIOS
+            for n in elements
+            for n_steps in steps
+        ),
     )
-    return RollingStudy(by_law, {LIFTS[0]: by_law["moreau"], **others}, ladder)
 
 
-def rung(law: str, damping_ratio: float, elements: int, time_step: float) -> Rung:
-    """Return where the energy goes with a law of `LAWS`, released from a tip force.
+def rung(law: str, damping_ratio: float, elements: int, steps_per_period: int) -> Rung:
+    """Return where the energy of the thin strip goes with a law of `LAWS`.
 
     Args:
         law: its name.
         damping_ratio: D [-].
         elements: n.
-        time_step: Δt [s].
+        steps_per_period: of the lowest period [-].
     """
-    lamina = ground.steel_strip(damping_ratio=damping_ratio)
-    run = rolling(lamina, LAWS[law], n_elements=elements, time_step=time_step)
+    run = rolling(
+        thin_strip(damping_ratio),
+        LAWS[law],
+        n_elements=elements,
+        steps_per_period=steps_per_period,
+    )
     shares = run.shares(float(run.energy.time[-1]))
     return Rung(
         law=law,
         damping_ratio=damping_ratio,
         elements=elements,
-        time_step=time_step,
+        steps_per_period=steps_per_period,
         impacts=shares["impacts"],
         damping=shares["damping"],
         left=shares["left"],

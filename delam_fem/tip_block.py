@@ -11,10 +11,15 @@ import numpy.typing as npt
 from delam_fem.ground_run import LIFT, Energy
 from delam_fem.operators import FloatArray
 from delam_fem.parameters import Lamina
-from delam_fem.struck_beam import StruckBeam
+from delam_fem.struck_beam import StruckBeam, peak_end
 
 PEAK_WITHIN = 1e-4
 """The first peak of the force lies within this time after the touch [s]."""
+SENT_WITHIN = 1e-3
+"""The wave of the first peak has passed both gauges by then [s]."""
+BLOCK_STIFFNESSES = (5e7, 1e9)
+"""What a brass block, a quartz force transducer (by data sheets about 1e9 N/m) and the dent at the
+tip may have in series [N/m]."""
 FAINT = 0.3
 """Share of its largest value from which a wave counts; what comes before is faster than the peak of
 the force is short, and left the tip before that peak."""
@@ -124,6 +129,19 @@ class TipBlock:
         distances = self.lamina.length - self.gauges
         return np.array([beam.strain(force, self.time_step, x) for x in distances])
 
+    def exact_peak_waves(self) -> FloatArray:
+        """Return the largest strains at the gauges of the wave that the first peak alone sends.
+
+        Without a clamp, shape (2,): the wave that follows the peak, of a force that fades slowly,
+        has the same largest strain everywhere.
+        """
+        beam, step = StruckBeam.of(self.lamina), self.time_step
+        time = step * np.arange(round(SENT_WITHIN / step))
+        force = beam.spring_force(time, self.speed, self.stiffness)
+        force[time > self.peak()[1]] = 0.0
+        distances = self.lamina.length - self.gauges
+        return np.array([np.abs(beam.strain(force, step, x)).max() for x in distances])
+
     def numbers(self) -> dict[str, Any]:
         """Return what the figures quote, each beside the exact beam where there is one."""
         length, x = self.lamina.length, self.gauges
@@ -144,7 +162,7 @@ class TipBlock:
             "rigid": self._rebound(self.rigid),
         }
 
-    def _peak_numbers(self) -> dict[str, float]:
+    def _peak_numbers(self) -> dict[str, Any]:
         """Return force, duration and impulse of the first peak."""
         beam, (force, end) = StruckBeam.of(self.lamina), self.peak()
         exact = beam.spring_force(np.linspace(0.0, end, 400), self.speed, self.stiffness)
@@ -157,6 +175,9 @@ class TipBlock:
             "impulse_of_peak_N_s": _at(end, self.spring, self.spring.impulse),
             "rigid_impulse_of_peak_N_s": _at(end, self.rigid, self.rigid.impulse),
             "rigid_impulse_of_peak_exact_N_s": float(beam.rigid_impulse(end, self.speed)),
+            "duration_of_block_us": {
+                f"{k:g}": 1e6 * peak_end() * beam.contact_time(k) for k in BLOCK_STIFFNESSES
+            },
             "restitution_after_peak": velocity / self.speed,
         }
 
@@ -172,6 +193,7 @@ class TipBlock:
             "undisturbed_us": 1e6 * self.undisturbed(),
             "wave_strain_max": np.abs(wave).max(axis=1).tolist(),
             "wave_strain_max_exact": np.abs(exact).max(axis=1).tolist(),
+            "peak_wave_strain_max_exact": self.exact_peak_waves().tolist(),
             "wave_misfit_second_gauge": float(misfit),
             "half_wave_Hz": frequency.tolist(),
             "half_wave_arrival_us": (1e6 * middle).tolist(),

@@ -139,10 +139,10 @@ ALLOWED: dict[str, set[str]] = {
         "tip_block",
     },
     "lateral": {"ground", "ground_run", "rolling", "tip_block", "tip_fall"},
-    "lateral_figures": {
-        *("figure_style", "ground", "ground_run", "lateral", "rolling", "struck_beam"),
-        "tip_block",
+    "rolling_figure": {
+        *("figure_style", "ground", "ground_run", "lateral", "rolling", "tip_block", "tip_figure"),
     },
+    "tip_figure": {"figure_style", "struck_beam", "tip_block"},
     # the paper
     "restitution": set(),
     "paper": {
@@ -167,7 +167,9 @@ ALLOWED: dict[str, set[str]] = {
         *("paper_measures", "paper_motion", "results"),
     },
     "paper_lab": {"executors", "parameters", "results", "run", "sweep", "sweepgrid"},
-    "paper_lateral": {"lateral", "lateral_figures", "paper_claims", "paper_lab"},
+    "paper_lateral": {
+        *("lateral", "paper_claims", "paper_lab", "rolling_figure", "tip_figure"),
+    },
     "paper_linear": {
         *("cantilever", "excitation", "figure_style", "paper_claims", "paper_lab"),
         *("parameters", "results"),

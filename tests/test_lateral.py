@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import trapezoid
 from scipy.sparse.linalg import spsolve
 
-from delam_fem import ground, ground_run, lateral, lateral_figures, struck_beam
+from delam_fem import ground, ground_run, lateral, rolling_figure, struck_beam, tip_figure
 from delam_fem.figure_style import styled
 from delam_fem.ground_run import LIFT, GroundLaw, Impulses
 from delam_fem.lateral import RollingStudy, Rung
@@ -48,6 +48,32 @@ def test_modes_one_and_two_have_the_damping_ratio() -> None:
         mode = modes[:, k]
         ratio = mode @ C @ mode / (2.0 * np.sqrt(square[k]) * (mode @ M @ mode))
         assert ratio == pytest.approx(0.01, rel=1e-4)  # the mesh's error of ω2
+
+
+def test_gaps_count_from_where_the_strip_would_hang() -> None:
+    strip = ground.steel_strip(length=0.5, thickness=0.001)
+    operators = ground.on_ground(strip, N, "everywhere", gravity=9.81)
+    load = np.zeros(2 * N)
+    load[::2] = strip.mass_per_length * 9.81 * strip.length / N
+    load[-2:] *= 0.5, 0.0
+    load[-1] = -strip.mass_per_length * 9.81 * (strip.length / N) ** 2 / 12.0
+    hanging = -spsolve(operators.stiffness.tocsc(), load)
+    assert operators.gap0 == pytest.approx(hanging[::2], rel=ROUND_OFF)
+    assert operators.gap0[-1] == pytest.approx(-ground.sag(strip, 9.81), rel=ROUND_OFF)
+    up = ground.lifted(strip, N, 0.05, "tip force", gravity=9.81)
+    height = operators.gap_matrix @ up + operators.gap0
+    assert height[-1] == pytest.approx(0.05, rel=ROUND_OFF)
+    assert height.min() > 0.0
+    # the end force alone is left when the weight is taken off: K u = P at the tip
+    force = operators.stiffness @ up
+    assert force[-2] > 0.0
+    assert np.abs(np.delete(force, -2)).max() < ROUND_OFF * force[-2] * strip.length
+
+
+def test_a_strip_that_stays_on_the_ground_is_refused() -> None:
+    strip = ground.steel_strip(length=0.5, thickness=0.001)
+    with pytest.raises(ValueError, match=r"a third of its sag of 0\.0343\d* m .* given 0\.005 m"):
+        ground.lifted(strip, N, 0.005, "tip force", gravity=9.81)
 
 
 @pytest.mark.parametrize("by", ["tip force", "uniform load"])
@@ -179,7 +205,12 @@ def test_a_run_can_be_stopped_between_stretches() -> None:
 
 @pytest.fixture(scope="module")
 def fallen() -> Rolling:
-    return rolling(n_elements=20, time_step=1e-5)
+    return rolling(
+        ground.steel_strip(damping_ratio=0.002),
+        gravity=0.0,
+        n_elements=20,
+        steps_per_period=5000,
+    )
 
 
 def front_of(run: Rolling, x: np.ndarray, t: np.ndarray) -> Rolling:
@@ -241,17 +272,17 @@ def test_before_the_touch_all_blocks_are_none(block: TipBlock) -> None:
 
 def test_figures_have_their_labels(fallen: Rolling, block: TipBlock) -> None:
     ladder = tuple(
-        Rung("moreau", 0.002, n, step, 0.2, 0.7, 0.1, "completed")
+        Rung("moreau", 0.002, n, steps, 0.2, 0.7, 0.1, "completed")
         for n in (20, 40)
-        for step in (1e-5, 2.5e-6)
+        for steps in (20_000, 5_000)
     )
-    lifts = {lift: fallen for lift in lateral.LIFTS}
-    study = RollingStudy({"moreau": fallen}, lifts, ladder)
-    assert [rung.time_step for rung in study.rungs("moreau", 0.002, 40)] == [1e-5, 2.5e-6]
+    heavy = rolling(n_elements=20, steps_per_period=5000)
+    study = RollingStudy({"moreau": heavy}, heavy, {0.05: heavy}, ladder)
+    assert [rung.steps_per_period for rung in study.rungs("moreau", 0.002, 40)] == [5_000, 20_000]
     assert study.numbers()["ladder"][0]["impacts"] == 0.2
     with styled():
-        figures = lateral_figures.figure06(study, block), lateral_figures.figure07(block)
-        for figure, n_axes in zip(figures, (6, 7), strict=True):
+        figures = rolling_figure.figure06(study, block), tip_figure.figure07(block)
+        for figure, n_axes in zip(figures, (7, 7), strict=True):
             figure.canvas.draw()
             labels = [(a.get_xlabel(), a.get_ylabel()) for a in figure.axes]
             assert len(labels) == n_axes
