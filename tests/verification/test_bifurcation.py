@@ -23,6 +23,9 @@ IMPACTING = 0.05
 """Relative: the exponent is that of the linearised map, and the distance is 3 % of the motion."""
 SETTLE, FOLLOW = 60, 100
 """Periods until the orbit is steady, and over which the distance is followed."""
+ONE_CONTACT = 0.1 + 1e-9
+"""Contacts per period: one in the window of 10 periods, where a strike falls on its edge; when that
+is so depends on round-off."""
 
 
 def test_a_damped_linear_motion_contracts_as_its_slowest_mode(tmp_path: Path) -> None:
@@ -127,8 +130,9 @@ def test_the_fold_and_the_period_doubling(tmp_path: Path) -> None:
     found = run_sweep(sweep_of(data), tmp_path, "serial")
     assert found.attrs["n_completed"] == 14
     contacts = found.tip_contacts_per_period
-    assert contacts.sel(direction="up").values.tolist() == [1.0] * 4 + [0.5] * 3
-    assert contacts.sel(direction="down").values.tolist() == [1.0] * 2 + [0.5] * 5
+    up, down = (contacts.sel(direction=name).values for name in ("up", "down"))
+    assert up == pytest.approx([1.0] * 4 + [0.5] * 3, abs=ONE_CONTACT)
+    assert down == pytest.approx([1.0] * 2 + [0.5] * 5, abs=ONE_CONTACT)
     doubled = found.sel(frequency=3.65)
     assert doubled.periodicity.values.tolist() == [2.0, 2.0]
     assert (doubled.strobe_scatter < 0.02).all()

@@ -27,7 +27,7 @@ pytestmark = [
     pytest.mark.siconos,
     pytest.mark.skipif(
         importlib.util.find_spec("siconos") is None,
-        reason="Siconos is not installed (Debian: apt-get install python3-siconos)",
+        reason="no Siconos (Debian 12: apt-get install python3-siconos; none in 13 and sid)",
     ),
 ]
 
