@@ -12,6 +12,7 @@ from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
+from scipy.integrate import cumulative_trapezoid, trapezoid
 
 FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
@@ -19,6 +20,8 @@ _Number = TypeVar("_Number", np.float64, np.complex128)
 
 _NEWTON_STEPS = 8
 """Quadratic convergence from (k - 1/2) pi: round-off after five steps for k = 1, fewer above."""
+_POINTS = 2001
+"""For integrals over a mode, to six digits."""
 
 
 def cantilever_roots(n: int) -> FloatArray:
@@ -77,6 +80,36 @@ def cantilever_mode(k: int, xi: npt.ArrayLike) -> FloatArray:
     decaying = 0.5 * (1.0 + s) * np.exp(-z)
     shape: FloatArray = growing + decaying - np.cos(z) + s * np.sin(z)
     return shape * (0.5 if k % 2 else -0.5)  # the textbook form ends at 2 (-1)^(k+1)
+
+
+def frequency_rise(amplitude: float) -> float:
+    """Return by how much the lowest frequency is higher at large amplitudes, ω/ω_1 - 1.
+
+    A cantilever that keeps its length has, with w = q(t) φ(x) for its first mode,
+
+        T = 1/2 m (1 + a q²) q'²,   a = ∫ (∫_0^x φ'²)² dx / ∫ φ² dx
+        V = 1/2 k (1 + b q²) q²,    b = ∫ φ''² φ'² dx / ∫ φ''² dx
+
+    a slows it down, b speeds it up. The period follows from T + V = const., with q = Q sin θ:
+
+        ω_1/ω = 1/(2π) ∫_0^2π sqrt((1 + a q²) / (1 + b (Q² + q²))) dθ
+
+    Args:
+        amplitude: of the tip, Q/L [-].
+
+    Source: M. Crespo da Silva, C. Glynn, "Nonlinear flexural-flexural-torsional dynamics of
+    inextensional beams I", J. Struct. Mech. 6 (1978), the kinetic and strain energy.
+    """
+    x = np.linspace(0.0, 1.0, _POINTS)
+    mode = cantilever_mode(1, x)
+    slope = np.gradient(mode, x, edge_order=2)
+    curvature = np.gradient(slope, x, edge_order=2)
+    shortening = cumulative_trapezoid(slope**2, x, initial=0.0)
+    a = trapezoid(shortening**2, x) / trapezoid(mode**2, x)
+    b = trapezoid((curvature * slope) ** 2, x) / trapezoid(curvature**2, x)
+    q = amplitude * np.sin(2.0 * np.pi * x[:-1])
+    ratio = np.sqrt((1.0 + a * q**2) / (1.0 + b * (amplitude**2 + q**2))).mean()
+    return float(1.0 / ratio) - 1.0
 
 
 def transmissibility(

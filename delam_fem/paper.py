@@ -22,6 +22,7 @@ from delam_fem import (
     paper_detail,
     paper_lateral,
     paper_linear,
+    paper_mesh,
     paper_motion,
     paper_plane,
     paper_response,
@@ -51,7 +52,7 @@ FIGURES: dict[str, Callable[[Laboratory], Piece]] = {
     "11": paper_chart.chart,
     "12": paper_motion.portraits,
     "13": paper_detail.contact_in_detail,
-    "14": paper_detail.finer_mesh,
+    "14": paper_mesh.finer_mesh,
     "15": paper_plane.planes,
     "gamma": paper_threshold.threshold,
 }

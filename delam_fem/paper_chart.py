@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 
 from delam_fem import diagnostics
 from delam_fem.figure_style import BLACK, BLUE, ORANGE, SKY, VERMILLION, WIDTH
@@ -21,11 +22,11 @@ BoolArray = npt.NDArray[np.bool_]
 
 OPEN, SEPARATING, STRUCK, BEGUN, HELD, RELEASED = range(6)
 """What the supervisor decides on a pair at the end of a step: U > 0 without a spring; U <= 0 but
-parting already; sudden impact with separation (Γ_s); impact and beginning of permanent contact
-(Γ_p0); permanent contact goes on (Γ_pp); the spring is taken away (eq. 21)."""
+parting already; sudden impact with separation (Γₛ); impact and beginning of permanent contact
+(Γₚ₀); permanent contact goes on (Γₚₚ); the spring is taken away (eq. 21)."""
 NAMES = (
-    "open", "closed, separating", "Γ_s: impact, separates", "Γ_p0: impact, stays",
-    "Γ_pp: stays on spring", "spring released",
+    "open", "closed, separating", "Γₛ: impact, separates", "Γₚ₀: impact, stays",
+    "Γₚₚ: stays on spring", "spring released",
 )  # fmt: skip
 MARGIN = 0.005
 """Around the contact phase, in periods."""
@@ -104,7 +105,7 @@ def chart(lab: Laboratory) -> Piece:
     }
     claims = (
         Claim(
-            "11", "each closed pair is in exactly one of Γ_s, Γ_p0, Γ_pp (eq. 17, corrected)",
+            "11", "each closed pair is in exactly one of Γₛ, Γₚ₀, Γₚₚ (eq. 17, corrected)",
             "sec. 3.2",
             f"{found.violations} of {found.state.size} recorded decisions break the partition",
             judged(found.violations == 0),
@@ -152,14 +153,15 @@ def _flow(axes: Axes, counts: npt.NDArray[np.float64], total: int) -> None:
         "slow": (33, 17, "U̇⁺ < γ?", "#ffffff"),
         "open": (8, 62, "open", COLOURS[OPEN]),
         "parting": (6, 46, "closed,\nseparating", COLOURS[SEPARATING]),
-        "struck": (10, 3, "Γ_s: separates", COLOURS[STRUCK]),
-        "begun": (44, 3, "Γ_p0: gets a spring", COLOURS[BEGUN]),
-        "held": (69, 46, "Γ_pp: stays,\nno impact", COLOURS[HELD]),
+        "struck": (10, 3, "Γₛ: separates", COLOURS[STRUCK]),
+        "begun": (44, 3, "Γₚ₀: gets a spring", COLOURS[BEGUN]),
+        "held": (69, 46, "Γₚₚ: stays,\nno impact", COLOURS[HELD]),
         "released": (91, 46, "spring is\nreleased", COLOURS[RELEASED]),
     }
-    for x, y, text, colour in boxes.values():
+    drawn = {}
+    for name, (x, y, text, colour) in boxes.items():
         dark = colour in (BLUE, VERMILLION)
-        axes.text(
+        drawn[name] = axes.text(
             x, y, text, ha="center", va="center", color="white" if dark else BLACK, fontsize=9.5,
             bbox={"boxstyle": "round,pad=0.45", "facecolor": colour, "edgecolor": BLACK},
         )  # fmt: skip
@@ -178,19 +180,21 @@ def _flow(axes: Axes, counts: npt.NDArray[np.float64], total: int) -> None:
         ("still", "released", f"no: {counts[RELEASED]:.1f}"),
     )
     for a, b, text in edges:
-        _arrow(axes, boxes[a][:2], boxes[b][:2], text)
+        _arrow(axes, drawn[a], drawn[b], text)
 
 
-def _arrow(axes: Axes, start: tuple[float, float], end: tuple[float, float], text: str) -> None:
-    """Draw an arrow between two boxes with a number in its middle."""
-    is_level = start[1] == end[1]  # boxes are wider than high
+def _arrow(axes: Axes, begin: Text, end: Text, text: str) -> None:
+    """Draw an arrow from the edge of a box to that of another, with a number in its middle."""
+    start, stop = begin.get_position(), end.get_position()
+    is_level = start[1] == stop[1]
     axes.annotate(
-        "", end, start, zorder=0,
+        "", stop, start, zorder=0,
         arrowprops={
-            "arrowstyle": "-|>", "color": BLACK, "shrinkA": 14, "shrinkB": 38 if is_level else 22
+            "arrowstyle": "-|>", "color": BLACK, "shrinkA": 0, "shrinkB": 0,
+            "patchA": begin.get_bbox_patch(), "patchB": end.get_bbox_patch(),
         },
     )  # fmt: skip
-    x, y = 0.5 * (start[0] + end[0]), 0.5 * (start[1] + end[1])
+    x, y = 0.5 * (start[0] + stop[0]), 0.5 * (start[1] + stop[1])
     axes.text(
         x + (0.0 if is_level else 1.0), y + (1.0 if is_level else 0.0), text, fontsize=8.5,
         ha="center" if is_level else "left", va="bottom" if is_level else "center",

@@ -1,9 +1,10 @@
-"""Figs. 9, 10, 13 and 14 of the paper: the motion at 3.25 Hz in detail, by both methods."""
+"""Figs. 9, 10 and 13 of the paper: the motion at 3.25 Hz in detail, by both methods."""
 
 from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from delam_fem import diagnostics
@@ -13,8 +14,6 @@ from delam_fem.paper_claims import Claim, Piece, judged
 from delam_fem.paper_lab import FREQUENCIES, LAWS, Laboratory, motion_case
 from delam_fem.paper_measures import (
     SMOOTH_HARMONICS,
-    describe,
-    rough_part,
     roughness,
     settling,
     strikes,
@@ -24,17 +23,8 @@ from delam_fem.results import Result
 
 FloatArray = npt.NDArray[np.float64]
 
-FINE_ELEMENTS = 50
-LONG_WINDOW = {"output.window_periods": 40, "output.fields_per_period": 0}
-"""For the roughness of motions whose cycles scatter."""
 LONG = 100
 """Periods from which on a transient counts as some hundred."""
-VARIANTS: dict[str, dict[str, object]] = {
-    "as printed": {},
-    "consistent impulses": {"contact.impulse": "consistent"},
-    "lumped mass": {"time.mass": "lumped"},
-}
-"""Schemes with which the finer mesh is tried; "as printed" can add energy at impacts."""
 DETAIL = (0.10, 0.25)
 """Part of a period before and after the strike that details show."""
 
@@ -44,7 +34,7 @@ def portrait_of_impacts(lab: Laboratory) -> Piece:
     motions = lab.motions([motion_case(f, lab.plan, "3.1") for f in FREQUENCIES])
     result = motions[FREQUENCIES.index(RESONANT)]
     settled = [_settling(motion) for motion in motions]
-    figure = _two_portraits([result], [""])
+    figure, _ = two_portraits([result], ["method 3.1"])
     numbers = motion_numbers(result)
     scatter = float(numbers["strobe_scatter"] or np.nan)
     stable = Claim(
@@ -112,63 +102,33 @@ def contact_in_detail(lab: Laboratory) -> Piece:
     return Piece("13", "Contact phase by method 3.2", caption, figure, numbers, (claim,))
 
 
-def finer_mesh(lab: Laboratory) -> Piece:
-    """Draw the phase portraits of method 3.2 with 50 elements beside those with 20."""
-    cases = [
-        motion_case(RESONANT, lab.plan, "3.2", keys | LONG_WINDOW | {"mesh.elements": n})
-        for keys in VARIANTS.values()
-        for n in (20, FINE_ELEMENTS)
-    ]
-    coarse, fine, *others = lab.motions(cases)
-    ratios = {
-        name: _rough_velocity(others[2 * k + 1]) / _rough_velocity(others[2 * k])
-        for k, name in enumerate(list(VARIANTS)[1:])
-    }
-    figure = _two_portraits([coarse, fine], ["20 elements", f"{FINE_ELEMENTS} elements"])
-    rough = np.array([roughness(r, free=True) for r in (coarse, fine)])
-    all_time = np.array([_rough_velocity(r) for r in (coarse, fine)])
-    cost = fine.summary["microseconds_per_step"] / coarse.summary["microseconds_per_step"]
-    numbers = {
-        "roughness_free": rough, "roughness": all_time, "cost": cost,
-        "ratio_of_variants": ratios, "20": motion_numbers(coarse), "50": motion_numbers(fine),
-    }  # fmt: skip
-    ratio = all_time[1] / all_time[0]
-    claims = (
-        Claim(
-            "14", "50 elements: considerably less high-frequency velocity", "sec. 3.2",
-            f"velocity above harmonic {SMOOTH_HARMONICS} over 40 periods, 50 over 20 elements: "
-            f"{ratio[0]:.2f} (thick), {ratio[1]:.2f} (thin); {describe(fine)}; "
-            + ", ".join(f"with {name} {a:.2f} / {b:.2f}" for name, (a, b) in ratios.items()),
-            judged(bool(np.all(ratio < CLEARLY))), True,
-        ),
-        Claim(
-            "14", "a substantial increase in calculation time has to be accepted", "sec. 3.2",
-            f"{2.5:g} times the unknowns cost {max(cost, 1.0):.1f} times the time per step with "
-            "banded matrices in compiled code", "open",
-        ),
-    )  # fmt: skip
-    caption = (
-        f"Method 3.2 at {RESONANT} Hz, {PORTRAIT_PERIODS} periods; all other parameters identical. "
-        "The paper's portrait is not available; compared is the sentence on high frequencies."
-    )
-    return Piece("14", "A finer mesh", caption, figure, numbers, claims)
+def two_portraits(
+    results: list[Result], titles: list[str], *, has_row_below: bool = False
+) -> tuple[Figure, list[Axes]]:
+    """Draw the portraits of thick and thin in columns, results in rows.
 
+    Args:
+        results: at least one.
+        titles: of the rows.
+        has_row_below: whether to leave a row for something else.
 
-def _two_portraits(results: list[Result], titles: list[str]) -> Figure:
-    """Draw the portraits of thick and thin in columns, results in rows."""
-    rows = len(results)
-    figure = Figure(figsize=(WIDTH, 0.6 + 3.9 * rows), layout="constrained")
-    panels = figure.subplots(rows, 2, squeeze=False, sharex="col", sharey=True)
+    Returns:
+        The figure, and the axes of the row below.
+    """
+    rows, n_below = len(results), int(has_row_below)
+    figure = Figure(figsize=(WIDTH, 0.6 + 3.9 * rows + 2.8 * n_below), layout="constrained")
+    grid = figure.add_gridspec(rows + n_below, 2, height_ratios=[3.9] * rows + [2.8] * n_below)
+    above = grid[:rows, :].subgridspec(rows, 2)
+    panels = above.subplots(squeeze=False, sharex="col", sharey=True)
     for row, result, title in zip(panels, results, titles, strict=True):
         portrait = diagnostics.phase_portrait(result.history, result.case, PORTRAIT_PERIODS)
         for i, panel in enumerate(row):
             panel.plot(1e3 * portrait[i, 0], portrait[i, 1], color=LAMINA_COLOURS[i], linewidth=0.6)
-            name = result.case.lamina[i].name
-            panel.set_title(f"{name}, {title}" if title else name, loc="left")
+            panel.set_title(f"{result.case.lamina[i].name}, {title}", loc="left")
         row[0].set_ylabel("velocity of the tip [m/s]")
     for i, panel in enumerate(panels[-1]):
         panel.set_xlabel(f"displacement of the tip $q_{i + 1}$ [mm]")
-    return figure
+    return figure, [figure.add_subplot(grid[rows, i]) for i in range(2 * n_below)]
 
 
 def _details(results: list[Result], titles: list[str]) -> Figure:
@@ -191,6 +151,7 @@ def _details(results: list[Result], titles: list[str]) -> Figure:
         row[1].set_title("[b] history", loc="left")
         row[0].set_ylabel("velocity of the tip [m/s]")
         row[1].set_ylabel("position of the tip [mm]")
+        row[1].set_xticks(np.arange(-1, 3) / 10.0)
     panels[-1][0].set_xlabel("position of the tip [mm]")
     panels[-1][1].set_xlabel("time since the strike  t/T [–]")
     legend_above(panels[0][1])
@@ -202,11 +163,3 @@ def _settling(result: Result) -> int:
     strobe = result.history["strobe_displacement"].to_numpy()
     half = 0.5 * np.ptp(result.history["tip_displacement"].to_numpy(), axis=1)
     return settling(strobe, half, result.summary["periodicity"] or 1)
-
-
-def _rough_velocity(result: Result) -> FloatArray:
-    """Return rms of the rough part of both tip velocities [m/s]."""
-    whole = diagnostics.last_periods(result.history, result.case)["tip_velocity"].to_numpy()
-    rough = rough_part(whole, whole.shape[1] // result.case.time.steps_per_period)
-    rms: FloatArray = np.sqrt((rough**2).mean(axis=1))
-    return rms

@@ -44,6 +44,7 @@ class Plan:
         response_step: between the frequencies of a stepped sine [Hz].
         response_periods: at each of them.
         thresholds: number of values of γ.
+        gap_exponents: shapes of the gap g0 ~ (x/L)^p, which the paper leaves open.
         has_long_ladders: whether the strip on the ground is computed on all meshes and steps.
     """
 
@@ -53,12 +54,18 @@ class Plan:
     response_step: float = 0.025
     response_periods: int = 150
     thresholds: int = 13
+    gap_exponents: tuple[float, ...] = (1.0, 1.5, 2.0, 2.5, 3.0)
     has_long_ladders: bool = True
 
 
 FULL = Plan()
 FAST = Plan(
-    plane_points=8, response_step=0.1, response_periods=80, thresholds=5, has_long_ladders=False
+    plane_points=8,
+    response_step=0.1,
+    response_periods=80,
+    thresholds=5,
+    gap_exponents=(1.0, 2.0, 3.0),
+    has_long_ladders=False,
 )
 """Histories are as long as in full: the paper's motions need their time."""
 

@@ -124,7 +124,8 @@ def _block(numbers: dict[str, Any]) -> tuple[Claim, ...]:
             "7", "a force peak of about 30 µs, extremely short beside the period of 50 ms",
             "sec. 2.3",
             f"{duration:.1f} µs (1/{period / duration:.0f} of the period) and "
-            f"{1e-3 * numbers['peak_force_N']:.1f} kN with a block of {1e-6 * numbers['block_stiffness_N_m']:.0f} N/µm, "
+            f"{1e-3 * numbers['peak_force_N']:.1f} kN with a block of "
+            f"{1e-6 * numbers['block_stiffness_N_m']:.0f} N/µm, "
             f"which is chosen for it; blocks of {1e-6 * float(soft):g} to {1e-6 * float(hard):g} "
             f"N/µm have {blocks[soft]:.0f} to {blocks[hard]:.0f} µs",
             judged(blocks[hard] < PEAK_US < blocks[soft] < EXTREMELY_SHORT * period),

@@ -68,8 +68,9 @@ def planes(lab: Laboratory) -> Piece:
         f"less than {100 * PERIODIC_SCATTER:g} % of the half peak-to-peak amplitude (rms of the "
         f"worse tip over the last 40 periods); quasi-periodic: {100 * attractors.LINE_SHARE:g} % "
         f"of the power of the last {STROBES} strobes in {attractors.LINES} spectral lines; "
-        "irregular: neither. Right: that scatter for P = 1. Ring: the paper's parameters. The axes "
-        "of the paper's plane are not known; compared is what its text says of it."
+        "irregular: neither. Right: that scatter for P = 1 (line: the threshold). Ring: the "
+        "paper's parameters. The axes of the paper's plane are not known; compared is what its "
+        "text says of it."
     )
     return Piece("15", "Parameter planes", caption, figure, numbers, _claims(numbers))
 
@@ -178,7 +179,8 @@ def _scatter(
         numbers[first], numbers[second], np.asarray(numbers["scatter"]).T, shading="nearest",
         cmap="cividis", norm=LogNorm(1e-3, max(top, 2e-3), clip=True),
     )  # fmt: skip
-    figure.colorbar(mesh, ax=panel, label="scatter one period apart [–]")
+    bar = figure.colorbar(mesh, ax=panel, label="scatter one period apart [–]")
+    bar.ax.axhline(PERIODIC_SCATTER, color=VERMILLION, linewidth=2.0)
     _label(panel, first)
 
 

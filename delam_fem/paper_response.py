@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,7 +23,8 @@ from delam_fem.figure_style import (
 )
 from delam_fem.paper_claims import Claim, Piece, judged
 from delam_fem.paper_lab import FREQUENCIES, Laboratory, motion_case
-from delam_fem.paper_linear import BAND, exact_amplitude, swept_case, swept_envelope
+from delam_fem.paper_linear import exact_amplitude
+from delam_fem.paper_sweep import BAND, swept_case, swept_envelope
 from delam_fem.parameters import Case
 
 if TYPE_CHECKING:
@@ -36,6 +38,8 @@ CONTACT_STEPS = 1000
 """Steps per period of the highest frequency of a swept sine."""
 DIFFERS = 0.15
 """Amplitudes that differ by more belong to different motions."""
+MANY = 3
+"""So many periods, and so many numbers of contacts, make a bifurcation scenario."""
 JUMP = 3.0
 """A jump of the amplitude is so many times larger than the changes beside it."""
 
@@ -67,7 +71,7 @@ def with_contact(lab: Laboratory) -> Piece:
         panel.plot(FREQUENCIES, points, "o", markerfacecolor="white", markeredgecolor=BLACK,
                    markersize=8, zorder=5, label="[a]–[d]")  # fmt: skip
         for letter, f, y in zip("abcd", FREQUENCIES, points, strict=True):
-            panel.annotate(f"[{letter}]", (f, y), (-7, 3), textcoords="offset points", ha="right")
+            _mark(panel, f"[{letter}]", (f, y), is_right=letter in "bd")
         panel.set(xlabel="frequency of the base [Hz]", ylabel="half peak-to-peak of the tip [mm]")
         panel.set(xlim=BAND, ylim=(0.0, 1.25e3 * float(np.nanmax(amplitude[i]))))
         panel.set_title(base.lamina[i].name, loc="left")
@@ -112,6 +116,15 @@ def _contact_panel(
         panel.axvline(at, color=GREEN, linewidth=0.8, linestyle="--", label=label)
 
 
+def _mark(panel: Axes, text: str, point: tuple[float, float], *, is_right: bool) -> None:
+    """Write beside a point, on the side where the curves are not."""
+    panel.annotate(
+        text, point, (8 if is_right else -8, 4), textcoords="offset points", zorder=6,
+        ha="left" if is_right else "right",
+        bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.5, "alpha": 0.8},
+    )  # fmt: skip
+
+
 def jumps(f: FloatArray, amplitude: FloatArray) -> list[float]:
     """Return where an amplitude jumps: it changes by `DIFFERS` and by `JUMP` times its neighbours.
 
@@ -152,13 +165,17 @@ def _contact_numbers(
     linear = np.stack([exact_amplitude(base, i, np.linspace(*BAND, 50001)) for i in range(2)])
     up, down = amplitude[:, 0], amplitude[:, 1]
     differs = (np.abs(up - down) > DIFFERS * np.maximum(up, down)).any(axis=0)
-    periodicity = data["periodicity"].transpose("direction", "frequency").to_numpy()
+    periodicity, contacts = (
+        data[name].transpose("direction", "frequency").to_numpy()
+        for name in ("periodicity", "tip_contacts_per_period")
+    )
     return {
         "frequency_hz": f,
         "amplitude_up_m": up,
         "amplitude_down_m": down,
         "periodicity_up": periodicity[0],
         "periodicity_down": periodicity[1],
+        "tip_contacts_per_period": contacts,
         "hysteresis_hz": f[differs],
         "jumps_up_hz": [jumps(f, up[i]) for i in range(2)],
         "jumps_down_hz": [jumps(f, down[i]) for i in range(2)],
@@ -182,6 +199,10 @@ def _contact_claims(numbers: dict[str, Any], base: Case) -> tuple[Claim, ...]:
     all_jumps = sorted(
         {at for way in ("up", "down") for one in numbers[f"jumps_{way}_hz"] for at in one}
     )
+    periodicity = np.array([numbers["periodicity_up"], numbers["periodicity_down"]], dtype=float)
+    periods = np.unique(periodicity[np.isfinite(periodicity) & (periodicity > 0)])
+    irregular = np.asarray(numbers["frequency_hz"])[~(periodicity > 0).all(axis=0)]
+    contacts = np.asarray(numbers["tip_contacts_per_period"])
     return (
         Claim(
             "2b", "contact reduces the amplitudes at resonance significantly", "sec. 2.2",
@@ -197,10 +218,18 @@ def _contact_claims(numbers: dict[str, Any], base: Case) -> tuple[Claim, ...]:
             judged(window is not None),
         ),
         Claim(
-            "2b", "a cascade of bifurcations, dependent on the history", "sec. 1, 2.2",
-            (f"up and down differ at {len(hysteresis)} frequencies, {min(hysteresis):.2f} … "
-             f"{max(hysteresis):.2f} Hz" if len(hysteresis) else "up and down agree everywhere")
-            + (f"; jumps at {', '.join(f'{at:.2f}' for at in all_jumps)} Hz" if all_jumps else ""),
-            "open",
+            "2b", "a bifurcation scenario with different numbers of impacts in a period",
+            "sec. 1, 4",
+            f"periods {', '.join(f'{p:g}' for p in periods)}, "
+            + (f"none up to 8 at {_listed(irregular)} Hz, " if irregular.size else "")
+            + f"0 to {contacts.max():.2g} tip contacts per period; "
+            + (f"up and down differ at {len(hysteresis)} frequencies, {min(hysteresis):.2f} … "
+               f"{max(hysteresis):.2f} Hz" if len(hysteresis) else "up and down agree everywhere")
+            + (f"; jumps at {_listed(all_jumps)} Hz" if all_jumps else ""),
+            judged(len(periods) >= MANY and np.unique(np.round(contacts)).size >= MANY),
         ),
     )  # fmt: skip
+
+
+def _listed(frequencies: Iterable[float]) -> str:
+    return ", ".join(f"{f:.2f}" for f in frequencies)

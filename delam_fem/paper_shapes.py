@@ -12,6 +12,7 @@ from matplotlib.animation import PillowWriter
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from delam_fem import diagnostics
 from delam_fem.figure_style import BLACK, GAP_COLOUR, GREEN, LAMINA_COLOURS, WIDTH
@@ -53,7 +54,7 @@ def shapes(lab: Laboratory) -> Piece:
     limits = position.min() - 3.0, position.max() + 3.0
     for panel, frame, phase in zip(panels[:, :-1].ravel(), chosen.tolist(), PHASES, strict=True):
         _draw_shape(panel, x, position[:, frame])
-        panel.set_title(f"strike {phase:+g} T" if phase else "strike", loc="left")
+        panel.set_title(f"strike {phase:+g} T".replace("-", "−") if phase else "strike", loc="left")
         panel.set(xlim=limits, ylim=(0.0, 1.03 * x[-1]))
         panel.label_outer()
     for panel in panels[:, 0]:
@@ -66,6 +67,7 @@ def shapes(lab: Laboratory) -> Piece:
         panel.set_title("pair closed" if name == "closed" else "gap < 0.1 mm", loc="left")
         panel.set(xlabel="share of the period [%]", ylim=(0.0, 1.03 * x[-1]))
         panel.set_yticklabels([])
+    _legend(figure, result.case)
     numbers = {
         "x_m": last["x"].to_numpy()[1:], "share_closed": closed, "share_near": near,
         "periods_after_strike": PHASES, "position_mm": np.round(position[:, chosen], 4),
@@ -109,6 +111,17 @@ def _draw_shape(axes: Axes, x: FloatArray, position: FloatArray) -> None:
         axes.plot(position[i], x, color=colour, linewidth=2.2 - 0.8 * i)
     touching = _touching(position)
     axes.plot(position.mean(axis=0)[1:][touching], x[1:][touching], "o", color=BLACK, markersize=4)
+
+
+def _legend(figure: Figure, case: Case) -> None:
+    """Say above all panels which lamina is which."""
+    handles = [
+        Line2D([], [], color=colour, linewidth=2.2 - 0.8 * i, label=case.lamina[i].name)
+        for i, colour in enumerate(LAMINA_COLOURS)
+    ]
+    dots = Line2D([], [], color=BLACK, marker="o", markersize=4, linestyle="none")
+    dots.set_label(f"nearer than {1e3 * CLOSED:g} mm")
+    figure.legend(handles=[*handles, dots], loc="outside upper left", ncols=3, frameon=False)
 
 
 def _touching(position: FloatArray) -> npt.NDArray[np.bool_]:

@@ -25,8 +25,6 @@ from delam_fem.results import Result
 FloatArray = npt.NDArray[np.float64]
 
 RESONANT = 3.25
-EXPONENTS = (1.0, 1.5, 2.0, 2.5, 3.0)
-"""Shapes of the gap g0 ~ (x/L)^p that the paper leaves open."""
 PRINTED = (0.0014, 0.0260)
 """d of thick and thin as the paper prints them."""
 PRINTED_DIGIT = 0.1
@@ -40,8 +38,9 @@ ORDERS = ("displacement", "velocity", "acceleration")
 
 def spectra(lab: Laboratory) -> Piece:
     """Draw spectra of the tips, d along the laminae, and d over the shape of the gap."""
-    cases = [motion_case(RESONANT, lab.plan, "3.2", {"gap.exponent": p}) for p in EXPONENTS]
-    found = dict(zip(EXPONENTS, lab.motions(cases), strict=True))
+    exponents = lab.plan.gap_exponents
+    cases = [motion_case(RESONANT, lab.plan, "3.2", {"gap.exponent": p}) for p in exponents]
+    found = dict(zip(exponents, lab.motions(cases), strict=True))
     result = found[2.0]
     tips = tip_harmonics(result)
     figure = Figure(figsize=(WIDTH, 8.6), layout="constrained")
@@ -61,18 +60,20 @@ def spectra(lab: Laboratory) -> Piece:
                 color=LAMINA_COLOURS[i],
                 label=order,
             )
+        panel.secondary_yaxis("right", functions=(_thd_of, _d_of)).set_ylabel("THD [%]")
         panel.set(xlabel="x [mm]", xlim=(0.0, 1.02 * x[-1]))
         panel.set_ylabel(f"d of {result.case.lamina[i].name} [%]")
         legend_above(panel)
     d = np.array([r.summary["distortion_factor"] for r in found.values()])
     for i in range(2):
-        _over_exponent(figure.add_subplot(grid[2, i]), d[:, i], i)
+        _over_exponent(figure.add_subplot(grid[2, i]), exponents, d[:, i], i)
     numbers = _numbers(tips, nodes, found)
     caption = (
-        f"Method 3.2 at {RESONANT} Hz: amplitudes of the harmonics of both tips, distortion factor "
-        f"d at every node of displacement, velocity and acceleration (harmonics up to {COUNTED}), "
-        "and d of the tips over the unknown shape of the gap, 12 mm (x/L)^p, beside the paper's "
-        "(dashed). The paper's spectra are not available; compared are d₁, d₂ and its text."
+        f"Method 3.2 at {RESONANT} Hz: amplitudes of the harmonics of both tips, distortion "
+        "factors d and THD at every node of displacement, velocity and acceleration (harmonics up "
+        f"to {COUNTED}), and d of the tips over the unknown shape of the gap, 12 mm (x/L)^p, "
+        "beside the paper's (dashed). The paper's spectra are not available; compared are d₁, d₂ "
+        "and its text."
     )
     return Piece("5", "Response spectra", caption, figure, numbers, _claims(numbers))
 
@@ -93,6 +94,18 @@ def node_distortion(result: Result) -> dict[str, FloatArray]:
     return {
         order: distortion_factor(a) for order, a in _with_derivatives(amplitudes, result).items()
     }
+
+
+def _thd_of(d: npt.ArrayLike) -> FloatArray:
+    """Return the THD that belongs to a d, d = sqrt(1 + THD²) - 1, both in percent."""
+    share = np.maximum(np.asarray(d, dtype=np.float64) / 100.0, 0.0)
+    return np.asarray(100.0 * np.sqrt(share * (2.0 + share)))
+
+
+def _d_of(thd: npt.ArrayLike) -> FloatArray:
+    """Return the d that belongs to a THD, both in percent."""
+    share = np.asarray(thd, dtype=np.float64) / 100.0
+    return np.asarray(100.0 * (np.sqrt(1.0 + share**2) - 1.0))
 
 
 def _with_derivatives(amplitudes: FloatArray, result: Result) -> dict[str, FloatArray]:
@@ -118,9 +131,9 @@ def _spectrum(panel: Axes, tips: dict[str, FloatArray], i: int, name: str) -> No
     panel.set(xlabel="harmonic of the excitation", ylabel="amplitude [mm]")
 
 
-def _over_exponent(panel: Axes, d: FloatArray, i: int) -> None:
+def _over_exponent(panel: Axes, exponents: tuple[float, ...], d: FloatArray, i: int) -> None:
     """Draw d of a tip over the exponent of the gap."""
-    panel.plot(EXPONENTS, 100.0 * d, "o-", color=LAMINA_COLOURS[i], label="computed")
+    panel.plot(exponents, 100.0 * d, "o-", color=LAMINA_COLOURS[i], label="computed")
     panel.axhline(
         100.0 * PRINTED[i],
         color=BASE_COLOUR,
@@ -140,6 +153,7 @@ def _numbers(
         "d": {order: distortion_factor(a) for order, a in tips.items()},
         "thd": {order: total_harmonic_distortion(a) for order, a in tips.items()},
         "d_at_nodes": nodes,
+        "thd_at_nodes": {order: np.sqrt((1.0 + d) ** 2 - 1.0) for order, d in nodes.items()},
         "d_by_gap_exponent": {f"{p:g}": r.summary["distortion_factor"] for p, r in found.items()},
         "kind_by_gap_exponent": {f"{p:g}": describe(r) for p, r in found.items()},
         "tip_min_by_gap_exponent": {f"{p:g}": r.summary["tip_min"] for p, r in found.items()},
@@ -150,6 +164,7 @@ def _numbers(
 def _claims(numbers: dict[str, Any]) -> tuple[Claim, ...]:
     d, thd = numbers["d"], numbers["thd"]
     band = np.array(list(numbers["d_by_gap_exponent"].values()))
+    first, *_, last = numbers["d_by_gap_exponent"]
     rows = []
     for i, name in enumerate(("thick", "thin")):
         own = float(d["displacement"][i])
@@ -158,8 +173,8 @@ def _claims(numbers: dict[str, Any]) -> tuple[Claim, ...]:
             Claim(
                 "5", f"d{i + 1} = {100 * PRINTED[i]:.2f} % ({name} lamina, 3.25 Hz)", "sec. 2.2",
                 f"{100 * own:.2f} % with p = 2; {100 * band[:, i].min():.2f} … "
-                f"{100 * band[:, i].max():.2f} % for gaps (x/L)^p, p = {EXPONENTS[0]:g} … "
-                f"{EXPONENTS[-1]:g} (the printed value is {where}); "
+                f"{100 * band[:, i].max():.2f} % for gaps (x/L)^p, p = {first} … "
+                f"{last} (the printed value is {where}); "
                 f"THD {100 * thd['displacement'][i]:.1f} %",
                 judged(abs(own / PRINTED[i] - 1.0) < PRINTED_DIGIT), True,
             )

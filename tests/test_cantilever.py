@@ -2,11 +2,18 @@
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
-from delam_fem.cantilever import cantilever_mode, cantilever_roots, transmissibility
+from delam_fem.cantilever import (
+    cantilever_mode,
+    cantilever_roots,
+    frequency_rise,
+    transmissibility,
+)
 
 ROUND_OFF = 1e-12  # a few hundred roundings at B = 60
 QUADRATURE = 1e-9  # 200 Gauss points integrate ten half waves to round-off of the mode itself
+PERIOD = 1e-6  # of the frequency: tolerance of the integration, and second differences of the mode
 
 
 def test_roots_equal_tabulated_values() -> None:
@@ -80,3 +87,35 @@ def test_no_roots_are_refused() -> None:
 def test_positions_beyond_the_tip_are_refused() -> None:
     with pytest.raises(ValueError, match=r"must lie in \[0, 1\]"):
         cantilever_mode(1, [0.5, 1.1])
+
+
+@pytest.mark.parametrize("amplitude", [0.1, 0.36])
+def test_frequency_rise_is_that_of_the_equation_of_motion(amplitude: float) -> None:
+    B = cantilever_roots(1)[0]
+    s = (np.sinh(B) - np.sin(B)) / (np.cosh(B) + np.cos(B))
+    points, weights = np.polynomial.legendre.leggauss(60)
+    x, w = 0.5 * (points + 1.0), 0.5 * weights
+
+    def slope(z: np.ndarray) -> np.ndarray:
+        return 0.5 * B * (np.sinh(z) + np.sin(z) - s * (np.cosh(z) - np.cos(z)))
+
+    z = B * x
+    bend = 0.5 * B**2 * (np.cosh(z) + np.cos(z) - s * (np.sinh(z) + np.sin(z)))
+    shortening = np.array([end * (w @ slope(B * end * x) ** 2) for end in x])
+    a = (w @ shortening**2) / (w @ cantilever_mode(1, x) ** 2)
+    b = (w @ (bend * slope(z)) ** 2) / (w @ bend**2)
+    # (1 + a q²) q'' + a q q'² + q + 2 b q³ = 0, in units of 1/ω_1; from rest until the velocity
+    # is zero again: half a period
+
+    def motion(_: float, y: np.ndarray) -> list[float]:
+        q, v = y
+        return [v, -(a * q * v**2 + q + 2.0 * b * q**3) / (1.0 + a * q**2)]
+
+    def turns(_: float, y: np.ndarray) -> float:
+        return float(y[1])
+
+    turns.direction = 1.0  # type: ignore[attr-defined]
+    run = solve_ivp(motion, (0.0, 4.0), [amplitude, 0.0], events=turns, rtol=1e-10, atol=1e-12)
+    rise = frequency_rise(amplitude)
+    assert rise > 0.0
+    assert 1.0 + rise == pytest.approx(np.pi / run.t_events[0][-1], abs=PERIOD)

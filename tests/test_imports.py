@@ -150,6 +150,7 @@ ALLOWED: dict[str, set[str]] = {
         *(
             "paper_lateral",
             "paper_linear",
+            "paper_mesh",
             "paper_motion",
             "paper_plane",
             "paper_response",
@@ -171,10 +172,14 @@ ALLOWED: dict[str, set[str]] = {
         *("lateral", "paper_claims", "paper_lab", "rolling_figure", "tip_figure"),
     },
     "paper_linear": {
-        *("cantilever", "excitation", "figure_style", "paper_claims", "paper_lab"),
+        *("cantilever", "figure_style", "paper_claims", "paper_lab", "paper_sweep"),
         *("parameters", "results"),
     },
     "paper_measures": {"diagnostics", "results"},
+    "paper_mesh": {
+        *("diagnostics", "figure_style", "motion_figures", "paper_claims", "paper_detail"),
+        *("paper_lab", "paper_measures", "paper_motion", "results"),
+    },
     "paper_motion": {
         *("diagnostics", "figure_style", "motion_figures", "paper_claims", "paper_lab"),
         *("paper_measures", "results"),
@@ -182,7 +187,8 @@ ALLOWED: dict[str, set[str]] = {
     "paper_page": {"paper_claims"},
     "paper_plane": {"attractors", "diagnostics", "figure_style", "paper_claims", "paper_lab"},
     "paper_response": {
-        *("figure_style", "paper_claims", "paper_lab", "paper_linear", "parameters"),
+        *("figure_style", "paper_claims", "paper_lab", "paper_linear", "paper_sweep"),
+        "parameters",
         "results",
     },
     "paper_shapes": {
@@ -194,6 +200,7 @@ ALLOWED: dict[str, set[str]] = {
         *("paper_measures", "results"),
     },
     "paper_strikes": {"figure_style", "paper_claims", "paper_lab", "restitution", "results"},
+    "paper_sweep": {"excitation", "parameters", "results"},
     "paper_system": {"figure_style", "gap", "paper_claims", "paper_lab", "parameters"},
     "paper_threshold": {
         *("figure_style", "paper_claims", "paper_lab", "reference", "results"),

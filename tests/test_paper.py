@@ -12,7 +12,16 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from delam_fem import paper, paper_chart, paper_linear, paper_motion, paper_plane, paper_response
+from delam_fem import (
+    paper,
+    paper_chart,
+    paper_linear,
+    paper_motion,
+    paper_plane,
+    paper_response,
+    paper_strikes,
+    paper_sweep,
+)
 from delam_fem.cli import app
 from delam_fem.executors import Serial
 from delam_fem.paper_claims import Claim, markdown_table
@@ -47,12 +56,12 @@ def test_natural_frequencies_and_mass_ratio(lab: Laboratory) -> None:
 
 
 def test_thirty_minute_sweep_peaks_where_the_paper_reads_its_frequency(lab: Laboratory) -> None:
-    case = paper_linear.swept_case("linear", paper_linear.BAND, "none", 250)
+    case = paper_sweep.swept_case("linear", paper_sweep.BAND, "none", 250)
     (result,) = lab.motions([case])
-    thick, thin = (paper_linear.peak_frequency(result, i) for i in range(2))
+    thick, thin = (paper_sweep.peak_frequency(result, i) for i in range(2))
     assert 1.455 <= thin <= 1.465
     assert THICK_HZ < thick < THICK_HZ + 0.03
-    f, amplitude = paper_linear.swept_envelope(result)
+    f, amplitude = paper_sweep.swept_envelope(result)
     exact = paper_linear.exact_amplitude(motion_case(3.25, PLAN), 0, f)
     far = (f > 1.0) & (f < 2.5)
     assert amplitude[0, far] == pytest.approx(exact[far], rel=0.05)  # a cycle lasts 3 mHz
@@ -123,6 +132,11 @@ def test_restitution_of_the_computed_strikes_is_near_the_given_one(lab: Laborato
     numbers = paper.FIGURES["8"](lab).numbers
     assert len(numbers["restitution"]) == 10
     assert np.mean(numbers["restitution"]) == pytest.approx(0.1, abs=0.05)
+
+
+def test_eq_4_as_printed_gives_the_gap_rate_times_two_plus_e() -> None:
+    ratio = paper_strikes.printed_ratio(np.array([0.6, -0.5]), 0.1, 1.942)
+    assert ratio == pytest.approx(2.1, abs=1e-12)
 
 
 def test_planes_are_computed_and_drawn(lab: Laboratory, tmp_path: Path) -> None:
