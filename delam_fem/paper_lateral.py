@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from delam_fem.lateral import LONG, RollingStudy, TipBlock, rolling_study, tip_block
+from delam_fem.lateral import LONG, TipBlock, rolling_study, tip_block
 from delam_fem.paper_claims import Claim, Piece, judged
 from delam_fem.paper_lab import Laboratory
 from delam_fem.rolling_figure import figure06
@@ -25,7 +25,8 @@ EXTREMELY_SHORT = 0.01
 
 def rolling_strip(lab: Laboratory) -> Piece:
     """Draw the set-up, and the strip that falls on the ground along which it lies."""
-    study, block = _computed(lab)
+    begun = lab.begin("rolling study", rolling_study, fast=not lab.plan.has_long_ladders)
+    block, study = _block(lab), begun.result()
     numbers = study.numbers()
     caption = (
         "Above: the set-up of the second experiment. Below: the first one; a steel strip lies on "
@@ -36,12 +37,14 @@ def rolling_strip(lab: Laboratory) -> Piece:
         "Nothing is printed of the strip: compared is what the text says."
     )
     figure = figure06(study, block)
-    return Piece("6", "Lateral impact of a strip", caption, figure, numbers, _rolling(numbers))
+    return Piece(
+        "6", "Lateral impact of a strip", caption, figure, numbers, rolling_claims(numbers)
+    )
 
 
 def struck_tip(lab: Laboratory) -> Piece:
     """Draw strains and contact force of a strip whose tip falls on a block."""
-    _, block = _computed(lab)
+    block = _block(lab)
     numbers = block.numbers()
     caption = (
         "A steel strip, lowest period 50 ms, with its tip alone over a block, lifted by 50 mm and "
@@ -51,17 +54,16 @@ def struck_tip(lab: Laboratory) -> Piece:
         "paper's signals are not available; compared is what its text says of them."
     )
     figure = figure07(block)
-    return Piece("7", "Strain and contact force", caption, figure, numbers, _block(numbers))
+    return Piece("7", "Strain and contact force", caption, figure, numbers, block_claims(numbers))
 
 
-def _computed(lab: Laboratory) -> tuple[RollingStudy, TipBlock]:
-    """Compute both experiments at the same time."""
-    study = lab.begin("rolling study", rolling_study, fast=not lab.plan.has_long_ladders)
-    block = lab.begin("tip block", tip_block)
-    return study.result(), block.result()
+def _block(lab: Laboratory) -> TipBlock:
+    """Compute the second experiment, while others may be computed."""
+    return lab.begin("tip block", tip_block).result()
 
 
-def _rolling(numbers: dict[str, Any]) -> tuple[Claim, ...]:
+def rolling_claims(numbers: dict[str, Any]) -> tuple[Claim, ...]:
+    """Return the rows about the strip on the ground."""
     main, stiff = numbers["by_law"]["moreau"], numbers["stiff"]
     direction, shares = main["front_direction"], main["shares_after_landing"]
     sag = main["sag_mm"]
@@ -110,7 +112,8 @@ def _rolling(numbers: dict[str, Any]) -> tuple[Claim, ...]:
     )  # fmt: skip
 
 
-def _block(numbers: dict[str, Any]) -> tuple[Claim, ...]:
+def block_claims(numbers: dict[str, Any]) -> tuple[Claim, ...]:
+    """Return the rows about the tip on the block."""
     near, far = numbers["peak_wave_strain_max_exact"]
     whole = numbers["wave_strain_max"][1]
     duration, blocks = numbers["peak_duration_us"], numbers["duration_of_block_us"]

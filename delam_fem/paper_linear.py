@@ -230,9 +230,9 @@ def _linear_claims(numbers: dict[str, Any]) -> tuple[Claim, ...]:
         Claim(
             "2a", "linear behaviour with large amplitudes at resonance", "sec. 2.2",
             f"stationary tip amplitudes of linear theory: {1e3 * top[0]:.0f} mm (thick) and "
-            f"{1e3 * top[1]:.0f} mm (thin), {100 * max(top) / length:.0f} % of the length; a beam "
-            f"that keeps its length is there {100 * max(rise):.2f} % stiffer in frequency, little "
-            f"beside half the width of the resonance, D = {100 * damping:.1f} %",
+            f"{1e3 * top[1]:.0f} mm (thin), {100 * max(top) / length:.0f} % of the length; the "
+            f"lowest frequency of a beam that keeps its length is there {100 * max(rise):.2f} % "
+            f"higher, little beside half the width of the resonance, D = {100 * damping:.1f} %",
             judged(max(rise) < LINEAR * damping),
         ),
     )  # fmt: skip

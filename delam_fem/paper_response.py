@@ -39,7 +39,7 @@ CONTACT_STEPS = 1000
 DIFFERS = 0.15
 """Amplitudes that differ by more belong to different motions."""
 MANY = 3
-"""So many periods, and so many numbers of contacts, make a bifurcation scenario."""
+"""So many periods, and numbers of contacts in two periods, make a bifurcation scenario."""
 JUMP = 3.0
 """A jump of the amplitude is so many times larger than the changes beside it."""
 
@@ -85,7 +85,7 @@ def with_contact(lab: Laboratory) -> Piece:
         "paper's curves are not available; compared is what its text says of them."
     )
     title = "Frequency responses with contact, up and down"
-    return Piece("2b", title, caption, figure, numbers, _contact_claims(numbers, base))
+    return Piece("2b", title, caption, figure, numbers, claims(numbers))
 
 
 def _contact_panel(
@@ -190,7 +190,8 @@ def _contact_numbers(
     }
 
 
-def _contact_claims(numbers: dict[str, Any], base: Case) -> tuple[Claim, ...]:
+def claims(numbers: dict[str, Any]) -> tuple[Claim, ...]:
+    """Return the rows about the response in contact."""
     largest = numbers["largest_amplitude_m"]
     reduced = largest / numbers["linear_peak_m"]
     at = numbers["largest_amplitude_at_hz"]
@@ -222,11 +223,11 @@ def _contact_claims(numbers: dict[str, Any], base: Case) -> tuple[Claim, ...]:
             "sec. 1, 4",
             f"periods {', '.join(f'{p:g}' for p in periods)}, "
             + (f"none up to 8 at {_listed(irregular)} Hz, " if irregular.size else "")
-            + f"0 to {contacts.max():.2g} tip contacts per period; "
-            + (f"up and down differ at {len(hysteresis)} frequencies, {min(hysteresis):.2f} … "
-               f"{max(hysteresis):.2f} Hz" if len(hysteresis) else "up and down agree everywhere")
+            + f"{contacts.min():.2g} to {contacts.max():.2g} tip contacts per period; "
+            + (f"up and down differ at {_listed(hysteresis)} Hz" if len(hysteresis)
+               else "up and down agree everywhere")
             + (f"; jumps at {_listed(all_jumps)} Hz" if all_jumps else ""),
-            judged(len(periods) >= MANY and np.unique(np.round(contacts)).size >= MANY),
+            judged(len(periods) >= MANY and np.unique(np.round(2.0 * contacts)).size >= MANY),
         ),
     )  # fmt: skip
 

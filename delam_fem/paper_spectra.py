@@ -75,7 +75,7 @@ def spectra(lab: Laboratory) -> Piece:
         "beside the paper's (dashed). The paper's spectra are not available; compared are d₁, d₂ "
         "and its text."
     )
-    return Piece("5", "Response spectra", caption, figure, numbers, _claims(numbers))
+    return Piece("5", "Response spectra", caption, figure, numbers, claims(numbers))
 
 
 def tip_harmonics(result: Result) -> dict[str, FloatArray]:
@@ -161,7 +161,8 @@ def _numbers(
     }
 
 
-def _claims(numbers: dict[str, Any]) -> tuple[Claim, ...]:
+def claims(numbers: dict[str, Any]) -> tuple[Claim, ...]:
+    """Return the rows about d and the spectra."""
     d, thd = numbers["d"], numbers["thd"]
     band = np.array(list(numbers["d_by_gap_exponent"].values()))
     first, *_, last = numbers["d_by_gap_exponent"]

@@ -5,7 +5,15 @@ import pytest
 from scipy.integrate import trapezoid
 from scipy.sparse.linalg import spsolve
 
-from delam_fem import ground, ground_run, lateral, rolling_figure, struck_beam, tip_figure
+from delam_fem import (
+    ground,
+    ground_run,
+    lateral,
+    paper_lateral,
+    rolling_figure,
+    struck_beam,
+    tip_figure,
+)
 from delam_fem.figure_style import styled
 from delam_fem.ground_run import LIFT, GroundLaw, Impulses
 from delam_fem.lateral import RollingStudy, Rung
@@ -270,7 +278,19 @@ def test_before_the_touch_all_blocks_are_none(block: TipBlock) -> None:
     assert block.free.tip[early].min() > 0.0 > block.free.tip[~early].max() - 1e-9
 
 
-def test_figures_have_their_labels(fallen: Rolling, block: TipBlock) -> None:
+def test_rows_about_the_strip_tell_rolling_from_landing_with_the_tip() -> None:
+    thin = rolling(n_elements=40, steps_per_period=5000)
+    rung = Rung("moreau", 0.002, 40, 5000, 0.2, 0.7, 0.1, "completed")
+
+    def rows(run: Rolling) -> list[str]:
+        study = RollingStudy({"moreau": run}, thin, {0.05: thin}, (rung,))
+        return [claim.verdict for claim in paper_lateral.rolling_claims(study.numbers())]
+
+    assert rows(thin) == ["holds"] * 3
+    assert rows(rolling(height=0.15, n_elements=20, steps_per_period=5000))[0] == "does not hold"
+
+
+def test_figures_have_their_labels(block: TipBlock) -> None:
     ladder = tuple(
         Rung("moreau", 0.002, n, steps, 0.2, 0.7, 0.1, "completed")
         for n in (20, 40)
