@@ -224,15 +224,15 @@ def document(found: dict[str, Convergence]) -> Document:
 
 
 def fill(text: str, tables: dict[str, Table]) -> str:
-    """Return the document with its tables replaced.
+    """Return the document with these of its tables replaced.
 
     Raises:
-        KeyError: the document asks for a table that there is not.
+        KeyError: the document has no place for a table.
     """
-
-    def body(match: re.Match[str]) -> str:
-        table = tables[match[2]].markdown().split("\n\n", 1)[1]
-        return f"{match[1]}\n{table}{match[3]}"
-
-    pattern = re.compile(r"(<!-- table ([\w. -]+?) -->)\n.*?(<!-- end -->)", re.DOTALL)
-    return pattern.sub(body, text)
+    for name, table in tables.items():
+        pattern = re.compile(rf"(<!-- table {re.escape(name)} -->\n).*?(<!-- end -->)", re.DOTALL)
+        body = table.markdown().split("\n\n", 1)[1]
+        text, places = pattern.subn(lambda match, body=body: match[1] + body + match[2], text)
+        if places != 1:
+            raise KeyError(f"table {name}: expected one place in the document, found {places}")
+    return text

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib
 import math
 import re
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
 import pytest
 
 from delam_fem.convergence import Convergence
@@ -70,13 +72,14 @@ def test_tables_of_the_document(tables: dict[str, Table]) -> None:
 def test_the_document_is_filled(scripts: dict[str, ModuleType], tables: dict[str, Table]) -> None:
     fill = scripts["convergence_document"].fill
     text = "before\n\n<!-- table default -->\nold\n<!-- end -->\n\nafter\n"
-    filled = fill(text, tables)
+    some = {"default": tables["default"]}
+    filled = fill(text, some)
     assert "old" not in filled
     assert filled.startswith("before\n\n<!-- table default -->\n| damping | law | N | 10 elements")
     assert filled.endswith("<!-- end -->\n\nafter\n")
-    assert fill(filled, tables) == filled
-    with pytest.raises(KeyError, match="no such"):
-        fill("<!-- table no such -->\n<!-- end -->", tables)
+    assert fill(filled, some) == filled
+    with pytest.raises(KeyError, match="default: expected one place in the document, found 0"):
+        fill("before\n", some)
 
 
 def test_the_document_asks_for_what_there_is(
@@ -84,7 +87,70 @@ def test_the_document_asks_for_what_there_is(
 ) -> None:
     text = (ROOT / "docs" / "convergence.md").read_text("utf-8")
     asked = set(re.findall(r"<!-- table ([\w. -]+?) -->", text))
-    assert asked == set(tables)
+    assert asked == {*tables, "trials"}
     pictures = re.findall(r"\]\((figures/[\w.]+)\)", text)
     assert pictures
     assert [name for name in pictures if not (ROOT / "docs" / name).is_file()] == []
+
+
+# -- the trials -------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def trials(monkeypatch: pytest.MonkeyPatch) -> dict[str, ModuleType]:
+    monkeypatch.syspath_prepend(str(ROOT / "scripts"))
+    return {name: importlib.import_module(name) for name in ("contact_trials", "trial_schemes")}
+
+
+NEAR = 3e-4  # m: means over a few periods of motions that differ by round-off, amplified
+
+
+def test_dense_steps_are_those_of_the_package(trials: dict[str, ModuleType]) -> None:
+    script, ts = trials["contact_trials"], trials["trial_schemes"]
+    case = script.case_of(250, 8)
+    operators = script.reference.assemble(case).operators
+    for law, name in ((ts.MOREAU, "moreau"), (ts.BOUNDED, "moreau-recovery")):
+        dense = script.densely(ts.theta_step, ts.theta_matrices, (law, script.E), case, operators)
+        own = script.trials()[name](case, operators)
+        np.testing.assert_allclose(dense[:2], own[:2], rtol=0.0, atol=1e-9)
+        np.testing.assert_allclose(dense, own, rtol=0.0, atol=NEAR)
+
+
+@pytest.mark.parametrize("arguments", [(0.1, False), (0.1, True)])
+def test_exact_steps_are_exact_without_contact(
+    trials: dict[str, ModuleType], arguments: tuple[float, bool]
+) -> None:
+    script, ts = trials["contact_trials"], trials["trial_schemes"]
+    found = []
+    for steps in (100, 200):
+        case = script.case_of(steps, 2)
+        operators = script.reference.assemble(case).operators
+        operators = dataclasses.replace(operators, gap0=np.full(operators.n_pairs, 5.0))
+        bases = script.motion_of(case)(0)
+        m = ts.exact_matrices(ts.Dense.of(operators), case.time_step, *arguments)
+        u, v, a = np.zeros((3, operators.n_dofs))
+        W = m.H @ m.push
+        for j in range(1, steps + 1):
+            ts.exact_step(m, W, u, v, a, bases[j - 1], bases[j])
+        found.append(u)
+    np.testing.assert_allclose(*found, rtol=0.0, atol=1e-5)  # the load is linear within a step
+
+
+def test_all_modes_are_the_whole_problem(trials: dict[str, ModuleType]) -> None:
+    script = trials["contact_trials"]
+    case = script.case_of(250, 2)
+    operators = script.reference.assemble(case).operators
+    law = script.compiled_state.MOREAU
+    np.testing.assert_allclose(
+        script.by_modes(law, operators.n_dofs // 2, case, operators),
+        script.trials()["moreau"](case, operators),
+        rtol=0.0,
+        atol=1e-8,
+    )
+
+
+def test_errors_of_trials_are_relative_to_the_amplitude(trials: dict[str, ModuleType]) -> None:
+    script = trials["contact_trials"]
+    limit = np.array([[-0.02, 0.0], [0.02, 0.03]])
+    found = {"way": script.Found({1000: limit + np.array([[0.0, 0.0], [0.0, 0.0015]])})}
+    assert script.table(found, limit).rows == (("way", "-20.00", "10.0"),)
