@@ -20,8 +20,6 @@ SMOOTH_HARMONICS = 20
 """What a velocity has above so many harmonics of the excitation counts as roughness."""
 FREE_GAP = 1e-3
 """Tips farther apart than this are in free flight [m]."""
-SETTLED = 0.2
-"""Distance from the stationary cycle in half ranges; three times the scatter of cycles."""
 STEPS_BEFORE = 2
 """Steps before a strike at which its velocities are read: the waves of impacts further down reach
 the tip in the very last one."""
@@ -109,17 +107,18 @@ def roughness(result: Result, *, free: bool, quantity: str = "tip_velocity") -> 
     return float(thick), float(thin)
 
 
-def settling(strobe: FloatArray, half_range: FloatArray, periodicity: int) -> int:
+def settling(strobe: FloatArray, half_range: FloatArray, periodicity: int, within: float) -> int:
     """Return after how many periods a motion from rest stays near its stationary cycle.
 
     Args:
         strobe: displacement of both tips at the end of each period, shape (2, n) [m].
         half_range: half peak-to-peak of both tips, shape (2,) [m].
         periodicity: of the stationary motion, P.
+        within: distance that counts as near, in half ranges [-].
 
     Returns:
-        Number of the last period at whose end a tip is farther than `SETTLED` half ranges from the
-        mean of the last strobes of the same phase.
+        Number of the last period at whose end a tip is farther from the mean of the last strobes
+        of the same phase.
     """
     n = strobe.shape[1]
     last = 0
@@ -127,7 +126,7 @@ def settling(strobe: FloatArray, half_range: FloatArray, periodicity: int) -> in
         periods = np.arange(n - 1 - phase, -1, -periodicity)[::-1]
         same = strobe[:, periods]
         mean = same[:, -(diagnostics.STROBES // periodicity) :].mean(axis=1, keepdims=True)
-        away = (np.abs(same - mean) > SETTLED * half_range[:, None]).any(axis=0)
+        away = (np.abs(same - mean) > within * half_range[:, None]).any(axis=0)
         last = max(last, int(periods[away].max(initial=-1)) + 1)
     return last
 

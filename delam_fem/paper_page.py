@@ -28,9 +28,6 @@ ABOUT = (
 )
 README_MARKS = ("<!-- paper claims: begin -->", "<!-- paper claims: end -->")
 """Between them README has the short table."""
-DOCUMENTED = ("1", "2a", "2b", "3", "4", "5", "6", "7", "8", "11", "12", "14", "15", "gamma")
-"""Figures whose pictures the documentation keeps."""
-
 _STYLE = """
 body { font: 16px/1.5 system-ui, sans-serif; color: #222; background: #fff; max-width: 64rem;
        margin: 2rem auto; padding: 0 1rem; }
@@ -83,8 +80,7 @@ def write_page(directory: Path, figures: Sequence[Entry]) -> Path:
     for figure in figures:
         stem, title = figure["stem"], escape(_heading(figure))
         parts.append(f'<h2 id="{stem}">{title}</h2>')
-        pictures = [f"{stem}.png"] + ([figure["animation"]] if figure.get("animation") else [])
-        images = "".join(f'<img src="{name}" alt="{title}">' for name in pictures)
+        images = "".join(f'<img src="{name}" alt="{title}">' for name in _pictures(figure))
         parts.append(
             f"<figure>{images}<figcaption>{escape(figure['caption'])} "
             f'<a href="{stem}.json">Numbers</a>.</figcaption></figure>'
@@ -129,14 +125,14 @@ def write_docs(directory: Path, root: Path, figures: Sequence[Entry]) -> list[Pa
         "", tally(claims), "", markdown_table(claims),
     ]  # fmt: skip
     paths = []
+    pictures = root / "docs" / "figures"
+    pictures.mkdir(parents=True, exist_ok=True)
     for figure in figures:
         lines += [f"## {_heading(figure)}", "", figure["caption"], ""]
-        if figure["name"] in DOCUMENTED:
-            picture = root / "docs" / "figures" / f"paper_{figure['stem']}.png"
-            picture.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(directory / f"{figure['stem']}.png", picture)
-            paths.append(picture)
-            lines += [f"![{figure['title']}](figures/{picture.name})", ""]
+        for name in _pictures(figure):
+            paths.append(pictures / f"paper_{name}")
+            shutil.copyfile(directory / name, paths[-1])
+            lines += [f"![{figure['title']}](figures/{paths[-1].name})", ""]
     readme = root / "README.md"
     short = markdown_table([c for c in claims if c.is_headline], with_source=False)
     text = between(
@@ -157,6 +153,11 @@ def between(text: str, marks: tuple[str, str], content: str) -> str:
         raise ValueError(f"expected {begin} and then {end}, once each")
     head, rest = text.split(begin)
     return f"{head}{begin}\n{content}\n{end}{rest.split(end)[1]}"
+
+
+def _pictures(figure: Entry) -> list[str]:
+    """Return the names of the files of a figure's picture and its film."""
+    return [f"{figure['stem']}.png"] + ([figure["animation"]] if figure.get("animation") else [])
 
 
 def _heading(figure: Entry) -> str:

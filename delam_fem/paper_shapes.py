@@ -29,7 +29,7 @@ PHASES = (-0.2, -0.05, -0.01, 0.0, 0.01, 0.05, 0.2, 0.5)
 FILM_FRAMES = 50
 FILM_RATE = 12
 """Frames per second of the film."""
-FILM_DPI = 72
+FILM_DPI = 100
 CLOSED = 1e-4
 """Pairs nearer than this count as touching in the shapes [m]."""
 

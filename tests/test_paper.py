@@ -266,9 +266,10 @@ def test_settling_is_the_last_period_away_from_the_cycle() -> None:
     strobe = np.tile([1.0, -1.0], (2, 100))
     strobe[0, 150:] += 0.1  # within the scatter
     strobe[1, 57] = 3.0
-    assert settling(strobe, np.ones(2), 2) == 58
-    assert settling(strobe[:, 60:140], np.ones(2), 2) == 0
-    assert settling(strobe[:, 60:140], np.ones(2), 1) == 80
+    assert settling(strobe, np.ones(2), 2, 0.2) == 58
+    assert settling(strobe, np.ones(2), 2, 5.0) == 0
+    assert settling(strobe[:, 60:140], np.ones(2), 2, 0.2) == 0
+    assert settling(strobe[:, 60:140], np.ones(2), 1, 0.2) == 80
 
 
 def test_positions_begin_at_the_gap(lab: Laboratory) -> None:
@@ -321,7 +322,7 @@ def test_a_motion_that_diverges_is_told() -> None:
 
 def test_tip_on_a_block_is_judged(lab: Laboratory) -> None:
     found = verdicts(paper.FIGURES["7"](lab))
-    assert set(found.values()) == {"holds"} and len(found) == 5
+    assert set(found.values()) == {"holds"} and len(found) == 6
 
 
 @pytest.fixture()
@@ -334,8 +335,10 @@ def folder(tmp_path: Path) -> Path:
     for name, own in (("1", claims), ("2a", [])):
         stem = paper.file_stem(name)
         (tmp_path / f"{stem}.png").write_bytes(b"picture")
+        (tmp_path / f"{stem}.gif").write_bytes(b"film")
         content = {
-            "name": name, "title": f"title {name}", "caption": "what & what", "animation": None,
+            "name": name, "title": f"title {name}", "caption": "what & what",
+            "animation": "fig02a.gif" if name == "2a" else None,
             "claims": [vars(claim) for claim in own], "numbers": {},
         }  # fmt: skip
         (tmp_path / f"{stem}.json").write_text(json.dumps(content), "utf-8")
@@ -347,7 +350,7 @@ def test_page_links_to_what_is_there(folder: Path) -> None:
     page = write_page(folder, found).read_text("utf-8")
     targets = set(re.findall(r'(?:src|href)="([^"]+)"', page))
     assert {t for t in targets if not t.startswith("#")} == {
-        "fig01.png", "fig01.json", "fig02a.png", "fig02a.json",
+        "fig01.png", "fig01.json", "fig02a.png", "fig02a.gif", "fig02a.json",
     }  # fmt: skip
     assert "2 statements: 1 hold, 1 do not, 0 are open." in page
     assert "1 &lt; 2" in page and "what &amp; what" in page
@@ -365,7 +368,9 @@ def test_documentation_is_written_from_the_numbers(folder: Path, tmp_path: Path)
     assert "outdated" not in text and text.startswith("head") and text.endswith("tail\n")
     assert "a \\| b" in text and "| c |" not in text
     assert "| c |" in docs.read_text("utf-8")
-    for picture in re.findall(r"\((figures/\S+)\)", docs.read_text("utf-8")):
+    pictures = re.findall(r"\((figures/\S+)\)", docs.read_text("utf-8"))
+    assert "figures/paper_fig02a.gif" in pictures
+    for picture in pictures:
         assert (root / "docs" / picture).is_file()
     write_docs(folder, root, found)
     assert readme.read_text("utf-8") == text
