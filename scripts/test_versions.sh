@@ -3,7 +3,7 @@
 # there as its README says, runs all tests and a short demo, and removes the tree.
 # Usage: scripts/test_versions.sh [bookworm|trixie|sid]…    (default: trixie sid, side by side)
 # Exit status: 0 all passed; 1 one failed; 77 none failed, but one could not be tested.
-# Needs root (or sudo), about 6 GB in $TMPDIR for each release, and 15 minutes. Where a release did
+# Needs root (or sudo), about 5 GB in $TMPDIR for each release, and 10 minutes. Where a release did
 # not pass, its log stays in runs/versions.
 set -euo pipefail
 
@@ -221,7 +221,7 @@ main() {
     trap 'exit 130' INT
     trap 'exit 143' TERM
     pack_project
-    say "${releases[*]}: this takes about a quarter of an hour; see $WORK/*/log meanwhile"
+    say "${releases[*]}: this takes about ten minutes; see $WORK/*/log meanwhile"
     for release in "${releases[@]}"; do
         start "$release"
     done
