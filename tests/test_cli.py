@@ -237,6 +237,17 @@ def test_mesh_with_and_without_opposite_nodes(
     assert "0.3 m on the first and 0.31 m on the second" in result.stderr
 
 
+def test_comparison_is_shown_and_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    result = invoke("compare", "paper", "--set", "mesh.elements=4", "--periods", "1", "-o", "c")
+    assert result.exit_code == 0, result.stderr
+    assert "largest differences" in result.output
+    assert list((tmp_path / "c").iterdir())
+    quiet = invoke("compare", "paper", "--set", "mesh.elements=4", "--periods", "1", "-q")
+    assert (quiet.exit_code, quiet.stdout) == (0, "")
+    assert (tmp_path / "runs" / "paper-compare").is_dir()
+
+
 def test_presets_are_listed_and_shown() -> None:
     assert invoke("presets").stdout.split() == ["paper", "default"]
     shown = invoke("presets", "--show", "paper")
