@@ -99,12 +99,6 @@ class Compiled:
         self.stepper = CompiledStepper(operators, scheme, law)
         self._events = Columns.room(EVENTS, HITS_PER_PAIR * operators.n_pairs)
 
-    def start(self, initial: State | None, base_state: FloatArray) -> None:
-        """Take a state, or rest, and renew the accelerations; see `simulate.Engine`."""
-        initial = self.state() if initial is None else initial
-        self.restore(State(initial.motion, initial.permanent), base_state)
-        self.stepper.renew_acceleration()
-
     def state(self) -> State:
         """Return the present state."""
         s = self.stepper

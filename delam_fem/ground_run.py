@@ -15,7 +15,7 @@ from delam_fem.compiled_state import Law
 from delam_fem.compiled_system import Scheme
 from delam_fem.operators import FloatArray, Operators
 from delam_fem.recorder import LEDGER, N_BASE, PeriodRecord, Recorder
-from delam_fem.simulate import Outcome, State, simulate
+from delam_fem.simulate import Outcome, State, set_initial, simulate
 
 LawName = Literal["none", "newton", "newton-penalty", "penalty", "moreau", "moreau-recovery"]
 
@@ -170,7 +170,7 @@ def run(
         limit=UNBOUNDED,
     )
     at_rest = np.zeros((steps_per_stretch + 1, 3))
-    engine.start(start, at_rest[0])
+    set_initial(engine, start, at_rest[0])
     outcome = simulate(
         engine,
         recorder,

@@ -27,7 +27,7 @@ from delam_fem.operators import FloatArray, Operators
 from delam_fem.parameters import Case
 from delam_fem.recorder import N_BASE, Recorder
 from delam_fem.recording import motion_of, recorder_of
-from delam_fem.simulate import Engine, State, simulate
+from delam_fem.simulate import Engine, State, set_initial, simulate
 
 SPIN_UP_STEPS, SPIN_UP_TIME = 2000, 30.0
 """Steps per period, and length [s], of the run that all rungs start from: the slowest mode, at
@@ -211,7 +211,7 @@ def _run(
     computing = _engine(case, operators, engine)
     try:
         recorder, motion = recorder_of(case, operators), motion_of(case)
-        computing.start(initial, motion(0)[0])
+        set_initial(computing, initial, motion(0)[0])
         watch = _Watch(recorder, motion, last)
         outcome = simulate(computing, recorder, watch.motion, stop=watch.collect)
         seconds = float(np.median(watch.seconds)) if watch.seconds else math.nan

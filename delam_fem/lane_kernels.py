@@ -42,6 +42,37 @@ def total(a):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, forceinline=True)
+def _forth(solution, t, right, before):  # type: ignore[no-untyped-def]
+    """Return y_j = r_j - L_j y_{j-1} of a row."""
+    (r0, r1), (y0, y1) = right, before
+    r0 = fma(load(solution, t), y0, r0)
+    r1 = fma(load(solution, t + 8), y0, r1)
+    return fma(load(solution, t + 4), y1, r0), fma(load(solution, t + 12), y1, r1)
+
+
+@numba.njit(cache=True, forceinline=True)
+def _back(solution, t, own, after):  # type: ignore[no-untyped-def]
+    """Return x_j = D_j⁻¹ y_j - U_j x_{j+1} of a row."""
+    (y0, y1), (x0_next, x1_next) = own, after
+    x0 = fma(load(solution, t + 20), y1, load(solution, t + 16) * y0)
+    x1 = fma(load(solution, t + 28), y1, load(solution, t + 24) * y0)
+    x0 = fma(load(solution, t + 32), x0_next, x0)
+    x1 = fma(load(solution, t + 40), x0_next, x1)
+    return fma(load(solution, t + 36), x1_next, x0), fma(load(solution, t + 44), x1_next, x1)
+
+
+@numba.njit(cache=True, forceinline=True)
+def _flow(form, q, own, after):  # type: ignore[no-untyped-def]
+    """Return what a row of z adds to half of C z, so that z · of it sums up to zᵀ C z."""
+    (z0, z1), (z0_next, z1_next) = own, after
+    flow0 = fma(load(form, q + 4), z1, load(form, q) * z0)
+    flow1 = load(form, q + 8) * z1
+    flow0 = fma(load(form, q + 12), z0_next, flow0)
+    flow1 = fma(load(form, q + 20), z0_next, flow1)
+    return fma(load(form, q + 16), z1_next, flow0), fma(load(form, q + 24), z1_next, flow1)
+
+
+@numba.njit(cache=True, forceinline=True)
 def eliminate_diagonal(X, size, c, load_tape, solution, force0, force1):  # type: ignore[no-untyped-def]
     """Go to the middle with r = Δt f + B w, B diagonal: y_j = r_j - L_j y_{j-1}."""
     s, v, y = load(c, 4 * S), V * size, Y * size
@@ -53,12 +84,8 @@ def eliminate_diagonal(X, size, c, load_tape, solution, force0, force1):  # type
         t = 6 * i
         w0 = fma(s, load(X, v + i), load(X, i))
         w1 = fma(s, load(X, v + i + 4), load(X, i + 4))
-        r0 = fma(load(solution, t), y0, load(load_tape, i) * w0)
-        r1 = fma(load(solution, t + 8), y0, load(load_tape, i + 4) * w1)
-        y0, y1 = (
-            fma(load(solution, t + 4), y1, r0),
-            fma(load(solution, t + 12), y1, r1),
-        )
+        right = load(load_tape, i) * w0, load(load_tape, i + 4) * w1
+        y0, y1 = _forth(solution, t, right, (y0, y1))
         store(X, y + i, y0)
         store(X, y + i + 4, y1)
 
@@ -89,12 +116,7 @@ def eliminate_chained(X, size, c, load_tape, solution, force0, force1):  # type:
         r1 = fma(load(load_tape, t + 40), next0, r1)
         r0 = fma(load(load_tape, t + 36), next1, r0)
         r1 = fma(load(load_tape, t + 44), next1, r1)
-        r0 = fma(load(solution, t), y0, r0)
-        r1 = fma(load(solution, t + 8), y0, r1)
-        y0, y1 = (
-            fma(load(solution, t + 4), y1, r0),
-            fma(load(solution, t + 12), y1, r1),
-        )
+        y0, y1 = _forth(solution, t, (r0, r1), (y0, y1))
         store(X, y + i, y0)
         store(X, y + i + 4, y1)
         before0, before1, w0, w1, r0, r1 = w0, w1, next0, next1, zero, zero
@@ -120,14 +142,7 @@ def finish(X, size, c, solution, form, rest, held, ahead, keeps):  # type: ignor
     for i in range(last, -1, -8):
         t, q = 6 * i, i // 2 * 7
         y0, y1 = load(X, y + i), load(X, y + i + 4)
-        x0 = fma(load(solution, t + 20), y1, load(solution, t + 16) * y0)
-        x1 = fma(load(solution, t + 28), y1, load(solution, t + 24) * y0)
-        x0 = fma(load(solution, t + 32), next0, x0)
-        x1 = fma(load(solution, t + 40), next0, x1)
-        next0, next1 = (
-            fma(load(solution, t + 36), next1, x0),
-            fma(load(solution, t + 44), next1, x1),
-        )
+        next0, next1 = _back(solution, t, (y0, y1), (next0, next1))
         z0, z1 = fma(kappa, load(X, h + i), next0), fma(kappa, load(X, h + i + 4), next1)
         u0, v0_new = load(X, i), fma(minus_rho, load(X, v + i), z0)
         seen = fma(by_v, v0_new, fma(by_z, z0, u0))
@@ -140,12 +155,7 @@ def finish(X, size, c, solution, form, rest, held, ahead, keeps):  # type: ignor
             store(X, P * size + i + 4, z1)
         if i == last:
             z0_next, z1_next = swap_neighbours(z0), swap_neighbours(z1)
-        flow0 = fma(load(form, q + 4), z1, load(form, q) * z0)
-        flow1 = load(form, q + 8) * z1
-        flow0 = fma(load(form, q + 12), z0_next, flow0)
-        flow1 = fma(load(form, q + 20), z0_next, flow1)
-        flow0 = fma(load(form, q + 16), z1_next, flow0)
-        flow1 = fma(load(form, q + 24), z1_next, flow1)
+        flow0, flow1 = _flow(form, q, (z0, z1), (z0_next, z1_next))
         loss0, loss1 = fma(z0, flow0, loss0), fma(z1, flow1, loss1)
         z0_next, z1_next = z0, z1
         gap = smaller(swap_halves(seen) - seen + load(rest, i // 2), gap)
@@ -200,12 +210,7 @@ def loss(X, size, form):  # type: ignore[no-untyped-def]
     for i in range(last, -1, -8):
         q = i // 2 * 7
         p0, p1 = load(X, first + i), load(X, first + i + 4)
-        flow0 = fma(load(form, q + 4), p1, load(form, q) * p0)
-        flow1 = load(form, q + 8) * p1
-        flow0 = fma(load(form, q + 12), p0_next, flow0)
-        flow1 = fma(load(form, q + 20), p0_next, flow1)
-        flow0 = fma(load(form, q + 16), p1_next, flow0)
-        flow1 = fma(load(form, q + 24), p1_next, flow1)
+        flow0, flow1 = _flow(form, q, (p0, p1), (p0_next, p1_next))
         loss0, loss1 = fma(p0, flow0, loss0), fma(p1, flow1, loss1)
         p0_next, p1_next = p0, p1
     return total(loss0 + loss1)
@@ -230,25 +235,13 @@ def substitute(X, size, solution, right, out):  # type: ignore[no-untyped-def]
     store(X, x + 4, y1)
     for i in range(8, size, 8):
         t = 6 * i
-        r0 = fma(load(solution, t), y0, load(X, r + i))
-        r1 = fma(load(solution, t + 8), y0, load(X, r + i + 4))
-        y0, y1 = (
-            fma(load(solution, t + 4), y1, r0),
-            fma(load(solution, t + 12), y1, r1),
-        )
+        y0, y1 = _forth(solution, t, (load(X, r + i), load(X, r + i + 4)), (y0, y1))
         store(X, x + i, y0)
         store(X, x + i + 4, y1)
     next0, next1 = swap_neighbours(y0), swap_neighbours(y1)
     for i in range(size - 8, -1, -8):
         t = 6 * i
         y0, y1 = load(X, x + i), load(X, x + i + 4)
-        x0 = fma(load(solution, t + 20), y1, load(solution, t + 16) * y0)
-        x1 = fma(load(solution, t + 28), y1, load(solution, t + 24) * y0)
-        x0 = fma(load(solution, t + 32), next0, x0)
-        x1 = fma(load(solution, t + 40), next0, x1)
-        next0, next1 = (
-            fma(load(solution, t + 36), next1, x0),
-            fma(load(solution, t + 44), next1, x1),
-        )
+        next0, next1 = _back(solution, t, (y0, y1), (next0, next1))
         store(X, x + i, next0)
         store(X, x + i + 4, next1)

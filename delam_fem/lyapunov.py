@@ -24,7 +24,7 @@ import numpy as np
 
 from delam_fem.operators import FloatArray, Operators
 from delam_fem.recorder import Recorder
-from delam_fem.simulate import Engine, State
+from delam_fem.simulate import Engine, State, set_initial
 
 ALIGNING = 0.5
 """Share of the periods in which the second motion turns into the slowest-decaying direction: they
@@ -84,7 +84,7 @@ def _advanced(
     engine: Engine, recorder: Recorder, state: State, base_states: FloatArray
 ) -> State | None:
     """Return the state a period later, None where the motion diverges."""
-    engine.start(state, base_states[0])
+    set_initial(engine, state, base_states[0])
     record = recorder.open(engine.stepper, base_states)
     n_steps = engine.run_period(record, -recorder.limit)
     return engine.state() if n_steps == len(base_states) - 1 else None

@@ -23,7 +23,7 @@ from delam_fem.parameters import Case, CaseError
 from delam_fem.recorder import Recorder
 from delam_fem.recording import motion_of, recorder_of
 from delam_fem.results import Result
-from delam_fem.simulate import Engine, Outcome, State, simulate
+from delam_fem.simulate import Engine, Outcome, State, set_initial, simulate
 from delam_fem.watch import Watch, stop_signals
 
 EngineName = Literal["petsc", "compiled"]
@@ -76,7 +76,7 @@ def run(
     if resume:
         checkpoint.load(kept, case, computing, recorder, motion)
     else:
-        computing.start(initial, motion(0)[0])
+        set_initial(computing, initial, motion(0)[0])
     begin, first = time.perf_counter(), recorder.n_closed
     save = partial(
         checkpoint.save, case=case, engine=computing, recorder=recorder, writes=comm.rank == 0

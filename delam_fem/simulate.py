@@ -31,20 +31,19 @@ class State:
     losses: tuple[float, float] = (0.0, 0.0)
 
 
+class Moving(Stepper, Protocol):
+    """A state that can be taken up."""
+
+    def renew_acceleration(self) -> None:
+        """Compute a from the equation of motion."""
+
+
 class Engine(Protocol):
     """What computes the steps of a period."""
 
     @property
-    def stepper(self) -> Stepper:
+    def stepper(self) -> Moving:
         """The state, as a recorder reads it."""
-
-    def start(self, initial: State | None, base_state: FloatArray) -> None:
-        """Take a state, or rest, and renew the accelerations.
-
-        Args:
-            initial: state at the start; its losses do not count.
-            base_state: (q, q', q'') of the base at the start.
-        """
 
     def state(self) -> State:
         """Return the present state."""
@@ -67,7 +66,7 @@ class Engine(Protocol):
         """
 
 
-class Advancing(Stepper, Kinematics, Protocol):
+class Advancing(Moving, Kinematics, Protocol):
     """A time integration that takes single steps; see newmark.py and moreau.py."""
 
     base_states: list[list[float]]
@@ -79,9 +78,6 @@ class Advancing(Stepper, Kinematics, Protocol):
 
     def restore_springs(self, permanent: BoolArray) -> None:
         """Take over the set of springs."""
-
-    def renew_acceleration(self) -> None:
-        """Compute a from the equation of motion."""
 
     def destroy(self) -> None:
         """Free what the stepper holds."""
@@ -99,12 +95,6 @@ class StepByStep:
 
     stepper: Advancing
     supervisor: Supervisor
-
-    def start(self, initial: State | None, base_state: FloatArray) -> None:
-        """Take a state, or rest, and renew the accelerations; see `Engine`."""
-        initial = self.state() if initial is None else initial
-        self.restore(State(initial.motion, initial.permanent), base_state)
-        self.stepper.renew_acceleration()
 
     def state(self) -> State:
         """Return the present state."""
@@ -140,6 +130,19 @@ class StepByStep:
             stepper.observe()
             record.keep(step, stepper, supervisor)
         return n_steps
+
+
+def set_initial(engine: Engine, initial: State | None, base_state: FloatArray) -> None:
+    """Let an engine take a state, or what it has, and renew the accelerations.
+
+    Args:
+        engine: new, at rest.
+        initial: state at the start; its losses do not count.
+        base_state: (q, q', q'') of the base at the start.
+    """
+    initial = engine.state() if initial is None else initial
+    engine.restore(State(initial.motion, initial.permanent), base_state)
+    engine.stepper.renew_acceleration()
 
 
 def simulate(

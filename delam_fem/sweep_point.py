@@ -23,7 +23,7 @@ from delam_fem.operators import FloatArray, Operators
 from delam_fem.parameters import Case, CaseError
 from delam_fem.recorder import Recorder
 from delam_fem.recording import motion_of, recorder_of
-from delam_fem.simulate import Engine, State, simulate
+from delam_fem.simulate import Engine, State, set_initial, simulate
 from delam_fem.sweep_quantities import Quantity, quantities, row_of
 from delam_fem.sweepgrid import Sweep
 
@@ -141,7 +141,7 @@ class PointRunner:
         engine = _engine(case, operators, self.sweep.file.engine)
         try:
             recorder, motion = recorder_of(case, operators), motion_of(case)
-            engine.start(carried, motion(0)[0])
+            set_initial(engine, carried, motion(0)[0])
             outcome = simulate(engine, recorder, motion)
             if outcome != "completed":
                 return Point(index, outcome, _where(recorder, case), None), None

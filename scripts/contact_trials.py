@@ -31,7 +31,7 @@ from delam_fem.convergence_tables import Table, number
 from delam_fem.figure_style import WIDTH, styled
 from delam_fem.operators import BaseCoupling, FloatArray, Operators
 from delam_fem.recording import motion_of, recorder_of
-from delam_fem.simulate import simulate
+from delam_fem.simulate import set_initial, simulate
 
 ROOT = Path(__file__).parents[1]
 DOCUMENT = ROOT / "docs" / "convergence.md"
@@ -54,7 +54,7 @@ def by_engine(law: Callable[[df.Case], compiled_state.Law], theta: float | None,
     scheme = Scheme.newmark(dt) if theta is None else Scheme.moreau_jean(dt, theta)
     engine = Compiled(operators, scheme, law(case))
     recorder, motion = recorder_of(case, operators), motion_of(case)
-    engine.start(None, motion(0)[0])
+    set_initial(engine, None, motion(0)[0])
     simulate(engine, recorder, motion)
     return recorder.envelope
 
@@ -67,7 +67,7 @@ def by_modes(law: int, modes: int, case: df.Case, operators: Operators) -> Float
     engine = Compiled(reduced, Scheme.moreau_jean(case.time_step), rigid)
     motion, found = motion_of(case), []
     recorder = recorder_of(case, reduced)
-    engine.start(None, motion(0)[0])
+    set_initial(engine, None, motion(0)[0])
     last = None
     for period in range(case.n_periods):  # the tips are sums of modes, which no recorder observes
         record = recorder.open(engine.stepper, motion(period), last)

@@ -17,7 +17,7 @@ from delam_fem.operators import BaseCoupling, Operators
 from delam_fem.parameters import Case, CaseError, preset
 from delam_fem.recorder import Recorder
 from delam_fem.recording import motion_of, recorder_of
-from delam_fem.simulate import State, simulate
+from delam_fem.simulate import State, set_initial, simulate
 
 ROUND_OFF = 1e-11
 """Relative, of a few hundred operations on matrices of condition 1e6 and less."""
@@ -206,7 +206,7 @@ def drop(law: Law, scheme: Scheme, n_steps: int) -> Recorder:
         limit=10.0,
     )
     states = np.tile([0.0, 0.0, G], (n_steps + 1, 1))
-    engine.start(State(np.array([[1.0], [0.0], [0.0]]), np.zeros(1, dtype=bool)), states[0])
+    set_initial(engine, State(np.array([[1.0], [0.0], [0.0]]), np.zeros(1, dtype=bool)), states[0])
     assert simulate(engine, recorder, lambda _: states) == "completed"
     return recorder
 
@@ -247,7 +247,7 @@ def test_ball_on_a_spring() -> None:
 def start(case: Case) -> tuple[Compiled, Recorder]:
     operators = reference.assemble(case).operators
     engine, recorder = compiled_engine(case, operators), recorder_of(case, operators)
-    engine.start(None, motion_of(case)(0)[0])
+    set_initial(engine, None, motion_of(case)(0)[0])
     return engine, recorder
 
 

@@ -185,7 +185,11 @@ ALLOWED: dict[str, set[str]] = {
         *("paper_measures", "results"),
     },
     "paper_page": {"paper_claims"},
-    "paper_plane": {"attractors", "diagnostics", "figure_style", "paper_claims", "paper_lab"},
+    "paper_plane": {
+        *("attractors", "diagnostics", "figure_style", "paper_claims", "paper_lab"),
+        "paper_plane_measures",
+    },
+    "paper_plane_measures": {"attractors"},
     "paper_response": {
         *("figure_style", "paper_claims", "paper_lab", "paper_linear", "paper_sweep"),
         "parameters",

@@ -18,7 +18,7 @@ from delam_fem import (
     paper_chart,
     paper_linear,
     paper_motion,
-    paper_plane,
+    paper_plane_measures,
     paper_response,
     paper_spectra,
     paper_strikes,
@@ -222,14 +222,28 @@ def test_planes_are_computed_and_drawn(lab: Laboratory, tmp_path: Path) -> None:
 
 def test_scatter_of_a_doubled_motion_is_that_of_its_two_points() -> None:
     strobes = np.tile([1.0, -1.0], (2, 50))
-    assert paper_plane.one_period_scatter(strobes, np.array([2.0, 4.0])) == pytest.approx(1.0)
+    assert paper_plane_measures.one_period_scatter(strobes, np.array([2.0, 4.0])) == pytest.approx(
+        1.0
+    )
 
 
 def test_main_effects_share_the_variance() -> None:
     e, k = np.meshgrid(np.linspace(0, 1, 5), np.linspace(0, 1, 5), indexing="ij")
     values = np.stack([3.0 * e + k, k], axis=-1)
-    by_e, by_k = (paper_plane._main_effect(values, axis) for axis in (0, 1))
+    by_e, by_k = (paper_plane_measures.main_effect(values, axis) for axis in (0, 1))
     assert by_e == pytest.approx([0.9, 0.0]) and by_k == pytest.approx([0.1, 1.0])
+
+
+def test_best_decade_has_the_most_one_periodic_points() -> None:
+    damping = np.geomspace(0.01, 10.0, 7)
+    kind = np.array([[1, 1], [1, 1], [0, 1], [0, 0], [0, 1], [0, 0], [1, 1]])
+    amplitude = np.ones((7, 2, 2))
+    amplitude[3, 0] = 3.0, 1.0
+    best = paper_plane_measures.best_decade(damping, kind, amplitude)
+    assert best["from"] == pytest.approx(damping[3])  # 5 of 6, as many as nowhere else
+    assert best["one_periodic"] == pytest.approx(5.0 / 6.0)
+    chosen = [3.0, 1.0, 1.0, 1.0, 1.0, 1.0]
+    assert best["amplitude_spread"] == pytest.approx([np.std(chosen) / np.mean(chosen), 0.0])
 
 
 def test_jumps_are_told_from_slopes() -> None:

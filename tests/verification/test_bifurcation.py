@@ -12,7 +12,7 @@ from test_impact_oscillator import forcing, impact_phase, orbit
 
 from delam_fem.lyapunov import largest_exponent
 from delam_fem.recorder import Recorder
-from delam_fem.simulate import simulate
+from delam_fem.simulate import set_initial, simulate
 from delam_fem.sweep import run_sweep
 from delam_fem.sweepgrid import sweep_of
 
@@ -82,7 +82,7 @@ def exponent(omega: float, s: float, e: float, *, n_steps: int, perturbation: fl
         limit=1e6,
     )
     table = forcing(omega, 0.0)(dt * np.arange(n_steps + 1))
-    engine.start(None, table[0])
+    set_initial(engine, None, table[0])
     assert simulate(engine, recorder, lambda period: table) == "completed"
     return largest_exponent(
         engine,

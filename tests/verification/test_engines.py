@@ -16,7 +16,7 @@ from delam_fem.parameters import Case, preset
 from delam_fem.recorder import LEDGER, Recorder
 from delam_fem.recording import motion_of, recorder_of
 from delam_fem.run import run
-from delam_fem.simulate import Engine, State, simulate
+from delam_fem.simulate import Engine, State, set_initial, simulate
 
 SAME = 1e-9
 """m, m/s; round-off that some hundred impacts have amplified (seen: 1e-11 and less)."""
@@ -70,7 +70,7 @@ def compute(case: Case, name: str, initial: State | None = None) -> tuple[Record
         else petsc_engine(case, operators, MPI.COMM_SELF)
     )
     recorder, motion = recorder_of(case, operators), motion_of(case)
-    engine.start(initial, motion(0)[0])
+    set_initial(engine, initial, motion(0)[0])
     assert simulate(engine, recorder, motion) == "completed"
     state = engine.state()
     engine.destroy()
