@@ -340,6 +340,11 @@ def markdown(figures: dict[str, Any]) -> str:
         parts.append("\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n")
     parts.append("## Cores and memory\n")
     parts.append("\n".join(f"- {line}" for line in closing_lines(figures)) + "\n")
+    parts.append(
+        "A run fills the four lanes of a vector with its four chains (both laminae, from both "
+        "ends); what it leaves of a core to latency, a second process takes. Runs in lockstep "
+        "across wider vectors are not built: they would have to wait for one another's contacts.\n"
+    )
     return "\n".join(parts)
 
 
