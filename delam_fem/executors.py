@@ -156,9 +156,10 @@ def _kill(executor: Executor) -> None:
 def _mpi_executor() -> tuple[Executor, int]:
     """Return the executor of the ranks beside this one."""
     from mpi4py import MPI
-    from mpi4py.futures import MPIPoolExecutor
 
     n_workers = MPI.COMM_WORLD.size - 1
     if n_workers < 1:
         raise CaseError(f"executor: expected at least 2 MPI processes, given 1; use {MPI_COMMAND}")
+    from mpi4py.futures import MPIPoolExecutor  # its presence tells default_name of ranks
+
     return MPIPoolExecutor(), n_workers

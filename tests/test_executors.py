@@ -46,9 +46,11 @@ def test_ranks_that_would_all_do_the_same_are_refused(
         executors.default_name()
 
 
-def test_one_rank_is_too_few() -> None:
+@pytest.mark.usefixtures("alone")
+def test_one_rank_is_too_few_and_leaves_processes_the_default() -> None:
     with pytest.raises(CaseError, match=r"at least 2 MPI processes, given 1; use mpiexec"):
         executors.Pool("mpi", None)
+    assert executors.default_name() == "process"
 
 
 def test_executors_tell_their_size() -> None:
