@@ -39,6 +39,9 @@ SHORT = Plan(periods=45, thresholds=2, gap_exponents=(1.0, 2.0))
 """For figures that are drawn, not judged."""
 THICK_HZ, THIN_HZ = 3.1649, 1.4357
 """Natural frequencies from the given EI."""
+ONE_CONTACT = 0.1 + 1e-9
+"""Contacts per period: one in the window of 10 periods, where a strike falls on its edge; when that
+is so depends on round-off."""
 PRINTED = 5e-5
 """Half of their last digit."""
 
@@ -86,8 +89,9 @@ def test_four_motions_are_of_the_kind_that_the_paper_describes(
     thick, thin = strikes(thin_beats).mean
     assert abs(thin) > 2.0 * abs(thick)
     thick, thin = strikes(thick_beats).mean
-    assert thick > 0.0 > thin and thick_beats.summary["tip_contacts_per_period"] == 1.0
-    assert doubled.summary["tip_contacts_per_period"] == 0.5
+    assert thick > 0.0 > thin
+    contacts = [one.summary["tip_contacts_per_period"] for one in (thick_beats, doubled)]
+    assert contacts == pytest.approx([1.0, 0.5], abs=ONE_CONTACT)
     assert all(is_as_described(r) for r in (low, thin_beats, thick_beats, doubled))
     assert strikes(thick_beats).approach == max(
         strikes(r).approach for r in (low, thin_beats, thick_beats, doubled)
