@@ -237,7 +237,7 @@ def envelopes(step, m, bases, n_periods, observed):  # type: ignore[no-untyped-d
     u, v, a = np.zeros(n), np.zeros(n), np.zeros(n)
     found = np.full((n_periods, 2, observed.size), np.nan)
     for period in range(n_periods):
-        low, high = np.full(observed.size, np.inf), np.full(observed.size, -np.inf)
+        low, high = u[observed].copy(), u[observed].copy()
         for j in range(1, len(bases)):
             step(m, W, u, v, a, bases[j - 1], bases[j])
             for k in range(observed.size):
