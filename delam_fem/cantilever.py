@@ -12,7 +12,6 @@ from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
-from scipy.integrate import cumulative_trapezoid, trapezoid
 
 FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]
@@ -100,6 +99,9 @@ def frequency_rise(amplitude: float) -> float:
     Source: M. Crespo da Silva, C. Glynn, "Nonlinear flexural-flexural-torsional dynamics of
     inextensional beams I", J. Struct. Mech. 6 (1978), the kinetic and strain energy.
     """
+    # here, for every case imports this file and scipy.integrate takes as long as all the rest
+    from scipy.integrate import cumulative_trapezoid, trapezoid
+
     x = np.linspace(0.0, 1.0, _POINTS)
     mode = cantilever_mode(1, x)
     slope = np.gradient(mode, x, edge_order=2)

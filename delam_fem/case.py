@@ -7,9 +7,11 @@ import tomllib
 from collections.abc import Mapping
 from typing import Annotated, Self
 
+import numpy as np
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
+from delam_fem.cantilever import FloatArray, transmissibility
 from delam_fem.casefile import CaseError, Data, message, toml_text
 from delam_fem.overrides import apply_overrides
 from delam_fem.sections import (
@@ -143,6 +145,26 @@ class Case(Section):
         if self.damping.rayleigh == "mass":
             return 2.0 * D * first, 0.0
         return 2.0 * D * first * second / (first + second), 2.0 * D / (first + second)
+
+    def linear_amplitude(self, i: int, frequency: FloatArray) -> FloatArray:
+        """Return the tip amplitude of one lamina alone on the moving base, exact.
+
+        Args:
+            i: index of the lamina, 0 or 1.
+            frequency: of the base, any shape [Hz].
+
+        Returns:
+            Shape of `frequency` [m].
+        """
+        lamina = self.lamina[i]
+        H = transmissibility(
+            2.0 * np.pi * frequency,
+            length=lamina.length,
+            flexural_rigidity=lamina.flexural_rigidity,
+            mass_per_length=lamina.mass_per_length,
+            rayleigh=self.rayleigh(i),
+        )
+        return np.asarray(self.excitation.amplitude * np.abs(H))
 
     def to_toml(self) -> str:
         """Return the complete case as TOML; reading it gives an equal case."""

@@ -55,20 +55,37 @@ def compiled_engine(case: Case, operators: Operators) -> Compiled:
 def law_of(case: Case) -> Law:
     """Return the contact law of a case as compiled code knows it."""
     contact = case.contact
-    e, is_coupled = contact.restitution, contact.impulse == "consistent"
-    stiffness, threshold = contact.penalty_stiffness, contact.threshold_velocity
+    return law_named(
+        contact.law,
+        is_coupled=contact.impulse == "consistent",
+        restitution=contact.restitution,
+        stiffness=contact.penalty_stiffness,
+        damping=contact.penalty_damping,
+        threshold=contact.threshold_velocity,
+    )
+
+
+def law_named(
+    name: str,
+    *,
+    is_coupled: bool,
+    restitution: float,
+    stiffness: float,
+    damping: float,
+    threshold: float,
+) -> Law:
+    """Return a contact law by its name in case files, with those of the numbers that it needs."""
+    e = restitution
     return {
         "none": Law(compiled_state.NONE),
         "newton": Law(compiled_state.IMPACTS, is_coupled, e),
         "newton-penalty": Law(
             compiled_state.IMPACTS, is_coupled, e, stiffness, threshold=threshold
         ),
-        "penalty": Law(
-            compiled_state.PENALTY, stiffness=stiffness, damping=contact.penalty_damping
-        ),
+        "penalty": Law(compiled_state.PENALTY, stiffness=stiffness, damping=damping),
         "moreau": Law(compiled_state.MOREAU, True, e, threshold=threshold),
         "moreau-recovery": Law(compiled_state.RECOVERY, True, e, threshold=threshold),
-    }[contact.law]
+    }[name]
 
 
 class Compiled:

@@ -23,7 +23,6 @@ from pathlib import Path
 import numpy as np
 
 from delam_fem import executors, extrapolation
-from delam_fem.cantilever import transmissibility
 from delam_fem.executors import ExecutorName
 from delam_fem.ladder import Ladder, Rung
 from delam_fem.ladder_rung import RungResult, compute
@@ -123,14 +122,7 @@ def exact_free_motion(case: Case) -> tuple[list[float], list[float]]:
     frequencies, amplitudes = [], []
     for i, lamina in enumerate(case.lamina):
         frequencies.append(float(lamina.angular_frequencies(1)[0]) / (2.0 * math.pi))
-        H = transmissibility(
-            2.0 * math.pi / case.period,
-            length=lamina.length,
-            flexural_rigidity=lamina.flexural_rigidity,
-            mass_per_length=lamina.mass_per_length,
-            rayleigh=case.rayleigh(i),
-        )
-        amplitudes.append(float(np.abs(H)) * case.excitation.amplitude)
+        amplitudes.append(float(case.linear_amplitude(i, np.asarray(1.0 / case.period))))
     return frequencies, amplitudes
 
 

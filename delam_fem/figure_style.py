@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib import rc_context
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from delam_fem.parameters import Case
 
@@ -56,6 +57,14 @@ def legend_above(axes: Axes) -> None:
     axes.legend(
         loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=5, frameon=False, borderaxespad=0.1
     )
+
+
+def legend_outside(
+    figure: Figure, axes: Axes, ncols: int, loc: str = "outside upper center"
+) -> None:
+    """Put the legend of one of its axes beside all axes of a figure."""
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(handles, labels, loc=loc, ncols=ncols, frameon=False)
 
 
 @contextmanager

@@ -10,8 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from delam_fem import compiled_state
-from delam_fem.compiled import Compiled
-from delam_fem.compiled_state import Law
+from delam_fem.compiled import Compiled, law_named
 from delam_fem.compiled_system import Scheme
 from delam_fem.operators import FloatArray, Operators
 from delam_fem.recorder import LEDGER, N_BASE, PeriodRecord, Recorder
@@ -49,17 +48,14 @@ class GroundLaw:
 
     def engine(self, operators: Operators, time_step: float) -> Compiled:
         """Return what computes the steps: average acceleration, or Moreau–Jean with θ = 1/2."""
-        e, threshold = self.restitution, self.threshold_velocity
-        law = {
-            "none": Law(compiled_state.NONE),
-            "newton": Law(compiled_state.IMPACTS, True, e),
-            "newton-penalty": Law(
-                compiled_state.IMPACTS, True, e, self.stiffness, threshold=threshold
-            ),
-            "penalty": Law(compiled_state.PENALTY, stiffness=self.stiffness),
-            "moreau": Law(compiled_state.MOREAU, True, e, threshold=threshold),
-            "moreau-recovery": Law(compiled_state.RECOVERY, True, e, threshold=threshold),
-        }[self.name]
+        law = law_named(
+            self.name,
+            is_coupled=True,
+            restitution=self.restitution,
+            stiffness=self.stiffness,
+            damping=0.0,
+            threshold=self.threshold_velocity,
+        )
         is_moreau = law.kind >= compiled_state.MOREAU
         scheme = Scheme.moreau_jean(time_step) if is_moreau else Scheme.newmark(time_step)
         return Compiled(operators, scheme, law)

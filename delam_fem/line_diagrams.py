@@ -10,7 +10,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from delam_fem.attractors import SAME_ATTRACTOR
-from delam_fem.cantilever import transmissibility
 from delam_fem.diagram_axes import DiagramAxis, axes_of, heading, require, sweep_keys
 from delam_fem.figure_style import (
     BASE_COLOUR,
@@ -143,16 +142,8 @@ def _top(panel: Axes, values: FloatArray) -> None:
 def _linear(panel: Axes, data: xr.Dataset, axis: DiagramAxis, i: int) -> None:
     """Draw the amplitude of the exact cantilever that nothing touches."""
     case = Case.from_toml(data.attrs["case"])
-    lamina = case.lamina[i]
     f = np.linspace(axis.values.min(), axis.values.max(), LINEAR_POINTS)
-    H = transmissibility(
-        2.0 * np.pi * f,
-        length=lamina.length,
-        flexural_rigidity=lamina.flexural_rigidity,
-        mass_per_length=lamina.mass_per_length,
-        rayleigh=case.rayleigh(i),
-    )
-    amplitude = 1e3 * case.excitation.amplitude * np.abs(H)
+    amplitude = 1e3 * case.linear_amplitude(i, f)
     panel.plot(f, amplitude, ":", color=BASE_COLOUR, linewidth=1.3, label="linear, no contact")
 
 

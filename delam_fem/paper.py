@@ -35,6 +35,7 @@ from delam_fem import (
 from delam_fem.figure_style import styled
 from delam_fem.paper_claims import Piece
 from delam_fem.paper_lab import Laboratory
+from delam_fem.paper_page import write_whole
 from delam_fem.parameters import CaseError
 
 FIGURES: dict[str, Callable[[Laboratory], Piece]] = {
@@ -133,9 +134,7 @@ def _written(piece: Piece, directory: Path, begin: float) -> list[Path]:
         "seconds": round(time.perf_counter() - begin, 2),
         "numbers": plain(piece.numbers),
     }
-    temporary = numbers.with_suffix(".json.part")
-    temporary.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", "utf-8")
-    os.replace(temporary, numbers)
+    write_whole(numbers, json.dumps(content, indent=1, ensure_ascii=False) + "\n")
     return paths
 
 

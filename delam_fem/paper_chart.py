@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from delam_fem import diagnostics
-from delam_fem.figure_style import BLACK, BLUE, ORANGE, SKY, VERMILLION, WIDTH
+from delam_fem.figure_style import BLACK, BLUE, ORANGE, SKY, VERMILLION, WIDTH, legend_outside
 from delam_fem.paper_claims import Claim, Piece, judged
 from delam_fem.paper_lab import Laboratory
 from delam_fem.paper_shapes import detailed_case
@@ -94,8 +94,7 @@ def chart(lab: Laboratory) -> Piece:
     close.set_xlim(busy.min(initial=1.0) - MARGIN, busy.max(initial=0.0) + MARGIN)
     whole.set_title("one period", loc="left")
     close.set_title("its contact phase", loc="left")
-    handles, labels = close.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=5, frameon=False)
+    legend_outside(figure, close, 5, "outside lower center")
     numbers = {
         "states": list(NAMES),
         "pair_steps_per_period": found.counts / periods,

@@ -11,14 +11,14 @@ from delam_fem import diagnostics
 from delam_fem.figure_style import LAMINA_COLOURS, WIDTH, legend_above
 from delam_fem.motion_figures import PORTRAIT_PERIODS
 from delam_fem.paper_claims import Claim, Piece, judged
-from delam_fem.paper_lab import FREQUENCIES, LAWS, Laboratory, motion_case
+from delam_fem.paper_lab import FREQUENCIES, LAWS, RESONANT, Laboratory, motion_case
 from delam_fem.paper_measures import (
     SMOOTH_HARMONICS,
     roughness,
     settling,
     strikes,
 )
-from delam_fem.paper_motion import CLEARLY, RESONANT, motion_numbers, tip_positions
+from delam_fem.paper_motion import CLEARLY, motion_numbers, tip_positions
 from delam_fem.results import Result
 
 FloatArray = npt.NDArray[np.float64]

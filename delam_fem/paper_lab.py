@@ -29,6 +29,8 @@ LAWS: dict[Method, str] = {"3.1": "newton", "3.2": "newton-penalty"}
 """The contact laws by the section of the paper that introduces them."""
 FREQUENCIES = (1.25, 1.60, 3.25, 3.65)
 """The four excitations of the paper [Hz]."""
+RESONANT = FREQUENCIES[2]
+"""The one of Figs. 4, 5, 8 to 11 and 13 to 15 [Hz]."""
 
 _log = logging.getLogger(__name__)
 

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from delam_fem.cantilever import frequency_rise, transmissibility
+from delam_fem.cantilever import frequency_rise
 from delam_fem.figure_style import (
     BASE_COLOUR,
     BLACK,
@@ -20,6 +20,7 @@ from delam_fem.figure_style import (
     VERMILLION,
     WIDTH,
     legend_above,
+    legend_outside,
 )
 from delam_fem.paper_claims import Claim, Piece, judged
 from delam_fem.paper_lab import Laboratory, motion_case
@@ -60,20 +61,6 @@ _STYLES = {
 }  # fmt: skip
 _ZOOM = 0.06
 """Half width of the close views, relative to the frequency."""
-
-
-def exact_amplitude(case: Case, lamina: int, frequency: FloatArray) -> FloatArray:
-    """Return the tip amplitude of one lamina alone, exact; shape of `frequency` [m]."""
-    part = case.lamina[lamina]
-    H = transmissibility(
-        2.0 * np.pi * frequency,
-        length=part.length,
-        flexural_rigidity=part.flexural_rigidity,
-        mass_per_length=part.mass_per_length,
-        rayleigh=case.rayleigh(lamina),
-    )
-    amplitude: FloatArray = case.excitation.amplitude * np.abs(H)
-    return amplitude
 
 
 def stepped_frequencies(case: Case, step: float) -> FloatArray:
@@ -124,8 +111,7 @@ def without_contact(lab: Laboratory) -> Piece:
                 panel.axvline(f1, color=BLACK, linewidth=0.8)
                 panel.axvline(PRINTED[lamina.name], color=BLACK, linewidth=0.8, linestyle=":")
                 panel.set_title("lines: f₁ exact, dotted: as the paper prints it", loc="left")
-    handles, labels = panels[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=3, frameon=False)
+    legend_outside(figure, panels[0, 0], 3)
     numbers = _linear_numbers(base, swept, f_step, amplitudes)
     caption = (
         "Each lamina alone: the exact cantilever, the computed stepped sine and the envelopes of "
@@ -133,7 +119,8 @@ def without_contact(lab: Laboratory) -> Piece:
         "are not available; compared are the two natural frequencies that its text reads off them."
     )
     title = "Frequency responses without contact"
-    return Piece("2a", title, caption, figure, numbers, _linear_claims(numbers))
+    claims = _linear_claims(numbers, base.lamina[0].length)
+    return Piece("2a", title, caption, figure, numbers, claims)
 
 
 def _linear_panel(
@@ -146,7 +133,7 @@ def _linear_panel(
     """Draw all linear responses of one lamina."""
     f = np.linspace(*BAND, 20001)
     panel.plot(
-        f, 1e3 * exact_amplitude(base, i, f), color=BASE_COLOUR, linewidth=2.5, label="exact"
+        f, 1e3 * base.linear_amplitude(i, f), color=BASE_COLOUR, linewidth=2.5, label="exact"
     )
     for name, result in swept.items():
         colour, line = _STYLES[name]
@@ -176,9 +163,9 @@ def _linear_numbers(
     base: Case, swept: dict[str, Result], f: FloatArray, stepped: FloatArray
 ) -> dict[str, Any]:
     f1 = [float(lam.angular_frequencies(1)[0]) / (2.0 * math.pi) for lam in base.lamina]
-    exact = np.stack([exact_amplitude(base, i, f) for i in range(2)])
+    exact = np.stack([base.linear_amplitude(i, f) for i in range(2)])
     fine = np.linspace(*BAND, 200001)
-    top = [exact_amplitude(base, i, fine) for i in range(2)]
+    top = [base.linear_amplitude(i, fine) for i in range(2)]
     return {
         "natural_frequency_hz": f1,
         "exact_peak_hz": [float(fine[a.argmax()]) for a in top],
@@ -201,11 +188,11 @@ def _linear_numbers(
     }
 
 
-def _linear_claims(numbers: dict[str, Any]) -> tuple[Claim, ...]:
+def _linear_claims(numbers: dict[str, Any], length: float) -> tuple[Claim, ...]:
     thick, thin = numbers["natural_frequency_hz"]
     up, down = (numbers["sweep_peak_hz"][f"linear, {way}"] for way in ("up", "down"))
     rise, damping = numbers["frequency_rise_at_peak"], min(numbers["damping_ratio"])
-    top, swept, length = numbers["exact_peak_m"], numbers["sweep_peak_m"]["linear, up"], 0.685
+    top, swept = numbers["exact_peak_m"], numbers["sweep_peak_m"]["linear, up"]
     return (
         Claim(
             "2a", "lowest natural frequencies 1.47 Hz and 3.17 Hz", "sec. 2.2",

@@ -14,9 +14,9 @@ from delam_fem.figure_style import BLACK, LAMINA_COLOURS, legend_above
 from delam_fem.motion_figures import PORTRAIT_PERIODS
 from delam_fem.paper_claims import Claim, Piece, judged
 from delam_fem.paper_detail import two_portraits
-from delam_fem.paper_lab import Laboratory, motion_case
+from delam_fem.paper_lab import RESONANT, Laboratory, motion_case
 from delam_fem.paper_measures import SMOOTH_HARMONICS, describe, rough_part, roughness
-from delam_fem.paper_motion import CLEARLY, RESONANT, motion_numbers
+from delam_fem.paper_motion import CLEARLY, motion_numbers
 from delam_fem.results import Result
 
 FloatArray = npt.NDArray[np.float64]

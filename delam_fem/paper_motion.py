@@ -10,10 +10,24 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from delam_fem import diagnostics
-from delam_fem.figure_style import BLACK, GAP_COLOUR, LAMINA_COLOURS, WIDTH, legend_above
+from delam_fem.figure_style import (
+    BLACK,
+    GAP_COLOUR,
+    LAMINA_COLOURS,
+    WIDTH,
+    legend_above,
+    legend_outside,
+)
 from delam_fem.motion_figures import HISTORY_PERIODS, PORTRAIT_PERIODS
 from delam_fem.paper_claims import Claim, Piece, judged
-from delam_fem.paper_lab import FREQUENCIES, LAWS, Laboratory, Method, motion_case
+from delam_fem.paper_lab import (
+    FREQUENCIES,
+    LAWS,
+    RESONANT,
+    Laboratory,
+    Method,
+    motion_case,
+)
 from delam_fem.paper_measures import (
     SMOOTH_HARMONICS,
     describe,
@@ -26,8 +40,6 @@ from delam_fem.results import Result
 
 FloatArray = npt.NDArray[np.float64]
 
-RESONANT = 3.25
-"""Excitation of Figs. 4, 5, 8 to 10 and 13 to 15 [Hz]."""
 CLEARLY = 0.8
 """A roughness below this share of the other counts as a distinct improvement."""
 LARGE = 0.1
@@ -79,8 +91,7 @@ def portraits(lab: Laboratory) -> Piece:
         row[0].set_ylabel("velocity of the tip [m/s]")
     for panel in panels[-1]:
         panel.set_xlabel("position of the tip [mm]")
-    handles, labels = panels[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=3, frameon=False)
+    legend_outside(figure, panels[0, 0], 3)
     numbers = {
         f"{f:g} Hz, {m}": motion_numbers(r) | {"roughness_free": roughness(r, free=True)}
         for (f, m), r in found.items()
@@ -145,7 +156,7 @@ def _history_claims(found: Motions) -> tuple[Claim, ...]:
     events = low.history
     x = events["x"].to_numpy()[events["event_node"].to_numpy()]
     impulses = [float(r.history["event_impulse"].max()) for r in (low, thick)]
-    d = low.summary["distortion_factor"]
+    d, length = low.summary["distortion_factor"], low.case.lamina[0].length
     speeds = {f: strikes(found[f, "3.2"]).approach for f in FREQUENCIES}
     share = [near_share(found[f, "3.2"]) for f in FREQUENCIES[1:]]
     return (
@@ -157,9 +168,10 @@ def _history_claims(found: Motions) -> tuple[Claim, ...]:
         ),
         Claim(
             "3", "1.25 Hz: weak contacts near the clamp", "sec. 2.2",
-            f"impacts up to x = {1e3 * x.max(initial=0.0):.0f} mm of 685, the strongest "
+            f"impacts up to x = {1e3 * x.max(initial=0.0):.0f} mm of "
+            f"{1e3 * length:.0f}, the strongest "
             f"{100 * impulses[0] / impulses[1]:.1f} % of that at 3.25 Hz",
-            judged(0.0 < x.max(initial=0.0) < 0.5 * 0.685 and impulses[0] < 0.1 * impulses[1]),
+            judged(0.0 < x.max(initial=0.0) < 0.5 * length and impulses[0] < 0.1 * impulses[1]),
         ),
         Claim(
             "3", "1.60 Hz: the thin lamina beats the thick one", "sec. 2.2", describe(thin),

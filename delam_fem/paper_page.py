@@ -94,7 +94,7 @@ def write_page(directory: Path, figures: Sequence[Entry]) -> Path:
         + "\n".join(parts)
         + "\n</body>\n</html>\n"
     )
-    return _written(directory / "index.html", text)
+    return write_whole(directory / "index.html", text)
 
 
 def tally(claims: Sequence[Claim]) -> str:
@@ -138,8 +138,8 @@ def write_docs(directory: Path, root: Path, figures: Sequence[Entry]) -> list[Pa
     text = between(
         readme.read_text("utf-8"), README_MARKS, f"\n{tally(claims)} The main ones:\n\n{short}"
     )
-    page = _written(root / "docs" / "paper.md", "\n".join(lines).rstrip() + "\n")
-    return [page, _written(readme, text), *paths]
+    page = write_whole(root / "docs" / "paper.md", "\n".join(lines).rstrip() + "\n")
+    return [page, write_whole(readme, text), *paths]
 
 
 def between(text: str, marks: tuple[str, str], content: str) -> str:
@@ -180,7 +180,7 @@ def _table(claims: Sequence[Claim], figures: Sequence[Entry]) -> str:
     return f"<table>\n<thead><tr>{head}</tr></thead>\n<tbody>\n{body}\n</tbody></table>"
 
 
-def _written(path: Path, text: str) -> Path:
+def write_whole(path: Path, text: str) -> Path:
     """Write a text; the file appears when it is complete."""
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_suffix(f"{path.suffix}.part")

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from delam_fem import attractors
+from delam_fem.diagnostics import STROBES
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -31,7 +32,7 @@ def one_period_scatter(strobes: FloatArray, half_range: FloatArray) -> FloatArra
     Returns:
         Shape (...) [-].
     """
-    change = np.diff(strobes[..., -40:], axis=-1)
+    change = np.diff(strobes[..., -STROBES:], axis=-1)
     scatter: FloatArray = (np.sqrt((change**2).mean(axis=-1)) / half_range).max(axis=-1)
     return scatter
 

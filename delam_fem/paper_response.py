@@ -20,10 +20,10 @@ from delam_fem.figure_style import (
     SKY,
     VERMILLION,
     WIDTH,
+    legend_outside,
 )
 from delam_fem.paper_claims import Claim, Piece, judged
 from delam_fem.paper_lab import FREQUENCIES, Laboratory, motion_case
-from delam_fem.paper_linear import exact_amplitude
 from delam_fem.paper_sweep import BAND, swept_case, swept_envelope
 from delam_fem.parameters import Case
 
@@ -75,8 +75,7 @@ def with_contact(lab: Laboratory) -> Piece:
         panel.set(xlabel="frequency of the base [Hz]", ylabel="half peak-to-peak of the tip [mm]")
         panel.set(xlim=BAND, ylim=(0.0, 1.25e3 * float(np.nanmax(amplitude[i]))))
         panel.set_title(base.lamina[i].name, loc="left")
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=4, frameon=False)
+    legend_outside(figure, panels[0], 4)
     numbers = _contact_numbers(base, data, amplitude, swept)
     caption = (
         "Both laminae in contact (method 3.2): stepped sine, each frequency going on from the one "
@@ -103,7 +102,7 @@ def _contact_panel(
         label = "hysteresis" if k == 0 else None
         panel.axvspan(at - half, at + half, color=GAP_COLOUR, linewidth=0, zorder=0, label=label)
     fine = np.linspace(*BAND, 5001)
-    linear = 1e3 * exact_amplitude(base, i, fine)
+    linear = 1e3 * base.linear_amplitude(i, fine)
     panel.plot(fine, linear, ":", color=BASE_COLOUR, label="linear, no contact")
     for way, colour in (("up", SKY), ("down", ORANGE)):
         f_swept, amplitude = swept_envelope(swept[way])
@@ -162,7 +161,7 @@ def _contact_numbers(
     base: Case, data: xr.Dataset, amplitude: FloatArray, swept: dict[str, Result]
 ) -> dict[str, Any]:
     f = data["frequency"].to_numpy()
-    linear = np.stack([exact_amplitude(base, i, np.linspace(*BAND, 50001)) for i in range(2)])
+    linear = np.stack([base.linear_amplitude(i, np.linspace(*BAND, 50001)) for i in range(2)])
     up, down = amplitude[:, 0], amplitude[:, 1]
     differs = (np.abs(up - down) > DIFFERS * np.maximum(up, down)).any(axis=0)
     periodicity, contacts = (

@@ -17,13 +17,12 @@ from matplotlib.lines import Line2D
 from delam_fem import diagnostics
 from delam_fem.figure_style import BLACK, GAP_COLOUR, GREEN, LAMINA_COLOURS, WIDTH
 from delam_fem.paper_claims import Claim, Piece, judged
-from delam_fem.paper_lab import Laboratory, motion_case
+from delam_fem.paper_lab import RESONANT, Laboratory, motion_case
 from delam_fem.parameters import Case
 from delam_fem.results import Result
 
 FloatArray = npt.NDArray[np.float64]
 
-RESONANT = 3.25
 PHASES = (-0.2, -0.05, -0.01, 0.0, 0.01, 0.05, 0.2, 0.5)
 """Instants shown, in periods after the strike of the tips."""
 FILM_FRAMES = 50

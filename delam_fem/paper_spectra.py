@@ -18,13 +18,12 @@ from delam_fem.harmonics import (
     total_harmonic_distortion,
 )
 from delam_fem.paper_claims import Claim, Piece, judged
-from delam_fem.paper_lab import Laboratory, motion_case
+from delam_fem.paper_lab import RESONANT, Laboratory, motion_case
 from delam_fem.paper_measures import describe
 from delam_fem.results import Result
 
 FloatArray = npt.NDArray[np.float64]
 
-RESONANT = 3.25
 PRINTED = (0.0014, 0.0260)
 """d of thick and thin as the paper prints them."""
 PRINTED_DIGIT = 0.1

@@ -8,13 +8,12 @@ from matplotlib.figure import Figure
 
 from delam_fem.figure_style import BLACK, LAMINA_COLOURS, WIDTH, legend_above
 from delam_fem.paper_claims import Claim, Piece, judged
-from delam_fem.paper_lab import Laboratory, motion_case
+from delam_fem.paper_lab import RESONANT, Laboratory, motion_case
 from delam_fem.restitution import Strike, identify
 from delam_fem.results import Result
 
 FloatArray = npt.NDArray[np.float64]
 
-RESONANT = 3.25
 SHOWN_PERIODS = 2
 MEASURED = (0.0, 0.1)
 """Range of e that the paper's experiment gave."""

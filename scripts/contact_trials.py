@@ -24,12 +24,13 @@ from convergence_document import fill
 from matplotlib.figure import Figure
 
 import delam_fem as df
-from delam_fem import compiled_state, reference
-from delam_fem.compiled import Compiled
+from delam_fem import reference
+from delam_fem.compiled import Compiled, law_of
 from delam_fem.compiled_system import Scheme
 from delam_fem.convergence_tables import Table, number
 from delam_fem.figure_style import WIDTH, styled
 from delam_fem.operators import BaseCoupling, FloatArray, Operators
+from delam_fem.recorder import N_BASE
 from delam_fem.recording import motion_of, recorder_of
 from delam_fem.simulate import set_initial, simulate
 
@@ -47,37 +48,46 @@ Runner = Callable[[df.Case, Operators], FloatArray]
 """From a case and its operators to the extremes of each period, shape (n_periods, 2, 2)."""
 
 
-def by_engine(law: Callable[[df.Case], compiled_state.Law], theta: float | None,
-              case: df.Case, operators: Operators) -> FloatArray:  # fmt: skip
+def by_engine(law: str, theta: float | None, case: df.Case, operators: Operators) -> FloatArray:
     """Run in compiled code: Newmark where θ is None."""
     dt = case.time_step
     scheme = Scheme.newmark(dt) if theta is None else Scheme.moreau_jean(dt, theta)
-    engine = Compiled(operators, scheme, law(case))
+    engine = Compiled(operators, scheme, law_of(case.with_overrides({"contact.law": law})))
     recorder, motion = recorder_of(case, operators), motion_of(case)
     set_initial(engine, None, motion(0)[0])
     simulate(engine, recorder, motion)
     return recorder.envelope
 
 
-def by_modes(law: int, modes: int, case: df.Case, operators: Operators) -> FloatArray:
+def by_modes(law: str, modes: int, case: df.Case, operators: Operators) -> FloatArray:
     """Run with so many modes of each lamina in place of the nodes' displacements."""
     reduced, observed = modal(operators, modes)
-    e = case.contact.restitution
-    rigid = compiled_state.Law(law, True, e, threshold=case.contact.threshold_velocity)
-    engine = Compiled(reduced, Scheme.moreau_jean(case.time_step), rigid)
-    motion, found = motion_of(case), []
-    recorder = recorder_of(case, reduced)
+    found = np.full((case.n_periods, 2, 2), np.nan)
+    engine = Compiled(
+        reduced,
+        Scheme.moreau_jean(case.time_step),
+        law_of(case.with_overrides({"contact.law": law})),
+    )
+    recorder, motion = recorder_of(case, reduced), motion_of(case)
+
+    def collect(done: int) -> bool:  # the tips are sums of modes, which no recorder observes
+        tips = recorder.window[-1].u[:, N_BASE:] @ observed.T
+        found[done - 1] = tips.min(axis=0), tips.max(axis=0)
+        return False
+
     set_initial(engine, None, motion(0)[0])
-    last = None
-    for period in range(case.n_periods):  # the tips are sums of modes, which no recorder observes
-        record = recorder.open(engine.stepper, motion(period), last)
-        if engine.run_period(record, -recorder.limit) < case.time.steps_per_period:
-            return np.full((case.n_periods, 2, 2), np.nan)
-        recorder.close(record, engine.stepper, case.time.steps_per_period)
-        tips = record.u[:, 3:] @ observed.T
-        found.append(np.stack([tips.min(axis=0), tips.max(axis=0)]))
-        last = record
-    return np.array(found)
+    simulate(engine, recorder, motion, stop=collect)
+    return found
+
+
+def by_scaled_springs(case: df.Case, operators: Operators) -> FloatArray:
+    """Run newton-penalty with a spring by the mass of a pair and Δt, and γ by Δt."""
+    h = case.lamina[0].length / case.mesh.elements
+    reduced = 1.0 / sum(1.0 / (h * lamina.mass_per_length) for lamina in case.lamina)
+    stiffness = reduced * (2 * np.pi / (PERIOD_OF_SPRING * case.time_step)) ** 2
+    gamma = case.contact.threshold_velocity * STEPS[0] / case.time.steps_per_period
+    keys = {"contact.penalty_stiffness": stiffness, "contact.threshold_velocity": gamma}
+    return by_engine("newton-penalty", None, case.with_overrides(keys), operators)
 
 
 def modal(o: Operators, modes: int) -> tuple[Operators, FloatArray]:
@@ -96,51 +106,29 @@ def modal(o: Operators, modes: int) -> tuple[Operators, FloatArray]:
     return Operators(M, C, K, M.diagonal(), base, H, o.gap0, every), Phi[o.observed]
 
 
-def densely(step: object, make: Callable[..., ts.Matrices], arguments: tuple[object, ...],
+def densely(step: object, make: Callable[..., ts.Scheme], arguments: tuple[object, ...],
             case: df.Case, operators: Operators) -> FloatArray:  # fmt: skip
     """Run a scheme of trial_schemes.py."""
-    matrices = make(ts.Dense.of(operators), case.time_step, *arguments)
+    matrices = make(ts.Problem.of(operators), case.time_step, *arguments)
     bases = motion_of(case)(0).copy()
     return np.asarray(
         ts.envelopes(step, matrices, bases, case.n_periods, operators.observed)  # type: ignore[no-untyped-call]
     )
 
 
-def scaled_springs(case: df.Case) -> compiled_state.Law:
-    """Return newton-penalty with a spring by the mass of a pair and Δt, and γ by Δt."""
-    h = case.lamina[0].length / case.mesh.elements
-    reduced = 1.0 / sum(1.0 / (h * lamina.mass_per_length) for lamina in case.lamina)
-    stiffness = reduced * (2 * np.pi / (PERIOD_OF_SPRING * case.time_step)) ** 2
-    gamma = case.contact.threshold_velocity * STEPS[0] / case.time.steps_per_period
-    return compiled_state.Law(compiled_state.IMPACTS, True, E, stiffness, threshold=gamma)
-
-
-def rigid(case: df.Case, kind: int = compiled_state.MOREAU, e: float = E) -> compiled_state.Law:
-    """Return a law of impulses within the step."""
-    return compiled_state.Law(kind, True, e, threshold=case.contact.threshold_velocity)
-
-
-def newton(case: df.Case) -> compiled_state.Law:
-    """Return Newton's law between steps."""
-    return compiled_state.Law(compiled_state.IMPACTS, True, E)
-
-
 def trials() -> dict[str, Runner]:
     """Return all ways by name; the first two are the package's."""
-    recovery = partial(rigid, kind=compiled_state.RECOVERY)
     found: dict[str, Runner] = {
-        "moreau-recovery": partial(by_engine, recovery, 0.5),
-        "moreau": partial(by_engine, rigid, 0.5),
-        "newton": partial(by_engine, newton, None),
+        "moreau-recovery": partial(by_engine, "moreau-recovery", 0.5),
+        "moreau": partial(by_engine, "moreau", 0.5),
+        "newton": partial(by_engine, "newton", None),
     }
     for theta in (0.52, 0.6, 1.0):
-        found[f"moreau, θ = {theta:g}"] = partial(by_engine, rigid, theta)
-    found["newton-penalty, k by m/Δt², γ by Δt"] = partial(by_engine, scaled_springs, None)
+        found[f"moreau, θ = {theta:g}"] = partial(by_engine, "moreau", theta)
+    found["newton-penalty, k by m/Δt², γ by Δt"] = by_scaled_springs
     for n in (5, 10):
-        found[f"moreau, {n} modes of each lamina"] = partial(by_modes, compiled_state.MOREAU, n)
-        found[f"moreau-recovery, {n} modes of each lamina"] = partial(
-            by_modes, compiled_state.RECOVERY, n
-        )
+        for law in ("moreau", "moreau-recovery"):
+            found[f"{law}, {n} modes of each lamina"] = partial(by_modes, law, n)
     found["exact linear motion, impulses at the end"] = partial(
         densely, ts.exact_step, ts.exact_matrices, (E, False)
     )
@@ -178,7 +166,7 @@ class Found:
 
 def case_of(steps: int, periods: int) -> df.Case:
     """Return the case that is compared: 3.25 Hz, 20 elements, stiffness damping."""
-    keys = {"time.steps_per_period": steps, "time.periods": periods}
+    keys = {"time.steps_per_period": steps, "time.periods": periods, "contact.restitution": E}
     return df.preset("default", {"damping.rayleigh": "stiffness", **keys})
 
 

@@ -6,7 +6,6 @@ f = -(m_b q'' + c_b q' + k_b q). Contact is asked for velocities, H v⁺ >= floo
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numba
@@ -23,34 +22,14 @@ on work and with it, which is the law "moreau-recovery"."""
 MOREAU, CLOSED, END, RECOVERY, BOUNDED = range(5)
 
 
-class Matrices(NamedTuple):
-    """A problem and what its steps multiply by, all dense.
+class Problem(NamedTuple):
+    """A problem on dense matrices.
 
     Attributes:
         M, C, K: shape (n, n).
         H, gap0: gap = H u + gap0.
         base: columns of M, C and K that belong to the base, shape (3, n).
-        inverse: of what a scheme solves with, shape (n, n).
-        push: velocities by unit impulses on the pairs, shape (n, n_pairs).
-        shift: displacements likewise.
-        numbers: of the scheme.
     """
-
-    M: FloatArray
-    C: FloatArray
-    K: FloatArray
-    H: FloatArray
-    gap0: FloatArray
-    base: FloatArray
-    inverse: FloatArray
-    push: FloatArray
-    shift: FloatArray
-    numbers: FloatArray
-
-
-@dataclass(frozen=True)
-class Dense:
-    """The dense matrices of operators."""
 
     M: FloatArray
     C: FloatArray
@@ -60,27 +39,46 @@ class Dense:
     base: FloatArray
 
     @classmethod
-    def of(cls, o: Operators) -> Dense:
-        """Return those of a problem."""
+    def of(cls, o: Operators) -> Problem:
+        """Return the same problem."""
         M, C, K, H = (A.toarray() for A in (o.mass, o.damping, o.stiffness, o.gap_matrix))
         return cls(M, C, K, H, o.gap0, np.stack([o.base.mass, o.base.damping, o.base.stiffness]))
 
-    def matrices(self, inverse: FloatArray, push: FloatArray, shift: FloatArray,
-                 *numbers: float) -> Matrices:  # fmt: skip
-        """Add what a scheme needs."""
-        own = (self.M, self.C, self.K, self.H, self.gap0, self.base)
-        mine = (inverse, push, shift, np.array(numbers))
-        return Matrices(*(np.ascontiguousarray(a, dtype=np.float64) for a in own + mine))
+
+class Scheme(NamedTuple):
+    """A problem and what the steps of a scheme multiply by.
+
+    Attributes:
+        of: the problem.
+        inverse: of what the scheme solves with, shape (n, n).
+        push: velocities by unit impulses on the pairs, shape (n, n_pairs).
+        shift: displacements likewise.
+        numbers: of the scheme.
+    """
+
+    of: Problem
+    inverse: FloatArray
+    push: FloatArray
+    shift: FloatArray
+    numbers: FloatArray
 
 
-def theta_matrices(d: Dense, dt: float, law: int, restitution: float) -> Matrices:
+def scheme(
+    d: Problem, inverse: FloatArray, push: FloatArray, shift: FloatArray, *numbers: float
+) -> Scheme:
+    """Return a scheme whose arrays lie in memory as compiled code wants them."""
+    parts = (inverse, push, shift, np.array(numbers, dtype=np.float64))
+    return Scheme(d, *(np.ascontiguousarray(part) for part in parts))
+
+
+def theta_matrices(d: Problem, dt: float, law: int, restitution: float) -> Scheme:
     """Return what `theta_step` needs, θ = 1/2."""
     inverse = np.linalg.inv(d.M + dt / 2 * d.C + dt**2 / 4 * d.K)
     push = inverse @ d.H.T
-    return d.matrices(inverse, push, dt / 2 * push, dt, law, restitution)
+    return scheme(d, inverse, push, dt / 2 * push, dt, law, restitution)
 
 
-def exact_matrices(d: Dense, dt: float, restitution: float, is_spread: bool) -> Matrices:
+def exact_matrices(d: Problem, dt: float, restitution: float, is_spread: bool) -> Scheme:
     """Return what `exact_step` needs: the propagator of (u, v) under a load linear in the step."""
     n = len(d.M)
     inverse_mass = np.linalg.inv(d.M)
@@ -94,10 +92,10 @@ def exact_matrices(d: Dense, dt: float, restitution: float, is_spread: bool) -> 
     if is_spread:
         constant = E[:, 2 * n : 3 * n] @ d.H.T / dt
         shift, push = constant[:n], constant[n:]
-    return d.matrices(E, push, shift, dt, MOREAU, restitution)
+    return scheme(d, E, push, shift, dt, MOREAU, restitution)
 
 
-def alpha_matrices(d: Dense, dt: float, restitution: float, radius: float) -> Matrices:
+def alpha_matrices(d: Problem, dt: float, restitution: float, radius: float) -> Scheme:
     """Return what `alpha_step` needs: generalised-α of Chung and Hulbert by its spectral radius."""
     am, af = (2 * radius - 1) / (radius + 1), radius / (radius + 1)
     gamma = 0.5 + af - am
@@ -105,18 +103,18 @@ def alpha_matrices(d: Dense, dt: float, restitution: float, radius: float) -> Ma
     A = (1 - am) * d.M + (1 - af) * (gamma * dt * d.C + beta * dt**2 * d.K)
     push = np.linalg.inv(d.M) @ d.H.T
     numbers = (dt, restitution, am, af, gamma, beta)
-    return d.matrices(np.linalg.inv(A), push, dt / 2 * push, *numbers)
+    return scheme(d, np.linalg.inv(A), push, dt / 2 * push, *numbers)
 
 
-def implicit_matrices(d: Dense, dt: float, is_stabilised: bool) -> Matrices:
+def implicit_matrices(d: Problem, dt: float, is_stabilised: bool) -> Scheme:
     """Return what `implicit_step` needs; `shift` is that of the prediction."""
     inverse = np.linalg.inv(2 / dt * d.M + d.C + dt / 2 * d.K)
-    return d.matrices(inverse, dt * inverse @ d.H.T, np.linalg.inv(d.M) @ d.H.T, dt, is_stabilised)
+    return scheme(d, inverse, dt * inverse @ d.H.T, np.linalg.inv(d.M) @ d.H.T, dt, is_stabilised)
 
 
 @numba.njit(cache=True)
 def _load(m, base):  # type: ignore[no-untyped-def]
-    return -(m.base[0] * base[2] + m.base[1] * base[1] + m.base[2] * base[0])
+    return -(m.of.base[0] * base[2] + m.of.base[1] * base[1] + m.of.base[2] * base[0])
 
 
 @numba.njit(cache=True)
@@ -162,11 +160,11 @@ def _impulses(m, W, free, floors):  # type: ignore[no-untyped-def]
 def theta_step(m, W, u, v, a, before, after):  # type: ignore[no-untyped-def]
     """Make a step of Moreau and Jean with θ = 1/2."""
     dt = m.numbers[0]
-    gap, rate = m.H @ u + m.gap0, m.H @ v
+    gap, rate = m.of.H @ u + m.of.gap0, m.of.H @ v
     load = 0.5 * (_load(m, before) + _load(m, after))
-    mean = m.inverse @ (m.M @ v + 0.5 * dt * (load - m.K @ u))
+    mean = m.inverse @ (m.of.M @ v + 0.5 * dt * (load - m.of.K @ u))
     v_free = 2.0 * mean - v
-    p = _impulses(m, W, m.H @ v_free, _floors(m, gap, rate))
+    p = _impulses(m, W, m.of.H @ v_free, _floors(m, gap, rate))
     u += dt * mean + m.shift @ p
     v[:] = v_free + m.push @ p
 
@@ -175,11 +173,11 @@ def theta_step(m, W, u, v, a, before, after):  # type: ignore[no-untyped-def]
 def exact_step(m, W, u, v, a, before, after):  # type: ignore[no-untyped-def]
     """Make an exact linear step; impulses act at its end or as a constant force."""
     n = u.size
-    gap, rate = m.H @ u + m.gap0, m.H @ v
+    gap, rate = m.of.H @ u + m.of.gap0, m.of.H @ v
     f = _load(m, before)
     x = np.concatenate((u, v, f, _load(m, after) - f))
     x = m.inverse @ x
-    p = _impulses(m, W, m.H @ x[n:], _floors(m, gap, rate))
+    p = _impulses(m, W, m.of.H @ x[n:], _floors(m, gap, rate))
     u[:] = x[:n] + m.shift @ p
     v[:] = x[n:] + m.push @ p
 
@@ -188,15 +186,15 @@ def exact_step(m, W, u, v, a, before, after):  # type: ignore[no-untyped-def]
 def alpha_step(m, W, u, v, a, before, after):  # type: ignore[no-untyped-def]
     """Make a step of the non-smooth generalised-α: smooth part, then a jump of the velocity."""
     dt, e, am, af, gamma, beta = m.numbers
-    rate = m.H @ v
+    rate = m.of.H @ v
     load = (1 - af) * _load(m, after) + af * _load(m, before)
     ahead_u = u + dt * v + dt * dt * (0.5 - beta) * a
     ahead_v = v + dt * (1 - gamma) * a
-    inner = m.K @ ((1 - af) * ahead_u + af * u) + m.C @ ((1 - af) * ahead_v + af * v)
-    new = m.inverse @ (load - am * (m.M @ a) - inner)
+    inner = m.of.K @ ((1 - af) * ahead_u + af * u) + m.of.C @ ((1 - af) * ahead_v + af * v)
+    new = m.inverse @ (load - am * (m.of.M @ a) - inner)
     u[:], v[:], a[:] = ahead_u + beta * dt * dt * new, ahead_v + gamma * dt * new, new
-    floors = np.where(m.H @ u + m.gap0 <= 0.0, -e * rate, -np.inf)
-    p = _impulses(m, W, m.H @ v, floors)
+    floors = np.where(m.of.H @ u + m.of.gap0 <= 0.0, -e * rate, -np.inf)
+    p = _impulses(m, W, m.of.H @ v, floors)
     u += m.shift @ p
     v += m.push @ p
 
@@ -209,12 +207,12 @@ def implicit_step(m, W, u, v, a, before, after):  # type: ignore[no-untyped-def]
     """
     dt = m.numbers[0]
     load = 0.5 * (_load(m, before) + _load(m, after))
-    x, none = u + dt * v, np.zeros(m.gap0.size)
+    x, none = u + dt * v, np.zeros(m.of.gap0.size)
     if m.numbers[1] == 1.0:
-        x += m.shift @ _impulses(m, m.H @ m.shift, m.H @ x + m.gap0, none)
-    right = 2.0 / dt * (m.M @ x) + m.C @ (x - dt * v) + dt * load - 0.5 * dt * (m.K @ u)
+        x += m.shift @ _impulses(m, m.of.H @ m.shift, m.of.H @ x + m.of.gap0, none)
+    right = 2.0 / dt * (m.of.M @ x) + m.of.C @ (x - dt * v) + dt * load - 0.5 * dt * (m.of.K @ u)
     free = m.inverse @ right
-    u[:] = free + m.push @ _impulses(m, W, m.H @ free + m.gap0, none)
+    u[:] = free + m.push @ _impulses(m, W, m.of.H @ free + m.of.gap0, none)
     v += 2.0 / dt * (u - x)
 
 
@@ -224,7 +222,7 @@ def envelopes(step, m, bases, n_periods, observed):  # type: ignore[no-untyped-d
 
     Args:
         step: one of the functions above.
-        m: what it needs.
+        m: its scheme.
         bases: (q, q', q'') of the base at the steps of a period, shape (N + 1, 3).
         n_periods: to compute.
         observed: dofs.
@@ -232,8 +230,8 @@ def envelopes(step, m, bases, n_periods, observed):  # type: ignore[no-untyped-d
     Returns:
         Shape (n_periods, 2, n_observed), not finite where the motion has left all bounds.
     """
-    n = m.M.shape[0]
-    W = m.H @ m.push
+    n = m.of.M.shape[0]
+    W = m.of.H @ m.push
     u, v, a = np.zeros(n), np.zeros(n), np.zeros(n)
     found = np.full((n_periods, 2, observed.size), np.nan)
     for period in range(n_periods):

@@ -126,9 +126,9 @@ def test_exact_steps_are_exact_without_contact(
         operators = script.reference.assemble(case).operators
         operators = dataclasses.replace(operators, gap0=np.full(operators.n_pairs, 5.0))
         bases = script.motion_of(case)(0)
-        m = ts.exact_matrices(ts.Dense.of(operators), case.time_step, *arguments)
+        m = ts.exact_matrices(ts.Problem.of(operators), case.time_step, *arguments)
         u, v, a = np.zeros((3, operators.n_dofs))
-        W = m.H @ m.push
+        W = m.of.H @ m.push
         for j in range(1, steps + 1):
             ts.exact_step(m, W, u, v, a, bases[j - 1], bases[j])
         found.append(u)
@@ -139,9 +139,8 @@ def test_all_modes_are_the_whole_problem(trials: dict[str, ModuleType]) -> None:
     script = trials["contact_trials"]
     case = script.case_of(250, 2)
     operators = script.reference.assemble(case).operators
-    law = script.compiled_state.MOREAU
     np.testing.assert_allclose(
-        script.by_modes(law, operators.n_dofs // 2, case, operators),
+        script.by_modes("moreau", operators.n_dofs // 2, case, operators),
         script.trials()["moreau"](case, operators),
         rtol=0.0,
         atol=1e-8,

@@ -16,7 +16,6 @@ from typer.testing import CliRunner
 from delam_fem import (
     paper,
     paper_chart,
-    paper_linear,
     paper_motion,
     paper_plane_measures,
     paper_response,
@@ -69,7 +68,7 @@ def test_thirty_minute_sweep_peaks_where_the_paper_reads_its_frequency(lab: Labo
     assert 1.455 <= thin <= 1.465
     assert THICK_HZ < thick < THICK_HZ + 0.03
     f, amplitude = paper_sweep.swept_envelope(result)
-    exact = paper_linear.exact_amplitude(motion_case(3.25, PLAN), 0, f)
+    exact = motion_case(3.25, PLAN).linear_amplitude(0, f)
     far = (f > 1.0) & (f < 2.5)
     assert amplitude[0, far] == pytest.approx(exact[far], rel=0.05)  # a cycle lasts 3 mHz
 

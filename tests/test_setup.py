@@ -5,9 +5,11 @@ import subprocess
 import sys
 import time
 import tomllib
+from functools import partial
 from importlib import metadata
 from pathlib import Path
 
+import project
 import pytest
 
 import delam_fem
@@ -27,16 +29,7 @@ needs_setup = pytest.mark.skipif(
 )
 
 
-def shell(script: str, **environment: str) -> subprocess.CompletedProcess[str]:
-    """Run lines of bash after the functions of setup.sh are read."""
-    return subprocess.run(
-        ["bash", "-c", f"source '{SETUP}'\n{script}"],
-        env={**os.environ, **environment},
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        timeout=60,
-    )
+shell = partial(project.shell, SETUP)
 
 
 @pytest.fixture

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import re
 import signal
@@ -10,11 +9,11 @@ import subprocess
 import time
 import tomllib
 from contextlib import suppress
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
+import project
 import pytest
 
 ROOT = Path(__file__).parents[1]
@@ -26,15 +25,7 @@ SAME = 1e-9  # m: versions differ by round-off, which 20 impacts raise to no mor
 SAME_RELATIVE = 1e-6  # of velocities and impulses: SAME of the smallest motion between impacts
 
 
-@cache
-def first_impacts() -> ModuleType:
-    """Return the script of the same name as a module."""
-    path = ROOT / "scripts" / "first_impacts.py"
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+first_impacts = cache(partial(project.script, "first_impacts"))
 
 
 @cache
@@ -77,16 +68,7 @@ def test_kept_impacts_are_small_and_of_all_reference_motions() -> None:
 # -- scripts/test_versions.sh ------------------------------------------------------------------
 
 
-def shell(script: str, **environment: str) -> subprocess.CompletedProcess[str]:
-    """Run lines of bash after the functions of the script are read."""
-    return subprocess.run(
-        ["bash", "-c", f"source '{SCRIPT}'\n{script}"],
-        env={**os.environ, **environment},
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        timeout=60,
-    )
+shell = partial(project.shell, SCRIPT)
 
 
 @pytest.mark.parametrize("release", RELEASES)
