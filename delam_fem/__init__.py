@@ -29,24 +29,17 @@ not import dolfinx.
 
 from __future__ import annotations
 
-import sys
 from importlib import import_module, metadata
-from types import ModuleType
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from delam_fem.parameters import (
-        PRESETS,
-        Case,
-        CaseError,
-        load_case,
-        preset,
-        save_case,
-    )
-    from delam_fem.results import Result
-    from delam_fem.run import run
-    from delam_fem.sweep import run_sweep
-    from delam_fem.sweepgrid import Sweep, load_sweep
+    from delam_fem.case.definition import Case
+    from delam_fem.case.files import PRESETS, load_case, preset, save_case
+    from delam_fem.case.toml import CaseError
+    from delam_fem.pipeline import run
+    from delam_fem.results.dataset import Result
+    from delam_fem.studies.sweeps.grid import Sweep, load_sweep
+    from delam_fem.studies.sweeps.run import run_sweep
 
 __all__ = [
     "PRESETS",
@@ -64,31 +57,19 @@ __all__ = [
 ]
 
 _HOMES = {
-    "PRESETS": "parameters",
-    "Case": "parameters",
-    "CaseError": "parameters",
-    "Result": "results",
-    "Sweep": "sweepgrid",
-    "load_case": "parameters",
-    "load_sweep": "sweepgrid",
-    "preset": "parameters",
-    "run": "run",
-    "run_sweep": "sweep",
-    "save_case": "parameters",
+    "PRESETS": "case.files",
+    "Case": "case.definition",
+    "CaseError": "case.toml",
+    "Result": "results.dataset",
+    "Sweep": "studies.sweeps.grid",
+    "load_case": "case.files",
+    "load_sweep": "studies.sweeps.grid",
+    "preset": "case.files",
+    "run": "pipeline",
+    "run_sweep": "studies.sweeps.run",
+    "save_case": "case.files",
 }
 """The module of each public name."""
-
-
-class _Package(ModuleType):
-    """This package: a public function is not replaced by a module of the same name."""
-
-    def __setattr__(self, name: str, value: object) -> None:
-        """Set an attribute, but not `run` to the module `run` when that is imported."""
-        if not (name in _HOMES and isinstance(value, ModuleType)):
-            super().__setattr__(name, value)
-
-
-sys.modules[__name__].__class__ = _Package
 
 try:
     __version__: str = metadata.version("delam_fem")

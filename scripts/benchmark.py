@@ -31,12 +31,13 @@ from rich.console import Console
 from rich.table import Table
 
 import delam_fem as df
-from delam_fem import petsc, reference
-from delam_fem.compiled import compiled_engine
-from delam_fem.engines import petsc_engine
-from delam_fem.recording import motion_of, recorder_of
-from delam_fem.reference_loop import simulate_reference
-from delam_fem.simulate import set_initial, simulate
+from delam_fem.engines.compiled.engine import compiled_engine
+from delam_fem.engines.petsc import linear_algebra
+from delam_fem.engines.petsc.engine import petsc_engine
+from delam_fem.model import closed_form
+from delam_fem.reference.loop import simulate_reference
+from delam_fem.simulation.loop import set_initial, simulate
+from delam_fem.simulation.setup import motion_of, recorder_of
 
 COMM = PETSc.COMM_SELF
 SCHEMES: dict[str, dict[str, Any]] = {
@@ -70,10 +71,12 @@ def fastest(action: Callable[[], object], repeats: int, per_call: int = 1) -> fl
 
 def bare_operations(case: df.Case, repeats: int) -> float:
     """Return the time of one MatSolve and two MatMult of the matrices of a case [µs]."""
-    o = reference.assemble(case).operators
+    o = closed_form.assemble(case).operators
     dt = case.time_step
-    A = petsc.Factor(o.mass + dt / 2 * o.damping + dt**2 / 4 * o.stiffness, COMM, "benchmark_")
-    C, K = petsc.matrix(o.damping, COMM), petsc.matrix(o.stiffness, COMM)
+    A = linear_algebra.Factor(
+        o.mass + dt / 2 * o.damping + dt**2 / 4 * o.stiffness, COMM, "benchmark_"
+    )
+    C, K = linear_algebra.matrix(o.damping, COMM), linear_algebra.matrix(o.stiffness, COMM)
     x, y = K.createVecs()
     x.set(1.0)
 
@@ -101,7 +104,7 @@ def make_engine(name: str, case: df.Case, operators: Any) -> Any:
 
 def step(case: df.Case, repeats: int, engine: str) -> dict[str, float]:
     """Return the time of a step with all that a run does in it, and in the engine alone [µs]."""
-    operators = reference.assemble(case).operators
+    operators = closed_form.assemble(case).operators
     whole, inner = [], []
     for _ in range(repeats):
         computing = make_engine(engine, case, operators)
@@ -144,7 +147,7 @@ class Timed:
 
 def plain_loop(case: df.Case, repeats: int) -> float:
     """Return the time of a step of the plain NumPy and SciPy loop of the reference [µs]."""
-    model = reference.assemble(case)
+    model = closed_form.assemble(case)
     steps = case.n_periods * case.time.steps_per_period
     loop = fastest(lambda: simulate_reference(model, case, periods=case.n_periods), repeats)
     return loop / steps
@@ -153,7 +156,7 @@ def plain_loop(case: df.Case, repeats: int) -> float:
 def _one_run(periods: int) -> int:
     """Compute so many periods in a worker; return the steps."""
     case = case_of(20, periods, **SCHEMES[BASELINE])
-    operators = reference.assemble(case).operators
+    operators = closed_form.assemble(case).operators
     engine = compiled_engine(case, operators)
     recorder, motion = recorder_of(case, operators), motion_of(case)
     set_initial(engine, None, motion(0)[0])
@@ -215,9 +218,10 @@ def plane_seconds(workers: int, periods: int) -> float:
 
 
 FIRST_STEPS = """
-from delam_fem import preset, reference, run
+from delam_fem import preset, run
+from delam_fem.model import closed_form
 case = preset("default", {"time.periods": 1})
-run(case, "compiled", model=reference.assemble(case))
+run(case, "compiled", model=closed_form.assemble(case))
 """
 """What a user waits for before the first result: imports, cached compiled code, a period."""
 

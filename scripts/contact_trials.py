@@ -24,15 +24,16 @@ from convergence_document import fill
 from matplotlib.figure import Figure
 
 import delam_fem as df
-from delam_fem import reference
-from delam_fem.compiled import Compiled, law_of
-from delam_fem.compiled_system import Scheme
-from delam_fem.convergence_tables import Table, number
-from delam_fem.figure_style import WIDTH, styled
-from delam_fem.operators import BaseCoupling, FloatArray, Operators
-from delam_fem.recorder import N_BASE
-from delam_fem.recording import motion_of, recorder_of
-from delam_fem.simulate import set_initial, simulate
+from delam_fem.engines.compiled.engine import Compiled, law_of
+from delam_fem.engines.compiled.system import Scheme
+from delam_fem.model import closed_form
+from delam_fem.model.operators import BaseCoupling, Operators
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.results.style import WIDTH, styled
+from delam_fem.simulation.loop import set_initial, simulate
+from delam_fem.simulation.recorder import N_BASE
+from delam_fem.simulation.setup import motion_of, recorder_of
+from delam_fem.studies.convergence.tables import Table, number
 
 ROOT = Path(__file__).parents[1]
 DOCUMENT = ROOT / "docs" / "convergence.md"
@@ -174,7 +175,7 @@ def compute(name: str, steps: int, periods: int) -> FloatArray:
     """Return the mean extremes of a way."""
     case = case_of(steps, periods)
     with np.errstate(all="ignore"):
-        rows = trials()[name](case, reference.assemble(case).operators)
+        rows = trials()[name](case, closed_form.assemble(case).operators)
         return np.asarray(rows[-min(MEAN_PERIODS, periods // 2) :].mean(axis=0))
 
 

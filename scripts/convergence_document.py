@@ -12,9 +12,11 @@ from convergence_ladders import DAMPINGS, FEW, FREQUENCIES, LAWS, LITERAL, MESHE
 from matplotlib.figure import Figure
 
 import delam_fem as df
-from delam_fem import reference
-from delam_fem.convergence import Convergence
-from delam_fem.convergence_figures import (
+from delam_fem.model import closed_form
+from delam_fem.numerics.extrapolation import Limit
+from delam_fem.pipeline import run
+from delam_fem.results.style import BLACK, BLUE, GREEN, VERMILLION, WIDTH
+from delam_fem.studies.convergence.figures import (
     error_over_cost,
     error_over_steps,
     free_over_elements,
@@ -22,12 +24,10 @@ from delam_fem.convergence_figures import (
     limit_over_elements,
     work_over_steps,
 )
-from delam_fem.convergence_tables import Table, limit_text, number
-from delam_fem.extrapolation import Limit
-from delam_fem.figure_style import BLACK, BLUE, GREEN, VERMILLION, WIDTH
-from delam_fem.ladder import Rung
-from delam_fem.ladder_statistics import EXTREMA, WORK
-from delam_fem.run import run
+from delam_fem.studies.convergence.ladder import Rung
+from delam_fem.studies.convergence.run import Convergence
+from delam_fem.studies.convergence.statistics import EXTREMA, WORK
+from delam_fem.studies.convergence.tables import Table, limit_text, number
 
 SHOWN_PERIODS = 240
 """Of the figure of the literal scheme."""
@@ -180,7 +180,7 @@ def literal_figure() -> Figure:
             keys = {"contact.law": "newton", "contact.impulse": impulse, "mesh.elements": elements}
             few = {"time.periods": SHOWN_PERIODS, "time.steps_per_period": 1000}
             chosen = df.preset("paper", {**keys, **few, "damping.rayleigh": damping})
-            found = run(chosen, "compiled", model=reference.assemble(chosen)).history
+            found = run(chosen, "compiled", model=closed_form.assemble(chosen)).history
             y1 = 1e3 * np.abs(found.envelope_min.values[0])
             label = f"{damping}, {elements} elements, {impulse} impulses"
             axes.semilogy(np.arange(1, y1.size + 1), y1, line, color=colour, label=label)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import delam_fem as df
-from delam_fem.ladder import Ladder, Scheme, scheme
+from delam_fem.studies.convergence.ladder import Ladder, Scheme, scheme
 
 MESHES = (10, 20, 40, 80, 160)
 FEW = (1000, 4000, 16000, 64000, 256000)

@@ -16,9 +16,9 @@ from convergence_document import document, fill
 from convergence_ladders import ladders
 from rich.console import Console
 
-from delam_fem.convergence import run_ladder
-from delam_fem.figure_style import styled
-from delam_fem.progress import progress
+from delam_fem.cli.progress import progress
+from delam_fem.results.style import styled
+from delam_fem.studies.convergence.run import run_ladder
 
 ROOT = Path(__file__).parents[1]
 DOCUMENT = ROOT / "docs" / "convergence.md"

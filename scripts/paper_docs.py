@@ -9,8 +9,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from delam_fem.paper import FIGURES, file_stem
-from delam_fem.paper_page import entries, write_docs
+from delam_fem.paper.page import entries, write_docs
+from delam_fem.paper.reproduce import FIGURES, file_stem
 
 ROOT = Path(__file__).parents[1]
 

@@ -18,7 +18,7 @@ from rich.console import Console
 from rich.table import Table
 
 import delam_fem as df
-from delam_fem.results import Result
+from delam_fem.results.dataset import Result
 
 CONTACT_GAP = 0.05
 """Closures less than so many periods apart are one contact."""

@@ -149,7 +149,7 @@ import sys
 import numpy
 import mpi4py
 import petsc4py
-from delam_fem import _dolfinx
+from delam_fem.model import _dolfinx
 
 if numpy.__version__ != sys.argv[1]:
     sys.exit(f"expected the distribution's numpy {sys.argv[1]}, found {numpy.__version__} in {numpy.__file__}")

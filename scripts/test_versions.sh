@@ -75,7 +75,7 @@ versions() {
     within "$1" .venv/bin/python -c '
 import platform, numpy
 from petsc4py import PETSc
-from delam_fem import _dolfinx
+from delam_fem.model import _dolfinx
 petsc = ".".join(map(str, PETSc.Sys.getVersion()))
 print(f"Python {platform.python_version()}, dolfinx {_dolfinx.version}, PETSc {petsc}, numpy {numpy.__version__}")'
 }

@@ -12,8 +12,9 @@ import numba
 import numpy as np
 from scipy.linalg import expm
 
-from delam_fem.complementarity import solve_into
-from delam_fem.operators import FloatArray, Operators
+from delam_fem.contact.complementarity import solve_into
+from delam_fem.model.operators import Operators
+from delam_fem.numerics.arrays import FloatArray
 
 LAWS = ("moreau", "closed gaps", "end gaps", "recovery", "bounded recovery")
 """Constraints on the gap rate at the end of a step: Moreau's with the gap half a step ahead, or the

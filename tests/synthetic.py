@@ -16,6 +16,13 @@ AMPLITUDES = np.array([[0.010, 0.0, 0.0005], [0.012, 0.003, 0.0004]])
 """Amplitudes of harmonics 1, 2, 3 of both tips [m]."""
 NODES = 6
 
+SWEEP = {
+    "excitation__kind": "sweep",
+    "excitation__start_frequency": 1.0,
+    "excitation__end_frequency": 4.0,
+    "excitation__duration": 12.5,
+}
+
 
 def small_case(**overrides: object) -> Case:
     """Return a case of the synthetic history's size; `a__b` overrides the key a.b."""

@@ -8,7 +8,9 @@ import pytest
 
 PACKAGE = Path(__file__).parents[1] / "delam_fem"
 MODULES = sorted(
-    path.stem for path in PACKAGE.glob("*.py") if ">>> " in path.read_text(encoding="utf-8")
+    ".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts)
+    for path in PACKAGE.rglob("*.py")
+    if ">>> " in path.read_text(encoding="utf-8")
 )
 
 
@@ -18,6 +20,6 @@ def test_there_are_examples() -> None:
 
 @pytest.mark.parametrize("module", MODULES)
 def test_examples(module: str) -> None:
-    result = doctest.testmod(importlib.import_module(f"delam_fem.{module}"))
+    result = doctest.testmod(importlib.import_module(module))
     assert result.attempted > 0
     assert result.failed == 0

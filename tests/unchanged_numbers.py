@@ -140,7 +140,7 @@ def sweep_of(data: dict[str, Any]) -> Any:
     try:
         from delam_fem.studies.sweeps.grid import sweep_of as made
     except ImportError:
-        from delam_fem.sweepgrid import sweep_of as made  # type: ignore[no-redef]
+        from delam_fem.studies.sweeps.grid import sweep_of as made  # type: ignore[no-redef]
     return made(data)
 
 
@@ -224,7 +224,11 @@ def _summaries(before: Path, after: Path, tolerance: float) -> list[str]:
 def _alike(a: Any, b: Any, tolerance: float) -> bool:
     """Return whether two entries of a summary agree; texts may change their words."""
     if isinstance(a, list):
-        return isinstance(b, list) and len(a) == len(b) and all(map(_alike, a, b, [tolerance] * len(a)))
+        return (
+            isinstance(b, list)
+            and len(a) == len(b)
+            and all(map(_alike, a, b, [tolerance] * len(a)))
+        )
     if isinstance(a, float) and isinstance(b, float):
         return a == b or abs(a - b) <= tolerance * abs(a)
     return isinstance(a, str) or bool(a == b)

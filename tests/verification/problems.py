@@ -14,16 +14,16 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
 
-from delam_fem import simulate as time_loop
-from delam_fem.moreau import MoreauJean
-from delam_fem.moreau_laws import MoreauImpacts
-from delam_fem.newmark import Newmark
-from delam_fem.operators import BaseCoupling, Operators
-from delam_fem.recorder import N_BASE, Recorder
-from delam_fem.reference import element_mass, element_stiffness
-from delam_fem.supervisor import Impacts, PenaltySprings
+from delam_fem.contact.decision import Impacts, PenaltySprings
+from delam_fem.contact.recovery import MoreauImpacts
+from delam_fem.engines.petsc.newmark import Newmark
+from delam_fem.engines.petsc.theta import MoreauJean
+from delam_fem.model.closed_form import element_mass, element_stiffness
+from delam_fem.model.operators import BaseCoupling, Operators
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.simulation import loop as time_loop
+from delam_fem.simulation.recorder import N_BASE, Recorder
 
-FloatArray = npt.NDArray[np.float64]
 Motion = Callable[[FloatArray], FloatArray]
 """States (q, q', q'') of the base at times of shape (k,), shape (k, 3)."""
 

@@ -10,11 +10,11 @@ import pytest
 from problems import Law, oscillator
 from test_impact_oscillator import forcing, impact_phase, orbit
 
-from delam_fem.lyapunov import largest_exponent
-from delam_fem.recorder import Recorder
-from delam_fem.simulate import set_initial, simulate
-from delam_fem.sweep import run_sweep
-from delam_fem.sweepgrid import sweep_of
+from delam_fem.simulation.loop import set_initial, simulate
+from delam_fem.simulation.recorder import Recorder
+from delam_fem.studies.lyapunov import largest_exponent
+from delam_fem.studies.sweeps.grid import sweep_of
+from delam_fem.studies.sweeps.run import run_sweep
 
 LINEAR = 2e-3
 """Relative: the distance pulses within a cycle of the mode, which is no multiple of the period;

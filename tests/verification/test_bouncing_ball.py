@@ -9,11 +9,10 @@ makes them.
 """
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from problems import Law, Motions, ball, gravity, simulate
 
-FloatArray = npt.NDArray[np.float64]
+from delam_fem.numerics.arrays import FloatArray
 
 G = 8.0
 """A power of two: with dyadic times every number of the test on the grid is exact in float64."""

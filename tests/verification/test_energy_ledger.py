@@ -6,22 +6,22 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 import scipy.sparse as sp
 from problems import Law, Motions, simulate
 from scipy.sparse.linalg import spsolve
 
-from delam_fem import reference
-from delam_fem.excitation import base_motion
-from delam_fem.operators import Operators
-from delam_fem.parameters import Case, preset
-from delam_fem.recorder import LEDGER
-from delam_fem.results import Result
-from delam_fem.run import run
+from delam_fem.case.definition import Case
+from delam_fem.case.excitation import base_motion
+from delam_fem.case.files import preset
+from delam_fem.model import closed_form
+from delam_fem.model.operators import Operators
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.pipeline import run
+from delam_fem.results.dataset import Result
+from delam_fem.simulation.recorder import LEDGER
 
 Engine = Literal["petsc", "compiled"]
-FloatArray = npt.NDArray[np.float64]
 
 CLOSED = 1e-9
 """Residual of a period over the energy exchanged in it. Measured: 4e-12 with 20 elements; round-off
@@ -42,7 +42,7 @@ def compute(settings: dict[str, object], periods: int, engine: Engine = "petsc")
     """Run the preset with changes, on the matrices in closed form."""
     kept = {"time.periods": periods, "output.window_periods": periods}
     case = preset("paper", {**kept, "output.fields_per_period": 0, **settings})
-    return run(case, engine, model=reference.assemble(case))
+    return run(case, engine, model=closed_form.assemble(case))
 
 
 @dataclass(frozen=True)
@@ -202,7 +202,7 @@ def reaction_work(o: Operators, motions: Motions, base: FloatArray, law: Law) ->
 
 def base_work_error(case: Case, law: Law, steps: int) -> tuple[float, float]:
     """Return the work of the base in a period: the ledger's less the reaction's, the latter."""
-    o = reference.assemble(case).operators
+    o = closed_form.assemble(case).operators
     motion = base_motion(case)
     motions = simulate(
         o,

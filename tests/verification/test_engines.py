@@ -9,14 +9,15 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from delam_fem import reference
-from delam_fem.compiled import compiled_engine
-from delam_fem.engines import petsc_engine
-from delam_fem.parameters import Case, preset
-from delam_fem.recorder import LEDGER, Recorder
-from delam_fem.recording import motion_of, recorder_of
-from delam_fem.run import run
-from delam_fem.simulate import Engine, State, set_initial, simulate
+from delam_fem.case.definition import Case
+from delam_fem.case.files import preset
+from delam_fem.engines.compiled.engine import compiled_engine
+from delam_fem.engines.petsc.engine import petsc_engine
+from delam_fem.model import closed_form
+from delam_fem.pipeline import run
+from delam_fem.simulation.loop import Engine, State, set_initial, simulate
+from delam_fem.simulation.recorder import LEDGER, Recorder
+from delam_fem.simulation.setup import motion_of, recorder_of
 
 SAME = 1e-9
 """m, m/s; round-off that some hundred impacts have amplified (seen: 1e-11 and less)."""
@@ -63,7 +64,7 @@ def case_of(law: str, impulse: str, mass: str, scheme: str, **more: Any) -> Case
 
 def compute(case: Case, name: str, initial: State | None = None) -> tuple[Recorder, State]:
     """Run a case on closed-form operators, which need no quadrature."""
-    operators = reference.assemble(case).operators
+    operators = closed_form.assemble(case).operators
     engine: Engine = (
         compiled_engine(case, operators)
         if name == "compiled"

@@ -12,11 +12,10 @@ of a strongly damped motion by the Moreau–Jean scheme with θ = 1.
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from problems import HeavyBeam, Law, simulate
 
-FloatArray = npt.NDArray[np.float64]
+from delam_fem.numerics.arrays import FloatArray
 
 BEAM = HeavyBeam(flexural_rigidity=1.0, mass_per_length=1.0, length=4.0, gravity=24.0)
 """With it l = δ^(1/4) in SI numbers."""

@@ -15,12 +15,11 @@ gives the limit.
 import itertools
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from problems import Law, Motion, Motions, oscillator, simulate
 from scipy.optimize import brentq
 
-FloatArray = npt.NDArray[np.float64]
+from delam_fem.numerics.arrays import FloatArray
 
 # ω, s, e, V; order of V in Δt. Where c = s = 0, V does not depend on s in the first order.
 ROWS = [

@@ -7,12 +7,13 @@ from mpi4py import MPI
 from problems import Law, simulate
 from scipy.optimize import brentq
 
-from delam_fem import ground, ground_run, hermite, lateral
-from delam_fem.cantilever import cantilever_roots
-from delam_fem.ground_run import LIFT, GroundLaw
-from delam_fem.rolling import Rolling, rolling, thin_strip
-from delam_fem.simulate import State
-from delam_fem.tip_block import TipBlock
+from delam_fem.model import ground, hermite
+from delam_fem.numerics.cantilever import cantilever_roots
+from delam_fem.paper.lateral import ground_run, studies
+from delam_fem.paper.lateral.ground_run import LIFT, GroundLaw
+from delam_fem.paper.lateral.rolling import Rolling, rolling, thin_strip
+from delam_fem.paper.lateral.tip_block import TipBlock
+from delam_fem.simulation.loop import State
 
 ROUND_OFF = 1e-12
 """Relative, of assembled matrices."""
@@ -34,7 +35,7 @@ SAME_STEPS = 1e-9
 
 @pytest.fixture(scope="module")
 def block() -> TipBlock:
-    return lateral.tip_block(time_step=5e-7, duration=0.6e-3)
+    return studies.tip_block(time_step=5e-7, duration=0.6e-3)
 
 
 def test_tip_falls_as_the_exact_cantilever(block: TipBlock) -> None:
@@ -115,9 +116,9 @@ def test_loss_of_a_rigid_impact_vanishes_with_the_mesh() -> None:
 # -- (i) the whole strip on the ground --------------------------------------------------------
 
 
-@pytest.fixture(scope="module", params=sorted(lateral.LAWS))
+@pytest.fixture(scope="module", params=sorted(studies.LAWS))
 def by_step(request: pytest.FixtureRequest) -> list[Rolling]:
-    law = lateral.LAWS[request.param]
+    law = studies.LAWS[request.param]
     return [rolling(law=law, n_elements=40, steps_per_period=n) for n in (5_000, 20_000)]
 
 

@@ -5,9 +5,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from delam_fem.parameters import preset
-from delam_fem.reference import assemble
-from delam_fem.reference_loop import ReferenceRun, simulate_reference
+from delam_fem.case.files import preset
+from delam_fem.model.closed_form import assemble
+from delam_fem.reference.loop import ReferenceRun, simulate_reference
 
 N, TIP = 1000, 19
 PERIODS, LAST = 30, 10  # impacts damp the start away: from 20 periods to 200 nothing drifts

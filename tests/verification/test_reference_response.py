@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 from scipy.sparse.linalg import spsolve
 
-from delam_fem.cantilever import transmissibility
-from delam_fem.operators import Operators
-from delam_fem.parameters import Case, preset
-from delam_fem.reference import assemble
-from delam_fem.reference_loop import State, simulate_reference
+from delam_fem.case.definition import Case
+from delam_fem.case.files import preset
+from delam_fem.model.closed_form import assemble
+from delam_fem.model.operators import Operators
+from delam_fem.numerics.cantilever import transmissibility
+from delam_fem.reference.loop import State, simulate_reference
 
 FREQUENCY_DOMAIN = 1e-5  # 20 elements: f1 is 5e-8 off, amplified 20-fold at 3.25 Hz; higher modes
 TIME_DOMAIN = 1e-4  # N = 2000: (omega dt)^2/12 = 8e-7, amplified near resonance

@@ -16,12 +16,12 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from delam_fem import reference
-from delam_fem.excitation import base_motion
-from delam_fem.parameters import Case, preset
-from delam_fem.run import run
-
-FloatArray = npt.NDArray[np.float64]
+from delam_fem.case.definition import Case
+from delam_fem.case.excitation import base_motion
+from delam_fem.case.files import preset
+from delam_fem.model import closed_form
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.pipeline import run
 
 pytestmark = [
     pytest.mark.siconos,
@@ -59,7 +59,7 @@ class Pair:
 
 def by_siconos(case: Case, directory: Path) -> dict[str, FloatArray]:
     """Return what Siconos makes of a case."""
-    o = reference.assemble(case).operators
+    o = closed_form.assemble(case).operators
     times = case.time_step * np.arange(case.time.steps_per_period * case.n_periods + 1)
     given, result = directory / "problem.npz", directory / "result.npz"
     np.savez(
@@ -94,7 +94,7 @@ def pair(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
             "output.fields_per_period": 0,
         },
     )
-    history = run(case, model=reference.assemble(case)).history
+    history = run(case, model=closed_form.assemble(case)).history
     theirs = by_siconos(case, tmp_path_factory.mktemp("siconos"))
     steps = np.rint(history.event_time.values / case.time_step).astype(int) - 1
     return Pair(

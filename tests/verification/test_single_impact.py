@@ -7,18 +7,16 @@ whatever else moves.
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from problems import Law, simulate
 
-from delam_fem import reference
-from delam_fem.newmark import Newmark
-from delam_fem.operators import Operators
-from delam_fem.parameters import preset
-from delam_fem.run import run
-from delam_fem.supervisor import Impacts
-
-FloatArray = npt.NDArray[np.float64]
+from delam_fem.case.files import preset
+from delam_fem.contact.decision import Impacts
+from delam_fem.engines.petsc.newmark import Newmark
+from delam_fem.model import closed_form
+from delam_fem.model.operators import Operators
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.pipeline import run
 
 ROUND_OFF = 1e-12
 """Relative to the kinetic energy."""
@@ -31,7 +29,7 @@ SHORT = 1e-9
 def laminae(mass: str, elements: int = 5) -> Operators:
     """Return the two laminae without damping, all pairs far apart."""
     case = preset("paper", {"time.mass": mass, "mesh.elements": elements})
-    o = reference.assemble(case).operators
+    o = closed_form.assemble(case).operators
     return replace(o, damping=0.0 * o.damping, gap0=np.ones(o.n_pairs))
 
 
@@ -106,7 +104,7 @@ def test_energy_of_single_impacts_in_a_run(impulse: str, e: float) -> None:
     settings = {"contact.law": "newton", "contact.impulse": impulse, "time.mass": impulse}
     settings |= {"contact.restitution": e, "time.periods": 2, "output.window_periods": 2}
     case = preset("paper", {**settings, "output.fields_per_period": 0})
-    model = reference.assemble(case)
+    model = closed_form.assemble(case)
     history = run(case, model=model).history
     times, counts = np.unique(history.event_time.values, return_counts=True)
     alone = np.isin(history.event_time.values, times[counts == 1])

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from scipy.sparse.linalg import spsolve
 
-from delam_fem import beam, reference
-from delam_fem.cantilever import transmissibility
-from delam_fem.parameters import Case, preset
-from delam_fem.reference_loop import simulate_reference
-from delam_fem.run import run
-from delam_fem.simulate import State
+from delam_fem.case.definition import Case
+from delam_fem.case.files import preset
+from delam_fem.model import beam, closed_form
+from delam_fem.numerics.cantilever import transmissibility
+from delam_fem.pipeline import run
+from delam_fem.reference.loop import simulate_reference
+from delam_fem.simulation.loop import State
 
 UNDAMPED = {
     "lamina.thick.damping_ratio": 0.0,
@@ -79,7 +80,7 @@ def test_order_two_in_the_time_step_without_contact(scheme: str) -> None:
 @pytest.mark.parametrize("mass", ["consistent", "lumped"])
 def test_matrices_are_those_in_closed_form(mass: str) -> None:
     case = preset("paper", {"time.mass": mass})
-    given, expected = beam.assemble(case).operators, reference.assemble(case).operators
+    given, expected = beam.assemble(case).operators, closed_form.assemble(case).operators
     for name in ("mass", "damping", "stiffness", "gap_matrix"):
         a, b = getattr(given, name), getattr(expected, name)
         assert abs(a - b).max() <= SAME_MATRICES * abs(b).max(), name
@@ -98,7 +99,7 @@ def test_tips_follow_the_reference(law: str, impulse: str) -> None:
     settings = {"contact.impulse": impulse, "contact.law": law, "time.periods": 3}
     case = preset("paper", {**settings, "output.fields_per_period": 0})
     history = run(case).history
-    expected = simulate_reference(reference.assemble(case), case, periods=3)
+    expected = simulate_reference(closed_form.assemble(case), case, periods=3)
     tips = history.tip_displacement.values
     difference = np.abs(tips - expected.tip_displacement[:, -tips.shape[1] :]).max()
     assert history.sizes["event"] == len(expected.events) > 20

@@ -1,0 +1,1 @@
+"""What to compute: frozen, strict sections, read from TOML."""

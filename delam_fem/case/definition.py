@@ -1,0 +1,232 @@
+"""A case: everything that a run depends on, valid once constructed."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Mapping
+from typing import Annotated, Self
+
+import numpy as np
+from pydantic import BeforeValidator, Field, ValidationError, model_validator
+from pydantic_core import PydanticCustomError
+
+from delam_fem.case.fields import Section, expected, inconsistent
+from delam_fem.case.overrides import apply_overrides
+from delam_fem.case.sections import (
+    Contact,
+    Damping,
+    Gap,
+    HarmonicExcitation,
+    Lamina,
+    Mesh,
+    Output,
+    SweepExcitation,
+    TimeStepping,
+)
+from delam_fem.case.toml import CaseError, Data, message, toml_text
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.cantilever import transmissibility
+
+_ROUND_OFF = 1e-9
+"""Share of a period by which a sweep may exceed whole periods through round-off alone."""
+
+
+def _two_tables(value: object) -> object:
+    """Demand exactly two laminae."""
+    if not isinstance(value, list | tuple) or len(value) != 2:
+        count = len(value) if isinstance(value, list | tuple) else "something else"
+        raise PydanticCustomError(
+            "inconsistent", "expected two [[lamina]] tables, given {count}", {"count": count}
+        )
+    return value
+
+
+class Case(Section):
+    """A complete case.
+
+    Attributes:
+        name: name of the case, and of the folder of its results.
+        lamina: lamina 1 (thick) and lamina 2 (thin), clamped at x = 0.
+        gap: the gap at rest.
+        mesh: the mesh of both laminae.
+        damping: the model of damping.
+        excitation: the motion of the base.
+        contact: the law of contact.
+        time: the time integration.
+        output: what is kept.
+    """
+
+    name: Annotated[
+        str,
+        Field(strict=True, pattern=r"^\w[\w .+-]*$", max_length=100),
+        expected("a name fit for a folder: letters, digits, space and . + - _"),
+    ]
+    lamina: Annotated[tuple[Lamina, Lamina], BeforeValidator(_two_tables)]
+    gap: Gap
+    mesh: Mesh
+    damping: Damping = Damping()
+    excitation: Annotated[HarmonicExcitation | SweepExcitation, Field(discriminator="kind")]
+    contact: Contact
+    time: TimeStepping = TimeStepping()
+    output: Output = Output()
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        """Check what the sections must fulfil together."""
+        first, second = self.lamina
+        if first.name == second.name:
+            raise inconsistent("lamina", f"expected two names, given {first.name!r} twice")
+        if first.length != second.length:
+            raise inconsistent(
+                f"lamina.{second.name}.length",
+                f"expected the length {first.length!r} of lamina {first.name}, as the contact "
+                f"line needs opposite points, given {second.length!r}",
+            )
+        if self.contact.law.startswith("moreau") and self.time.scheme == "central-difference":
+            raise inconsistent(
+                "time.scheme",
+                f'expected "newmark" with contact.law "{self.contact.law}", which has a time '
+                'stepping of its own, given "central-difference"',
+            )
+        if self.output.fields_per_period > self.time.steps_per_period:
+            raise inconsistent(
+                "output.fields_per_period",
+                f"expected at most time.steps_per_period = {self.time.steps_per_period}, "
+                f"given {self.output.fields_per_period}",
+            )
+        return self
+
+    @property
+    def _top_frequency(self) -> float:
+        """The frequency that sets the period [Hz]."""
+        motion = self.excitation
+        if isinstance(motion, HarmonicExcitation):
+            return motion.frequency
+        return max(motion.start_frequency, motion.end_frequency)
+
+    @property
+    def n_periods(self) -> int:
+        """Number of periods to compute; those of a sweep cover its duration."""
+        if isinstance(self.excitation, HarmonicExcitation):
+            return self.time.periods
+        return max(1, math.ceil(self.excitation.duration * self._top_frequency - _ROUND_OFF))
+
+    @property
+    def n_window_periods(self) -> int:
+        """Number of periods at the end that are recorded at every step."""
+        return min(self.output.window_periods, self.n_periods)
+
+    @property
+    def time_step(self) -> float:
+        """Time step dt = 1/(N f), for a sweep with its highest frequency [s]."""
+        return 1.0 / (self.time.steps_per_period * self._top_frequency)
+
+    @property
+    def period(self) -> float:
+        """Length of the N steps of one period [s]."""
+        return self.time.steps_per_period * self.time_step
+
+    def rayleigh(self, i: int) -> tuple[float, float]:
+        """Return the coefficients of C = alpha M + beta K of one lamina.
+
+        D_k = (alpha / omega_k + beta omega_k) / 2 equals the damping ratio at k = 1 ("stiffness":
+        alpha = 0; "mass": beta = 0) or at k = 1 and 2 ("two-mode").
+
+        Args:
+            i: index of the lamina, 0 or 1.
+
+        Returns:
+            alpha [1/s], beta [s].
+        """
+        D = self.lamina[i].damping_ratio
+        first, second = (float(omega) for omega in self.lamina[i].angular_frequencies(2))
+        if self.damping.rayleigh == "stiffness":
+            return 0.0, 2.0 * D / first
+        if self.damping.rayleigh == "mass":
+            return 2.0 * D * first, 0.0
+        return 2.0 * D * first * second / (first + second), 2.0 * D / (first + second)
+
+    def linear_amplitude(self, i: int, frequency: FloatArray) -> FloatArray:
+        """Return the tip amplitude of one lamina alone on the moving base, exact.
+
+        Args:
+            i: index of the lamina, 0 or 1.
+            frequency: of the base, any shape [Hz].
+
+        Returns:
+            Shape of `frequency` [m].
+        """
+        lamina = self.lamina[i]
+        H = transmissibility(
+            2.0 * np.pi * frequency,
+            length=lamina.length,
+            flexural_rigidity=lamina.flexural_rigidity,
+            mass_per_length=lamina.mass_per_length,
+            rayleigh=self.rayleigh(i),
+        )
+        return np.asarray(self.excitation.amplitude * np.abs(H))
+
+    def to_toml(self) -> str:
+        """Return the complete case as TOML; reading it gives an equal case."""
+        return toml_text(self.model_dump(exclude_none=True))
+
+    @classmethod
+    def from_toml(cls, text: str) -> Self:
+        """Return the case that `to_toml` wrote, whether or not its files still exist.
+
+        Raises:
+            CaseError: the text is no case.
+        """
+        try:
+            data = tomllib.loads(text)
+        except tomllib.TOMLDecodeError as error:
+            raise CaseError(f"case: not valid TOML: {error}") from None
+        return cls.checked(data, "case")
+
+    def with_overrides(self, overrides: Mapping[str, object]) -> Self:
+        """Return the case with some keys replaced.
+
+        A key that stands for one of several choices (`mesh.file`, `gap.shape`,
+        `excitation.kind`, …) takes the place of the others.
+
+        Args:
+            overrides: values by key (`excitation.frequency`, `lamina.thick.length`); None removes
+                an optional key. Relative files are seen from the working directory.
+
+        Returns:
+            The new case, checked as a whole.
+
+        Raises:
+            CaseError: a key is unknown, a value impossible, or a file missing.
+        """
+        data = tomllib.loads(self.to_toml())
+        apply_overrides(data, overrides)
+        return self.checked(data, f"case {self.name}").with_files_checked(f"case {self.name}")
+
+    @classmethod
+    def checked(cls, data: Data, label: str) -> Self:
+        """Validate a dictionary as `tomllib` returns it, with problems told in words.
+
+        Args:
+            data: the case.
+            label: what messages call it.
+
+        Raises:
+            CaseError: it is no valid case.
+        """
+        try:
+            return cls.model_validate(data)
+        except ValidationError as error:
+            raise CaseError(message(label, error, data)) from None
+
+    def with_files_checked(self, label: str) -> Self:
+        """Return the case after a look whether its files exist.
+
+        Raises:
+            CaseError: a file is missing.
+        """
+        for key, file in (("gap.file", self.gap.file), ("mesh.file", self.mesh.file)):
+            if file is not None and not file.is_file():
+                raise CaseError(f"{label}: {key}: no such file: {file}")
+        return self

@@ -1,0 +1,114 @@
+"""Cases as files: read one, take a preset, save one with the files it names."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tomllib
+from collections.abc import Mapping
+from importlib import resources
+from pathlib import Path
+
+from delam_fem.case.definition import Case
+from delam_fem.case.overrides import apply_overrides
+from delam_fem.case.toml import CaseError, Data, read_toml, toml_text
+
+PRESETS = ("paper", "default")
+"""Names of the cases that come with the package."""
+
+
+def load_case(path: str | Path, overrides: Mapping[str, object] | None = None) -> Case:
+    """Read a case file.
+
+    Args:
+        path: TOML file; files that it names relatively lie beside it.
+        overrides: see `Case.with_overrides`.
+
+    Returns:
+        The case.
+
+    Raises:
+        CaseError: the file is missing or no TOML, or the case in it is not valid.
+    """
+    path = Path(path)
+    data = read_toml(path)
+    for section in ("gap", "mesh"):
+        table = data.get(section)
+        if isinstance(table, dict) and isinstance(table.get("file"), str):
+            table["file"] = os.path.join(path.absolute().parent, table["file"])
+    return _case(data, overrides, f"case {path}")
+
+
+def preset(name: str, overrides: Mapping[str, object] | None = None) -> Case:
+    """Return a case that comes with the package.
+
+    Args:
+        name: one of `PRESETS`.
+        overrides: see `Case.with_overrides`.
+
+    Returns:
+        The case.
+
+    Raises:
+        CaseError: there is no such preset, or an override is not valid.
+    """
+    return _case(tomllib.loads(preset_text(name)), overrides, f"case {name}")
+
+
+def preset_text(name: str) -> str:
+    """Return the case file of a preset, comments included.
+
+    Raises:
+        CaseError: there is no such preset.
+    """
+    if name not in PRESETS:
+        raise CaseError(f"preset {name!r}: unknown; expected one of {', '.join(PRESETS)}")
+    return resources.files("delam_fem.case").joinpath(f"presets/{name}.toml").read_text("utf-8")
+
+
+def _case(data: Data, overrides: Mapping[str, object] | None, label: str) -> Case:
+    """Apply overrides to a case that was read, and check it."""
+    apply_overrides(data, overrides or {})
+    return Case.checked(data, label).with_files_checked(label)
+
+
+def save_case(case: Case, directory: str | Path) -> Path:
+    """Write a case and the files it names to one folder, which then repeats the run anywhere.
+
+    Args:
+        case: the case.
+        directory: an existing folder, or one to be made.
+
+    Returns:
+        The path of `case.toml`, which names the files relatively.
+
+    Raises:
+        OSError: the folder cannot be written, or a file of the case not be read.
+    """
+    directory = Path(directory)
+    directory.mkdir(parents=True, exist_ok=True)
+    data = tomllib.loads(case.to_toml())
+    taken: set[str] = set()
+    for section, file in (("gap", case.gap.file), ("mesh", case.mesh.file)):
+        if file is not None:
+            name = file.name if file.name not in taken else f"{section}-{file.name}"
+            taken.add(name)
+            _copy(file, directory / name)
+            data[section] = {**data[section], "file": name}
+            heavy = file.with_suffix(".h5")
+            if file.suffix == ".xdmf" and heavy.is_file():  # XDMF keeps its numbers beside it
+                _copy(heavy, directory / heavy.name)
+    path = directory / "case.toml"
+    unfinished = path.with_suffix(".toml.part")
+    unfinished.write_text(toml_text(data), encoding="utf-8")
+    unfinished.replace(path)
+    return path
+
+
+def _copy(source: Path, target: Path) -> None:
+    """Copy a file so that the target is never half written."""
+    if target.exists() and target.samefile(source):
+        return
+    unfinished = target.with_name(f"{target.name}.part")
+    shutil.copyfile(source, unfinished)
+    unfinished.replace(target)

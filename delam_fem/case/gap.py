@@ -1,0 +1,145 @@
+"""The gap at rest between the laminae: a power, the first cantilever mode, or a measured table."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import PchipInterpolator
+
+from delam_fem.case.sections import Gap
+from delam_fem.case.toml import CaseError
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.cantilever import cantilever_mode
+
+_END_TOLERANCE = 1e-9
+"""Relative to L: a table written with nine digits still reaches the free end."""
+
+
+def initial_gap(gap: Gap, x: npt.ArrayLike, length: float) -> FloatArray:
+    """Return the gap g0(x) at rest.
+
+        exponent:  tip (x/L)^p
+        mode:      tip w1(x/L), the exact first cantilever mode with w1(1) = 1
+        file:      the table, interpolated by PCHIP, which keeps the shape of the table: no
+                   overshoot between its rows, continuous slope
+
+    Args:
+        gap: the section of the case.
+        x: positions from the clamp, shape (n,) [m].
+        length: L of the laminae [m].
+
+    Returns:
+        Gap at x, shape (n,) [m]; positive is open.
+
+    Raises:
+        CaseError: the table cannot be used, or the gap starts closed at some x > 0.
+
+    Source: the paper gives the gap at the tip alone (12 mm).
+    """
+    x = np.asarray(x, dtype=np.float64)
+    xi = np.clip(x / length, 0.0, 1.0)
+    if gap.file is not None:
+        table = read_gap_table(gap.file, length)
+        g0: FloatArray = PchipInterpolator(*table)(np.clip(x, 0.0, table[0][-1]))
+        source = f"gap.file {gap.file}"
+    elif gap.tip is None:
+        raise CaseError("gap.tip: missing, but required unless gap.file is given")
+    elif gap.exponent is not None:
+        g0, source = gap.tip * xi**gap.exponent, f"gap.exponent {gap.exponent!r}"
+    else:
+        g0, source = gap.tip * cantilever_mode(1, xi), "gap.shape"
+    closed = np.flatnonzero((x > 0.0) & ~(g0 > 0.0))
+    if closed.size:
+        k = closed[0]
+        raise CaseError(
+            f"{source}: the gap starts closed beyond the clamp: expected a positive gap at every "
+            f"node with x > 0, given {g0[k]:.6g} m at x = {x[k]:.6g} m"
+        )
+    return g0
+
+
+def read_gap_table(path: Path, length: float) -> tuple[FloatArray, FloatArray]:
+    """Read a table of the gap.
+
+    Args:
+        path: CSV file with the columns x [m], gap [m]; a heading and comments (#) are skipped.
+        length: L of the laminae, which x must cover [m].
+
+    Returns:
+        x, increasing from 0, and the gap, 0 at x = 0, both shape (rows,) [m].
+
+    Raises:
+        CaseError: the file is missing or has a row that is no pair of numbers, does not increase,
+            does not cover [0, L], is not 0 at the clamp or not positive beyond it.
+    """
+    rows = _numbers(path)
+    if len(rows) < 2:
+        raise CaseError(f"gap file {path}: expected at least two rows of x, gap, given {len(rows)}")
+    lines = [line for line, _, _ in rows]
+    x = np.array([row[1] for row in rows])
+    gap = np.array([row[2] for row in rows])
+    for k in np.flatnonzero(~(np.diff(x) > 0.0)):
+        raise CaseError(
+            f"gap file {path}, line {lines[k + 1]}: expected x to increase, given {x[k + 1]} "
+            f"after {x[k]}"
+        )
+    margin = _END_TOLERANCE * length
+    if abs(x[0]) > margin or x[-1] < length - margin:
+        raise CaseError(
+            f"gap file {path}: expected x from 0 to the length {length!r} m, given {x[0]} to "
+            f"{x[-1]}"
+        )
+    if abs(gap[0]) > margin:
+        raise CaseError(
+            f"gap file {path}, line {lines[0]}: expected the gap 0 at the clamp, given {gap[0]}"
+        )
+    for k in np.flatnonzero(gap[1:] <= 0.0):
+        raise CaseError(
+            f"gap file {path}, line {lines[k + 1]}: the gap starts closed beyond the clamp: "
+            f"expected a positive gap, given {gap[k + 1]} m"
+        )
+    x[0] = gap[0] = 0.0
+    return x, gap
+
+
+def _numbers(path: Path) -> list[tuple[int, float, float]]:
+    """Return the number of the line, x and gap of each row of a table."""
+    try:
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except OSError as error:
+        raise CaseError(f"gap file {path}: cannot be read ({error.strerror})") from None
+    except UnicodeDecodeError:
+        raise CaseError(f"gap file {path}: expected a text file (UTF-8)") from None
+    rows: list[tuple[int, float, float]] = []
+    may_be_heading = True
+    for number, line in enumerate(lines, start=1):
+        content = line.partition("#")[0].strip()
+        if not content:
+            continue
+        cells = [cell.strip() for cell in content.split(",")]
+        is_heading = may_be_heading and not any(_is_number(cell) for cell in cells)
+        may_be_heading = False
+        if is_heading:
+            continue
+        if len(cells) != 2 or not all(_is_number(cell) for cell in cells):
+            raise CaseError(
+                f"gap file {path}, line {number}: expected two numbers x, gap, given {content!r}"
+            )
+        pair = (float(cells[0]), float(cells[1]))
+        if not np.all(np.isfinite(pair)):
+            raise CaseError(
+                f"gap file {path}, line {number}: expected finite numbers, given {content!r}"
+            )
+        rows.append((number, *pair))
+    return rows
+
+
+def _is_number(text: str) -> bool:
+    """Whether a cell is a number, NaN and infinity included."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True

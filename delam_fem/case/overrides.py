@@ -1,0 +1,116 @@
+"""Overrides of single keys of a case: `lamina.thick.length=0.7`."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from datetime import date, datetime, time
+
+from delam_fem.case.toml import CaseError, Data
+
+_ALTERNATIVES = (("mesh", ("elements", "file")), ("gap", ("exponent", "shape", "file")))
+"""Keys of a section of which one replaces the others when it is set by an override."""
+
+
+def parse_override(text: str) -> tuple[str, object]:
+    """Split `key=value` as given on the command line.
+
+    Args:
+        text: the key with dots (`lamina.thick.length`), then a TOML value; a bare word is taken
+            as a string, and nothing after `=` removes the key.
+
+    Returns:
+        The key and the value; None removes.
+
+    Raises:
+        CaseError: there is no `=`, or no key before it.
+    """
+    key, equals, value = (part.strip() for part in text.partition("="))
+    if not equals or not key:
+        raise CaseError(
+            f"override {text!r}: expected KEY=VALUE, for example excitation.frequency=3.65"
+        )
+    return key, _override_value(value)
+
+
+def _override_value(text: str) -> object:
+    """Return a TOML value, or the text itself where it is none."""
+    if not text:
+        return None
+    try:
+        parsed = tomllib.loads(f"value = {text}")
+    except tomllib.TOMLDecodeError:
+        return text
+    value: object = parsed["value"]
+    return text if len(parsed) > 1 or isinstance(value, date | datetime | time) else value
+
+
+def set_key(data: Data, key: str, value: object) -> None:
+    """Set one key of nested dictionaries, in place.
+
+    Args:
+        data: the case; arrays of tables are entered by their `name` or their number from 1.
+        key: the path with dots.
+        value: the new value; None removes the key.
+
+    Raises:
+        CaseError: the path runs through something that is no table.
+    """
+    *parents, last = key.split(".")
+    table: object = data
+    for depth, part in enumerate(parents, start=1):
+        if isinstance(table, dict) and part:
+            table = table.setdefault(part, {})
+        elif isinstance(table, list):
+            table = _entry(table, part, key)
+        if not isinstance(table, dict | list):
+            raise CaseError(f"override {key}: {'.'.join(parents[:depth])} is not a table")
+    if not isinstance(table, dict) or not last:
+        names = " or ".join(f"{'.'.join(parents)}.{name}.{last}" for name in _names(table))
+        raise CaseError(
+            f"override {key}: not a key of a case" + (f"; expected {names}" * bool(names))
+        )
+    if value is None:
+        table.pop(last, None)
+    else:
+        table[last] = value.item() if hasattr(value, "item") else value  # numpy's scalars too
+
+
+def _names(table: object) -> list[str]:
+    """Return the names of the entries of an array of tables."""
+    entries = table if isinstance(table, list) else []
+    return [str(entry.get("name", i)) for i, entry in enumerate(entries, start=1)]
+
+
+def _entry(tables: list[Data], part: str, key: str) -> Data:
+    """Return the table of a list that has the name or the number (from 1) `part`."""
+    for number, table in enumerate(tables, start=1):
+        if part in (str(number), table.get("name")):
+            return table
+    names = ", ".join(_names(tables))
+    raise CaseError(
+        f"override {key}: no entry {part!r}; expected one of {names} or a number from 1"
+    )
+
+
+def apply_overrides(data: Data, overrides: Mapping[str, object]) -> None:
+    """Apply overrides to a case in place, first making room for what replaces something else.
+
+    Args:
+        data: the case.
+        overrides: values by key; see `set_key`.
+
+    Raises:
+        CaseError: a path runs through something that is no table.
+    """
+    for section, choices in _ALTERNATIVES:
+        table = data.get(section)
+        if isinstance(table, dict) and any(f"{section}.{key}" in overrides for key in choices):
+            dropped = {*choices, "tip"} if f"{section}.file" in overrides else set(choices)
+            for key in dropped & set(table):
+                del table[key]
+    table, kind = data.get("excitation"), overrides.get("excitation.kind")
+    if isinstance(table, dict) and kind is not None and kind != table.get("kind"):
+        data["excitation"] = {key: table[key] for key in ("amplitude",) if key in table}
+    for key, value in overrides.items():
+        set_key(data, key, value)

@@ -1,0 +1,235 @@
+"""The sections of a case: frozen, strict, complete once constructed.
+
+Numbers are SI, float64; whole numbers are accepted where a float is expected, nothing else is
+converted. What the sections must fulfil together is checked in `case.py`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Literal, Self
+
+import numpy as np
+from pydantic import model_validator
+from pydantic_core import PydanticCustomError
+
+from delam_fem.case.fields import (
+    Count,
+    CountOrNone,
+    DampingRatio,
+    Elements,
+    FileName,
+    Label,
+    NotNegative,
+    Positive,
+    Restitution,
+    Section,
+    Steps,
+    inconsistent,
+)
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.cantilever import cantilever_roots
+
+
+class Lamina(Section):
+    """One lamina of the delaminated beam: a uniform cantilever.
+
+    Attributes:
+        name: how results name it.
+        length: L [m].
+        width: b [m].
+        thickness: h [m].
+        density: rho [kg/m3].
+        young_modulus: E [Pa].
+        bending_stiffness: EI [N m2]; where given, it is used instead of E b h^3/12.
+        damping_ratio: D of the modes that the damping model names [-].
+    """
+
+    name: Label
+    length: Positive
+    width: Positive
+    thickness: Positive
+    density: Positive
+    young_modulus: Positive
+    bending_stiffness: Positive | None = None
+    damping_ratio: DampingRatio
+
+    @property
+    def flexural_rigidity(self) -> float:
+        """EI as given, otherwise E b h^3/12 [N m2]."""
+        if self.bending_stiffness is not None:
+            return self.bending_stiffness
+        return self.young_modulus * self.width * self.thickness**3 / 12.0
+
+    @property
+    def mass_per_length(self) -> float:
+        """Mass per length rho b h [kg/m]."""
+        return self.density * self.width * self.thickness
+
+    def angular_frequencies(self, n: int) -> FloatArray:
+        """Return the first natural frequencies, omega_k = (B_k/L)^2 sqrt(EI / rho A).
+
+        Args:
+            n: how many.
+
+        Returns:
+            Angular frequencies of the exact undamped cantilever, shape (n,) [rad/s].
+        """
+        speed = np.sqrt(self.flexural_rigidity / self.mass_per_length)
+        frequencies: FloatArray = (cantilever_roots(n) / self.length) ** 2 * speed
+        return frequencies
+
+
+class Gap(Section):
+    """The gap at rest: a power of x/L, the first mode shape, or a table.
+
+    Attributes:
+        tip: gap at the free end [m]; none with a table.
+        exponent: p of tip (x/L)^p [-]; 2 where no shape is named.
+        shape: "mode" for the first cantilever mode, scaled to the tip.
+        file: CSV table with the columns x [m], gap [m]; absolute.
+    """
+
+    tip: Positive | None = None
+    exponent: Positive | None = None
+    shape: Literal["mode"] | None = None
+    file: FileName | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _square_by_default(cls, data: object) -> object:
+        """Take the exponent 2 where nothing names a shape."""
+        if isinstance(data, Mapping) and not {"exponent", "shape", "file"} & set(data):
+            return {**data, "exponent": 2.0}
+        return data
+
+    @model_validator(mode="after")
+    def _one_shape(self) -> Self:
+        """Demand one shape, and the tip's gap unless a table has it."""
+        given = [key for key in ("exponent", "shape", "file") if getattr(self, key) is not None]
+        if len(given) != 1:
+            raise PydanticCustomError(
+                "inconsistent",
+                "expected one of exponent, shape, file, given {given}",
+                {"given": " and ".join(given) or "none"},
+            )
+        if self.file is None and self.tip is None:
+            raise inconsistent("tip", "missing, but required unless gap.file is given")
+        if self.file is not None and self.tip is not None:
+            raise inconsistent("tip", "expected no tip beside gap.file, which has the gap itself")
+        return self
+
+
+class Mesh(Section):
+    """The mesh of both laminae.
+
+    Attributes:
+        elements: number of equal elements per lamina.
+        file: mesh file that meshio reads; absolute.
+    """
+
+    elements: Elements | None = None
+    file: FileName | None = None
+
+    @model_validator(mode="after")
+    def _one_source(self) -> Self:
+        """Demand a number of elements or a file."""
+        if (self.elements is None) == (self.file is None):
+            raise PydanticCustomError(
+                "inconsistent",
+                "expected one of elements, file, given {given}",
+                {"given": "none" if self.file is None else "both"},
+            )
+        return self
+
+
+class Damping(Section):
+    """How the damping ratio D becomes C = alpha M + beta K.
+
+    Attributes:
+        rayleigh: "two-mode" (D at modes 1 and 2), "stiffness" or "mass" (D at mode 1).
+    """
+
+    rayleigh: Literal["two-mode", "stiffness", "mass"] = "two-mode"
+
+
+class HarmonicExcitation(Section):
+    """Base motion A sin(2 pi f t).
+
+    Attributes:
+        kind: "harmonic".
+        frequency: f [Hz].
+        amplitude: A [m].
+    """
+
+    kind: Literal["harmonic"] = "harmonic"
+    frequency: Positive
+    amplitude: NotNegative
+
+
+class SweepExcitation(Section):
+    """Base motion A sin(phi(t)) whose frequency moves from start to end.
+
+    Attributes:
+        kind: "sweep".
+        start_frequency: at t = 0 [Hz].
+        end_frequency: at t = duration [Hz].
+        duration: length of the sweep [s].
+        amplitude: A [m].
+        spacing: whether the frequency moves linearly or logarithmically in time.
+    """
+
+    kind: Literal["sweep"] = "sweep"
+    start_frequency: Positive
+    end_frequency: Positive
+    duration: Positive
+    amplitude: NotNegative
+    spacing: Literal["linear", "logarithmic"] = "linear"
+
+
+class Contact(Section):
+    """The contact law and its numbers.
+
+    Attributes:
+        law: "none", "newton", "newton-penalty", "penalty", "moreau" or "moreau-recovery".
+        impulse: "lumped" on the hit nodes alone, or "consistent" with the mass matrix.
+        restitution: e [-].
+        penalty_stiffness: k_con [N/m per node pair].
+        penalty_damping: c [N s/m per node pair]; law "penalty" only.
+        threshold_velocity: gamma [m/s]; pairs that separate slower stay in contact.
+    """
+
+    law: Literal["none", "newton", "newton-penalty", "penalty", "moreau", "moreau-recovery"]
+    impulse: Literal["lumped", "consistent"] = "consistent"
+    restitution: Restitution = 0.1
+    penalty_stiffness: NotNegative = 100.0
+    penalty_damping: NotNegative = 0.0
+    threshold_velocity: NotNegative = 0.5e-3
+
+
+class TimeStepping(Section):
+    """The time integration.
+
+    Attributes:
+        scheme: "newmark" (average acceleration) or "central-difference".
+        mass: "consistent" or "lumped" mass matrix.
+        steps_per_period: N; a sweep counts periods of its highest frequency.
+        periods: length of a harmonic run; a sweep's length is its duration.
+    """
+
+    scheme: Literal["newmark", "central-difference"] = "newmark"
+    mass: Literal["consistent", "lumped"] = "consistent"
+    steps_per_period: Steps = 1000
+    periods: Count = 300
+
+
+class Output(Section):
+    """What is kept.
+
+    Attributes:
+        window_periods: how many of the last periods are recorded at every step.
+        fields_per_period: frames of the fields per period of the window, 0 for none.
+    """
+
+    window_periods: Count = 10
+    fields_per_period: CountOrNone = 50

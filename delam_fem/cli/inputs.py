@@ -1,0 +1,44 @@
+"""What every command is given: a case, with overrides, and a folder."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from delam_fem.case.definition import Case
+
+
+def case_of(name: str, overrides: list[str] | None) -> Case:
+    """Return the case of a preset or a file, with the overrides of the command line."""
+    from delam_fem.case.files import PRESETS, load_case, preset
+    from delam_fem.case.overrides import parse_override
+    from delam_fem.case.toml import CaseError
+
+    keys = dict(parse_override(text) for text in overrides or [])
+    path = Path(name)
+    if path.suffix == ".toml" or path.is_file() or len(path.parts) > 1:
+        return load_case(path, keys)
+    if name not in PRESETS:
+        raise CaseError(
+            f"case {name!r}: neither a file nor a preset; expected a case file (.toml) or one of "
+            f"{', '.join(PRESETS)}"
+        )
+    return preset(name, keys)
+
+
+def writable(directory: Path) -> Path:
+    """Make a folder and see that files can be written there, before any work is done."""
+    from delam_fem.case.toml import CaseError
+
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=directory):
+            pass
+    except OSError as error:
+        raise CaseError(
+            f"output folder {directory}: cannot be written ({error.strerror}); choose another "
+            "with -o DIR"
+        ) from None
+    return directory

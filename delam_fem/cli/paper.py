@@ -1,0 +1,61 @@
+"""The command `delam-fem paper`: every figure, every number, every statement of the paper."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from delam_fem.cli.terminal import FAILED, fail, reported, say_files, table
+
+Figures = Annotated[
+    list[str] | None,
+    typer.Argument(metavar="[FIG]…", help="Figures: 1, 2a, 2b, 3, … 15, gamma; all by default."),
+]
+Folder = Annotated[
+    Path, typer.Option("-o", "--output", metavar="DIR", help="Folder of the results.")
+]
+Workers = Annotated[
+    int | None,
+    typer.Option("-j", "--workers", min=1, metavar="N", help="Processes; one per core."),
+]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the application."""
+    app.command("paper")(paper_command)
+
+
+def paper_command(
+    figures: Figures = None,
+    output: Folder = Path("runs/paper"),
+    *,
+    fast: Annotated[
+        bool, typer.Option("--fast", help="Coarser planes and responses, histories as in full.")
+    ] = False,
+    workers: Workers = None,
+    engine: Annotated[
+        Literal["petsc", "compiled"], typer.Option(help="What computes the steps.")
+    ] = "compiled",
+    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="No progress, no table.")] = False,
+) -> None:
+    """Reproduce the paper: figures, numbers, and its claims beside what came out."""
+    with reported(quiet):
+        from delam_fem.paper.lab import FAST, FULL, laboratory
+        from delam_fem.paper.page import claims_of, entries, tally, write_page
+        from delam_fem.paper.reproduce import FIGURES, chosen, file_stem, reproduce
+
+        names = chosen(figures or [])
+        try:
+            with laboratory(FAST if fast else FULL, workers=workers, engine=engine) as lab:
+                paths = reproduce(lab, output, names)
+        except (RuntimeError, ArithmeticError) as error:
+            fail(str(error), FAILED)
+        found = entries(output, [file_stem(name) for name in FIGURES])
+        paths.append(write_page(output, found))
+        if not quiet:
+            claims = claims_of(figure for figure in found if figure["name"] in names)
+            rows = [(c.figure, c.text, c.measured, c.verdict) for c in claims]
+            table(tally(claims), ("figure", "the paper says", "what came out", "verdict"), rows)
+            say_files(paths)

@@ -1,0 +1,178 @@
+"""The commands of sweeps: `delam-fem sweep` computes, `delam-fem diagram` draws as well."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from delam_fem.cli.terminal import FAILED, INTERRUPTED, fail, reported, say_files, table
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from delam_fem.studies.executors import ExecutorName
+
+SweepArgument = Annotated[
+    Path, typer.Argument(metavar="SWEEP", help="A sweep file (.toml); see docs/sweeps.md.")
+]
+Source = Annotated[
+    Path,
+    typer.Argument(
+        metavar="SWEEP", help="A sweep file (.toml), or a result: a folder or its sweep.nc."
+    ),
+]
+Kind = Annotated[
+    Literal["response", "bifurcation", "plane", "lyapunov", "basins"],
+    typer.Argument(
+        help="response: amplitudes over an axis; bifurcation: stroboscopic points over an axis; "
+        "plane: kinds of motion over two axes; lyapunov: largest exponent over one or two; "
+        "basins: attractors over two initial conditions."
+    ),
+]
+Folder = Annotated[
+    Path | None,
+    typer.Option("-o", "--output", metavar="DIR", help="Folder of the results (runs/NAME)."),
+]
+Overrides = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="Override a key of the base case; repeatable."),
+]
+Resume = Annotated[bool, typer.Option("--resume", help="Go on with an interrupted sweep.")]
+Workers = Annotated[
+    int | None,
+    typer.Option("-j", "--workers", min=1, metavar="N", help="Processes; one per core."),
+]
+ExecutorOption = Annotated[
+    Literal["process", "mpi", "serial"] | None,
+    typer.Option(
+        "--executor",
+        help="Where points are computed: processes of this machine, the ranks of mpiexec "
+        "(the default under python -m mpi4py.futures), or one after another here.",
+    ),
+]
+Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="No progress, no table.")]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to the application."""
+    app.command("sweep")(sweep_command)
+    app.command("diagram")(diagram_command)
+
+
+def sweep_command(
+    sweep_file: SweepArgument,
+    output: Folder = None,
+    overrides: Overrides = None,
+    *,
+    resume: Resume = False,
+    workers: Workers = None,
+    executor: ExecutorOption = None,
+    quiet: Quiet = False,
+) -> None:
+    """Compute a case at many points; all of it becomes DIR/sweep.nc."""
+    with reported(quiet):
+        data, directory = _computed(
+            sweep_file, output, overrides, resume, (workers, executor), quiet
+        )
+        data.close()
+        if not quiet:
+            say_files([directory / "sweep.nc"])
+
+
+def diagram_command(
+    kind: Kind,
+    source: Source,
+    output: Folder = None,
+    overrides: Overrides = None,
+    *,
+    resume: Resume = False,
+    workers: Workers = None,
+    executor: ExecutorOption = None,
+    quiet: Quiet = False,
+) -> None:
+    """Draw a diagram of a sweep, computed before unless it is there already."""
+    with reported(quiet):
+        from delam_fem.studies.sweeps.diagrams import save_diagram
+
+        if source.suffix == ".toml":
+            data, directory = _computed(
+                source, output, overrides, resume, (workers, executor), quiet, again=False
+            )
+        else:
+            data, directory = _read(source, output)
+        path = save_diagram(kind, data, directory / f"{kind}.png")
+        data.close()
+        if not quiet:
+            say_files([path])
+
+
+def _computed(
+    sweep_file: Path,
+    output: Path | None,
+    overrides: list[str] | None,
+    resume: bool,
+    where: tuple[int | None, ExecutorName | None],
+    quiet: bool,
+    *,
+    again: bool = True,
+) -> tuple[xr.Dataset, Path]:
+    """Compute a sweep and report; leave with a message where it did not come to its end."""
+    from rich.console import Console
+
+    from delam_fem.case.overrides import parse_override
+    from delam_fem.cli.progress import progress
+    from delam_fem.studies.sweeps.grid import load_sweep
+    from delam_fem.studies.sweeps.run import is_complete, run_sweep
+
+    keys = dict(parse_override(text) for text in overrides or [])
+    sweep = load_sweep(sweep_file, keys)
+    directory = output or Path("runs") / sweep.file.name
+    if not again and is_complete(directory, sweep):
+        resume = True
+    workers, executor = where
+    with progress(Console(stderr=True, quiet=quiet)) as report:
+        data = run_sweep(
+            sweep, directory, executor, workers=workers, resume=resume, progress=report
+        )
+    about = data.attrs
+    if not quiet:
+        table(f"sweep {sweep.file.name}", ("", "value"), _rows(data))
+    if about["outcome"] == "interrupted":
+        left = about["n_missing"]
+        fail(
+            f"interrupted with {left} of {about['n_points']} points left; --resume goes on",
+            INTERRUPTED,
+        )
+    if not about["n_completed"]:
+        first = next(text for text in data["error"].to_numpy().ravel() if text)
+        fail(f"none of the {about['n_points']} points was completed; the first: {first}", FAILED)
+    return data, directory
+
+
+def _rows(data: xr.Dataset) -> list[tuple[str, str]]:
+    """Return what the table at the end says."""
+    about = data.attrs
+    counted = ("points", "completed", "diverged", "failed", "missing")
+    rows = [(name, str(about[f"n_{name}"])) for name in counted]
+    return [
+        *rows,
+        ("workers", str(about["workers"])),
+        ("wall seconds", f"{about['wall_seconds']:.4g}"),
+        ("scheduling overhead", f"{100.0 * about['scheduling_overhead']:.2g} %"),
+    ]
+
+
+def _read(source: Path, output: Path | None) -> tuple[xr.Dataset, Path]:
+    """Open the result of a sweep."""
+    import xarray as xr
+
+    from delam_fem.case.toml import CaseError
+
+    path = source / "sweep.nc" if source.is_dir() else source
+    if not path.is_file():
+        raise CaseError(
+            f"diagram: expected a sweep file (.toml) or a result of one, no file {path}"
+        )
+    return xr.open_dataset(path, engine="h5netcdf"), output or path.parent

@@ -1,0 +1,83 @@
+"""What the command says: tables on stdout, messages and the log on stderr, the exit status."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NoReturn
+
+import typer
+
+DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+"""Exit statuses."""
+
+
+@contextmanager
+def reported(quiet: bool = False) -> Iterator[None]:
+    """Turn errors into a message on stderr and an exit status; show the package's log."""
+    from delam_fem.case.toml import CaseError
+
+    log = logging.getLogger("delam_fem")
+    handler = _EchoHandler()
+    log.addHandler(handler)
+    log.setLevel(logging.WARNING if quiet else logging.INFO)
+    try:
+        yield
+    except CaseError as error:
+        fail(str(error), BAD_INPUT)
+    except OSError as error:
+        log.debug("where it failed", exc_info=True)
+        fail(f"{error.filename or 'input or output'}: {error.strerror or error}", FAILED)
+    except KeyboardInterrupt:
+        fail("interrupted", INTERRUPTED)
+    finally:
+        log.removeHandler(handler)
+
+
+class _EchoHandler(logging.Handler):
+    """Writes the log to stderr, whatever that is at the moment."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Write one record."""
+        typer.echo(self.format(record), err=True)
+
+
+def fail(text: str, status: int) -> NoReturn:
+    """Leave with a message."""
+    typer.echo(f"delam-fem: {text}", err=True)
+    raise typer.Exit(status)
+
+
+def table(title: str, heading: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Print a table to stdout."""
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(title=title, title_justify="left")
+    for column in heading:
+        table.add_column(column)
+    for row in rows:
+        table.add_row(*row)
+    Console().print(table)
+
+
+def summary_rows(summary: Mapping[str, object]) -> list[tuple[str, str]]:
+    """Return the summary as table rows."""
+    return [(key.replace("_", " "), _shown(value)) for key, value in summary.items()]
+
+
+def _shown(value: object) -> str:
+    """Return a value of the summary as text."""
+    if isinstance(value, list | tuple):
+        return ", ".join(_shown(entry) for entry in value)
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    return "none" if value is None else str(value)
+
+
+def say_files(paths: Sequence[Path]) -> None:
+    """Print paths."""
+    for path in paths:
+        typer.echo(path)

@@ -1,0 +1,1 @@
+"""Contact laws: gaps and gap rates in, decisions out."""

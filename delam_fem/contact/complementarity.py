@@ -1,0 +1,154 @@
+"""The linear complementarity problem of simultaneous impacts, solved exactly.
+
+    0 <= p,   W p + q >= 0,   p^T (W p + q) = 0
+
+with W = H M^-1 H^T symmetric and positive semidefinite and q in its range. It is the optimality
+condition of the non-negative least-squares problem min 1/2 |L^T p + L^-1 q|^2 with W = L L^T, and
+is solved by Lawson and Hanson's active set on W itself. A redundant pair has no residual left once
+the pairs that span it are active, hence is never added: p is then one of several solutions, H^T p
+is unique.
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+from delam_fem.numerics.arrays import FloatArray
+
+TOLERANCE = 1e-13
+"""Residual that counts as none, relative to the largest |q|: round-off of a few dozen pairs."""
+
+UNSOLVABLE = 1e-4
+"""Residual that no round-off explains, relative likewise: nearly alike pairs reach 1e-6."""
+
+
+@numba.njit(cache=True)
+def _solve_active(W, q, active, n_active, out):  # type: ignore[no-untyped-def]
+    """Solve W_AA s = -q_A by Cholesky; return False where W_AA is singular to round-off."""
+    factor = np.empty((n_active, n_active))
+    for i in range(n_active):
+        for j in range(i + 1):
+            total = W[active[i], active[j]]
+            for k in range(j):
+                total -= factor[i, k] * factor[j, k]
+            if i == j:
+                if total <= 1e-13 * W[active[i], active[i]]:
+                    return False
+                factor[i, i] = np.sqrt(total)
+            else:
+                factor[i, j] = total / factor[j, j]
+    for i in range(n_active):
+        total = -q[active[i]]
+        for k in range(i):
+            total -= factor[i, k] * out[k]
+        out[i] = total / factor[i, i]
+    for i in range(n_active - 1, -1, -1):
+        total = out[i]
+        for k in range(i + 1, n_active):
+            total -= factor[k, i] * out[k]
+        out[i] = total / factor[i, i]
+    return True
+
+
+@numba.njit(cache=True)
+def _solve_all(W, q, p):  # type: ignore[no-untyped-def]
+    """Try the guess that every pair is active, which most impacts fulfil."""
+    n = q.size
+    if not _solve_active(W, q, np.arange(n), n, p):
+        return False
+    for k in range(n):
+        if p[k] < 0.0:
+            return False
+    return True
+
+
+@numba.njit(cache=True)
+def _active_set(W, q, p, limit):  # type: ignore[no-untyped-def]
+    """Run Lawson and Hanson's iteration; return the number of solves, negative without success."""
+    n = q.size
+    active = np.empty(n, dtype=np.int64)
+    is_barred = np.zeros(n, dtype=np.bool_)
+    trial = np.empty(n)
+    n_active, solves = 0, 0
+    p[:] = 0.0
+    while solves <= 3 * n + 10:
+        best, chosen = -limit, -1
+        for k in range(n):
+            if p[k] == 0.0 and not is_barred[k]:
+                residual = q[k]
+                for i in range(n_active):
+                    residual += W[k, active[i]] * p[active[i]]
+                if residual < best:
+                    best, chosen = residual, k
+        if chosen < 0:
+            return solves
+        active[n_active] = chosen
+        n_active += 1
+        while True:
+            solves += 1
+            if not _solve_active(W, q, active, n_active, trial):
+                n_active -= 1  # the new pair depends on the others: leave it to them
+                is_barred[chosen] = True
+                break
+            step = 1.0
+            for i in range(n_active):
+                if trial[i] <= 0.0:
+                    old = p[active[i]]
+                    step = min(step, old / (old - trial[i])) if old > trial[i] else 0.0
+            for i in range(n_active):
+                p[active[i]] += step * (trial[i] - p[active[i]])
+            if step == 1.0:
+                for k in range(n):
+                    is_barred[k] = False
+                break
+            kept = 0
+            for i in range(n_active):
+                if trial[i] <= 0.0 and p[active[i]] <= 1e-14 * abs(trial[i]):
+                    p[active[i]] = 0.0
+                else:
+                    active[kept] = active[i]
+                    kept += 1
+            n_active = kept
+            if n_active == 0:
+                break
+    return -solves
+
+
+@numba.njit(cache=True)
+def solve_into(W, q, p):  # type: ignore[no-untyped-def]
+    """Write the solution into p; return whether the iteration ended (compiled callers)."""
+    if q.size == 1:
+        p[0] = max(0.0, -q[0] / W[0, 0])
+        return True
+    if _solve_all(W, q, p):
+        return True
+    return _active_set(W, q, p, TOLERANCE * np.max(np.abs(q))) >= 0
+
+
+def solve(W: FloatArray, q: FloatArray) -> FloatArray:
+    """Return p with 0 <= p ⊥ W p + q >= 0.
+
+    Args:
+        W: symmetric positive semidefinite, shape (k, k), e.g. H M^-1 H^T [1/kg].
+        q: shape (k,), in the range of W, e.g. (1 + e) times the approach velocities [m/s].
+
+    Returns:
+        p, shape (k,), e.g. impulses [N s].
+
+    Raises:
+        ArithmeticError: W or q is not finite, q is not in the range of W, or the active set does
+            not settle.
+
+    Source:
+        spec of consistent impulses; C. L. Lawson, R. J. Hanson, Solving Least Squares Problems,
+        ch. 23.
+    """
+    p = np.zeros(q.size)
+    if not (np.isfinite(q).all() and np.isfinite(W).all()):
+        raise ArithmeticError("impulses: the velocities before the impact are not finite")
+    if q.size and not solve_into(W, q, p):
+        raise ArithmeticError(f"impulses: no solution found for {q.size} pairs (is W symmetric?)")
+    if q.size > 1 and (W @ p + q).min() < -UNSOLVABLE * np.abs(q).max():
+        raise ArithmeticError("impulses: no impulses can part these pairs (q is not in W's range)")
+    return p

@@ -1,0 +1,91 @@
+"""The contact laws as pure functions of gaps and gap rates; nothing about time or state.
+
+Impulses [N s] and forces [N] act on pairs; H^T takes them to the dofs. Positive pushes the laminae
+apart.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from delam_fem.contact import complementarity
+from delam_fem.numerics.arrays import FloatArray
+
+
+def separate_impulses(
+    rate_pre: FloatArray, restitution: float, inverse_mass: FloatArray
+) -> FloatArray:
+    """Return the impulses that give each pair by itself the rate -e times its own (paper eq. 14).
+
+        p = (1 + e) (-rate_pre) / W_kk,   W_kk = 1/m_1 + 1/m_2
+
+    Args:
+        rate_pre: gap rates before, approaching, shape (k,) [m/s].
+        restitution: e [-].
+        inverse_mass: W_kk of the lumped masses, shape (k,) [1/kg].
+    """
+    return -(1.0 + restitution) * rate_pre / inverse_mass
+
+
+def coupled_impulses(
+    rate_pre: FloatArray, rate_free: FloatArray, restitution: float, compliance: FloatArray
+) -> FloatArray:
+    """Return the impulses of Newton's law for pairs that feel one another.
+
+        0 <= p  ⊥  (rate_free + W p) + e rate_pre >= 0
+
+    Args:
+        rate_pre: gap rates before the impact, shape (k,) [m/s].
+        rate_free: gap rates that would follow without impulses, shape (k,) [m/s]; the same as
+            `rate_pre` where the impact takes no time.
+        restitution: e [-].
+        compliance: W = H M^-1 H^T of the k pairs, shape (k, k) [1/kg].
+
+    Raises:
+        ArithmeticError: no solution (velocities or W are not finite).
+    """
+    return complementarity.solve(compliance, rate_free + restitution * rate_pre)
+
+
+def floor_impulses(lacking: FloatArray, compliance: FloatArray) -> FloatArray:
+    """Return the impulses that lift gap rates to their floors.
+
+        0 <= p  ⊥  W p + lacking >= 0
+
+    Args:
+        lacking: gap rates without impulses less their floors, shape (k,) [m/s].
+        compliance: W of the k pairs, shape (k, k) [1/kg].
+
+    Raises:
+        ArithmeticError: no solution (velocities or W are not finite).
+    """
+    return complementarity.solve(compliance, lacking)
+
+
+def recovery_floor(
+    gap: FloatArray, rate_pre: FloatArray, restitution: float, time_step: float
+) -> FloatArray:
+    """Return the gap rate below which no pair may end a step (law "moreau-recovery").
+
+        U̇⁺ >= min(-U/Δt - e min(U̇, 0) [U <= 0],  -U̇)
+
+    An open gap is used up by the end of the step at the earliest; a closed one opens by Newton's
+    law and by what takes its penetration back within a step; but no pair leaves faster than it
+    came, so that no impulse does work: p (U̇⁺ + U̇)/2 <= 0.
+
+    Args:
+        gap: U at the start of the step, shape (n_pairs,) [m].
+        rate_pre: U̇ at the start of the step, shape (n_pairs,) [m/s].
+        restitution: e [-].
+        time_step: Δt [s].
+
+    Source:
+        The gap constraint is that of D. E. Stewart and J. C. Trinkle (1996); docs/convergence.md.
+    """
+    newton = np.where(gap > 0.0, 0.0, -restitution * np.minimum(rate_pre, 0.0))
+    return np.minimum(newton - gap / time_step, -rate_pre)
+
+
+def spring_energy(stiffness: float, gap: FloatArray) -> float:
+    """Return the energy of contact springs at their gaps, 1/2 k U^2 [J]."""
+    return 0.5 * stiffness * float(np.dot(gap, gap))

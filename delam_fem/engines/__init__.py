@@ -1,0 +1,1 @@
+"""Families of engines that compute the same steps."""

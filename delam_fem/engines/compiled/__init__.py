@@ -1,0 +1,1 @@
+"""Whole periods in code that Numba compiles."""

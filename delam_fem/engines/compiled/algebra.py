@@ -1,0 +1,83 @@
+"""Solutions, products and compliances in compiled code, whichever order the problem is in."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+from delam_fem.engines.compiled import banded
+from delam_fem.engines.compiled import lane_kernels as lk
+from delam_fem.engines.compiled.banded import row_product
+from delam_fem.engines.compiled.lane_kernels import R, Z
+from delam_fem.engines.compiled.state import MOREAU
+
+
+@numba.njit(cache=True)
+def solve_step(system, X):  # type: ignore[no-untyped-def]
+    """Solve A z = r."""
+    if system.is_chained:
+        lk.substitute(X, system.size, system.solution, R, Z)
+    else:
+        banded.substitute(X, system.size, system.band, R, Z)
+
+
+@numba.njit(cache=True)
+def solve_mass(system, X):  # type: ignore[no-untyped-def]
+    """Solve M z = r."""
+    if system.is_chained:
+        lk.substitute(X, system.size, system.mass_solution, R, Z)
+    else:
+        banded.substitute(X, system.size, system.mass_band, R, Z)
+
+
+@numba.njit(cache=True)
+def clear(X, size, field):  # type: ignore[no-untyped-def]
+    """Set a field to 0."""
+    for i in range(field * size, (field + 1) * size):
+        X[i] = 0.0
+
+
+@numba.njit(cache=True)
+def spread_one(system, X, pair, value):  # type: ignore[no-untyped-def]
+    """Add Hᵀ λ to r for a value on one pair."""
+    H, shift = system.gap_rows, R * system.size
+    for entry in range(H.start[pair], H.start[pair + 1]):
+        X[shift + H.column[entry]] += value * H.value[entry]
+
+
+@numba.njit(cache=True)
+def spread(system, X, pairs, values, n, sign):  # type: ignore[no-untyped-def]
+    """Write r = sign Hᵀ λ for values on n pairs."""
+    clear(X, system.size, R)
+    for k in range(n):
+        spread_one(system, X, pairs[k], sign * values[k])
+
+
+@numba.njit(cache=True)
+def measure(system, X, ahead, gap, rate):  # type: ignore[no-untyped-def]
+    """Write the gaps of u + ahead v and the gap rates of all pairs."""
+    for k in range(system.n_pairs):
+        rate[k] = row_product(system.gap_rows, k, X, system.size)
+        gap[k] = system.gap0[k] + row_product(system.gap_rows, k, X, 0) + ahead * rate[k]
+
+
+@numba.njit(cache=True)
+def compliance_block(system, law, memory, n):  # type: ignore[no-untyped-def]
+    """Return W = H B⁻¹ Hᵀ of the n hit pairs, with B = A for the θ-scheme and M otherwise."""
+    X, W, hit, n_pairs = memory.X, memory.compliance, memory.hit, system.n_pairs
+    block = np.empty((n, n))
+    for j in range(n):
+        k = hit[j]
+        if not memory.is_known[k]:
+            clear(X, system.size, R)
+            spread_one(system, X, k, 1.0)
+            if law.kind >= MOREAU:
+                solve_step(system, X)
+            else:
+                solve_mass(system, X)
+            for i in range(n_pairs):
+                W[i * n_pairs + k] = row_product(system.gap_rows, i, X, Z * system.size)
+            memory.is_known[k] = 1
+        for i in range(n):
+            block[i, j] = W[hit[i] * n_pairs + k]
+    return block

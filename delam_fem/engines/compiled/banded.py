@@ -1,0 +1,127 @@
+"""Any other system: rows of sparse matrices, and a banded factorisation after reordering.
+
+Scalar code without assumptions on the operators: a mass on a spring, a bar, laminae with their own
+damping. The order of the dofs is that of reverse Cuthill–McKee, which keeps the band narrow.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numba
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.csgraph import reverse_cuthill_mckee
+
+from delam_fem.numerics.arrays import FloatArray, IntArray
+
+
+class Rows(NamedTuple):
+    """A sparse matrix by rows.
+
+    Attributes:
+        start: where each row begins, shape (n_rows + 1,).
+        column: columns of the entries, shape (n_entries,).
+        value: the entries, likewise.
+    """
+
+    start: IntArray
+    column: IntArray
+    value: FloatArray
+
+
+class Band(NamedTuple):
+    """L and U of a banded matrix, row by row; L has ones on its diagonal.
+
+    Attributes:
+        width: entries beside the diagonal on each side.
+        value: shape (n, 2 width + 1); the diagonal is that of U.
+    """
+
+    width: int
+    value: FloatArray
+
+
+def rows(matrix: sp.spmatrix) -> Rows:
+    """Return a sparse matrix by rows."""
+    csr = sp.csr_matrix(matrix)
+    csr.sort_indices()
+    return Rows(csr.indptr.astype(np.int64), csr.indices.astype(np.int64), csr.data.astype(float))
+
+
+def band_order(pattern: sp.spmatrix) -> IntArray:
+    """Return where each dof stands in an order with a narrow band, shape (n,)."""
+    csr = sp.csr_matrix(abs(pattern))
+    order = reverse_cuthill_mckee(csr, symmetric_mode=False)
+    place = np.empty(order.size, dtype=np.int64)
+    place[order] = np.arange(order.size)
+    return place
+
+
+def factorise(matrix: sp.spmatrix) -> Band:
+    """Return L U of a matrix that needs no pivoting (positive definite).
+
+    Raises:
+        ArithmeticError: a pivot vanishes: the matrix is singular.
+    """
+    entries = sp.coo_matrix(matrix)
+    entries.sum_duplicates()
+    n = entries.shape[0]
+    width = int(abs(entries.row - entries.col).max(initial=0))
+    value = np.zeros((n, 2 * width + 1))
+    value[entries.row, entries.col - entries.row + width] = entries.data
+    bad = int(_factorise(value, width))
+    if bad >= 0:
+        raise ArithmeticError(f"factorisation: the matrix is singular at row {bad}")
+    return Band(width, value)
+
+
+@numba.njit(cache=True)
+def _factorise(value, width):  # type: ignore[no-untyped-def]
+    """Replace a band by its factors; return the row of a vanishing pivot or -1."""
+    n = value.shape[0]
+    for i in range(n):
+        if value[i, width] == 0.0:
+            return i
+        for k in range(i + 1, min(i + width + 1, n)):
+            factor = value[k, i - k + width] / value[i, width]
+            value[k, i - k + width] = factor
+            if factor != 0.0:
+                for j in range(i + 1, min(i + width + 1, n)):
+                    value[k, j - k + width] -= factor * value[i, j - i + width]
+    return -1
+
+
+@numba.njit(cache=True)
+def substitute(X, size, band, right, out):  # type: ignore[no-untyped-def]
+    """Solve A x = r between two fields of X."""
+    r, x, width, value = right * size, out * size, band.width, band.value
+    row = 2 * width + 1
+    for i in range(size):
+        total = X[r + i]
+        for j in range(max(0, i - width), i):
+            total -= value[i * row + j - i + width] * X[x + j]
+        X[x + i] = total
+    for i in range(size - 1, -1, -1):
+        total = X[x + i]
+        for j in range(i + 1, min(i + width + 1, size)):
+            total -= value[i * row + j - i + width] * X[x + j]
+        X[x + i] = total / value[i * row + width]
+
+
+@numba.njit(cache=True)
+def row_product(matrix, row, X, shift):  # type: ignore[no-untyped-def]
+    """Return an entry of A x for the field of X that begins at `shift`."""
+    result = 0.0
+    for entry in range(matrix.start[row], matrix.start[row + 1]):
+        result += matrix.value[entry] * X[shift + matrix.column[entry]]
+    return result
+
+
+@numba.njit(cache=True)
+def form(matrix, n, X, shift):  # type: ignore[no-untyped-def]
+    """Return xᵀ A x for the field of n numbers of X that begins at `shift`."""
+    result = 0.0
+    for row in range(n):
+        result += X[shift + row] * row_product(matrix, row, X, shift)
+    return result

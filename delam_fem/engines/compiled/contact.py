@@ -1,0 +1,299 @@
+"""Contact in compiled code: who is hit, who rests on a spring, and what that changes.
+
+The decisions are those of supervisor.py, their execution that of newmark.py and moreau.py, in the
+same order. They happen in few steps; the code is scalar and runs over sparse rows.
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+from delam_fem.contact import complementarity
+from delam_fem.engines.compiled import lane_kernels as lk
+from delam_fem.engines.compiled.algebra import compliance_block, solve_mass, solve_step, spread
+from delam_fem.engines.compiled.banded import row_product
+from delam_fem.engines.compiled.lane_kernels import R, Z
+from delam_fem.engines.compiled.springs import list_springs, renew_acceleration, spring_energy
+from delam_fem.engines.compiled.state import (
+    IMPACT,
+    IMPACTS,
+    MOREAU,
+    N_EVENTS,
+    N_HITS,
+    N_RESTING,
+    PENALTY,
+    RECOVERY,
+    RELEASED,
+)
+
+DONE, NOT_FINITE, UNSOLVED = 0, -1, -2
+"""How a decision ended: well, with velocities that are no numbers, with impulses not found."""
+ROUND_OFF = 1e-12
+"""Shortfall of a gap rate that does not count, relative to the largest one."""
+
+
+@numba.njit(cache=True)
+def _note(memory, log, step, n, energy):  # type: ignore[no-untyped-def]
+    """Write an impact of n pairs into the event buffers."""
+    memory.totals[IMPACT] += energy
+    event, first = memory.counts[N_EVENTS], memory.counts[N_HITS]
+    log.event_step[event], log.event_size[event], log.event_energy[event] = step, n, energy
+    for j in range(n):
+        log.hit[first + j], log.impulse[first + j] = memory.hit[j], memory.impulse[j]
+        log.rate_pre[first + j], log.rate_post[first + j] = memory.rate_pre[j], memory.rate_post[j]
+    memory.counts[N_EVENTS] = event + 1
+    memory.counts[N_HITS] = first + n
+
+
+@numba.njit(cache=True)
+def _coupled_impulses(system, law, memory, n, q):  # type: ignore[no-untyped-def]
+    """Solve 0 <= p ⊥ W p + q >= 0 on the n hit pairs; keep p and W p."""
+    W = compliance_block(system, law, memory, n)
+    right, p = np.empty(n), np.zeros(n)
+    for j in range(n):
+        right[j] = q[j]
+        if not np.isfinite(q[j]):
+            return NOT_FINITE
+    if not complementarity.solve_into(W, right, p):
+        return UNSOLVED
+    for i in range(n):
+        change = 0.0
+        for j in range(n):
+            change += W[i, j] * p[j]
+        memory.impulse[i], memory.change[i] = p[i], change
+    return DONE
+
+
+@numba.njit(cache=True)
+def _separate_impulses(system, law, memory, n):  # type: ignore[no-untyped-def]
+    """Give each of the n hit pairs by itself the rate -e times its own (paper eq. 14)."""
+    H = system.gap_rows
+    for j in range(n):
+        inverse_mass = 0.0
+        for entry in range(H.start[memory.hit[j]], H.start[memory.hit[j] + 1]):
+            inverse_mass += H.value[entry] ** 2 * system.inverse_lumped[H.column[entry]]
+        rate = memory.rate_pre[j]
+        memory.impulse[j] = -(1.0 + law.restitution) * rate / inverse_mass
+        memory.rate_post[j] = -law.restitution * rate
+
+
+@numba.njit(cache=True)
+def _apply_impulses(system, law, memory, n):  # type: ignore[no-untyped-def]
+    """Change the velocities by the impulses; return the change of kinetic energy [J]."""
+    X, size = memory.X, system.size
+    spread(system, X, memory.hit, memory.impulse, n, 1.0)
+    if law.is_coupled:
+        solve_mass(system, X)
+    else:
+        for i in range(size):
+            X[Z * size + i] = system.inverse_lumped[i] * X[R * size + i]
+    for i in range(size):  # mean of the velocities before and after
+        X[R * size + i] = X[size + i] + 0.5 * X[Z * size + i]
+    energy = 0.0
+    for i in range(size):
+        z = X[Z * size + i]
+        if z != 0.0:
+            energy += z * row_product(system.mass, i, X, R * size)
+            X[size + i] += z
+    return energy
+
+
+@numba.njit(cache=True)
+def examine_impacts(system, law, memory, log, step):  # type: ignore[no-untyped-def]
+    """Release open springs, hit closed approaching pairs, rest slow ones (supervisor.Impacts)."""
+    X, permanent = memory.X, memory.permanent
+    n, is_same = 0, True
+    for k in range(system.n_pairs):
+        gap = system.gap0[k] + row_product(system.gap_rows, k, X, 0)
+        if permanent[k] and not gap <= 0.0:
+            is_same = False
+        memory.gap[k] = gap
+        if gap <= 0.0 and not permanent[k]:
+            rate = row_product(system.gap_rows, k, X, system.size)
+            if rate < 0.0:
+                memory.hit[n], memory.rate_pre[n] = k, rate
+                n += 1
+    if n == 0 and is_same:
+        return DONE
+    if n:
+        if law.is_coupled:
+            for j in range(n):
+                memory.residual[j] = memory.rate_pre[j] + law.restitution * memory.rate_pre[j]
+            status = _coupled_impulses(system, law, memory, n, memory.residual)
+            if status != DONE:
+                return status
+            for j in range(n):
+                memory.rate_post[j] = memory.rate_pre[j] + memory.change[j]
+        else:
+            _separate_impulses(system, law, memory, n)
+        _note(memory, log, step, n, _apply_impulses(system, law, memory, n))
+        for j in range(n):
+            is_same &= memory.rate_post[j] >= law.threshold
+    if not is_same:
+        memory.totals[RELEASED] -= spring_energy(system, law, memory)
+        for k in range(system.n_pairs):
+            if not memory.gap[k] <= 0.0:
+                permanent[k] = 0
+        for j in range(n):
+            permanent[memory.hit[j]] = 1 if memory.rate_post[j] < law.threshold else 0
+        list_springs(system, memory)
+        memory.totals[RELEASED] += spring_energy(system, law, memory)
+    if not system.is_chained:
+        renew_acceleration(system, law, memory)
+    return DONE
+
+
+@numba.njit(cache=True)
+def examine_penalty(system, law, memory):  # type: ignore[no-untyped-def]
+    """Put springs on the closed pairs and no others (supervisor.PenaltySprings)."""
+    is_same = True
+    for k in range(system.n_pairs):
+        memory.gap[k] = system.gap0[k] + row_product(system.gap_rows, k, memory.X, 0)
+        is_same &= (memory.gap[k] <= 0.0) == (memory.permanent[k] != 0)
+    if is_same:
+        return
+    memory.totals[RELEASED] -= spring_energy(system, law, memory)
+    for k in range(system.n_pairs):
+        memory.permanent[k] = 1 if memory.gap[k] <= 0.0 else 0
+    list_springs(system, memory)
+    memory.totals[RELEASED] += spring_energy(system, law, memory)
+    if not system.is_chained:
+        renew_acceleration(system, law, memory)
+
+
+@numba.njit(cache=True)
+def _push_within_step(system, law, memory, log, step, n):  # type: ignore[no-untyped-def]
+    """Add the impulses of the n hit pairs to a θ-step; pairs without an impulse were not hit."""
+    X, size = memory.X, system.size
+    n_pushed, energy = 0, 0.0
+    for j in range(n):
+        if memory.impulse[j] > 0.0:
+            memory.hit[n_pushed], memory.impulse[n_pushed] = memory.hit[j], memory.impulse[j]
+            memory.rate_pre[n_pushed] = memory.rate_pre[j]
+            memory.rate_post[n_pushed] = memory.rate_post[j]
+            n_pushed += 1
+    if n_pushed == 0:
+        return
+    spread(system, X, memory.hit, memory.impulse, n_pushed, 1.0)
+    solve_step(system, X)
+    for i in range(size):
+        z = X[Z * size + i]
+        X[i] += system.scheme.p * z
+        X[size + i] += z
+        X[lk.P * size + i] += z
+    for j in range(n_pushed):
+        energy += memory.impulse[j] * 0.5 * (memory.rate_pre[j] + memory.rate_post[j])
+        if memory.rate_pre[j] > -law.threshold:
+            memory.permanent[memory.hit[j]] = 1
+            memory.counts[N_RESTING] += 1
+    _note(memory, log, step, n_pushed, energy)
+
+
+@numba.njit(cache=True)
+def examine_moreau(system, law, memory, log, step):  # type: ignore[no-untyped-def]
+    """Add the impulses of the pairs whose predicted gap is closed (supervisor.MoreauImpacts).
+
+    `memory.gap` and `memory.rate` are those at the start of the step.
+    """
+    n, is_done, lacking = 0, True, memory.residual
+    for k in range(system.n_pairs):
+        if memory.gap[k] <= 0.0:
+            free = row_product(system.gap_rows, k, memory.X, system.size)
+            memory.hit[n], memory.rate_pre[n], memory.rate_post[n] = k, memory.rate[k], free
+            lacking[n] = free + law.restitution * memory.rate[k]
+            is_done &= lacking[n] >= 0.0
+            n += 1
+    if is_done:
+        return DONE
+    status = _coupled_impulses(system, law, memory, n, lacking)
+    if status == DONE:
+        for j in range(n):
+            memory.rate_post[j] += memory.change[j]
+        _push_within_step(system, law, memory, log, step, n)
+    return status
+
+
+@numba.njit(cache=True)
+def _lacking(system, law, memory):  # type: ignore[no-untyped-def]
+    """Write what every gap rate lacks to its floor (contact.recovery_floor); return the least.
+
+    The start of the step follows from its end: U = U⁺ - θ Δt H z, U̇ = (H z - U̇⁺) / ρ.
+    """
+    X, size, scheme = memory.X, system.size, system.scheme
+    smallest = 0.0
+    for k in range(system.n_pairs):
+        free = row_product(system.gap_rows, k, X, size)
+        mean = row_product(system.gap_rows, k, X, lk.P * size)
+        pre = (mean - free) / scheme.rho
+        gap = system.gap0[k] + row_product(system.gap_rows, k, X, 0) - scheme.p * mean
+        floor = -gap / scheme.time_step
+        if not gap > 0.0:
+            floor -= law.restitution * min(pre, 0.0)
+        floor = min(floor, -pre)
+        memory.rate[k], memory.forces[k], memory.direction[k] = pre, free, free - floor
+        smallest = min(smallest, free - floor)
+    return smallest
+
+
+@numba.njit(cache=True)
+def _join(system, memory, n, tolerance):  # type: ignore[no-untyped-def]
+    """Add pairs that n impulses push below their floor to the list of hits; return its length."""
+    lacking, n_pairs, total, j = memory.direction, system.n_pairs, 0, 0
+    for k in range(n_pairs):
+        if j < n and memory.hit[j] == k:
+            j += 1
+            memory.image[k] = 1.0
+            total += 1
+            continue
+        value = lacking[k]
+        for i in range(n):
+            value += memory.compliance[k * n_pairs + memory.hit[i]] * memory.impulse[i]
+        is_joining = value < -tolerance and lacking[k] >= 0.0
+        memory.image[k] = 1.0 if is_joining else 0.0
+        total += is_joining
+    if total > n:
+        j = 0
+        for k in range(n_pairs):
+            if memory.image[k] == 1.0:
+                memory.hit[j] = k
+                j += 1
+    return total
+
+
+@numba.njit(cache=True)
+def examine_recovery(system, law, memory, log, step):  # type: ignore[no-untyped-def]
+    """Hold every gap rate above its floor (supervisor.MoreauRecovery)."""
+    tolerance = -ROUND_OFF * _lacking(system, law, memory)
+    lacking, free, n, n_before = memory.direction, memory.forces, 0, 0
+    for k in range(system.n_pairs):
+        if lacking[k] < 0.0:
+            memory.hit[n] = k
+            n += 1
+    while n > n_before:  # neighbours that the impulses push below their floor join in
+        n_before = n
+        for j in range(n):
+            memory.residual[j] = lacking[memory.hit[j]]
+        status = _coupled_impulses(system, law, memory, n, memory.residual)
+        if status != DONE:
+            return status
+        n = _join(system, memory, n, tolerance)
+    for j in range(n):
+        k = memory.hit[j]
+        memory.rate_pre[j], memory.rate_post[j] = memory.rate[k], free[k] + memory.change[j]
+    _push_within_step(system, law, memory, log, step, n)
+    return DONE
+
+
+@numba.njit(cache=True)
+def examine(system, law, memory, log, step):  # type: ignore[no-untyped-def]
+    """Let the law act at the end of a step; return how it ended."""
+    if law.kind == IMPACTS:
+        return examine_impacts(system, law, memory, log, step)
+    if law.kind == PENALTY:
+        examine_penalty(system, law, memory)
+    elif law.kind == MOREAU:
+        return examine_moreau(system, law, memory, log, step)
+    elif law.kind == RECOVERY:
+        return examine_recovery(system, law, memory, log, step)
+    return DONE

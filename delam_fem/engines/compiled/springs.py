@@ -1,0 +1,151 @@
+"""The springs of permanent contact in compiled code, and the acceleration that they cause.
+
+A step is first made without springs and then corrected by their forces (newmark.py, N2).
+"""
+
+from __future__ import annotations
+
+import numba
+
+from delam_fem.engines.compiled import lane_kernels as lk
+from delam_fem.engines.compiled.algebra import solve_mass, solve_step, spread, spread_one
+from delam_fem.engines.compiled.banded import row_product
+from delam_fem.engines.compiled.lane_kernels import R, Z
+from delam_fem.engines.compiled.state import CONTACT_DAMPED, N_SPRINGS
+
+RELATIVE_RESIDUAL = 1e-14
+"""Of the conjugate gradients for spring forces: round-off, since the ledger must close."""
+
+
+@numba.njit(cache=True)
+def _spring_loads(system, law, memory, out):  # type: ignore[no-untyped-def]
+    """Write k U + c U̇ of the spring pairs at the end of the step."""
+    X = memory.X
+    for j in range(memory.counts[N_SPRINGS]):
+        k = memory.pairs[j]
+        out[j] = law.stiffness * (system.gap0[k] + row_product(system.gap_rows, k, X, 0))
+        if law.damping != 0.0:
+            out[j] += law.damping * row_product(system.gap_rows, k, X, system.size)
+
+
+@numba.njit(cache=True)
+def _mean_spring_loads(system, law, memory, out):  # type: ignore[no-untyped-def]
+    """Write k U + c U̇ of the spring pairs in the middle of the step.
+
+    U(θ) = U⁺ - (1-θ) Δt θ H z and U̇ = θ H z, θ = 1/2.
+    """
+    X, scheme = memory.X, system.scheme
+    by_rate = law.damping * scheme.theta - law.stiffness * scheme.p * (1.0 - scheme.theta)
+    for j in range(memory.counts[N_SPRINGS]):
+        k = memory.pairs[j]
+        out[j] = law.stiffness * (system.gap0[k] + row_product(system.gap_rows, k, X, 0))
+        out[j] += by_rate * row_product(system.gap_rows, k, X, lk.P * system.size)
+
+
+@numba.njit(cache=True)
+def spring_energy(system, law, memory):  # type: ignore[no-untyped-def]
+    """Return the energy of the springs at the present gaps [J]."""
+    total = 0.0
+    if law.stiffness != 0.0:
+        for j in range(memory.counts[N_SPRINGS]):
+            k = memory.pairs[j]
+            gap = system.gap0[k] + row_product(system.gap_rows, k, memory.X, 0)
+            total += gap * gap
+    return 0.5 * law.stiffness * total
+
+
+@numba.njit(cache=True)
+def _spring_forces(system, law, memory):  # type: ignore[no-untyped-def]
+    """Return λ of (I + softness S_PP) λ = k U + c U̇ (newmark.py, N2) by conjugate gradients.
+
+    S = H A⁻¹ Hᵀ; each product with it is one solve with A. In lane order λ is the mean over the
+    step.
+    """
+    X, n, pairs = memory.X, memory.counts[N_SPRINGS], memory.pairs
+    residual, forces, direction = memory.residual, memory.forces, memory.direction
+    image = memory.image
+    softness = law.stiffness * system.scheme.q + law.damping * system.scheme.p
+    if system.is_chained:
+        _mean_spring_loads(system, law, memory, residual)
+    else:
+        _spring_loads(system, law, memory, residual)
+    square = 0.0
+    for j in range(n):
+        square += residual[j] * residual[j]
+        direction[j], forces[j] = residual[j], residual[j] if softness == 0.0 else 0.0
+    if softness == 0.0:
+        return forces
+    goal = RELATIVE_RESIDUAL**2 * square
+    for _ in range(2 * n):
+        if square <= goal:
+            break
+        spread(system, X, pairs, direction, n, 1.0)
+        solve_step(system, X)
+        curvature = 0.0
+        for j in range(n):
+            answer = row_product(system.gap_rows, pairs[j], X, Z * system.size)
+            image[j] = direction[j] + softness * answer
+            curvature += direction[j] * image[j]
+        length, previous, square = square / curvature, square, 0.0
+        for j in range(n):
+            forces[j] += length * direction[j]
+            residual[j] -= length * image[j]
+            square += residual[j] * residual[j]
+        for j in range(n):
+            direction[j] = residual[j] + square / previous * direction[j]
+    return forces
+
+
+@numba.njit(cache=True)
+def push_springs(system, law, memory):  # type: ignore[no-untyped-def]
+    """Correct the candidate of a step by the springs.
+
+    Lane order: Δz = -Δt A⁻¹ Hᵀ λ; otherwise Δa = -A⁻¹ Hᵀ λ.
+    """
+    X, size, scheme = memory.X, system.size, system.scheme
+    forces = _spring_forces(system, law, memory)
+    spread(system, X, memory.pairs, forces, memory.counts[N_SPRINGS], -1.0)
+    solve_step(system, X)
+    to_u, to_v = scheme.d1, scheme.d2
+    if system.is_chained:
+        to_u, to_v = scheme.time_step * scheme.p, scheme.time_step
+    for i in range(size):
+        z = X[Z * size + i]
+        X[i] += to_u * z
+        X[size + i] += to_v * z
+        X[lk.A * size + i] += z
+        X[lk.P * size + i] += to_v * z
+    if law.damping != 0.0:
+        total = 0.0
+        for j in range(memory.counts[N_SPRINGS]):
+            total += row_product(system.gap_rows, memory.pairs[j], X, lk.P * size) ** 2
+        memory.totals[CONTACT_DAMPED] += system.scheme.weight * law.damping * total
+
+
+@numba.njit(cache=True)
+def list_springs(system, memory):  # type: ignore[no-untyped-def]
+    """Bring the list of spring pairs in line with `permanent`."""
+    n = 0
+    for k in range(system.n_pairs):
+        if memory.permanent[k]:
+            memory.pairs[n] = k
+            n += 1
+    memory.counts[N_SPRINGS] = n
+
+
+@numba.njit(cache=True)
+def renew_acceleration(system, law, memory):  # type: ignore[no-untyped-def]
+    """Compute a from M a = f - C v - K u - Hᵀ λ at the present state."""
+    X, size, base = memory.X, system.size, memory.base
+    for i in range(size):
+        load = row_product(system.stiffness, i, X, 0) + row_product(system.damping, i, X, size)
+        for j in range(3):
+            load += system.base[j * size + i] * base[2 - j]
+        X[R * size + i] = -load
+    if memory.counts[N_SPRINGS]:
+        _spring_loads(system, law, memory, memory.residual)
+        for j in range(memory.counts[N_SPRINGS]):
+            spread_one(system, X, memory.pairs[j], -memory.residual[j])
+    solve_mass(system, X)
+    for i in range(size):
+        X[lk.A * size + i] = X[Z * size + i]

@@ -1,0 +1,100 @@
+"""The state of a problem in compiled code, as recorder and engine see it from Python."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from delam_fem.engines.compiled import lane_kernels as lk
+from delam_fem.engines.compiled import loop, state, system
+from delam_fem.engines.compiled.state import CONTACT_DAMPED, DISSIPATED, Law
+from delam_fem.engines.compiled.system import Scheme
+from delam_fem.model.operators import Operators
+from delam_fem.numerics.arrays import BoolArray, FloatArray
+from delam_fem.simulation.energy import Energies
+
+
+class CompiledStepper:
+    """A problem, its scheme, its law and its state.
+
+    Attributes:
+        system, law, memory: what compiled functions get.
+        order: place of each dof in the internal order, shape (n,).
+        seen_u: m_b·u, c_b·u, k_b·u and the observed u, as of the last `observe`.
+        seen_v: observed v likewise.
+    """
+
+    def __init__(self, operators: Operators, scheme: Scheme, law: Law) -> None:
+        """Factorise; the state is at rest."""
+        self.law = law
+        self.system, self.order = system.build(operators, scheme)
+        self.memory = state.memory(self.system.size, operators.n_pairs)
+        self.seen_u: FloatArray = np.zeros(3 + operators.observed.size)
+        self.seen_v: FloatArray = np.zeros(operators.observed.size)
+        self._corner = operators.base.corner
+
+    @property
+    def dissipated(self) -> float:
+        """Energy that damping has taken from the free dofs so far [J]."""
+        return float(self.memory.totals[DISSIPATED])
+
+    @dissipated.setter
+    def dissipated(self, value: float) -> None:
+        self.memory.totals[DISSIPATED] = value
+
+    @property
+    def contact_damped(self) -> float:
+        """Energy that contact dampers have taken so far [J]."""
+        return float(self.memory.totals[CONTACT_DAMPED])
+
+    @contact_damped.setter
+    def contact_damped(self, value: float) -> None:
+        self.memory.totals[CONTACT_DAMPED] = value
+
+    @property
+    def permanent(self) -> BoolArray:
+        """Pairs that carry a spring now, shape (n_pairs,)."""
+        return self.memory.permanent.astype(np.bool_)
+
+    def observe(self) -> None:
+        """Bring `seen_u` and `seen_v` up to date."""
+        loop.observe(self.system, self.memory, self.seen_u, self.seen_v)
+
+    def energies(self) -> Energies:
+        """Return the energies of the whole system, base included, in the fixed frame [J]."""
+        loop.store_energies(self.system, self.law, self.memory)
+        return self.stored_energies()
+
+    def stored_energies(self) -> Energies:
+        """Return the energies as of the end of the last period that was computed, see above."""
+        kinetic, strain, spring, momentum, attachment = self.memory.stored.tolist()
+        mass, _, stiffness = self._corner
+        q, dq, _ = self.memory.base.tolist()
+        return Energies(
+            kinetic + dq * momentum + 0.5 * mass * dq * dq,
+            strain + q * attachment + 0.5 * stiffness * q * q,
+            spring,
+            momentum,
+        )
+
+    def state(self) -> FloatArray:
+        """Return (u, v, a) of all dofs, a from the equation of motion, shape (3, n)."""
+        self.renew_acceleration()
+        return np.asarray(self._fields()[:, self.order])
+
+    def restore(self, motion: FloatArray, permanent: BoolArray) -> None:
+        """Take over (u, v, a), shape (3, n), and the pairs that carry a spring."""
+        self.memory.X[:] = 0.0
+        self._fields()[:, self.order] = motion
+        self.memory.permanent[:] = permanent
+        if self.law.kind < state.MOREAU:  # which has no springs
+            loop.list_springs(self.system, self.memory)
+
+    def renew_acceleration(self) -> None:
+        """Compute a from the equation of motion; the θ-scheme knows none."""
+        if self.law.kind < state.MOREAU:
+            loop.renew(self.system, self.law, self.memory)
+
+    def _fields(self) -> FloatArray:
+        """Return u, v, a in internal order, shape (3, size)."""
+        size = self.system.size
+        return self.memory.X[: (lk.A + 1) * size].reshape(3, size)

@@ -1,0 +1,279 @@
+"""What compiled code knows of a problem: the operators in its own order, the scheme, the factors.
+
+Two laminae with Rayleigh damping, under the θ-scheme or the average acceleration, go in lane order
+(lane_kernels.py). Everything else goes by sparse rows and bands (banded.py), where a step of either
+scheme is
+
+    ũ = u + Δt v + c2 a,   ṽ = v + c3 a                                                        (G1)
+    A a⁺ = f - C ṽ - K (ũ + g ṽ),   A = M + p C + q K                                           (G2)
+    u⁺ = ũ + d1 a⁺,   v⁺ = ṽ + d2 a⁺                                                            (G3)
+
+                 p       q          c2              c3          g          d1       d2      ρ
+    Newmark      γ Δt    β Δt²      (1/2 - β) Δt²   (1 - γ) Δt  0          β Δt²    γ Δt    1
+    θ-scheme     θ Δt    θ² Δt²     0               0           (θ-1) Δt   θ Δt²    Δt      1/θ - 1
+
+The damping loss of a step is weight · zᵀ C z with z = v⁺ + ρ v.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+
+from delam_fem.engines.compiled import banded, lanes
+from delam_fem.engines.compiled import lane_kernels as lk
+from delam_fem.engines.compiled.banded import Band, Rows
+from delam_fem.engines.compiled.simd import aligned_zeros
+from delam_fem.model.operators import Operators
+from delam_fem.numerics.arrays import FloatArray, IntArray
+
+
+class Scheme(NamedTuple):
+    """Numbers of a time integration; see the module.
+
+    Attributes:
+        time_step: Δt [s].
+        p, q, c2, c3, g, d1, d2, rho: see the module.
+        weight: of the damping loss [s].
+        theta: where in the step the load of the base is taken: 1 at its end.
+        gap_ahead: time by which gaps are extrapolated from the start; 0: those of the end [s].
+        is_midpoint: whether it is the θ-scheme but for the gaps (θ = 1/2: average acceleration).
+    """
+
+    time_step: float
+    p: float
+    q: float
+    c2: float
+    c3: float
+    g: float
+    d1: float
+    d2: float
+    rho: float
+    weight: float
+    theta: float
+    gap_ahead: float
+    is_midpoint: bool
+
+    @classmethod
+    def newmark(cls, time_step: float, beta: float = 0.25, gamma: float = 0.5) -> Scheme:
+        """Return Newmark's scheme; β = 0 is the central difference."""
+        dt = time_step
+        p, q = gamma * dt, beta * dt**2
+        return cls(
+            dt, p, q, (0.5 - beta) * dt**2, (1.0 - gamma) * dt, 0.0, q, p, 1.0, 0.25 * dt,
+            1.0, 0.0, beta == 0.25 and gamma == 0.5,
+        )  # fmt: skip
+
+    @classmethod
+    def moreau_jean(cls, time_step: float, theta: float = 0.5) -> Scheme:
+        """Return the θ-scheme."""
+        dt, p = time_step, theta * time_step
+        return cls(
+            dt, p, p**2, 0.0, 0.0, (theta - 1.0) * dt, theta * dt**2, dt, 1.0 / theta - 1.0,
+            theta * p, theta, 0.5 * dt, True,
+        )  # fmt: skip
+
+    def as_theta(self) -> Scheme:
+        """Return the same motion as a θ-scheme, where `is_midpoint`."""
+        theta = self.p / self.time_step
+        return Scheme.moreau_jean(self.time_step, theta)._replace(gap_ahead=self.gap_ahead)
+
+
+class System(NamedTuple):
+    """A problem as compiled code reads it; all vectors in internal order, of `size` numbers.
+
+    Attributes:
+        size: numbers per field.
+        n_pairs: contact pairs.
+        n_observed: observed dofs.
+        is_chained: two laminae in lane order; otherwise sparse rows and bands.
+        is_diagonal_load: L2's B is diagonal.
+        scheme: the time integration.
+        coefficients: of L1 and L2, shape (16,).
+        load_tape, solution, mass_solution, form, rest: tapes of lane_kernels.py.
+        band, mass_band: factors of A and M where not chained.
+        mass, damping, stiffness: by rows.
+        base: base columns of M, C, K, shape (3, size).
+        inverse_lumped: shape (size,).
+        gap_rows: H.
+        gap0: gaps at rest, shape (n_pairs,) [m].
+        base_rows: base by rows.
+        observed: places of the observed dofs.
+    """
+
+    size: int
+    n_pairs: int
+    n_observed: int
+    is_chained: bool
+    is_diagonal_load: bool
+    scheme: Scheme
+    coefficients: FloatArray
+    load_tape: FloatArray
+    solution: FloatArray
+    mass_solution: FloatArray
+    form: FloatArray
+    rest: FloatArray
+    band: Band
+    mass_band: Band
+    mass: Rows
+    damping: Rows
+    stiffness: Rows
+    base: FloatArray
+    inverse_lumped: FloatArray
+    gap_rows: Rows
+    gap0: FloatArray
+    base_rows: Rows
+    observed: IntArray
+
+
+_KEPT: deque[tuple[Operators, Scheme, tuple[System, IntArray]]] = deque(maxlen=4)
+"""Of the last calls of `build`; nothing of a system is ever written to."""
+_NO_BAND = Band(0, np.zeros((0, 1)))
+_NOTHING = np.zeros(0)
+
+
+@dataclass(frozen=True)
+class _Tapes:
+    is_diagonal_load: bool
+    coefficients: FloatArray
+    load: FloatArray
+    solution: FloatArray
+    mass_solution: FloatArray
+    form: FloatArray
+    rest: FloatArray
+
+
+def build(operators: Operators, scheme: Scheme) -> tuple[System, IntArray]:
+    """Return a problem for compiled code, and where it keeps each dof, shape (n,).
+
+    The last ones are kept: the points of a sweep mostly share operators and scheme, and making a
+    system of 20 elements takes as long as twenty periods.
+
+    Raises:
+        ArithmeticError: M or A is singular.
+    """
+    for known, known_scheme, built in _KEPT:
+        if known is operators and known_scheme == scheme:
+            return built
+    built = _built(operators, scheme)
+    _KEPT.append((operators, scheme, built))
+    return built
+
+
+def _built(o: Operators, scheme: Scheme) -> tuple[System, IntArray]:
+    if scheme.is_midpoint and o.n_dofs and o.n_dofs % 4 == 0:
+        order = lanes.lane_order(o.n_dofs // 4)
+        tapes = _tapes(o, scheme.as_theta(), order)
+        if tapes is not None:
+            size = lk.ROW * -(-o.n_dofs // lk.ROW)
+            return _system(o, scheme.as_theta(), (order, size), tapes), order
+    order = banded.band_order(sum(abs(matrix) for matrix in (o.mass, o.damping, o.stiffness)))
+    return _system(o, scheme, (order, o.n_dofs), None), order
+
+
+def _system(
+    o: Operators, scheme: Scheme, places: tuple[IntArray, int], tapes: _Tapes | None
+) -> System:
+    order, size = places
+    to = sp.csr_matrix((np.ones(o.n_dofs), (order, np.arange(o.n_dofs))), (size, o.n_dofs))
+    mass, damping, stiffness = (to @ A @ to.T for A in (o.mass, o.damping, o.stiffness))
+    base = np.vstack([o.base.mass, o.base.damping, o.base.stiffness]) @ to.T
+    band = mass_band = _NO_BAND
+    if tapes is None:
+        band = banded.factorise(mass + scheme.p * damping + scheme.q * stiffness)
+        mass_band = banded.factorise(mass)
+    kept = tapes or _Tapes(False, *[_NOTHING] * 6)
+    return System(
+        size=size,
+        n_pairs=o.n_pairs,
+        n_observed=o.observed.size,
+        is_chained=tapes is not None,
+        is_diagonal_load=kept.is_diagonal_load,
+        scheme=scheme,
+        coefficients=kept.coefficients,
+        load_tape=kept.load,
+        solution=kept.solution,
+        mass_solution=kept.mass_solution,
+        form=kept.form,
+        rest=kept.rest,
+        band=band,
+        mass_band=mass_band,
+        mass=banded.rows(mass),
+        damping=banded.rows(damping),
+        stiffness=banded.rows(stiffness),
+        base=lanes.flat(base).reshape(3, size),
+        inverse_lumped=to @ (1.0 / o.lumped_mass),
+        gap_rows=banded.rows(o.gap_matrix @ to.T),
+        gap0=np.array(o.gap0, dtype=float),
+        base_rows=banded.rows(sp.csr_matrix(base)),
+        observed=order[o.observed],
+    )
+
+
+def _tapes(o: Operators, scheme: Scheme, order: IntArray) -> _Tapes | None:
+    """Return what the lane kernels read, None where the operators are not two such laminae."""
+    M, C, K = (lanes.chains(matrix, order) for matrix in (o.mass, o.damping, o.stiffness))
+    damping, rest = lanes.rayleigh(o), _rest(o, order)
+    is_at_clamp = all(
+        (order[np.flatnonzero(column)] < lk.ROW).all()
+        for column in (o.base.mass, o.base.damping, o.base.stiffness)
+    )
+    if M is None or C is None or K is None or damping is None or rest is None or not is_at_clamp:
+        return None
+    alpha, beta = (np.repeat(values, 2) for values in damping)
+    dt, theta = scheme.time_step, scheme.theta
+    c_M, c_K = 1.0 + scheme.p * alpha, scheme.q + scheme.p * beta
+    is_diagonal = _prefers_mass(o, float(c_K.min()))
+    coefficients = aligned_zeros(lk.N_COEFFICIENTS * lanes.LANES)
+    table = coefficients.reshape(lk.N_COEFFICIENTS, lanes.LANES)
+    table[lk.S] = c_K / (scheme.p * c_M)
+    table[lk.KAPPA] = -dt / c_K if is_diagonal else 1.0 / (theta * c_M)
+    table[lk.TO_U], table[lk.MINUS_RHO] = scheme.p, -scheme.rho
+    by_mass, by_stiffness = M.scaled(dt * c_M / c_K), K.scaled(np.full(lanes.LANES, -dt))
+    return _Tapes(
+        is_diagonal,
+        coefficients,
+        lanes.diagonal_tape(by_mass) if is_diagonal else lanes.product_tape(by_stiffness),
+        lanes.solution_tape(M.scaled(c_M) + K.scaled(c_K)),
+        lanes.solution_tape(M),
+        lanes.form_tape(C),
+        rest,
+    )
+
+
+def _prefers_mass(o: Operators, c_K: float) -> bool:
+    """Return whether L4 serves: M is diagonal, and 1/c_K no larger than what M⁻¹K may amplify.
+
+    u/c_K is a part of L4's acceleration, K u / M of L3's; whose part is larger loses more digits.
+    """
+    M = sp.coo_matrix(o.mass)
+    if np.any((M.row != M.col) & (M.data != 0.0)):
+        return False
+    largest = np.max(abs(o.stiffness).sum(axis=1).A1 / o.mass.diagonal())
+    return bool(c_K * largest >= 1.0)
+
+
+def _rest(o: Operators, order: IntArray) -> FloatArray | None:
+    """Return gaps at rest in lane order, shape (4 m,), infinite where there is none.
+
+    None where the gaps are not those between opposite nodes of two laminae.
+    """
+    n = o.n_pairs
+    if o.n_dofs != 4 * n:
+        return None
+    pair = np.arange(n)
+    columns = np.concatenate([2 * pair, 2 * (n + pair)])
+    opposite = sp.csr_matrix(
+        (np.repeat([-1.0, 1.0], n), (np.tile(pair, 2), columns)), shape=(n, 4 * n)
+    )
+    if abs(o.gap_matrix - opposite).max() != 0.0:
+        return None
+    place = order[2 * pair]
+    result = aligned_zeros(lanes.LANES * -(-o.n_dofs // lk.ROW))
+    result[:] = np.inf
+    result[place // lk.ROW * lanes.LANES + place % lanes.LANES] = o.gap0
+    return result

@@ -1,0 +1,1 @@
+"""Steps in PETSc, a supervisor asked after each."""

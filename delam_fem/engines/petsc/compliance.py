@@ -1,0 +1,79 @@
+"""How gaps answer to loads on pairs: H B^-1 H^T, which impact laws and springs need."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+import scipy.sparse as sp
+
+from delam_fem.engines.petsc import linear_algebra
+from delam_fem.model.operators import Operators
+from delam_fem.numerics.arrays import FloatArray, IntArray
+
+
+class Responding(Protocol):
+    """What can be loaded; see dynamics.py."""
+
+    operators: Operators
+
+    def response(self, factor: linear_algebra.Factor, pair: int) -> FloatArray:
+        """Return the gaps that a unit load on a pair makes, shape (n_pairs,)."""
+
+
+class LazyCompliance:
+    """H B^-1 H^T of a factorised matrix B, a column per pair, computed when first asked for."""
+
+    def __init__(
+        self, dynamics: Responding, factor: linear_algebra.Factor, scale: float = 1.0
+    ) -> None:
+        """Keep what is needed to compute columns.
+
+        Args:
+            dynamics: owner of H.
+            factor: factor of B times `scale`.
+            scale: the same number.
+        """
+        n = dynamics.operators.n_pairs
+        self._dynamics, self._factor, self._scale = dynamics, factor, scale
+        self._values = np.zeros((n, n))
+        self._is_known = np.zeros(n, dtype=np.bool_)
+
+    def _require(self, pairs: IntArray) -> None:
+        if not self._is_known[pairs].all():
+            for k in pairs[~self._is_known[pairs]]:
+                self._values[:, k] = self._scale * self._dynamics.response(self._factor, int(k))
+                self._is_known[k] = True
+
+    def diagonal(self, pairs: IntArray) -> FloatArray:
+        """Return the diagonal entries of some pairs, shape (k,)."""
+        self._require(pairs)
+        return self._values[pairs, pairs]
+
+    def block(self, pairs: IntArray) -> FloatArray:
+        """Return the rows and columns of some pairs, shape (k, k)."""
+        self._require(pairs)
+        return self._values[pairs[:, None], pairs]
+
+    def columns(self, pairs: IntArray) -> FloatArray:
+        """Return the columns of some pairs, shape (n_pairs, k)."""
+        self._require(pairs)
+        return self._values[:, pairs]
+
+
+class LumpedCompliance:
+    """H D^-1 H^T of the lumped mass D; pairs of different nodes do not feel one another."""
+
+    def __init__(self, operators: Operators) -> None:
+        """Compute the matrix, which is sparse."""
+        H = operators.gap_matrix
+        self._W = (H @ sp.diags(1.0 / operators.lumped_mass) @ H.T).tocsr()
+        self._diagonal = self._W.diagonal()
+
+    def diagonal(self, pairs: IntArray) -> FloatArray:
+        """Return the diagonal entries of some pairs, shape (k,) [1/kg]."""
+        return self._diagonal[pairs]
+
+    def block(self, pairs: IntArray) -> FloatArray:
+        """Return the rows and columns of some pairs, shape (k, k) [1/kg]."""
+        return np.asarray(self._W[pairs][:, pairs].toarray())

@@ -1,0 +1,189 @@
+"""The PETSc state that every stepper shares: matrices, vectors, gaps, energies.
+
+A stepper adds the time integration. All vectors are made once; the time loop only fills them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+from petsc4py import PETSc
+
+from delam_fem.engines.petsc import linear_algebra
+from delam_fem.model.operators import Operators
+from delam_fem.numerics.arrays import BoolArray, FloatArray
+from delam_fem.simulation.energy import Energies
+
+
+class Dynamics:
+    """Matrices and state of M a + C v + K u = f(t) + contact, in PETSc.
+
+    Attributes:
+        operators: what was given.
+        base_states: q, q', q'' of the base at each step of the period, rows of three floats.
+        dissipated: energy that damping has taken from the free dofs so far [J].
+        contact_damped: energy that contact dampers have taken so far [J].
+    """
+
+    def __init__(self, operators: Operators, time_step: float, comm: PETSc.Comm) -> None:
+        """Make all matrices and vectors; the state is at rest."""
+        self.operators, self.time_step, self.comm = operators, time_step, comm
+        o = operators
+        self._M, self._C, self._K, self._H = (
+            linear_algebra.matrix(m, comm) for m in (o.mass, o.damping, o.stiffness, o.gap_matrix)
+        )
+        self.u, self.v, self.a, self._r, self._w, self._z = (
+            self._M.createVecRight() for _ in range(6)
+        )
+        self._base_mass, self._base_damping, self._base_stiffness = (
+            self._vector(c) for c in (o.base.mass, o.base.damping, o.base.stiffness)
+        )
+        self._inverse_lumped = self._vector(1.0 / o.lumped_mass)
+        self._gap0 = self._H.createVecLeft()
+        self._set(self._gap0, o.gap0)
+        self._gap, self._rate, self._impulse, self._force = (
+            linear_algebra.Shared(self._H.createVecLeft()) for _ in range(4)
+        )
+        self._make_observation()
+        self.base_states: list[list[float]] = [[0.0, 0.0, 0.0]]
+        self.base_index = 0
+        self.dissipated = self.contact_damped = 0.0
+        self.permanent: BoolArray = np.zeros(o.n_pairs, dtype=np.bool_)
+        self.spring_stiffness = 0.0
+
+    def _make_observation(self) -> None:
+        """Make the selectors of recorded quantities."""
+        o = self.operators
+        select = sp.csr_matrix(
+            (np.ones(o.observed.size), o.observed, np.arange(o.observed.size + 1)),
+            shape=(o.observed.size, o.n_dofs),
+        )
+        rows = sp.csr_matrix(np.vstack([o.base.mass, o.base.damping, o.base.stiffness]))
+        self._observe_u = linear_algebra.matrix(sp.vstack([rows, select]), self.comm)
+        self._observe_v = linear_algebra.matrix(select, self.comm)
+        self._seen_u = linear_algebra.Shared(self._observe_u.createVecLeft())
+        self._seen_v = linear_algebra.Shared(self._observe_v.createVecLeft())
+        self.seen_u: FloatArray = self._seen_u.values
+        self.seen_v: FloatArray = self._seen_v.values
+
+    def _set(self, vector: PETSc.Vec, values: FloatArray) -> None:
+        vector.array[:] = values[slice(*vector.getOwnershipRange())]
+
+    def _vector(self, values: FloatArray) -> PETSc.Vec:
+        result = self._M.createVecRight()
+        self._set(result, values)
+        return result
+
+    # -- what a supervisor sees ---------------------------------------------------------------
+
+    @property
+    def gap(self) -> FloatArray:
+        """Gaps of the candidate state, shape (n_pairs,) [m]."""
+        return self._gap.gather()
+
+    def gap_rate(self) -> FloatArray:
+        """Return H v, shape (n_pairs,) [m/s]."""
+        self._H.mult(self.v, self._rate.vector)
+        return self._rate.gather()
+
+    def response(self, factor: linear_algebra.Factor, pair: int) -> FloatArray:
+        """Return the gaps H B^-1 H^T e_k that a unit load on pair k makes, shape (n_pairs,)."""
+        self._impulse.values[:] = 0.0
+        self._impulse.values[pair] = 1.0
+        self._impulse.spread()
+        self._H.multTranspose(self._impulse.vector, self._r)
+        factor.solve(self._r, self._w)
+        gaps = linear_algebra.Shared(
+            self._H.createVecLeft()
+        )  # a law may be looking at the usual ones
+        self._H.mult(self._w, gaps.vector)
+        result = gaps.gather().copy()
+        gaps.destroy()
+        return result
+
+    # -- what a recorder sees -----------------------------------------------------------------
+
+    def observe(self) -> None:
+        """Bring `seen_u` = (m_b·u, c_b·u, k_b·u, observed u) and `seen_v` up to date."""
+        self._observe_u.mult(self.u, self._seen_u.vector)
+        self._observe_v.mult(self.v, self._seen_v.vector)
+        self._seen_u.gather()
+        self._seen_v.gather()
+
+    def energies(self) -> Energies:
+        """Return the energies of the whole system, base included, in the fixed frame [J]."""
+        base = self.operators.base
+        q, dq, _ = self.base_states[self.base_index]
+        self._M.mult(self.v, self._r)
+        momentum = self._base_mass.dot(self.v)
+        kinetic = 0.5 * self._r.dot(self.v) + dq * momentum
+        self._K.mult(self.u, self._r)
+        strain = 0.5 * self._r.dot(self.u) + q * self._base_stiffness.dot(self.u)
+        return Energies(
+            kinetic + 0.5 * base.corner[0] * dq * dq,
+            strain + 0.5 * base.corner[2] * q * q,
+            self.spring_energy(self.permanent),
+            momentum,
+        )
+
+    def spring_energy(self, pairs: BoolArray) -> float:
+        """Return the energy of springs on some pairs at the present gaps [J]."""
+        if not self.spring_stiffness:
+            return 0.0
+        self._H.multAdd(self.u, self._gap0, self._gap.vector)
+        gap = self._gap.gather()[pairs]
+        return 0.5 * self.spring_stiffness * float(gap @ gap)
+
+    def state(self) -> FloatArray:
+        """Return (u, v, a) of all dofs on every rank, shape (3, n)."""
+        result = np.empty((3, self.operators.n_dofs))
+        for row, vector in zip(result, (self.u, self.v, self.a), strict=True):
+            row[:] = self._whole(vector)
+        return result
+
+    def restore(self, state: FloatArray) -> None:
+        """Take over (u, v, a), shape (3, n)."""
+        for row, vector in zip(state, (self.u, self.v, self.a), strict=True):
+            self._set(vector, row)
+
+    def _whole(self, vector: PETSc.Vec) -> FloatArray:
+        if self.comm.size == 1:
+            return np.array(vector.array)
+        scatter, whole = PETSc.Scatter.toAll(vector)
+        scatter.scatter(vector, whole)
+        result = np.array(whole.array)
+        scatter.destroy()
+        whole.destroy()
+        return result
+
+    def destroy(self) -> None:
+        """Free all PETSc objects."""
+        for shared in (
+            self._gap,
+            self._rate,
+            self._impulse,
+            self._force,
+            self._seen_u,
+            self._seen_v,
+        ):
+            shared.destroy()
+        for thing in (
+            self._M,
+            self._C,
+            self._K,
+            self._H,
+            self._observe_u,
+            self._observe_v,
+            self.u,
+            self.v,
+            self.a,
+            self._r,
+            self._w,
+            self._z,
+            self._gap0,
+            self._inverse_lumped,
+            self._base_mass,
+            self._base_damping,
+            self._base_stiffness,
+        ):
+            thing.destroy()

@@ -1,0 +1,232 @@
+"""Newmark's scheme in PETSc, with the springs of permanent contact as a Woodbury correction.
+
+    A a⁺ = f - C v* - K u*,   A = M + γ Δt C + β Δt² K                                        (N1)
+    u* = u + Δt v + (1/2 - β) Δt² a,   v* = v + (1 - γ) Δt a
+    u⁺ = u* + β Δt² a⁺,   v⁺ = v* + γ Δt a⁺
+
+β = 1/4, γ = 1/2 is the average acceleration of the paper, β = 0, γ = 1/2 the central difference. A
+is factorised once. With springs λ = k U + c U̇ on the pairs P the exact correction of the
+candidate is
+
+    (I + (k β Δt² + c γ Δt) S_PP) λ = k U + c U̇,   S = H A⁻¹ Hᵀ,   Δa = -A⁻¹ Hᵀ λ               (N2)
+
+No contact decisions are taken here.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from petsc4py import PETSc
+
+from delam_fem.contact.decision import Compliance, Decision
+from delam_fem.engines.petsc import linear_algebra
+from delam_fem.engines.petsc.compliance import LazyCompliance, LumpedCompliance
+from delam_fem.engines.petsc.dynamics import Dynamics
+from delam_fem.model.operators import Operators
+from delam_fem.numerics.arrays import BoolArray, FloatArray
+
+DIRECT_PAIRS = 64
+"""Up to so many springs N2 is inverted as a dense matrix; above, conjugate gradients solve it."""
+RELATIVE_RESIDUAL = 1e-14
+"""Of the conjugate gradients on N2: round-off, since the ledger must close."""
+
+
+class Newmark(Dynamics):
+    """A stepper: `advance` makes a candidate state, `jump` carries a decision out."""
+
+    def __init__(
+        self,
+        operators: Operators,
+        time_step: float,
+        *,
+        beta: float = 0.25,
+        gamma: float = 0.5,
+        coupled_impulses: bool = False,
+        spring: tuple[float, float] = (0.0, 0.0),
+        comm: PETSc.Comm = PETSc.COMM_SELF,
+    ) -> None:
+        """Factorise A and M.
+
+        Args:
+            operators: the semi-discrete problem.
+            time_step: Δt [s].
+            beta: Newmark's β (the paper's α_N).
+            gamma: Newmark's γ (the paper's β_N).
+            coupled_impulses: impulses act through M⁻¹ ("consistent") rather than through the lumped
+                mass alone.
+            spring: stiffness [N/m] and damping [N s/m] of a permanent contact.
+            comm: PETSc communicator.
+        """
+        super().__init__(operators, time_step, comm)
+        o = operators
+        self._to_u, self._to_v = beta * time_step**2, gamma * time_step
+        self._keep_u, self._keep_v = (0.5 - beta) * time_step**2, (1.0 - gamma) * time_step
+        negative_A = -(o.mass + self._to_v * o.damping + self._to_u * o.stiffness)
+        self._A = linear_algebra.Factor(negative_A, comm, "newmark_")
+        self._M_factor = linear_algebra.Factor(-o.mass, comm, "newmark_mass_")
+        self._coupled = coupled_impulses
+        self.compliance: Compliance = (
+            LazyCompliance(self, self._M_factor, -1.0) if coupled_impulses else LumpedCompliance(o)
+        )
+        self.spring_stiffness, self._spring_damping = spring
+        self._softness = self.spring_stiffness * self._to_u + self._spring_damping * self._to_v
+        self._S = LazyCompliance(self, self._A, -1.0)
+        self._pairs = np.flatnonzero(self.permanent)
+        self._resistance: FloatArray | None = None
+
+    def rate_pre(self) -> FloatArray:
+        """Return gap rates before an impact, shape (n_pairs,) [m/s]."""
+        return self.gap_rate()
+
+    rate_free = rate_pre
+
+    def advance(self) -> float:
+        """Make the candidate state of the next step; return its smallest gap [m]."""
+        u, v, a, r, w = self.u, self.v, self.a, self._r, self._w
+        self.base_index += 1
+        v.copy(w)
+        u.axpy(self.time_step, v)
+        u.axpy(self._keep_u, a)
+        v.axpy(self._keep_v, a)
+        self._load()
+        self._A.solve(r, a)
+        u.axpy(self._to_u, a)
+        v.axpy(self._to_v, a)
+        if self._pairs.size:
+            self._push_springs()
+        w.axpy(1.0, v)  # w / 2 is the mean velocity of the step
+        self._C.mult(w, r)
+        self.dissipated += 0.25 * self.time_step * r.dot(w)
+        if self._spring_damping and self._pairs.size:
+            self._H.mult(w, self._rate.vector)
+            rate = self._rate.gather()[self._pairs]
+            self.contact_damped += 0.25 * self.time_step * self._spring_damping * float(rate @ rate)
+        self._H.multAdd(u, self._gap0, self._gap.vector)
+        return float(self._gap.vector.min()[1])
+
+    def _load(self) -> None:
+        """Write r = K u + C v + base terms, the negative right-hand side of N1."""
+        q, dq, ddq = self.base_states[self.base_index]
+        r = self._r
+        self._K.mult(self.u, r)
+        self._C.multAdd(self.v, r, r)
+        r.axpy(ddq, self._base_mass)
+        r.axpy(dq, self._base_damping)
+        r.axpy(q, self._base_stiffness)
+
+    # -- springs ------------------------------------------------------------------------------
+
+    def _push_springs(self) -> None:
+        """Correct the candidate by the springs, N2."""
+        k, c = self.spring_stiffness, self._spring_damping
+        self._H.multAdd(self.u, self._gap0, self._gap.vector)
+        drive = k * self._gap.gather()[self._pairs]
+        if c:
+            drive += c * self.gap_rate()[self._pairs]
+        if self._resistance is not None:
+            forces = self._resistance @ drive
+        else:
+            forces = self._iterate_springs(drive)
+        self._push(forces)
+        self._A.solve(self._r, self._z)
+        self.a.axpy(1.0, self._z)
+        self.u.axpy(self._to_u, self._z)
+        self.v.axpy(self._to_v, self._z)
+
+    def _push(self, forces: FloatArray) -> None:
+        """Write r = H^T λ for forces on the spring pairs."""
+        self._force.values[self._pairs] = forces
+        self._force.spread()
+        self._H.multTranspose(self._force.vector, self._r)
+
+    def _iterate_springs(self, drive: FloatArray) -> FloatArray:
+        """Solve N2 by conjugate gradients; each product with S_PP is one solve with A."""
+        forces = np.zeros(drive.size)
+        residual, direction = drive.copy(), drive.copy()
+        square = float(residual @ residual)
+        goal = RELATIVE_RESIDUAL**2 * square
+        for _ in range(2 * drive.size):
+            if square <= goal:
+                break
+            self._push(direction)
+            self._A.solve(self._r, self._z)
+            self._H.mult(self._z, self._rate.vector)
+            image = direction - self._softness * self._rate.gather()[self._pairs]
+            length = square / float(direction @ image)
+            forces += length * direction
+            residual -= length * image
+            previous, square = square, float(residual @ residual)
+            direction = residual + square / previous * direction
+        return forces
+
+    def _set_springs(self, permanent: BoolArray) -> None:
+        """Take over the set of spring pairs and prepare N2 for it."""
+        self.permanent = permanent
+        self._force.values[:] = 0.0
+        self._pairs = np.flatnonzero(permanent)
+        self._resistance = None
+        if 0 < self._pairs.size <= DIRECT_PAIRS:
+            matrix = self._softness * self._S.block(self._pairs)
+            matrix.flat[:: self._pairs.size + 1] += 1.0
+            self._resistance = np.linalg.inv(matrix)
+
+    # -- jumps --------------------------------------------------------------------------------
+
+    def jump(self, decision: Decision) -> tuple[float, float]:
+        """Carry a decision out and renew the acceleration.
+
+        Args:
+            decision: impulses and the new set of springs.
+
+        Returns:
+            Change of energy by the impulses and by switching springs [J].
+        """
+        impact = self._impact(decision) if decision.hit.size else 0.0
+        switched = 0.0
+        if decision.permanent is not None:
+            switched -= self.spring_energy(self.permanent)
+            self._set_springs(decision.permanent)
+            switched += self.spring_energy(self.permanent)
+        self.renew_acceleration()
+        return impact, switched
+
+    def _impact(self, decision: Decision) -> float:
+        """Change the velocities by impulses; return the change of kinetic energy [J]."""
+        self._impulse.values[:] = 0.0
+        self._impulse.values[decision.hit] = decision.impulses
+        self._impulse.spread()
+        r, w, z = self._r, self._w, self._z
+        self._H.multTranspose(self._impulse.vector, r)
+        if self._coupled:
+            self._M_factor.solve(r, z)
+            z.scale(-1.0)
+        else:
+            z.pointwiseMult(r, self._inverse_lumped)
+        w.waxpy(0.5, z, self.v)  # mean of the velocities before and after
+        self._M.mult(z, r)
+        self.v.axpy(1.0, z)
+        return float(r.dot(w))
+
+    def renew_acceleration(self) -> None:
+        """Compute a from M a = f - C v - K u - H^T λ at the present state."""
+        self._load()
+        if self._pairs.size:
+            load = self._r
+            load.copy(self._z)
+            self._H.multAdd(self.u, self._gap0, self._gap.vector)
+            forces = self.spring_stiffness * self._gap.gather()[self._pairs]
+            if self._spring_damping:
+                forces += self._spring_damping * self.gap_rate()[self._pairs]
+            self._push(forces)
+            load.axpy(1.0, self._z)
+        self._M_factor.solve(self._r, self.a)
+
+    def restore_springs(self, permanent: BoolArray) -> None:
+        """Take over the springs of an earlier run."""
+        self._set_springs(permanent.copy())
+
+    def destroy(self) -> None:
+        """Free all PETSc objects."""
+        self._A.destroy()
+        self._M_factor.destroy()
+        super().destroy()

@@ -1,0 +1,141 @@
+"""The Moreau–Jean θ-scheme in PETSc: impulses belong to the step in which they act.
+
+    Â (v⁺ - v) = Δt [f_θ - C v - K (u + θ Δt v)] + Hᵀ p,   Â = M + θ Δt C + θ² Δt² K      (J1)
+    u⁺ = u + Δt [θ v⁺ + (1 - θ) v]
+    0 <= p  ⊥  U̇⁺ + e U̇ >= 0   on the pairs with U + Δt/2 U̇ <= 0                           (J2)
+
+f_θ is the load of the base at θ between the two times. Energy is conserved for θ = 1/2 between
+impacts.
+"""
+
+from __future__ import annotations
+
+from petsc4py import PETSc
+
+from delam_fem.contact.decision import Decision
+from delam_fem.engines.petsc import linear_algebra
+from delam_fem.engines.petsc.compliance import LazyCompliance
+from delam_fem.engines.petsc.dynamics import Dynamics
+from delam_fem.model.operators import Operators
+from delam_fem.numerics.arrays import BoolArray, FloatArray
+
+
+class MoreauJean(Dynamics):
+    """A stepper: `advance` makes the free velocity, `jump` adds the impulses of J2."""
+
+    def __init__(
+        self,
+        operators: Operators,
+        time_step: float,
+        *,
+        theta: float = 0.5,
+        anticipates: bool = False,
+        comm: PETSc.Comm = PETSc.COMM_SELF,
+    ) -> None:
+        """Factorise Â.
+
+        Args:
+            operators: the semi-discrete problem.
+            time_step: Δt [s].
+            theta: θ, from 1/2 (no numerical damping) to 1.
+            anticipates: show the law every gap before it closes (`contact.recovery_floor`) instead
+                of the pairs of J2.
+            comm: PETSc communicator.
+        """
+        super().__init__(operators, time_step, comm)
+        o, self._theta, self._anticipates = operators, theta, anticipates
+        to = theta * time_step
+        # divided by -Δt, so that a solve with the right-hand side of _load gives v⁺ - v
+        self._A = linear_algebra.Factor(
+            -(o.mass + to * o.damping + to**2 * o.stiffness) / time_step, comm, "moreau_"
+        )
+        self.compliance = LazyCompliance(self, self._A, -1.0 / time_step)
+        self._start = self._M.createVecRight()
+        self._is_unaccounted = False
+        self._predicted = linear_algebra.Shared(self._H.createVecLeft())
+        self._rate_start = linear_algebra.Shared(self._H.createVecLeft())
+
+    @property
+    def gap(self) -> FloatArray:
+        """Gaps that the law examines, shape (n_pairs,) [m].
+
+        Those at the start of the step where the law anticipates, else predicted as in J2.
+        """
+        return self._gap.gather() if self._anticipates else self._predicted.gather()
+
+    def rate_pre(self) -> FloatArray:
+        """Return gap rates at the start of the step, shape (n_pairs,) [m/s]."""
+        return self._rate_start.gather()
+
+    def rate_free(self) -> FloatArray:
+        """Return gap rates at the end of the step without impulses, shape (n_pairs,) [m/s]."""
+        return self.gap_rate()
+
+    def advance(self) -> float:
+        """Make the free motion of the next step; return the smallest predicted gap [m]."""
+        u, v, r, w, dt, theta = self.u, self.v, self._r, self._w, self.time_step, self._theta
+        predicted, rate = self._predicted.vector, self._rate_start.vector
+        self._H.multAdd(u, self._gap0, self._gap.vector)
+        self._H.mult(v, rate)
+        predicted.waxpy(0.5 * dt, rate, self._gap.vector)
+        v.copy(self._start)
+        w.waxpy(theta * dt, v, u)
+        self._K.mult(w, r)
+        self._C.multAdd(v, r, r)
+        before, after = self.base_states[self.base_index : self.base_index + 2]
+        self.base_index += 1
+        self._is_unaccounted = True
+        columns = (self._base_stiffness, self._base_damping, self._base_mass)
+        for column, old, new in zip(columns, before, after, strict=True):
+            r.axpy(theta * new + (1.0 - theta) * old, column)
+        self._A.solve(r, w)
+        v.axpy(1.0, w)
+        u.axpy(dt * (1.0 - theta), self._start)
+        u.axpy(dt * theta, v)
+        if self._anticipates:
+            self._H.mult(v, predicted)
+            predicted.aypx(dt, self._gap.vector)  # U + Δt U̇⁺ without impulses
+        return float(predicted.min()[1])
+
+    def jump(self, decision: Decision) -> tuple[float, float]:
+        """Add the impulses of a decision to the step.
+
+        Returns:
+            Change of energy by the impulses and by switching springs (0) [J].
+        """
+        self._impulse.values[:] = 0.0
+        self._impulse.values[decision.hit] = decision.impulses
+        self._impulse.spread()
+        r, w = self._r, self._w
+        self._H.multTranspose(self._impulse.vector, r)
+        self._A.solve(r, w)
+        self.v.axpy(-1.0 / self.time_step, w)
+        self.u.axpy(-self._theta, w)
+        mean_rate = 0.5 * (decision.rate_pre + decision.rate_post)
+        return float(decision.impulses @ mean_rate), 0.0
+
+    def observe(self) -> None:
+        """Bring the recorded values up to date and account for the damping of a finished step."""
+        super().observe()
+        if not self._is_unaccounted:
+            return
+        self._is_unaccounted = False
+        w, r, theta = self._w, self._r, self._theta
+        w.waxpy((1.0 - theta) / theta, self._start, self.v)
+        self._C.mult(w, r)
+        self.dissipated += theta**2 * self.time_step * r.dot(w)
+
+    def renew_acceleration(self) -> None:
+        """Do nothing: the scheme has no acceleration."""
+
+    def restore_springs(self, permanent: BoolArray) -> None:
+        """Take over which pairs rest on one another; the scheme has no springs."""
+        self.permanent = permanent.copy()
+
+    def destroy(self) -> None:
+        """Free all PETSc objects."""
+        self._A.destroy()
+        self._start.destroy()
+        self._predicted.destroy()
+        self._rate_start.destroy()
+        super().destroy()

@@ -1,0 +1,1 @@
+"""Discretisations: from a case to operators and a layout."""

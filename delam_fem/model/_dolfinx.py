@@ -1,0 +1,167 @@
+"""The one door to dolfinx: imports it safely and hides what its versions name differently.
+
+Written against dolfinx 0.11 names and tested with 0.5.2, 0.9.0 and 0.11.0; no other file asks for a
+version. The import itself needs care. dolfinx up to 0.7 switches the process to RTLD_GLOBAL for
+good; later ones, where Numba is installed, have llvmlite load PETSc so, and HDF5 with it. After
+either, vtk, netCDF4 and h5py wheels take symbols of those libraries for their own and break, so
+both are held still meanwhile.
+"""
+
+from __future__ import annotations
+
+import logging
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+import llvmlite.binding
+import numpy as np
+import numpy.typing as npt
+
+from delam_fem.numerics.arrays import FloatArray, IntArray
+
+
+@contextmanager
+def _symbols_stay_local() -> Iterator[None]:
+    """Let what makes the symbols of libraries visible to all others do nothing."""
+    held = [(sys, "setdlopenflags"), (llvmlite.binding, "load_library_permanently")]
+    originals = [getattr(owner, name) for owner, name in held]
+    for owner, name in held:
+        setattr(owner, name, lambda *_: None)
+    try:
+        yield
+    finally:
+        for (owner, name), original in zip(held, originals, strict=True):
+            setattr(owner, name, original)
+
+
+with _symbols_stay_local():
+    import dolfinx
+    import dolfinx.fem.petsc
+    import dolfinx.io
+    import dolfinx.mesh
+
+import ufl  # noqa: E402  (after dolfinx, which brings it)
+from mpi4py import MPI  # noqa: E402
+
+version: str = dolfinx.__version__
+has_adios2: bool = dolfinx.common.has_adios2
+
+
+@contextmanager
+def _compiling_in_silence() -> Iterator[None]:
+    """Keep setuptools, with which ffcx compiles, from telling each of its commands."""
+    before = logging.root.manager.disable
+    logging.disable(logging.INFO)
+    try:
+        yield
+    finally:
+        logging.disable(before)
+
+
+@_compiling_in_silence()
+def create_interval_mesh(comm: MPI.Intracomm, x: FloatArray, cells: IntArray) -> Any:
+    """Build a mesh of intervals that need not be connected.
+
+    Args:
+        comm: communicator of the mesh.
+        x: node coordinates, shape (n_nodes,), or (n_nodes, 2) in a plane [m]; rank 0's are used.
+        cells: node pairs, shape (n_cells, 2); rank 0's are used.
+
+    Returns:
+        The mesh, distributed over `comm`; both ends of an interface facet may be on any rank.
+    """
+    points = np.ascontiguousarray(x, dtype=np.float64).reshape(len(x), -1)
+    if comm.rank > 0:
+        points, cells = points[:0], np.empty((0, 2), dtype=np.int64)
+    dim = points.shape[1]
+    cells = np.ascontiguousarray(cells, dtype=np.int64)
+    if hasattr(dolfinx.fem, "functionspace"):
+        import basix.ufl
+
+        coordinates = basix.ufl.element("Lagrange", "interval", 1, shape=(dim,))
+        # by name, for until 0.9 the points come before the element
+        return dolfinx.mesh.create_mesh(comm, cells, e=coordinates, x=points)
+    cell = ufl.Cell("interval", geometric_dimension=dim)
+    domain = ufl.Mesh(ufl.VectorElement("Lagrange", cell, 1))
+    return dolfinx.mesh.create_mesh(comm, cells, points, domain)
+
+
+@_compiling_in_silence()
+def pair_space(mesh: Any) -> Any:
+    """Return the mixed space P1 × P1 on a mesh of intervals."""
+    if hasattr(dolfinx.fem, "functionspace"):
+        import basix.ufl
+
+        linear = basix.ufl.element("Lagrange", "interval", 1)
+        return dolfinx.fem.functionspace(mesh, basix.ufl.mixed_element([linear, linear]))
+    linear = ufl.FiniteElement("Lagrange", mesh.ufl_cell(), 1)
+    return dolfinx.fem.FunctionSpace(mesh, ufl.MixedElement([linear, linear]))
+
+
+@_compiling_in_silence()
+def space(mesh: Any, family: str, degree: int) -> Any:
+    """Return the scalar space of a family ("Lagrange", "Discontinuous Lagrange") and degree."""
+    if hasattr(dolfinx.fem, "functionspace"):
+        return dolfinx.fem.functionspace(mesh, (family, degree))
+    return dolfinx.fem.FunctionSpace(mesh, (family, degree))
+
+
+def input_nodes(linear: Any) -> IntArray:
+    """Return the input node of each dof of a P1 space on this rank."""
+    dofmap, geometry = linear.dofmap, linear.mesh.geometry
+    nodes = np.empty(dofmap.index_map.size_local + dofmap.index_map.num_ghosts, dtype=np.int64)
+    for cell, vertices in enumerate(cell_nodes(linear.mesh)):
+        nodes[dofmap.cell_dofs(cell)] = np.asarray(geometry.input_global_indices)[vertices]
+    return nodes
+
+
+def write_vtx(
+    path: str,
+    mesh: Any,
+    times: FloatArray,
+    fields: Mapping[str, FloatArray],
+) -> None:
+    """Write nodal values for ParaView by ADIOS2; only where `has_adios2`.
+
+    Args:
+        path: a folder that ends in .bp.
+        mesh: of intervals.
+        times: of the frames, shape (n_frames,) [s].
+        fields: name and values, shape (n_frames, n_nodes), in the order of the input nodes.
+    """
+    linear = space(mesh, "Lagrange", 1)
+    nodes = input_nodes(linear)
+    functions = {name: dolfinx.fem.Function(linear, name=name) for name in fields}
+    with dolfinx.io.VTXWriter(mesh.comm, path, list(functions.values()), "BP4") as writer:
+        for k, time in enumerate(times):
+            for name, values in fields.items():
+                functions[name].x.array[:] = values[k, nodes]
+            writer.write(float(time))
+
+
+def cell_nodes(mesh: Any) -> npt.NDArray[np.int32]:
+    """Return the geometry nodes of the cells that this rank owns, shape (n_cells, n_nodes)."""
+    geometry = mesh.geometry
+    table = geometry.dofmaps[0] if hasattr(geometry, "dofmaps") else geometry.dofmap
+    count = mesh.topology.index_map(mesh.topology.dim).size_local
+    if isinstance(table, np.ndarray):
+        return table[:count]
+    return np.array([table.links(c) for c in range(count)], dtype=np.int32).reshape(count, -1)
+
+
+@_compiling_in_silence()
+def assemble_matrix(form: Any) -> Any:
+    """Assemble a bilinear UFL form into a PETSc matrix that the caller owns."""
+    matrix = dolfinx.fem.petsc.assemble_matrix(dolfinx.fem.form(form))
+    matrix.assemble()
+    return matrix
+
+
+def function(space: Any, fill: Callable[[FloatArray], None]) -> Any:
+    """Return a function of `space` after `fill` has written its local values."""
+    result = dolfinx.fem.Function(space)
+    fill(result.x.array)
+    result.x.scatter_forward()
+    return result

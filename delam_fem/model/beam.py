@@ -1,0 +1,139 @@
+"""Euler–Bernoulli laminae in dolfinx: weak forms → `Model`.
+
+    m(w, v) = ∫ rho A w v dx                               (mass)
+    k(w, v) = ∫ E I w'' v'' dx                             (stiffness)
+    c(w, v) = ∫ alpha rho A w v dx + ∫ beta E I w'' v'' dx (Rayleigh damping)
+
+w and v are the Hermite interpolants of (u, phi). Both laminae lie on one mesh as two separate
+lines; E I, rho A, alpha and beta are functions of x on it. The clamped dofs are split off
+afterwards (paper eq. 9, 10).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+import ufl
+from mpi4py import MPI
+
+from delam_fem.case.definition import Case
+from delam_fem.case.gap import initial_gap
+from delam_fem.model.hermite import BENDING_DEGREE, MASS_DEGREE, Hermite
+from delam_fem.model.layout import Model
+from delam_fem.model.mesh import node_coordinates
+from delam_fem.model.operators import BaseCoupling, Operators
+from delam_fem.numerics.arrays import FloatArray, IntArray
+
+Profile = Callable[[int, FloatArray], FloatArray | float]
+"""A property along a lamina: (lamina 0 or 1, x [m]) -> values at x."""
+
+
+def assemble(
+    case: Case,
+    *,
+    comm: MPI.Intracomm = MPI.COMM_SELF,
+    flexural_rigidity: Profile | None = None,
+    mass_per_length: Profile | None = None,
+) -> Model:
+    """Assemble the two laminae of a case.
+
+    Args:
+        case: the case; gives all that is not overridden below.
+        comm: communicator that shares the assembly; every rank gets the whole result.
+        flexural_rigidity: E I along x [N m2] instead of the case's constants.
+        mass_per_length: rho A along x [kg/m] instead of the case's constants.
+
+    Raises:
+        CaseError: the mesh or the gap is not usable.
+    """
+    x = node_coordinates(case)
+    n = len(x) - 1
+    EI = flexural_rigidity or (lambda i, x: case.lamina[i].flexural_rigidity)
+    rhoA = mass_per_length or (lambda i, x: case.lamina[i].mass_per_length)
+    laminae = Hermite.on_line(comm, np.tile(x, 2), _two_lines(n))
+    M, C, K, lumped = _matrices(case, laminae, n, (EI, rhoA))
+    middle = 0.5 * (x[1:] + x[:-1])
+    EI_of_cell, rhoA_of_cell = (
+        np.array([np.broadcast_to(profile(i, middle), n) for i in (0, 1)]) for profile in (EI, rhoA)
+    )
+    return Model(_operators(case, x, (M, C, K), lumped), x, EI_of_cell, rhoA_of_cell)
+
+
+def _two_lines(n: int) -> IntArray:
+    """Return the cells of two separate lines of n elements, shape (2 n, 2)."""
+    line = np.column_stack([np.arange(n), np.arange(1, n + 1)])
+    return np.vstack([line, line + n + 1]).astype(np.int64)
+
+
+def _matrices(
+    case: Case, laminae: Hermite, n: int, profiles: tuple[Profile, Profile]
+) -> tuple[sp.csr_matrix, sp.csr_matrix, sp.csr_matrix, FloatArray]:
+    """Return M, C, K and the diagonal of the lumped mass, clamped dofs included."""
+
+    def coefficient(profile: Profile) -> Any:
+        def values(cells: IntArray, x: FloatArray) -> FloatArray:
+            on_first = cells < n
+            return np.where(on_first, profile(0, x), profile(1, x))
+
+        return laminae.coefficient(values)
+
+    EI, rhoA = (coefficient(profile) for profile in profiles)
+    alpha, beta = (
+        coefficient(lambda i, x, k=k: case.rayleigh(i)[k])  # type: ignore[misc]
+        for k in (0, 1)
+    )
+    pair, test = ufl.TrialFunction(laminae.space), ufl.TestFunction(laminae.space)
+    w, v = laminae.value(pair), laminae.value(test)
+    w2, v2 = laminae.curvature(pair), laminae.curvature(test)
+    h = abs(ufl.Jacobian(laminae.mesh)[0, 0])
+    dx_mass = ufl.dx(metadata={"quadrature_degree": MASS_DEGREE})
+    dx_bending = ufl.dx(metadata={"quadrature_degree": BENDING_DEGREE})
+    dx_ends = ufl.dx(metadata={"quadrature_rule": "GLL", "quadrature_degree": 1})
+
+    def mass(factor: Any) -> Any:
+        return factor * rhoA * w * v * dx_mass
+
+    def lumped_mass(factor: Any) -> Any:  # rho A h/2 for u and rho A h^3/78 for phi at each end
+        return factor * rhoA * (pair[0] * test[0] + h**2 / 39 * pair[1] * test[1]) * dx_ends
+
+    inertia = lumped_mass if case.time.mass == "lumped" else mass
+    M = laminae.assemble(inertia(1))
+    K = laminae.assemble(EI * w2 * v2 * dx_bending)
+    # two forms: ffcx 0.5 cannot have two quadrature rules in one
+    C = laminae.assemble(inertia(alpha)) + laminae.assemble(beta * EI * w2 * v2 * dx_bending)
+    return M, C, K, laminae.assemble(lumped_mass(1)).diagonal()
+
+
+def _operators(
+    case: Case,
+    x: FloatArray,
+    matrices: tuple[sp.csr_matrix, sp.csr_matrix, sp.csr_matrix],
+    lumped: FloatArray,
+) -> Operators:
+    """Split the clamped dofs off (paper eq. 9) and pair opposite nodes."""
+    n = len(x) - 1
+    dofs = np.arange(4 * (n + 1)).reshape(2, n + 1, 2)  # lamina, node, (u, phi)
+    free, base = dofs[:, 1:].ravel(), dofs[:, 0, 0]
+    mass, damping, stiffness = (matrix[free][:, free].tocsr() for matrix in matrices)
+    m, c, k = (np.asarray(matrix[free][:, base].sum(axis=1)).ravel() for matrix in matrices)
+    m_aa, c_aa, k_aa = (float(matrix[base][:, base].sum()) for matrix in matrices)
+    pairs = np.arange(n)
+    u1, u2 = 2 * pairs, 2 * (n + pairs)
+    ones = np.ones(n)
+    H = sp.coo_matrix(
+        (np.concatenate([-ones, ones]), (np.tile(pairs, 2), np.concatenate([u1, u2]))),
+        shape=(n, 4 * n),
+    ).tocsr()
+    return Operators(
+        mass=mass,
+        damping=damping,
+        stiffness=stiffness,
+        lumped_mass=lumped[free],
+        base=BaseCoupling(m, c, k, corner=(m_aa, c_aa, k_aa)),
+        gap_matrix=H,
+        gap0=initial_gap(case.gap, x, case.lamina[0].length)[1:],
+        observed=np.array([u1[-1], u2[-1]]),
+    )

@@ -1,0 +1,221 @@
+"""The independent reference: two laminae from closed-form beam element matrices.
+
+NumPy and SciPy only; nothing is shared with the weak forms, so that the two check each other. The
+case, the gap at rest and the motion of the base are inputs to both. How the model moves is in
+`reference_loop.py`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse as sp
+
+from delam_fem.case.definition import Case
+from delam_fem.case.gap import initial_gap
+from delam_fem.case.sections import Lamina
+from delam_fem.case.toml import CaseError
+from delam_fem.model.layout import Model
+from delam_fem.model.operators import BaseCoupling, Operators
+from delam_fem.numerics.arrays import FloatArray
+
+CLAMP_U, CLAMP_PHI = 0, 1
+"""Dofs of one lamina before partition: node by node from the clamp, (u, phi) each."""
+
+
+def assemble(case: Case, x: npt.ArrayLike | None = None) -> Model:
+    """Assemble the case from closed-form element matrices.
+
+    Args:
+        case: the case; its mesh gives the number of elements unless x is given.
+        x: positions of the nodes from 0 to the length, shape (n_nodes,) [m]; default uniform.
+
+    Returns:
+        The model, free dofs of lamina 1 before those of lamina 2.
+
+    Raises:
+        CaseError: the mesh is a file and x is not given, or x does not run from 0 to the length.
+    """
+    x = _nodes(case, x)
+    beams = [_Beam.of(lamina, x) for lamina in case.lamina]
+    damping = [case.rayleigh(i) for i in range(2)]
+    is_lumped = case.time.mass == "lumped"
+    M = [sp.diags(beam.lumped_mass, format="csr") if is_lumped else beam.mass for beam in beams]
+    K = [beam.stiffness for beam in beams]
+    C = [alpha * m + beta * k for (alpha, beta), m, k in zip(damping, M, K, strict=True)]
+    n = x.size - 1
+    operators = Operators(
+        mass=_free_block(M),
+        damping=_free_block(C),
+        stiffness=_free_block(K),
+        lumped_mass=np.concatenate([beam.lumped_mass[CLAMP_PHI + 1 :] for beam in beams]),
+        base=BaseCoupling(
+            mass=_base_column(M),
+            damping=_base_column(C),
+            stiffness=_base_column(K),
+            corner=(_base_corner(M), _base_corner(C), _base_corner(K)),
+        ),
+        gap_matrix=gap_matrix(n),
+        gap0=np.asarray(initial_gap(case.gap, x, case.lamina[0].length))[1:],
+        observed=np.array([2 * n - 2, 4 * n - 2], dtype=np.int64),
+    )
+    EI = np.stack([beam.flexural_rigidity for beam in beams])
+    rhoA = np.stack([beam.mass_per_length for beam in beams])
+    return Model(operators, x, EI, rhoA)
+
+
+def element_stiffness(flexural_rigidity: npt.ArrayLike, h: npt.ArrayLike) -> FloatArray:
+    """Return the stiffness of cubic Hermite beam elements, dofs (u, phi) at both ends.
+
+        K = integral of EI N'' N''^T
+
+    Args:
+        flexural_rigidity: EI per element, shape (n,) [N m2].
+        h: lengths, shape (n,) [m].
+
+    Returns:
+        Shape (n, 4, 4) [N/m, N, N m].
+
+    Source: Przemieniecki, "Theory of Matrix Structural Analysis", ch. 5.
+    """
+    numbers = np.array(
+        [
+            [12.0, 6.0, -12.0, 6.0],
+            [6.0, 4.0, -6.0, 2.0],
+            [-12.0, -6.0, 12.0, -6.0],
+            [6.0, 2.0, -6.0, 4.0],
+        ]
+    )
+    return _scaled(numbers, np.asarray(flexural_rigidity) / np.asarray(h) ** 3, h)
+
+
+def element_mass(mass_per_length: npt.ArrayLike, h: npt.ArrayLike) -> FloatArray:
+    """Return the consistent mass of cubic Hermite beam elements, dofs (u, phi) at both ends.
+
+        M = integral of rho A N N^T
+
+    Args:
+        mass_per_length: rho A per element, shape (n,) [kg/m].
+        h: lengths, shape (n,) [m].
+
+    Returns:
+        Shape (n, 4, 4) [kg, kg m, kg m2].
+
+    Source: Przemieniecki, "Theory of Matrix Structural Analysis", ch. 11.
+    """
+    numbers = np.array(
+        [
+            [156.0, 22.0, 54.0, -13.0],
+            [22.0, 4.0, 13.0, -3.0],
+            [54.0, 13.0, 156.0, -22.0],
+            [-13.0, -3.0, -22.0, 4.0],
+        ]
+    )
+    return _scaled(numbers, np.asarray(mass_per_length) * np.asarray(h) / 420.0, h)
+
+
+def element_lumped_mass(mass_per_length: npt.ArrayLike, h: npt.ArrayLike) -> FloatArray:
+    """Return the diagonal of the lumped mass: rho A h/2 for u and rho A h^3/78 for phi at each end.
+
+    Args:
+        mass_per_length: rho A per element, shape (n,) [kg/m].
+        h: lengths, shape (n,) [m].
+
+    Returns:
+        Shape (n, 4) [kg, kg m2].
+    """
+    m, h = np.asarray(mass_per_length, dtype=np.float64), np.asarray(h, dtype=np.float64)
+    return np.stack([m * h / 2.0, m * h**3 / 78.0] * 2, axis=-1)
+
+
+def gap_matrix(n: int) -> sp.csr_matrix:
+    """Return H of n node pairs: gap = g0 + u2 - u1, shape (n, 4 n)."""
+    pair = np.arange(n)
+    u1, u2 = 2 * pair, 2 * (n + pair)
+    entries = np.concatenate([-np.ones(n), np.ones(n)])
+    columns = np.concatenate([u1, u2])
+    return sp.csr_matrix((entries, (np.tile(pair, 2), columns)), shape=(n, 4 * n))
+
+
+def _nodes(case: Case, x: npt.ArrayLike | None) -> FloatArray:
+    length = case.lamina[0].length
+    if x is None:
+        if case.mesh.elements is None:
+            raise CaseError(
+                "mesh.file: the reference reads no mesh files; expected mesh.elements, or the "
+                f"positions of the nodes as x; given {case.mesh.file}"
+            )
+        return np.linspace(0.0, length, case.mesh.elements + 1)
+    nodes = np.asarray(x, dtype=np.float64)
+    if nodes[0] != 0.0 or abs(nodes[-1] - length) > 1e-9 * length:
+        raise CaseError(
+            f"x: the nodes must run from 0 to the length {length:g} m, "
+            f"given {nodes[0]:g} to {nodes[-1]:g} m"
+        )
+    return nodes
+
+
+def _scaled(numbers: FloatArray, factor: FloatArray, h: npt.ArrayLike) -> FloatArray:
+    """Multiply the pure numbers by the factor, and by h for each slope dof of row and column."""
+    ones = np.ones_like(h, dtype=np.float64)
+    units = np.stack([ones, np.asarray(h, dtype=np.float64)] * 2, axis=-1)  # (n, 4)
+    scaled: FloatArray = (
+        factor[..., None, None] * numbers * units[..., :, None] * units[..., None, :]
+    )
+    return scaled
+
+
+@dataclass(frozen=True)
+class _Beam:
+    """One lamina before partition, clamped dofs included; N = 2 n_nodes dofs."""
+
+    flexural_rigidity: FloatArray  # (n,) [N m2]
+    mass_per_length: FloatArray  # (n,) [kg/m]
+    mass: sp.csr_matrix  # (N, N)
+    stiffness: sp.csr_matrix  # (N, N)
+    lumped_mass: FloatArray  # (N,)
+
+    @classmethod
+    def of(cls, lamina: Lamina, x: FloatArray) -> _Beam:
+        h = np.diff(x)
+        rigidity = np.full(h.size, lamina.flexural_rigidity)
+        mass_per_length = np.full(h.size, lamina.mass_per_length)
+        lumped = np.zeros(2 * x.size)
+        for cell, ends in enumerate(element_lumped_mass(mass_per_length, h)):
+            lumped[2 * cell : 2 * cell + 4] += ends
+        return cls(
+            flexural_rigidity=rigidity,
+            mass_per_length=mass_per_length,
+            mass=_sum_elements(element_mass(mass_per_length, h)),
+            stiffness=_sum_elements(element_stiffness(rigidity, h)),
+            lumped_mass=lumped,
+        )
+
+
+def _sum_elements(elements: FloatArray) -> sp.csr_matrix:
+    """Add up elements (n, 4, 4) in a row into a matrix of 2 (n + 1) dofs."""
+    n = len(elements)
+    dofs = 2 * np.arange(n)[:, None] + np.arange(4)  # (n, 4)
+    rows, columns = np.repeat(dofs, 4, axis=1), np.tile(dofs, 4)
+    entries = elements.reshape(n, 16)
+    return sp.csr_matrix((entries.ravel(), (rows.ravel(), columns.ravel())), shape=(2 * n + 2,) * 2)
+
+
+def _free_block(laminae: list[sp.csr_matrix]) -> sp.csr_matrix:
+    """Return the matrix of the free dofs of both laminae."""
+    free = slice(CLAMP_PHI + 1, None)
+    return sp.block_diag([matrix[free, free] for matrix in laminae], format="csr")
+
+
+def _base_column(laminae: list[sp.csr_matrix]) -> FloatArray:
+    """Return the forces on the free dofs per unit motion of both clamps (paper eq. 9)."""
+    return np.concatenate(
+        [matrix[CLAMP_PHI + 1 :, CLAMP_U].toarray().ravel() for matrix in laminae]
+    )
+
+
+def _base_corner(laminae: list[sp.csr_matrix]) -> float:
+    """Return the force on the base per unit motion of it, both laminae."""
+    return float(sum(matrix[CLAMP_U, CLAMP_U] for matrix in laminae))

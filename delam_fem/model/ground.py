@@ -1,0 +1,220 @@
+"""One lamina over rigid ground: the second kind of contact pair, a node against what never moves.
+
+    gap_k = u_k + s_k,   H has one entry, 1, in each row,   g0 = s
+
+The lamina lies, or its tip rests, on the ground where it is free of stress and weight. u counts
+upwards from the shape s <= 0 in which it would hang under its weight without a ground: so its
+equation of motion has no load. Laws and time integrations see `Operators` as they do with two
+laminae.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse as sp
+
+from delam_fem.case.sections import Lamina
+from delam_fem.model.closed_form import element_lumped_mass, element_mass, element_stiffness
+from delam_fem.model.operators import BaseCoupling, Operators
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.cantilever import cantilever_mode, cantilever_roots
+
+Touching = Literal["everywhere", "tip"]
+"""Which nodes the ground can stop."""
+Lift = Literal["tip force", "uniform load", "first mode"]
+"""What holds the lamina up before it is released."""
+
+N_CLAMP = 2
+"""Dofs of the clamped node, before partition."""
+GRAVITY = 9.81
+"""[m/s2]"""
+_BELOW = 1e-9
+"""Depth of a lifted shape below the ground that is round-off, relative to the tip's height."""
+
+
+def steel_strip(
+    frequency: float = 20.0,
+    *,
+    length: float | None = None,
+    thickness: float = 0.003,
+    width: float = 0.040,
+    damping_ratio: float = 0.0,
+) -> Lamina:
+    """Return a steel strip (E = 2.1e11 Pa, 7850 kg/m3) so long that its lowest frequency fits.
+
+    The paper gives nothing but the lowest period of about 50 ms; thickness and width are chosen.
+
+    Args:
+        frequency: of the first mode as a cantilever [Hz].
+        length: instead of a frequency [m].
+        thickness: [m].
+        width: [m].
+        damping_ratio: D of modes 1 and 2 [-].
+    """
+    young_modulus, density = 2.1e11, 7850.0
+    kappa = thickness * math.sqrt(young_modulus / (12.0 * density))
+    fitting = float(cantilever_roots(1)[0]) * math.sqrt(kappa / (2.0 * math.pi * frequency))
+    return Lamina(
+        name="steel",
+        length=length or fitting,
+        width=width,
+        thickness=thickness,
+        density=density,
+        young_modulus=young_modulus,
+        damping_ratio=damping_ratio,
+    )
+
+
+def nodes(lamina: Lamina, n: int) -> FloatArray:
+    """Return the positions of the free nodes of n elements, shape (n,) [m]."""
+    return lamina.length * np.arange(1, n + 1) / n
+
+
+def sag(lamina: Lamina, gravity: float) -> float:
+    """Return how far the tip would hang down without a ground, ρA g L⁴/(8 EI) [m].
+
+    Args:
+        lamina: the strip.
+        gravity: g [m/s2].
+    """
+    weight = lamina.mass_per_length * gravity
+    return weight * lamina.length**4 / (8.0 * lamina.flexural_rigidity)
+
+
+def on_ground(
+    lamina: Lamina,
+    n: int,
+    touching: Touching,
+    observed: npt.ArrayLike | None = None,
+    *,
+    gravity: float = 0.0,
+) -> Operators:
+    """Return n Hermite elements, clamped at x = 0, over the ground.
+
+    Free dofs node by node from the clamp to the tip, u before φ; Rayleigh damping gives modes 1 and
+    2 the lamina's damping ratio.
+
+    Args:
+        lamina: the strip.
+        n: number of elements, at least 2.
+        touching: which nodes are contact pairs.
+        observed: dofs recorded at each step; the tip's u where not given.
+        gravity: g, 0 for a strip without weight [m/s2].
+
+    Raises:
+        ValueError: n is below 2.
+    """
+    if n < 2:
+        raise ValueError(f"lamina over ground: expected at least 2 elements, given {n}")
+    h = np.full(n, lamina.length / n)
+    EI, rhoA = np.full(n, lamina.flexural_rigidity), np.full(n, lamina.mass_per_length)
+    M, K = _sum_elements(element_mass(rhoA, h)), _sum_elements(element_stiffness(EI, h))
+    lumped = np.zeros(2 * n + 2)
+    for cell, ends in enumerate(element_lumped_mass(rhoA, h)):
+        lumped[2 * cell : 2 * cell + 4] += ends
+    alpha, beta = _two_mode_damping(lamina)
+    pairs = np.arange(n) if touching == "everywhere" else np.array([n - 1])
+    entries = np.ones(pairs.size), (np.arange(pairs.size), 2 * pairs)
+    return Operators(
+        mass=M,
+        damping=sp.csr_matrix(alpha * M + beta * K),
+        stiffness=K,
+        lumped_mass=lumped[N_CLAMP:],
+        base=BaseCoupling.none(2 * n),
+        gap_matrix=sp.csr_matrix(entries, shape=(pairs.size, 2 * n)),
+        gap0=-lying(lamina, n, gravity)[2 * pairs],
+        observed=np.asarray([2 * n - 2] if observed is None else observed, dtype=np.int64),
+    )
+
+
+def lying(lamina: Lamina, n: int, gravity: float) -> FloatArray:
+    """Return the shape on the ground, counted from where it would hang, u and φ, shape (2 n,)."""
+    return _shape(lamina, n, "uniform load", sag(lamina, gravity))
+
+
+def lifted(lamina: Lamina, n: int, tip: float, by: Lift, *, gravity: float = 0.0) -> FloatArray:
+    """Return the shape in which the lamina is held up, u and φ of the free dofs, shape (2 n,).
+
+    Args:
+        lamina: the strip.
+        n: number of elements.
+        tip: height of the tip above the ground [m].
+        by: what holds it, besides its weight.
+        gravity: g, 0 for a strip without weight [m/s2].
+
+    Raises:
+        ValueError: the weight would keep a part of the strip on the ground.
+    """
+    hanging = sag(lamina, gravity)
+    u = _shape(lamina, n, by, tip + hanging)
+    height = u - lying(lamina, n, gravity)
+    if height[::2].min() < -_BELOW * tip:
+        raise ValueError(
+            f"height of the tip: expected so much that the whole strip leaves the ground, a third "
+            f"of its sag of {hanging:g} m with a force at the tip, given {tip:g} m"
+        )
+    return u
+
+
+def _shape(lamina: Lamina, n: int, by: Lift, tip: float) -> FloatArray:
+    """Return the shape of a cantilever without weight, u and φ, whose tip something holds."""
+    xi = nodes(lamina, n) / lamina.length
+    if by == "tip force":
+        u, slope = (3.0 * xi**2 - xi**3) / 2.0, (6.0 * xi - 3.0 * xi**2) / 2.0
+    elif by == "uniform load":
+        u = (6.0 * xi**2 - 4.0 * xi**3 + xi**4) / 3.0
+        slope = (12.0 * xi - 12.0 * xi**2 + 4.0 * xi**3) / 3.0
+    else:
+        step = 1e-4  # the error of the difference, step² B⁴ / 6, is 2e-8
+        u = cantilever_mode(1, xi)
+        inside = np.minimum(xi, 1.0 - step)  # the curvature is 0 at the tip
+        ends = cantilever_mode(1, inside + step) - cantilever_mode(1, inside - step)
+        slope = ends / (2.0 * step)
+    return np.ravel(np.column_stack([tip * u, tip / lamina.length * slope]))
+
+
+def strain_rows(lamina: Lamina, n: int, gauges: npt.ArrayLike) -> sp.csr_matrix:
+    """Return the bending strain at gauges per dof, ε = (t/2) u″ of the Hermite interpolant.
+
+    Args:
+        lamina: the strip.
+        n: number of elements.
+        gauges: positions from the clamp, shape (k,) [m].
+
+    Returns:
+        Shape (k, 2 n); positive is tension on the side of the ground.
+
+    Raises:
+        ValueError: a gauge is not on the strip.
+    """
+    h, half = lamina.length / n, 0.5 * lamina.thickness
+    rows = sp.lil_matrix((np.size(gauges), N_CLAMP + 2 * n))
+    for row, x in enumerate(np.atleast_1d(np.asarray(gauges, dtype=np.float64))):
+        if not 0.0 <= x <= lamina.length:
+            raise ValueError(f"gauge: expected a place from 0 to {lamina.length:g} m, given {x:g}")
+        cell = min(int(x / h), n - 1)
+        X = x / h - cell
+        weights = [12.0 * X - 6.0, h * (6.0 * X - 4.0), 6.0 - 12.0 * X, h * (6.0 * X - 2.0)]
+        rows[row, 2 * cell : 2 * cell + 4] = half / h**2 * np.array(weights)
+    return rows.tocsr()[:, N_CLAMP:]
+
+
+def _two_mode_damping(lamina: Lamina) -> tuple[float, float]:
+    """Return (α [1/s], β [s]) that give modes 1 and 2 the damping ratio D."""
+    first, second = lamina.angular_frequencies(2)
+    beta = 2.0 * lamina.damping_ratio / (first + second)
+    return float(beta * first * second), float(beta)
+
+
+def _sum_elements(elements: FloatArray) -> sp.csr_matrix:
+    """Add up elements (n, 4, 4) in a row into the matrix of the free dofs, (2 n, 2 n)."""
+    n = len(elements)
+    dofs = 2 * np.arange(n)[:, None] + np.arange(4)
+    rows, columns = np.repeat(dofs, 4, axis=1), np.tile(dofs, 4)
+    places = (rows.ravel(), columns.ravel())
+    whole = sp.csr_matrix((elements.ravel(), places), shape=(2 * n + 2,) * 2)
+    return sp.csr_matrix(whole[N_CLAMP:, N_CLAMP:])

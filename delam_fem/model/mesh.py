@@ -1,0 +1,114 @@
+"""The nodes along the laminae: uniform, or read from a mesh file by meshio.
+
+Contact is node to node, so both laminae must have their nodes at the same places along x; a file
+says which line belongs to which lamina by physical groups (or any integer cell data with two
+values).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from delam_fem.case.definition import Case
+from delam_fem.case.toml import CaseError
+from delam_fem.numerics.arrays import FloatArray, IntArray
+
+NODE_TOLERANCE = 1e-9  # of the length: nodes closer than this along x are opposite
+
+
+def node_coordinates(case: Case) -> FloatArray:
+    """Return the coordinates of the opposite nodes, clamp first, shape (n_nodes,) [m].
+
+    Raises:
+        CaseError: the mesh file is missing, unreadable, lacks a lamina, does not span [0, L], or
+            the nodes of the two laminae are not opposite.
+    """
+    length = case.lamina[0].length
+    if case.mesh.file is None:
+        assert case.mesh.elements is not None
+        return np.linspace(0.0, length, case.mesh.elements + 1)
+    path = Path(case.mesh.file)
+    first, second = (
+        _lamina_nodes(path, points, cells, length)
+        for points, cells in _lamina_lines(path, [lamina.name for lamina in case.lamina])
+    )
+    _require_opposite(path, first, second, length)
+    return first
+
+
+def _read(path: Path) -> Any:
+    """Read a file with meshio, whose own complaints become one message."""
+    import meshio
+
+    if not path.is_file():
+        raise CaseError(f"mesh.file: no such file: {path}")
+    try:
+        # meshio would try another format of this suffix first, and print
+        return meshio.read(path, file_format="gmsh" if path.suffix == ".msh" else None)
+    except (Exception, SystemExit) as error:  # meshio exits on formats it does not know
+        raise CaseError(f"mesh.file: meshio cannot read {path}: {error}") from error
+
+
+def _lamina_lines(path: Path, names: list[str]) -> list[tuple[FloatArray, IntArray]]:
+    """Return x of all points and the line cells of each lamina."""
+    mesh = _read(path)
+    lines = mesh.cells_dict.get("line")
+    if lines is None:
+        found = ", ".join(sorted(mesh.cells_dict)) or "none"
+        raise CaseError(f"mesh.file: {path}: expected line cells, found: {found}")
+    tags = [
+        values["line"]
+        for values in mesh.cell_data_dict.values()
+        if "line" in values and len(np.unique(values["line"])) == len(names)
+    ]
+    if not tags:
+        raise CaseError(
+            f"mesh.file: {path}: expected the lines in two physical groups named "
+            f"{names[0]!r} and {names[1]!r}"
+        )
+    tag = tags[0]
+    if set(names) <= set(mesh.field_data):
+        numbers = [int(mesh.field_data[name][0]) for name in names]
+    else:
+        numbers = sorted(int(t) for t in np.unique(tag))
+    x = np.asarray(mesh.points[:, 0], dtype=np.float64)
+    return [(x, np.asarray(lines[tag == number], dtype=np.int64)) for number in numbers]
+
+
+def _lamina_nodes(path: Path, x: FloatArray, cells: IntArray, length: float) -> FloatArray:
+    """Return the sorted node coordinates of one lamina after checking that it is one line."""
+    nodes = np.unique(cells)
+    order = nodes[np.argsort(x[nodes])]
+    place = np.full(len(x), -1)
+    place[order] = np.arange(len(order))
+    steps = np.sort(np.sort(place[cells], axis=1), axis=0)
+    chain = np.column_stack([np.arange(len(order) - 1), np.arange(1, len(order))])
+    if steps.shape != chain.shape or not np.array_equal(steps, chain):
+        raise CaseError(f"mesh.file: {path}: the lines of a lamina do not form one chain along x")
+    result = x[order]
+    tolerance = NODE_TOLERANCE * length
+    if abs(result[0]) > tolerance or abs(result[-1] - length) > tolerance:
+        raise CaseError(
+            f"mesh.file: {path}: expected nodes from x = 0 to lamina.length = {length:g} m, "
+            f"given {result[0]:g} to {result[-1]:g} m"
+        )
+    result[0], result[-1] = 0.0, length
+    return result
+
+
+def _require_opposite(path: Path, first: FloatArray, second: FloatArray, length: float) -> None:
+    """Raise unless the nodes of the two laminae are opposite."""
+    for k, (a, b) in enumerate(zip(first, second, strict=False)):
+        if abs(a - b) > NODE_TOLERANCE * length:
+            raise CaseError(
+                f"mesh.file: {path}: expected opposite nodes on the two laminae, but node {k} is "
+                f"at x = {a:.9g} m on the first and {b:.9g} m on the second"
+            )
+    if len(first) != len(second):
+        raise CaseError(
+            f"mesh.file: {path}: expected as many nodes on both laminae, given "
+            f"{len(first)} and {len(second)}"
+        )

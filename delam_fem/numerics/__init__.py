@@ -1,0 +1,1 @@
+"""Pure mathematics that knows nothing of the package."""

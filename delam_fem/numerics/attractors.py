@@ -1,0 +1,154 @@
+"""Kinds of motion and attractors, told from stroboscopic points and amplitudes.
+
+Pure functions of arrays; thresholds are stated here and in the figures that use them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from delam_fem.numerics.arrays import FloatArray, IntArray
+
+TextArray = npt.NDArray[np.object_] | npt.NDArray[np.str_]
+
+PERIOD_1, HIGHER, QUASI_PERIODIC, IRREGULAR, DIVERGED, FAILED = range(6)
+"""Kinds of motion: periodic with the excitation; with 2…8 periods of it; not periodic, but with
+few frequencies; neither; beyond all bounds; not computed."""
+KINDS = ("period 1", "higher order", "quasi-periodic", "irregular", "diverged", "failed")
+
+LINES = 4
+"""Spectral lines in which a quasi-periodic motion has nearly all of its stroboscopic power."""
+LINE_SHARE = 0.9
+"""That power; white noise has about 0.6 of its power in its strongest four of 64 bins' lines."""
+LINE_WIDTH = 2
+"""Bins on both sides that belong to a line, as a Hann window spreads it."""
+FEWEST_STROBES = 64
+"""Fewer do not tell lines from noise."""
+SAME_ATTRACTOR = 0.2
+"""Largest difference of two motions of one attractor in half peak-to-peak amplitudes; successive
+cycles of clapping alone differ by 0.1."""
+
+
+def kinds_of_motion(outcome: TextArray, periodicity: FloatArray, strobes: FloatArray) -> IntArray:
+    """Return the kind of motion of each point.
+
+    Args:
+        outcome: "completed", "diverged" or anything else, shape (...).
+        periodicity: see `diagnostics.periodicity`, NaN for none, shape (...).
+        strobes: displacement of both tips at the end of periods, shape (..., 2, n) [m].
+
+    Returns:
+        Indices into `KINDS`, shape (...).
+
+    Raises:
+        ValueError: there are too few strobes.
+    """
+    n = strobes.shape[-1]
+    if n < FEWEST_STROBES:
+        raise ValueError(
+            f"kinds of motion: expected at least {FEWEST_STROBES} strobes per point, given {n}; "
+            f"compute the sweep with record.strobes = {2 * FEWEST_STROBES}"
+        )
+    kinds = np.full(outcome.shape, FAILED, dtype=np.int64)
+    kinds[outcome == "diverged"] = DIVERGED
+    is_done = outcome == "completed"
+    has_lines = np.zeros(outcome.shape, dtype=np.bool_)
+    has_lines[is_done] = line_share(strobes[is_done]).min(axis=-1) >= LINE_SHARE
+    kinds[is_done] = np.where(has_lines[is_done], QUASI_PERIODIC, IRREGULAR)
+    kinds[is_done & (periodicity > 1)] = HIGHER
+    kinds[is_done & (periodicity == 1)] = PERIOD_1
+    return kinds
+
+
+def line_share(strobes: FloatArray) -> FloatArray:
+    """Return the share of the power about the mean that the strongest `LINES` lines have.
+
+    Args:
+        strobes: equidistant samples, shape (..., n).
+
+    Returns:
+        Shape (...) [-]; 1 where nothing changes, 0 where a sample is not a number.
+    """
+    n = strobes.shape[-1]
+    about_mean = strobes - strobes.mean(axis=-1, keepdims=True)
+    power = np.abs(np.fft.rfft(about_mean * np.hanning(n), axis=-1)) ** 2
+    total = power.sum(axis=-1)
+    found = np.zeros(total.shape)
+    bins = np.arange(power.shape[-1])
+    left = power.copy()
+    for _ in range(LINES):
+        peak = left.argmax(axis=-1)[..., None]
+        line = np.abs(bins - peak) <= LINE_WIDTH
+        found += np.where(line, left, 0.0).sum(axis=-1)
+        left[line] = 0.0
+    share = np.divide(found, total, out=np.ones_like(total), where=total > 0.0)
+    return np.where(np.isfinite(total), share, 0.0)
+
+
+@dataclass(frozen=True)
+class Attractors:
+    """Attractors that were found, the most frequent first.
+
+    Attributes:
+        number: of the attractor of each point, -1 for none, shape (...).
+        periodicity: the most frequent one of each attractor, NaN for none, shape (n_attractors,).
+        amplitude: half peak-to-peak of both tips, the median, shape (n_attractors, 2) [m].
+        share: of the points, shape (n_attractors,) [-].
+    """
+
+    number: IntArray
+    periodicity: FloatArray
+    amplitude: FloatArray
+    share: FloatArray
+
+
+def attractors(
+    periodicity: FloatArray, tip_min: FloatArray, tip_max: FloatArray, strobes: FloatArray
+) -> Attractors:
+    """Tell attractors by the fingerprint of the motion at the end of each point.
+
+    The fingerprint does not depend on which of its periods a period-doubled motion ends with:
+    extremes of both tips, mean and standard deviation of their strobes. Points are of one attractor
+    where no part differs from that of the attractor's first point by `SAME_ATTRACTOR` times the
+    larger tip's half peak-to-peak amplitude.
+
+    Args:
+        periodicity: NaN for none, shape (...).
+        tip_min: smallest displacement of both tips, shape (..., 2) [m].
+        tip_max: largest, likewise.
+        strobes: displacement of both tips at the end of periods, shape (..., 2, n) [m].
+
+    Returns:
+        The attractors; points with NaN have none.
+    """
+    shape, amplitude = periodicity.shape, 0.5 * (tip_max - tip_min)
+    parts = [tip_min, tip_max, strobes.mean(axis=-1), strobes.std(axis=-1)]
+    prints = np.stack(parts, axis=-1).reshape(-1, 2 * len(parts))
+    bound = SAME_ATTRACTOR * amplitude.reshape(-1, 2).max(axis=-1)
+    number = np.full(len(prints), -1, dtype=np.int64)
+    first: list[int] = []
+    for i in np.flatnonzero(np.isfinite(prints).all(axis=1)):
+        near = np.abs(prints[first] - prints[i]).max(axis=1, initial=0.0)
+        same = np.flatnonzero(near <= np.maximum(bound[first], bound[i]))
+        if not same.size:
+            first.append(int(i))
+        number[i] = same[0] if same.size else len(first) - 1
+    counts = np.bincount(number[number >= 0], minlength=len(first))
+    order = np.argsort(-counts, kind="stable")
+    number[number >= 0] = np.argsort(order)[number[number >= 0]]
+    members = [number == k for k in range(len(first))]
+    return Attractors(
+        number.reshape(shape),
+        np.array([_most_frequent(periodicity.ravel()[own]) for own in members]),
+        np.array([np.median(amplitude.reshape(-1, 2)[own], axis=0) for own in members]),
+        counts[order] / max(number.size, 1),
+    )
+
+
+def _most_frequent(values: FloatArray) -> float:
+    """Return the value that occurs most often, NaN being one."""
+    found, counts = np.unique(values, return_counts=True)
+    return float(found[counts.argmax()])

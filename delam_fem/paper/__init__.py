@@ -1,0 +1,1 @@
+"""One paper reproduced: figures, numbers and claims."""

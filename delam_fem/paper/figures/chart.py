@@ -1,0 +1,219 @@
+"""Fig. 11 of the paper: the flow chart of the contact algorithm with what really happened in it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+
+from delam_fem.numerics.arrays import FloatArray, IntArray
+from delam_fem.paper.claims import Claim, Piece, judged
+from delam_fem.paper.figures.shapes import detailed_case
+from delam_fem.paper.lab import Laboratory
+from delam_fem.results import diagnostics
+from delam_fem.results.dataset import Result
+from delam_fem.results.style import BLACK, BLUE, ORANGE, SKY, VERMILLION, WIDTH, legend_outside
+
+OPEN, SEPARATING, STRUCK, BEGUN, HELD, RELEASED = range(6)
+"""What the supervisor decides on a pair at the end of a step: U > 0 without a spring; U <= 0 but
+parting already; sudden impact with separation (Γₛ); impact and beginning of permanent contact
+(Γₚ₀); permanent contact goes on (Γₚₚ); the spring is taken away (eq. 21)."""
+NAMES = (
+    "open", "closed, separating", "Γₛ: impact, separates", "Γₚ₀: impact, stays",
+    "Γₚₚ: stays on spring", "spring released",
+)  # fmt: skip
+MARGIN = 0.005
+"""Around the contact phase, in periods."""
+COLOURS = ("#ffffff", "#bbbbbb", VERMILLION, ORANGE, BLUE, SKY)
+
+
+@dataclass(frozen=True)
+class Decisions:
+    """What was decided on every pair at every step of the window.
+
+    Attributes:
+        state: index into `NAMES`, shape (n_steps, n_pairs).
+        violations: pair-steps that do not follow eq. 17 as corrected.
+    """
+
+    state: npt.NDArray[np.int8]
+    violations: int
+
+    @property
+    def counts(self) -> IntArray:
+        """Pair-steps by decision, shape (6,)."""
+        return np.bincount(self.state.ravel(), minlength=len(NAMES))
+
+
+def decisions(result: Result) -> Decisions:
+    """Read the supervisor's decisions from a run whose frames are its steps.
+
+    The first step of the window is left out: what a pair was before is not known there.
+    """
+    history = result.history
+    held = history["contact_state"].to_numpy()[:, 1:] == 2
+    closed = diagnostics.gap_field(history)[:, 1:] <= 0.0
+    hit = np.zeros_like(held)
+    steps = np.rint(
+        (history["event_time"].to_numpy() - float(history["frame"][0])) / result.case.time_step
+    ).astype(np.int64)
+    hit[steps, history["event_node"].to_numpy() - 1] = True
+    before, held, closed, hit = held[:-1], held[1:], closed[1:], hit[1:]
+    state = np.full(held.shape, OPEN, dtype=np.int8)
+    state[closed] = SEPARATING
+    state[hit & ~held] = STRUCK
+    state[hit & held] = BEGUN
+    state[before & held & ~hit] = HELD
+    state[before & ~held] = RELEASED
+    wrong = (before & (held != closed)) | (before & hit) | (hit & ~closed)
+    wrong |= held & ~before & ~hit
+    return Decisions(state, int(np.count_nonzero(wrong)))
+
+
+def chart(lab: Laboratory) -> Piece:
+    """Draw the decisions of the supervisor as a chart with counts, and as a timeline of pairs."""
+    (result,) = lab.motions([detailed_case(lab)])
+    found = decisions(result)
+    N = result.case.time.steps_per_period
+    periods = found.state.shape[0] / N
+    figure = Figure(figsize=(WIDTH, 9.6), layout="constrained")
+    grid = figure.add_gridspec(2, 2, height_ratios=[3, 2], width_ratios=[1, 2])
+    _flow(figure.add_subplot(grid[0, :]), found.counts / periods, found.state.shape[1] * N)
+    whole, close = (figure.add_subplot(grid[1, k]) for k in range(2))
+    last = found.state[-N:]
+    for axes in (whole, close):
+        _timeline(axes, last)
+    busy = np.flatnonzero((last != OPEN).any(axis=1)) / N
+    whole.set_ylabel("pair (1 near the clamp)")
+    close.set_xlim(busy.min(initial=1.0) - MARGIN, busy.max(initial=0.0) + MARGIN)
+    whole.set_title("one period", loc="left")
+    close.set_title("its contact phase", loc="left")
+    legend_outside(figure, close, 5, "outside lower center")
+    numbers = {
+        "states": list(NAMES),
+        "pair_steps_per_period": found.counts / periods,
+        "violations": found.violations,
+        "pair_steps": int(found.state.size),
+        "impacts_followed_by_contact": _staying(found.counts),
+    }
+    claims = (
+        Claim(
+            "11", "each closed pair is in exactly one of Γₛ, Γₚ₀, Γₚₚ (eq. 17, corrected)",
+            "sec. 3.2",
+            f"{found.violations} of {found.state.size} recorded decisions break the partition",
+            judged(found.violations == 0),
+        ),
+        Claim(
+            "11", "a sudden impact marks the beginning of each contact event", "sec. 3.2",
+            f"{100 * _staying(found.counts):.0f} % of the impacts begin permanent contact, which "
+            f"lasts {_mean_length(found.state):.1f} steps on average; no pair got a spring unhit",
+            judged(found.violations == 0),
+        ),
+    )  # fmt: skip
+    caption = (
+        "Drawn from the recorded decisions of the contact supervisor at every step (method 3.2, "
+        "3.25 Hz): numbers are pair-steps per period. Below: the decision on each pair over one "
+        "period. The paper's chart is not available; the rules are its eq. 17 as corrected."
+    )
+    return Piece("11", "Flow chart of the contact algorithm", caption, figure, numbers, claims)
+
+
+def _staying(counts: IntArray) -> float:
+    """Return the share of impacts that begin permanent contact."""
+    return float(counts[BEGUN] / max(counts[BEGUN] + counts[STRUCK], 1))
+
+
+def _mean_length(state: npt.NDArray[np.int8]) -> float:
+    """Return the mean length of permanent contacts in steps."""
+    on_spring = np.count_nonzero((state == HELD) | (state == BEGUN))
+    return float(on_spring / max(np.count_nonzero(state == BEGUN), 1))
+
+
+def _flow(axes: Axes, counts: FloatArray, total: int) -> None:
+    """Draw the chart: questions as rounded boxes, outcomes coloured, numbers on the way."""
+    axes.axis("off")
+    axes.set(xlim=(0.0, 100.0), ylim=(0.0, 100.0))
+    with_spring = counts[HELD] + counts[RELEASED]
+    closed = counts[SEPARATING] + counts[STRUCK] + counts[BEGUN]
+    hit = counts[STRUCK] + counts[BEGUN]
+    boxes = {
+        "step": (50, 94, "Newmark step → U, U̇⁻ of every pair", "#f2f2f2"),
+        "spring": (50, 78, "on a spring already?", "#ffffff"),
+        "still": (80, 62, "U ≤ 0 still?", "#ffffff"),
+        "closed": (33, 62, "U ≤ 0?", "#ffffff"),
+        "approach": (33, 46, "U̇⁻ < 0?", "#ffffff"),
+        "impact": (33, 31, "impact:  U̇⁺ = −e U̇⁻", "#f2f2f2"),
+        "slow": (33, 17, "U̇⁺ < γ?", "#ffffff"),
+        "open": (8, 62, "open", COLOURS[OPEN]),
+        "parting": (6, 46, "closed,\nseparating", COLOURS[SEPARATING]),
+        "struck": (10, 3, "Γₛ: separates", COLOURS[STRUCK]),
+        "begun": (44, 3, "Γₚ₀: gets a spring", COLOURS[BEGUN]),
+        "held": (69, 46, "Γₚₚ: stays,\nno impact", COLOURS[HELD]),
+        "released": (91, 46, "spring is\nreleased", COLOURS[RELEASED]),
+    }
+    drawn = {}
+    for name, (x, y, text, colour) in boxes.items():
+        dark = colour in (BLUE, VERMILLION)
+        drawn[name] = axes.text(
+            x, y, text, ha="center", va="center", color="white" if dark else BLACK, fontsize=9.5,
+            bbox={"boxstyle": "round,pad=0.45", "facecolor": colour, "edgecolor": BLACK},
+        )  # fmt: skip
+    edges = (
+        ("step", "spring", f"{total} pair-steps"),
+        ("spring", "closed", f"no: {total - with_spring:.0f}"),
+        ("spring", "still", f"yes: {with_spring:.0f}"),
+        ("closed", "open", f"no: {counts[OPEN]:.0f}"),
+        ("closed", "approach", f"yes: {closed:.1f}"),
+        ("approach", "parting", f"no: {counts[SEPARATING]:.1f}"),
+        ("approach", "impact", f"yes: {hit:.1f}"),
+        ("impact", "slow", ""),
+        ("slow", "struck", f"no: {counts[STRUCK]:.1f}"),
+        ("slow", "begun", f"yes: {counts[BEGUN]:.1f}"),
+        ("still", "held", f"yes: {counts[HELD]:.1f}"),
+        ("still", "released", f"no: {counts[RELEASED]:.1f}"),
+    )
+    for a, b, text in edges:
+        _arrow(axes, drawn[a], drawn[b], text)
+
+
+def _arrow(axes: Axes, begin: Text, end: Text, text: str) -> None:
+    """Draw an arrow from the edge of a box to that of another, with a number in its middle."""
+    start, stop = begin.get_position(), end.get_position()
+    is_level = start[1] == stop[1]
+    axes.annotate(
+        "", stop, start, zorder=0,
+        arrowprops={
+            "arrowstyle": "-|>", "color": BLACK, "shrinkA": 0, "shrinkB": 0,
+            "patchA": begin.get_bbox_patch(), "patchB": end.get_bbox_patch(),
+        },
+    )  # fmt: skip
+    x, y = 0.5 * (start[0] + stop[0]), 0.5 * (start[1] + stop[1])
+    axes.text(
+        x + (0.0 if is_level else 1.0), y + (1.0 if is_level else 0.0), text, fontsize=8.5,
+        ha="center" if is_level else "left", va="bottom" if is_level else "center",
+        bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.5, "alpha": 0.8},
+    )  # fmt: skip
+
+
+def _timeline(axes: Axes, state: npt.NDArray[np.int8]) -> None:
+    """Draw the decisions on each pair over one period, as marks, so that rare ones are seen."""
+    N, n_pairs = state.shape
+    axes.grid(False)
+    for kind, marker in (
+        (SEPARATING, "."),
+        (HELD, "s"),
+        (RELEASED, "x"),
+        (BEGUN, "D"),
+        (STRUCK, "o"),
+    ):
+        steps, pairs = np.nonzero(state == kind)
+        axes.plot(
+            (steps + 0.5) / N, pairs + 1, marker, color=COLOURS[kind], markersize=4,
+            linestyle="none", label=NAMES[kind],
+        )  # fmt: skip
+    axes.set(xlabel="time t/T [–]", xlim=(0.0, 1.0), ylim=(0.0, n_pairs + 1.0))
+    axes.set_yticks(range(2, n_pairs + 1, 2))

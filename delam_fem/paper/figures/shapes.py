@@ -1,0 +1,170 @@
+"""Fig. 4 of the paper: deflection shapes over one period, still and moving."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+from matplotlib.animation import PillowWriter
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from delam_fem.case.definition import Case
+from delam_fem.numerics.arrays import BoolArray, FloatArray
+from delam_fem.paper.claims import Claim, Piece, judged
+from delam_fem.paper.lab import RESONANT, Laboratory, motion_case
+from delam_fem.results import diagnostics
+from delam_fem.results.dataset import Result
+from delam_fem.results.style import BLACK, GAP_COLOUR, GREEN, LAMINA_COLOURS, WIDTH
+
+PHASES = (-0.2, -0.05, -0.01, 0.0, 0.01, 0.05, 0.2, 0.5)
+"""Instants shown, in periods after the strike of the tips."""
+FILM_FRAMES = 50
+FILM_RATE = 12
+"""Frames per second of the film."""
+FILM_DPI = 100
+CLOSED = 1e-4
+"""Pairs nearer than this count as touching in the shapes [m]."""
+
+
+def detailed_case(lab: Laboratory, frequency: float = RESONANT) -> Case:
+    """Return the case of method 3.2 with the state of every pair at every step of two periods."""
+    keys = {"output.fields_per_period": 1000, "output.window_periods": 2}
+    return motion_case(frequency, lab.plan, "3.2", keys)
+
+
+def shapes(lab: Laboratory) -> Piece:
+    """Draw both laminae at instants of one period, and how long each pair is in contact."""
+    (result,) = lab.motions([detailed_case(lab)])
+    last = _last_period(result)
+    n, x = last.sizes["frame"], 1e3 * last["x"].to_numpy()
+    position = positions(last)
+    strike = int(np.argmin(diagnostics.gap_field(last)[:, diagnostics.TIP]))
+    chosen = (strike + np.rint(np.array(PHASES) * n).astype(np.int64)) % n
+    figure = Figure(figsize=(WIDTH, 7.4), layout="constrained")
+    columns = len(PHASES) // 2
+    panels = figure.subplots(2, columns + 1, width_ratios=[1.0] * columns + [1.3])
+    limits = position.min() - 3.0, position.max() + 3.0
+    for panel, frame, phase in zip(panels[:, :-1].ravel(), chosen.tolist(), PHASES, strict=True):
+        _draw_shape(panel, x, position[:, frame])
+        panel.set_title(f"strike {phase:+g} T".replace("-", "−") if phase else "strike", loc="left")
+        panel.set(xlim=limits, ylim=(0.0, 1.03 * x[-1]))
+        panel.label_outer()
+    for panel in panels[:, 0]:
+        panel.set_ylabel("x [mm]")
+    for panel in panels[1, :-1]:
+        panel.set_xlabel("position [mm]")
+    closed, near = contact_shares(result)
+    for panel, share, name in ((panels[0, -1], closed, "closed"), (panels[1, -1], near, "near")):
+        panel.barh(x[1:], 100.0 * share, height=0.7 * x[1], color=GREEN)
+        panel.set_title("pair closed" if name == "closed" else "gap < 0.1 mm", loc="left")
+        panel.set(xlabel="share of the period [%]", ylim=(0.0, 1.03 * x[-1]))
+        panel.set_yticklabels([])
+    _legend(figure, result.case)
+    numbers = {
+        "x_m": last["x"].to_numpy()[1:], "share_closed": closed, "share_near": near,
+        "periods_after_strike": PHASES, "position_mm": np.round(position[:, chosen], 4),
+    }  # fmt: skip
+    caption = (
+        f"Method 3.2 at {RESONANT} Hz, instants of one period about the strike of the tips, thick "
+        "lamina straight at rest (black: nearer than 0.1 mm). The paper shows measured shapes, "
+        "which are not available; compared is the sentence on the duration of contact."
+    )
+    return Piece(
+        "4", "Deflection shapes", caption, figure, numbers, _claims(closed, near),
+        partial(_film, x, position[:, :: max(n // FILM_FRAMES, 1)]),
+    )  # fmt: skip
+
+
+def positions(frames: xr.Dataset) -> FloatArray:
+    """Return u_1 = q_1 and u_2 = g0 + q_2 of all nodes, shape (2, n_frames, n_nodes) [mm]."""
+    u = 1e3 * frames["displacement"].to_numpy().copy()
+    u[1] += 1e3 * frames["gap0"].to_numpy()
+    return u
+
+
+def contact_shares(result: Result) -> tuple[FloatArray, FloatArray]:
+    """Return for how much of the time pairs are closed, and nearer than `CLOSED`, (n,) [-]."""
+    gap = diagnostics.gap_field(result.history)[:, 1:]
+    held = result.history["contact_state"].to_numpy()[:, 1:] > 0
+    return ((gap <= 0.0) | held).mean(axis=0), (gap < CLOSED).mean(axis=0)
+
+
+def _last_period(result: Result) -> xr.Dataset:
+    """Return the frames of the last period alone."""
+    n = result.case.output.fields_per_period
+    frames = result.history.sizes["frame"]
+    return result.history.isel(frame=slice(frames - n, frames))
+
+
+def _draw_shape(axes: Axes, x: FloatArray, position: FloatArray) -> None:
+    """Draw both laminae at one instant."""
+    axes.fill_betweenx(x, position[0], position[1], color=GAP_COLOUR)
+    for i, colour in enumerate(LAMINA_COLOURS):
+        axes.plot(position[i], x, color=colour, linewidth=2.2 - 0.8 * i)
+    touching = _touching(position)
+    axes.plot(position.mean(axis=0)[1:][touching], x[1:][touching], "o", color=BLACK, markersize=4)
+
+
+def _legend(figure: Figure, case: Case) -> None:
+    """Say above all panels which lamina is which."""
+    handles = [
+        Line2D([], [], color=colour, linewidth=2.2 - 0.8 * i, label=case.lamina[i].name)
+        for i, colour in enumerate(LAMINA_COLOURS)
+    ]
+    dots = Line2D([], [], color=BLACK, marker="o", markersize=4, linestyle="none")
+    dots.set_label(f"nearer than {1e3 * CLOSED:g} mm")
+    figure.legend(handles=[*handles, dots], loc="outside upper left", ncols=3, frameon=False)
+
+
+def _touching(position: FloatArray) -> BoolArray:
+    """Say which pairs touch at one instant, shape (n_pairs,)."""
+    touching: BoolArray = position[1, 1:] - position[0, 1:] < 1e3 * CLOSED
+    return touching
+
+
+def _film(x: FloatArray, position: FloatArray, path: Path) -> None:
+    """Write the motion of one period as GIF."""
+    figure = Figure(figsize=(4.2, 5.4))
+    axes = figure.add_axes((0.17, 0.11, 0.79, 0.82))
+    axes.set(xlim=(position.min() - 3.0, position.max() + 3.0), ylim=(0.0, 1.03 * x[-1]))
+    axes.set(xlabel="position [mm]", ylabel="x [mm]")
+    lines = [
+        axes.plot([], [], color=colour, linewidth=2.2 - 0.8 * i)[0]
+        for i, colour in enumerate(LAMINA_COLOURS)
+    ]
+    (dots,) = axes.plot([], [], "o", color=BLACK, markersize=4)
+    text = axes.set_title("", loc="left")
+    n = position.shape[1]
+
+    def draw(frame: int) -> list[Artist]:
+        now = position[:, frame]
+        for line, shape in zip(lines, now, strict=True):
+            line.set_data(shape, x)
+        touching = _touching(now)
+        dots.set_data(now.mean(axis=0)[1:][touching], x[1:][touching])
+        text.set_text(f"{RESONANT} Hz, t/T = {frame / n:.2f}")
+        return [*lines, dots, text]
+
+    writer = PillowWriter(fps=FILM_RATE)
+    with writer.saving(figure, str(path), FILM_DPI):
+        for frame in range(n):
+            draw(frame)
+            writer.grab_frame()
+
+
+def _claims(closed: FloatArray, near: FloatArray) -> tuple[Claim, ...]:
+    touched = closed[closed > 0.0]
+    return (
+        Claim(
+            "4", "the contact duration is not constant along the beam", "sec. 2.2",
+            f"{touched.size} of {closed.size} pairs touch in a period, for "
+            f"{100 * touched.min():.1f} to {100 * touched.max():.1f} % of it; within 0.1 mm: "
+            f"{100 * near.min():.1f} to {100 * near.max():.1f} %",
+            judged(bool(touched.max() > 2.0 * touched.min())),
+        ),
+    )  # fmt: skip

@@ -1,0 +1,160 @@
+"""Fig. 1 of the paper: the system, drawn from the case."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from delam_fem.case.definition import Case
+from delam_fem.case.gap import initial_gap
+from delam_fem.case.sections import Gap
+from delam_fem.paper.claims import Claim, Piece, judged
+from delam_fem.paper.lab import Laboratory, motion_case
+from delam_fem.results.style import BASE_COLOUR, BLACK, GAP_COLOUR, GREEN, LAMINA_COLOURS, WIDTH
+
+EXPONENTS = (1.0, 1.5, 2.0, 2.5, 3.0)
+"""Shapes g0(L) (x/L)^p of the gap that the paper leaves open."""
+SHOWN_POINTS = 200
+NEAR = 0.05
+"""A stiffness within this share of the other counts as equal."""
+
+
+def system(lab: Laboratory) -> Piece:
+    """Draw the laminae at rest, their gap, the base and the sensors, and list what they are."""
+    case = motion_case(3.25, lab.plan)
+    figure = Figure(figsize=(WIDTH, 5.2), layout="constrained")
+    left, right = figure.subplots(1, 2, width_ratios=[3, 4])
+    _draw_laminae(left, case)
+    _list_properties(right, case)
+    figure.suptitle(f"{case.name}: the system at rest (horizontal scale stretched)")
+    caption = (
+        "Drawn from the case. The paper prints the gap at the tip alone: the shapes of the single "
+        "laminae are unknown and do not matter, the shape of the gap does; the band shows the gaps "
+        f"12 mm (x/L)^p with p = {EXPONENTS[0]:g} … {EXPONENTS[-1]:g}, the line p = "
+        f"{case.gap.exponent:g}, all counted from a straight thick lamina."
+    )
+    return Piece("1", "The system", caption, figure, _numbers(case), _claims(case))
+
+
+def _draw_laminae(axes: Axes, case: Case) -> None:
+    """Draw both laminae upright on their base."""
+    L, tip = case.lamina[0].length, 1e3 * float(case.gap.tip or 0.0)
+    x = np.linspace(0.0, L, SHOWN_POINTS)
+    gaps = [1e3 * initial_gap(Gap(tip=case.gap.tip, exponent=p), x, L) for p in EXPONENTS]
+    own = 1e3 * initial_gap(case.gap, x, L)
+    axes.fill_betweenx(1e3 * x, gaps[-1], gaps[0], color=GAP_COLOUR, label="p = 1 … 3")
+    shapes = (np.zeros_like(x), own)
+    for lamina, shape, colour in zip(case.lamina, shapes, LAMINA_COLOURS, strict=True):
+        width = 2.5 * lamina.thickness / 1e-3
+        label = f"{lamina.name}, {1e3 * lamina.thickness:g} mm"
+        axes.plot(shape, 1e3 * x, color=colour, linewidth=width, label=label)
+    height = 1e3 * L
+    axes.annotate(
+        "", (0.0, 0.97 * height), (tip, 0.97 * height),
+        arrowprops={"arrowstyle": "<->", "color": BLACK, "shrinkA": 0, "shrinkB": 0},
+    )  # fmt: skip
+    axes.text(0.5 * tip, 0.985 * height, f"{tip:g} mm", ha="center", va="bottom")
+    for position, name in ((0.0, "$y_1$"), (tip, "$y_2$")):
+        axes.plot([position], [height], "s", color=GREEN, markersize=7, zorder=4)
+        axes.text(position, 1.035 * height, name, ha="center", va="bottom", color=GREEN)
+    axes.plot([], [], "s", color=GREEN, label="position and velocity sensors")
+    axes.fill_between([-5.0, tip + 5.0], -0.07 * height, 0.0, color=BASE_COLOUR)
+    axes.annotate(
+        "", (tip / 2 - 5.0, -0.11 * height), (tip / 2 + 5.0, -0.11 * height),
+        arrowprops={"arrowstyle": "<->", "color": BLACK},
+    )  # fmt: skip
+    axes.text(
+        tip / 2, -0.13 * height, f"base: A sin(2πft), A = {1e3 * case.excitation.amplitude:g} mm",
+        ha="center", va="top",
+    )  # fmt: skip
+    axes.set(xlabel="position [mm]", ylabel="x [mm]", xlim=(-9.0, tip + 9.0))
+    axes.set_ylim(-0.22 * height, 1.32 * height)
+    axes.set_yticks(np.arange(0.0, height, 100.0))
+    axes.legend(loc="upper center", fontsize=8, ncols=2)
+    axes.grid(False)
+
+
+def _properties(case: Case) -> list[tuple[str, str, str]]:
+    """Return rows: property, thick, thin."""
+    thick, thin = case.lamina
+    computed = [lam.young_modulus * lam.width * lam.thickness**3 / 12.0 for lam in case.lamina]
+    f = [lam.angular_frequencies(2) / (2.0 * math.pi) for lam in case.lamina]
+    sections = [f"{1e3 * lam.thickness:g} × {1e3 * lam.width:g}" for lam in case.lamina]
+    return [
+        ("", thick.name, thin.name),
+        ("length [mm]", f"{1e3 * thick.length:g}", f"{1e3 * thin.length:g}"),
+        (
+            "section [mm × mm]",
+            sections[0],
+            sections[1],
+        ),
+        ("density [kg/m³]", f"{thick.density:g}", f"{thin.density:g}"),
+        ("E [10¹⁰ N/m²]", f"{thick.young_modulus / 1e10:g}", f"{thin.young_modulus / 1e10:g}"),
+        ("EI used [N m²]", f"{thick.flexural_rigidity:g}", f"{thin.flexural_rigidity:g}"),
+        ("E b h³/12 [N m²]", f"{computed[0]:.4f}", f"{computed[1]:.4f}"),
+        ("mass per length [kg/m]", f"{thick.mass_per_length:.4f}", f"{thin.mass_per_length:.4f}"),
+        ("damping ratio D", f"{thick.damping_ratio:g}", f"{thin.damping_ratio:g}"),
+        ("f₁ exact [Hz]", f"{f[0][0]:.4f}", f"{f[1][0]:.4f}"),
+        ("f₂ exact [Hz]", f"{f[0][1]:.3f}", f"{f[1][1]:.3f}"),
+        ("contact pairs", f"{case.mesh.elements}", ""),
+    ]
+
+
+def _list_properties(axes: Axes, case: Case) -> None:
+    """Write the properties as a table."""
+    axes.axis("off")
+    rows = _properties(case)
+    table = axes.table(
+        cellText=[list(row) for row in rows[1:]], colLabels=list(rows[0]), cellLoc="left",
+        colWidths=[0.5, 0.28, 0.22], edges="horizontal", loc="center",
+    )  # fmt: skip
+    table.auto_set_font_size(False)
+    table.set_fontsize(10.0)
+    table.scale(1.0, 1.6)
+    for column, colour in ((1, LAMINA_COLOURS[0]), (2, LAMINA_COLOURS[1])):
+        table[0, column].get_text().set_color(colour)
+
+
+def _numbers(case: Case) -> dict[str, object]:
+    L = case.lamina[0].length
+    x = np.linspace(0.0, L, 21)
+    return {
+        "case": case.to_toml(),
+        "mass_ratio": case.lamina[0].mass_per_length / case.lamina[1].mass_per_length,
+        "natural_frequencies_hz": [
+            (lam.angular_frequencies(4) / (2.0 * math.pi)).tolist() for lam in case.lamina
+        ],
+        "stiffness_over_EbH3_12": [
+            lam.flexural_rigidity / (lam.young_modulus * lam.width * lam.thickness**3 / 12.0)
+            for lam in case.lamina
+        ],
+        "x_m": x,
+        "gap_m": {
+            f"{p:g}": initial_gap(Gap(tip=case.gap.tip, exponent=p), x, L) for p in EXPONENTS
+        },
+    }
+
+
+def _claims(case: Case) -> tuple[Claim, ...]:
+    thick, thin = case.lamina
+    ratio = thick.mass_per_length / thin.mass_per_length
+    off = [
+        lam.flexural_rigidity / (lam.young_modulus * lam.width * lam.thickness**3 / 12.0) - 1.0
+        for lam in case.lamina
+    ]
+    return (
+        Claim(
+            "1", "the ratio of masses is approximately m1/m2 = 1/2", "sec. 2.3",
+            f"ρ₁A₁/ρ₂A₂ = {ratio:.3f}: the thick lamina is the heavier one (0.515 = m2/m1)",
+            judged(abs(ratio - 0.5) < NEAR), True,
+        ),
+        Claim(
+            "1", "E and the sections give EI = 1.51 and 0.16 N m²", "sec. 2.1, 3.1",
+            f"EI given / (E b h³/12) − 1 = {100 * off[0]:+.1f} % and {100 * off[1]:+.1f} %; the "
+            "given EI are used",
+            judged(max(map(abs, off)) < NEAR),
+        ),
+    )  # fmt: skip

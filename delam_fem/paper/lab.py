@@ -1,0 +1,178 @@
+"""Computes what the figures of the paper need, each case once, on all cores.
+
+Histories come from `run` (dolfinx assembles, compiled code steps), many points from `run_sweep`.
+"""
+
+from __future__ import annotations
+
+import logging
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor, Future
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
+
+from delam_fem.case.definition import Case
+from delam_fem.case.files import preset
+from delam_fem.case.toml import CaseError
+from delam_fem.studies import executors
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from delam_fem.results.dataset import Result
+
+EngineName = Literal["petsc", "compiled"]
+Method = Literal["3.1", "3.2"]
+_T = TypeVar("_T")
+
+LAWS: dict[Method, str] = {"3.1": "newton", "3.2": "newton-penalty"}
+"""The contact laws by the section of the paper that introduces them."""
+FREQUENCIES = (1.25, 1.60, 3.25, 3.65)
+"""The four excitations of the paper [Hz]."""
+RESONANT = FREQUENCIES[2]
+"""The one of Figs. 4, 5, 8 to 11 and 13 to 15 [Hz]."""
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How much is computed.
+
+    Attributes:
+        periods: of a history; the paper needs "some hundred".
+        plane_points: per axis of a parameter plane.
+        plane_periods: of each of its points.
+        response_step: between the frequencies of a stepped sine [Hz].
+        response_periods: at each of them.
+        thresholds: number of values of γ.
+        gap_exponents: shapes of the gap g0 ~ (x/L)^p, which the paper leaves open.
+        has_long_ladders: whether the strip on the ground is computed on all meshes and steps.
+    """
+
+    periods: int = 300
+    plane_points: int = 21
+    plane_periods: int = 200
+    response_step: float = 0.025
+    response_periods: int = 150
+    thresholds: int = 13
+    gap_exponents: tuple[float, ...] = (1.0, 1.5, 2.0, 2.5, 3.0)
+    has_long_ladders: bool = True
+
+
+FULL = Plan()
+FAST = Plan(
+    plane_points=8,
+    response_step=0.1,
+    response_periods=80,
+    thresholds=5,
+    gap_exponents=(1.0, 2.0, 3.0),
+    has_long_ladders=False,
+)
+"""Histories are as long as in full: the paper's motions need their time."""
+
+
+@dataclass
+class Laboratory:
+    """Computes histories and sweeps, and remembers the histories.
+
+    Attributes:
+        plan: how much is computed.
+        executor: computes them.
+        engine: what computes the steps.
+    """
+
+    plan: Plan
+    executor: Executor
+    engine: EngineName = "compiled"
+    _results: dict[str, Result] = field(default_factory=dict)
+    _begun: dict[str, Future[Any]] = field(default_factory=dict)
+
+    def begin(self, name: str, function: Callable[..., _T], **given: Any) -> Future[_T]:
+        """Begin to compute anything else; what was begun under a name is not begun again."""
+        if name not in self._begun:
+            self._begun[name] = self.executor.submit(function, **given)
+        return self._begun[name]
+
+    def motions(self, cases: Sequence[Case]) -> list[Result]:
+        """Return the results of cases, those that are new computed at the same time.
+
+        Raises:
+            RuntimeError: a motion was not completed.
+        """
+        keys = [case.to_toml() for case in cases]
+        new = {key: case for key, case in zip(keys, cases, strict=True) if key not in self._results}
+        running = {
+            key: self.executor.submit(_computed, case, self.engine) for key, case in new.items()
+        }
+        for key, future in running.items():
+            result = future.result()
+            outcome = result.history.attrs["outcome"]
+            if outcome != "completed":
+                raise RuntimeError(f"case {result.case.name} {outcome}; the case is\n{key}")
+            self._results[key] = result
+        return [self._results[key] for key in keys]
+
+    def sweep(self, description: Mapping[str, Any]) -> xr.Dataset:
+        """Return a sweep of the preset `paper`; keys as in a sweep file.
+
+        Raises:
+            KeyboardInterrupt: it was interrupted.
+        """
+        from delam_fem.studies.sweeps.grid import sweep_of
+        from delam_fem.studies.sweeps.run import run_sweep
+
+        sweep = sweep_of({"base": "paper", "engine": self.engine} | dict(description))
+        _log.info("%s: %d points", sweep.file.name, sweep.n_points)
+        with tempfile.TemporaryDirectory() as folder:
+            data = run_sweep(sweep, folder, self.executor).load()
+            data.close()
+        if data.attrs["outcome"] == "interrupted":
+            raise KeyboardInterrupt
+        return data
+
+
+@contextmanager
+def laboratory(
+    plan: Plan, *, workers: int | None = None, engine: EngineName = "compiled"
+) -> Iterator[Laboratory]:
+    """Open a laboratory on so many processes; 1 computes in this one.
+
+    Raises:
+        CaseError: there is no such number of workers.
+    """
+    if workers is not None and workers < 1:
+        raise CaseError(f"workers: expected at least 1, given {workers}")
+    with executors.pool("serial" if workers == 1 else "process", workers) as opened:
+        yield Laboratory(plan, opened.executor, engine)
+
+
+def motion_case(
+    frequency: float,
+    plan: Plan,
+    method: Method = "3.2",
+    overrides: Mapping[str, object] | None = None,
+) -> Case:
+    """Return the paper's case at a frequency [Hz] by one of its methods."""
+    keys: dict[str, object] = {
+        "excitation.frequency": frequency,
+        "contact.law": LAWS[method],
+        "time.periods": plan.periods,
+        "output.fields_per_period": 100,
+    }
+    return preset("paper", keys | dict(overrides or {}))
+
+
+def _computed(case: Case, engine: EngineName) -> Result:
+    """Compute a case in a worker; that lumped impulses add energy is known of this scheme."""
+    from delam_fem.pipeline import run
+
+    log = logging.getLogger("delam_fem.pipeline")
+    level = log.level
+    log.setLevel(logging.ERROR)
+    try:
+        return run(case, engine)
+    finally:
+        log.setLevel(level)

@@ -1,0 +1,1 @@
+"""Lateral impact of one lamina on the ground (paper 2.3)."""

@@ -1,0 +1,225 @@
+"""A strip whose tip falls on a block (paper 2.3, the second experiment): signals and measures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from delam_fem.case.sections import Lamina
+from delam_fem.numerics.arrays import BoolArray, FloatArray
+from delam_fem.paper.lateral.ground_run import LIFT, Energy
+from delam_fem.paper.lateral.struck_beam import StruckBeam, peak_end
+
+PEAK_WITHIN = 1e-4
+"""The first peak of the force lies within this time after the touch [s]."""
+SENT_WITHIN = 1e-3
+"""The wave of the first peak has passed both gauges by then [s]."""
+BLOCK_STIFFNESSES = (5e7, 1e9)
+"""What a brass block, a quartz force transducer (by data sheets about 1e9 N/m) and the dent at the
+tip may have in series [N/m]."""
+FAINT = 0.3
+"""Share of its largest value from which a wave counts; what comes before is faster than the peak of
+the force is short, and left the tip before that peak."""
+
+
+@dataclass(frozen=True)
+class TipMotion:
+    """A strip whose tip meets the block; times count from the touch.
+
+    Attributes:
+        time: shape (k,) [s].
+        tip: height of the tip, shape (k,) [m].
+        tip_velocity: [m/s].
+        strain: at the gauges, shape (2, k) [-].
+        impulse: that the block has given so far, shape (k,) [N s].
+        energy: where it is and where it went; the same zero of time.
+        first_mode: energy in the first mode at `energy.time` without the start [J].
+    """
+
+    time: FloatArray
+    tip: FloatArray
+    tip_velocity: FloatArray
+    strain: FloatArray
+    impulse: FloatArray
+    energy: Energy
+    first_mode: FloatArray
+
+
+@dataclass(frozen=True)
+class TipBlock:
+    """The second experiment with no block, with a block of finite stiffness and with a rigid one.
+
+    Attributes:
+        lamina: the strip.
+        gauges: places of the strain gauges from the clamp, near it and further on, shape (2,) [m].
+        n_elements, time_step: of the computation [-, s].
+        stiffness: of the block's surface and force transducer [N/m].
+        fall_time: from the release to the touch [s].
+        speed: of the tip then, the mean over the time of the peak: it ripples by 0.5 % [m/s].
+        energy: given to the strip by lifting it [J].
+        static_strain: at the gauges before the release, shape (2,) [-].
+        free: without a block.
+        spring: with the block of finite stiffness.
+        rigid: with the rigid block, law moreau with e = 0.
+    """
+
+    lamina: Lamina
+    gauges: FloatArray
+    n_elements: int
+    time_step: float
+    stiffness: float
+    fall_time: float
+    speed: float
+    energy: float
+    static_strain: FloatArray
+    free: TipMotion
+    spring: TipMotion
+    rigid: TipMotion
+
+    @property
+    def force(self) -> FloatArray:
+        """Force of the block of finite stiffness, k times its compression, shape (k,) [N].
+
+        That of the rigid block is not defined; it has an impulse.
+        """
+        return self.stiffness * np.maximum(-self.spring.tip, 0.0)
+
+    def wave(self, motion: TipMotion) -> FloatArray:
+        """Return the strain that the block alone has caused, shape (2, k): the strip is linear."""
+        return motion.strain - self.free.strain
+
+    def peak(self) -> tuple[float, float]:
+        """Return the largest force of the first peak [N] and when a minimum ends it [s]."""
+        time, force = self.spring.time, self.force
+        highest = int(np.argmax(np.where(self._is_peak(), force, 0.0)))
+        rising = highest + int(np.argmax(np.diff(force[highest:]) > 0.0))
+        return float(force[highest]), float(time[rising])
+
+    def undisturbed(self) -> float:
+        """Return how long the second gauge sees little of what the clamp sends back [s].
+
+        Waves of twice the frequency that the peak's duration gives are the fastest that matter.
+        """
+        fastest = StruckBeam.of(self.lamina).group_speed(2.0 / self.peak()[1])
+        return float((self.lamina.length + self.gauges[1]) / fastest)
+
+    def half_waves(self) -> tuple[FloatArray, FloatArray]:
+        """Return the half waves that pass the second gauge, from zero to zero of its signal.
+
+        Returns:
+            The middle of each, counted from the largest force [s], and its frequency [Hz].
+        """
+        time, signal = self.spring.time, self.wave(self.spring)[1]
+        is_seen = (time > 0.0) & (time < self.undisturbed())
+        time, signal = time[is_seen], signal[is_seen]
+        loud = int(np.argmax(np.abs(signal) > FAINT * np.abs(signal).max()))
+        before = loud + np.flatnonzero(np.diff(np.sign(signal[loud:])) != 0.0)
+        share = signal[before] / (signal[before] - signal[before + 1])
+        zeros = time[before] + share * self.time_step
+        strongest = self.spring.time[np.argmax(np.where(self._is_peak(), self.force, 0.0))]
+        return 0.5 * (zeros[1:] + zeros[:-1]) - strongest, 0.5 / np.diff(zeros)
+
+    def exact_wave(self) -> FloatArray:
+        """Return the strains that `spring_force` sends to the gauges without a clamp, (2, k)."""
+        beam, since = StruckBeam.of(self.lamina), np.maximum(self.spring.time, 0.0)
+        force = beam.spring_force(since, self.speed, self.stiffness)
+        distances = self.lamina.length - self.gauges
+        return np.array([beam.strain(force, self.time_step, x) for x in distances])
+
+    def exact_peak_waves(self) -> FloatArray:
+        """Return the largest strains at the gauges of the wave that the first peak alone sends.
+
+        Without a clamp, shape (2,): the wave that follows the peak, of a force that fades slowly,
+        has the same largest strain everywhere.
+        """
+        beam, step = StruckBeam.of(self.lamina), self.time_step
+        time = step * np.arange(round(SENT_WITHIN / step))
+        force = beam.spring_force(time, self.speed, self.stiffness)
+        force[time > self.peak()[1]] = 0.0
+        distances = self.lamina.length - self.gauges
+        return np.array([np.abs(beam.strain(force, step, x)).max() for x in distances])
+
+    def numbers(self) -> dict[str, Any]:
+        """Return what the figures quote, each beside the exact beam where there is one."""
+        length, x = self.lamina.length, self.gauges
+        static = 1.5 * LIFT * self.lamina.thickness * (length - x) / length**3
+        return {
+            "strip": self.lamina.model_dump(exclude_none=True),
+            "lowest_period_ms": 2e3 * np.pi / float(self.lamina.angular_frequencies(1)[0]),
+            "elements": self.n_elements,
+            "time_step_us": 1e6 * self.time_step,
+            "gauges_m": self.gauges.tolist(),
+            "static_strain": self.static_strain.tolist(),
+            "static_strain_exact": static.tolist(),
+            "fall_time_ms": 1e3 * self.fall_time,
+            "speed_m_s": self.speed,
+            **self._peak_numbers(),
+            **self._wave_numbers(),
+            "spring": self._rebound(self.spring),
+            "rigid": self._rebound(self.rigid),
+        }
+
+    def _peak_numbers(self) -> dict[str, Any]:
+        """Return force, duration and impulse of the first peak."""
+        beam, (force, end) = StruckBeam.of(self.lamina), self.peak()
+        exact = beam.spring_force(np.linspace(0.0, end, 400), self.speed, self.stiffness)
+        velocity = _at(end, self.spring, self.spring.tip_velocity)
+        return {
+            "block_stiffness_N_m": self.stiffness,
+            "peak_force_N": force,
+            "peak_force_exact_N": float(exact.max()),
+            "peak_duration_us": 1e6 * end,
+            "impulse_of_peak_N_s": _at(end, self.spring, self.spring.impulse),
+            "rigid_impulse_of_peak_N_s": _at(end, self.rigid, self.rigid.impulse),
+            "rigid_impulse_of_peak_exact_N_s": float(beam.rigid_impulse(end, self.speed)),
+            "duration_of_block_us": {
+                f"{k:g}": 1e6 * peak_end() * beam.contact_time(k) for k in BLOCK_STIFFNESSES
+            },
+            "restitution_after_peak": velocity / self.speed,
+        }
+
+    def _wave_numbers(self) -> dict[str, Any]:
+        """Return sizes and speeds of the wave before the clamp sends it back."""
+        beam, (middle, frequency) = StruckBeam.of(self.lamina), self.half_waves()
+        distance = self.lamina.length - self.gauges[1]
+        early = self.spring.time < self.undisturbed()
+        wave, exact = self.wave(self.spring)[:, early], self.exact_wave()[:, early]
+        misfit = np.sqrt(np.mean((wave[1] - exact[1]) ** 2) / np.mean(exact[1] ** 2))
+        rod_speed = np.sqrt(self.lamina.young_modulus / self.lamina.density)
+        return {
+            "undisturbed_us": 1e6 * self.undisturbed(),
+            "wave_strain_max": np.abs(wave).max(axis=1).tolist(),
+            "wave_strain_max_exact": np.abs(exact).max(axis=1).tolist(),
+            "peak_wave_strain_max_exact": self.exact_peak_waves().tolist(),
+            "wave_misfit_second_gauge": float(misfit),
+            "half_wave_Hz": frequency.tolist(),
+            "half_wave_arrival_us": (1e6 * middle).tolist(),
+            "half_wave_arrival_exact_us": (1e6 * distance / beam.group_speed(frequency)).tolist(),
+            "mean_wave_speed_m_s": float(np.mean(distance / middle)),
+            "longitudinal_speed_m_s": float(rod_speed),
+        }
+
+    def _is_peak(self) -> BoolArray:
+        return np.abs(self.spring.time) < PEAK_WITHIN
+
+    def _rebound(self, motion: TipMotion) -> dict[str, float]:
+        """Return what becomes of the strip after the impact, as shares of the energy of lifting."""
+        pushed = np.flatnonzero(np.diff(motion.impulse) > 0.0)
+        last = int(pushed[-1]) + 1
+        first_mode = float(motion.first_mode[-1]) / self.energy
+        before = float(self.free.first_mode[0]) / self.energy
+        return {
+            "last_push_ms": 1e3 * float(motion.time[last]),
+            "tip_within_mm_until_then": 1e3 * float(motion.tip[: last + 1].max()),
+            "lost_at_impacts": float(motion.energy.impact[-1]) / self.energy,
+            "lost_to_damping": float(motion.energy.damped[-1]) / self.energy,
+            "first_mode_before": before,
+            "first_mode_after": first_mode,
+            "restitution_of_first_mode": float(np.sqrt(first_mode / before)),
+        }
+
+
+def _at(time: float, motion: TipMotion, values: FloatArray) -> float:
+    return float(np.interp(time, motion.time, values))

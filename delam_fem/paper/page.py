@@ -1,0 +1,189 @@
+"""The page over the figures of the paper, and the tables of its claims for the documentation.
+
+All of it is made from the figNN.json files of a folder; nothing is computed here.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Iterable, Mapping, Sequence
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from delam_fem.paper.claims import HEADING, Claim, markdown_table
+
+PAPER = (
+    'I. Müller, "Clapping in Delaminated Sandwich-beams due to Forced Oscillations", '
+    "Universität Karlsruhe"
+)
+ABOUT = (
+    "The paper's text is available, its figures are not. So every figure here shows what the "
+    "computation gives, and what is compared is what the text says: a number, or a statement that "
+    'a number can decide. A verdict "open" means that the text does not allow one. All '
+    "computations are with the preset paper (20 elements, T/1000, Newmark, lumped impulses beside "
+    "the consistent mass matrix) unless a row says otherwise."
+)
+README_MARKS = ("<!-- paper claims: begin -->", "<!-- paper claims: end -->")
+"""Between them README has the short table."""
+_STYLE = """
+body { font: 16px/1.5 system-ui, sans-serif; color: #222; background: #fff; max-width: 64rem;
+       margin: 2rem auto; padding: 0 1rem; }
+h1 { font-size: 1.6rem; } h2 { font-size: 1.25rem; margin-top: 3rem; }
+table { border-collapse: collapse; font-size: .9rem; } td, th { padding: .3rem .8rem .3rem 0;
+        text-align: left; vertical-align: top; border-bottom: 1px solid #ddd; }
+td:last-child { white-space: nowrap; font-weight: 600; }
+.holds td:last-child { color: #0072B2; } .no td:last-child { color: #D55E00; }
+figure { margin: 1rem 0; } img { max-width: 100%; } figcaption, .about { color: #555; }
+"""
+_ROW_CLASS = {"holds": "holds", "does not hold": "no", "open": "open"}
+
+Entry = Mapping[str, Any]
+
+
+def entries(directory: Path, stems: Iterable[str]) -> list[Entry]:
+    """Return what figNN.json files hold, those that are there.
+
+    Args:
+        directory: of the figures.
+        stems: names of the files without ending, in the order wanted.
+    """
+    found = []
+    for stem in stems:
+        path = directory / f"{stem}.json"
+        if path.is_file():
+            found.append(json.loads(path.read_text("utf-8")) | {"stem": stem})
+    return found
+
+
+def claims_of(figures: Iterable[Entry]) -> list[Claim]:
+    """Return the claims of figures, in their order."""
+    return [Claim(**claim) for figure in figures for claim in figure["claims"]]
+
+
+def write_page(directory: Path, figures: Sequence[Entry]) -> Path:
+    """Write index.html over the figures of a folder; it links to the files beside it.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    parts = [
+        "<h1>The paper, figure by figure</h1>",
+        f"<p>{escape(PAPER)}</p>",
+        f'<p class="about">{escape(ABOUT)}</p>',
+        "<h2>What the paper says and what came out</h2>",
+        f"<p>{escape(tally(claims_of(figures)))}</p>",
+        _table(claims_of(figures), figures),
+    ]
+    for figure in figures:
+        stem, title = figure["stem"], escape(_heading(figure))
+        parts.append(f'<h2 id="{stem}">{title}</h2>')
+        images = "".join(f'<img src="{name}" alt="{title}">' for name in _pictures(figure))
+        parts.append(
+            f"<figure>{images}<figcaption>{escape(figure['caption'])} "
+            f'<a href="{stem}.json">Numbers</a>.</figcaption></figure>'
+        )
+        if figure["claims"]:
+            parts.append(_table(claims_of([figure]), figures))
+    text = (
+        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<title>The paper, figure by figure</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n"
+        + "\n".join(parts)
+        + "\n</body>\n</html>\n"
+    )
+    return write_whole(directory / "index.html", text)
+
+
+def tally(claims: Sequence[Claim]) -> str:
+    """Return how many claims hold."""
+    count = {verdict: sum(c.verdict == verdict for c in claims) for verdict in _ROW_CLASS}
+    return (
+        f"{len(claims)} statements: {count['holds']} hold, {count['does not hold']} do not, "
+        f"{count['open']} are open."
+    )
+
+
+def write_docs(directory: Path, root: Path, figures: Sequence[Entry]) -> list[Path]:
+    """Write docs/paper.md, the short table of README.md, and the pictures that they show.
+
+    Args:
+        directory: of the figures.
+        root: of the project.
+        figures: as `entries` returns them.
+
+    Raises:
+        ValueError: README.md has not the marks.
+        OSError: a file cannot be written.
+    """
+    claims = claims_of(figures)
+    lines = [
+        "# The paper, figure by figure", "", f"{PAPER}. {ABOUT}", "",
+        "This page is written by `scripts/paper_docs.py` from the numbers of `delam-fem paper`.",
+        "", tally(claims), "", markdown_table(claims),
+    ]  # fmt: skip
+    paths = []
+    pictures = root / "docs" / "figures"
+    pictures.mkdir(parents=True, exist_ok=True)
+    for figure in figures:
+        lines += [f"## {_heading(figure)}", "", figure["caption"], ""]
+        for name in _pictures(figure):
+            paths.append(pictures / f"paper_{name}")
+            shutil.copyfile(directory / name, paths[-1])
+            lines += [f"![{figure['title']}](figures/{paths[-1].name})", ""]
+    readme = root / "README.md"
+    short = markdown_table([c for c in claims if c.is_headline], with_source=False)
+    text = between(
+        readme.read_text("utf-8"), README_MARKS, f"\n{tally(claims)} The main ones:\n\n{short}"
+    )
+    page = write_whole(root / "docs" / "paper.md", "\n".join(lines).rstrip() + "\n")
+    return [page, write_whole(readme, text), *paths]
+
+
+def between(text: str, marks: tuple[str, str], content: str) -> str:
+    """Return a text with what stands between two marks replaced.
+
+    Raises:
+        ValueError: it has not both marks once, in their order.
+    """
+    begin, end = marks
+    if text.count(begin) != 1 or text.count(end) != 1 or text.index(begin) > text.index(end):
+        raise ValueError(f"expected {begin} and then {end}, once each")
+    head, rest = text.split(begin)
+    return f"{head}{begin}\n{content}\n{end}{rest.split(end)[1]}"
+
+
+def _pictures(figure: Entry) -> list[str]:
+    """Return the names of the files of a figure's picture and its film."""
+    return [f"{figure['stem']}.png"] + ([figure["animation"]] if figure.get("animation") else [])
+
+
+def _heading(figure: Entry) -> str:
+    """Return the heading of a figure."""
+    name = str(figure["name"])
+    return f"Fig. {name}: {figure['title']}" if name[0].isdigit() else str(figure["title"])
+
+
+def _table(claims: Sequence[Claim], figures: Sequence[Entry]) -> str:
+    """Return claims as a table of HTML, their figures as links."""
+    stems = {figure["name"]: figure["stem"] for figure in figures}
+    head = "".join(f"<th>{escape(text)}</th>" for text in HEADING)
+    rows = []
+    for claim in claims:
+        link = f'<a href="#{stems[claim.figure]}">{escape(claim.figure)}</a>'
+        cells = [link, *(escape(text) for text in claim.row[1:])]
+        body = "".join(f"<td>{cell}</td>" for cell in cells)
+        rows.append(f'<tr class="{_ROW_CLASS[claim.verdict]}">{body}</tr>')
+    body = "\n".join(rows)
+    return f"<table>\n<thead><tr>{head}</tr></thead>\n<tbody>\n{body}\n</tbody></table>"
+
+
+def write_whole(path: Path, text: str) -> Path:
+    """Write a text; the file appears when it is complete."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_suffix(f"{path.suffix}.part")
+    temporary.write_text(text, "utf-8")
+    os.replace(temporary, path)
+    return path

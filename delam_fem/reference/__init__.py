@@ -1,0 +1,1 @@
+"""The judge: its own loop and contact, and the comparison with it."""

@@ -1,0 +1,243 @@
+"""The production path (dolfinx, PETSc) beside the independent reference: matrices and motion."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import scipy.sparse as sp
+from matplotlib.figure import Figure
+
+from delam_fem.case.definition import Case
+from delam_fem.case.toml import CaseError
+from delam_fem.model import closed_form
+from delam_fem.model.layout import Model
+from delam_fem.model.operators import Operators
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.reference.loop import ReferenceRun, simulate_reference
+from delam_fem.studies.modes import modes_of
+
+COMPARED_MODES = 6
+"""Natural frequencies per lamina that are compared (fewer where the mesh has fewer)."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Differences between the dolfinx/PETSc run of a case and the reference's.
+
+    Attributes:
+        names: names of the laminae.
+        matrices: largest relative difference of each operator [-].
+        frequencies: largest relative difference of the first natural frequencies [-].
+        times: ends of the steps, shape (n,) [s].
+        tips: tip displacement of the dolfinx/PETSc run, shape (2, n) [m].
+        reference_tips: tip displacement of the reference, shape (2, n) [m].
+        impacts: number of impacts of the dolfinx/PETSc run and of the reference.
+        impact_limit: the impact up to which `until_impact` looks, at most those that there were.
+        impact_time: its time in the reference, the end if there was none [s].
+    """
+
+    names: tuple[str, str]
+    matrices: dict[str, float]
+    frequencies: float
+    times: FloatArray
+    tips: FloatArray
+    reference_tips: FloatArray
+    impacts: tuple[int, int]
+    impact_limit: int
+    impact_time: float
+
+    @property
+    def differences(self) -> FloatArray:
+        """Largest difference of the two tips at each step, shape (n,) [m]."""
+        largest: FloatArray = np.abs(self.tips - self.reference_tips).max(axis=0)
+        return largest
+
+    @property
+    def until_impact(self) -> float:
+        """Largest difference of the tip histories up to that impact [m]."""
+        return float(self.differences[self.times <= self.impact_time].max())
+
+    @property
+    def overall(self) -> float:
+        """Largest difference of the tip histories [m]."""
+        return float(self.differences.max())
+
+    def rows(self) -> list[tuple[str, str]]:
+        """Return table rows: what is compared, largest difference."""
+        return [
+            *((f"{name}, relative", f"{value:.1e}") for name, value in self.matrices.items()),
+            ("natural frequencies, relative", f"{self.frequencies:.1e}"),
+            *self._impact_row(),
+            (f"tip histories up to {self.times[-1]:.4g} s", f"{self.overall:.1e} m"),
+            ("impacts, dolfinx and reference", f"{self.impacts[0]} and {self.impacts[1]}"),
+        ]
+
+    def _impact_row(self) -> list[tuple[str, str]]:
+        if not self.impact_limit:
+            return []
+        return [(f"tip histories up to impact {self.impact_limit}", f"{self.until_impact:.1e} m")]
+
+    def save(self, directory: Path | str) -> list[Path]:
+        """Write compare.json and compare.png.
+
+        Args:
+            directory: made where it is missing.
+
+        Returns:
+            The two paths.
+
+        Raises:
+            OSError: the directory cannot be written.
+        """
+        directory = Path(directory)
+        directory.mkdir(parents=True, exist_ok=True)
+        table, picture = directory / "compare.json", directory / "compare.png"
+        content = {
+            "matrices_relative": self.matrices,
+            "frequencies_relative": self.frequencies,
+            "impact_limit": self.impact_limit,
+            "impact_time_s": self.impact_time,
+            "tips_until_impact_m": self.until_impact,
+            "tips_overall_m": self.overall,
+            "end_time_s": float(self.times[-1]),
+            "impacts": {"dolfinx": self.impacts[0], "reference": self.impacts[1]},
+        }
+        table.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+        self.figure().savefig(picture, dpi=150)
+        return [table, picture]
+
+    def figure(self) -> Figure:
+        """Draw both tip histories, and their difference on a logarithmic axis."""
+        figure = Figure(figsize=(9.0, 6.0), layout="constrained")
+        top, bottom = figure.subplots(2, 1, sharex=True)
+        for i, name in enumerate(self.names):
+            top.plot(self.times, 1e3 * self.tips[i], color=f"C{i}", label=f"{name}, dolfinx")
+            top.plot(self.times, 1e3 * self.reference_tips[i], "k:", label=f"{name}, reference")
+        top.set(ylabel="tip displacement [mm]")
+        top.legend(ncols=2, fontsize=8)
+        seen = np.maximum(self.differences, np.finfo(np.float64).tiny)
+        bottom.semilogy(self.times, seen, color="C3", linewidth=0.8)
+        if self.impact_limit:
+            bottom.axvline(self.impact_time, color="0.5", linestyle="--")
+            label = f" impact {self.impact_limit}"
+            bottom.annotate(label, (self.impact_time, seen.max()), fontsize=8, va="top")
+        floor = max(float(seen[seen > np.finfo(np.float64).tiny].min(initial=1e-18)), 1e-20)
+        bottom.set(xlabel="time [s]", ylabel="largest difference [m]", ylim=(floor, None))
+        figure.suptitle("dolfinx and PETSc beside the closed-form reference")
+        return figure
+
+
+def compare(case: Case, *, impacts: int = 20, periods: int = 3) -> Comparison:
+    """Assemble and run the case on both paths from rest.
+
+    After many impacts any two runs part, since each impact amplifies round-off: the number to look
+    at is the difference up to the first impacts.
+
+    Args:
+        case: with harmonic excitation, and a law that the reference has.
+        impacts: number of impacts up to which the tip histories are compared.
+        periods: number of periods to run.
+
+    Returns:
+        All differences.
+
+    Raises:
+        CaseError: the excitation is a sweep, or the reference does not have the law or the scheme,
+            or a number is below 1.
+    """
+    _check(case, impacts, periods)
+    from delam_fem.model import beam  # dolfinx is imported when its run is asked for
+    from delam_fem.pipeline import run
+
+    short = case.with_overrides(
+        {"time.periods": periods, "output.window_periods": periods, "output.fields_per_period": 0}
+    )
+    model = beam.assemble(short)
+    independent = closed_form.assemble(short, x=model.x)
+    expected = simulate_reference(independent, short, periods=periods)
+    history = run(short).history
+    n_impacts = (int(history.sizes["event"]), len(expected.events))
+    limit = min(impacts, *n_impacts)
+    return Comparison(
+        names=(case.lamina[0].name, case.lamina[1].name),
+        matrices=operator_differences(model.operators, independent.operators),
+        frequencies=_frequency_difference(model, independent, case),
+        times=expected.times,
+        tips=_same_length(np.asarray(history["tip_displacement"]), expected),
+        reference_tips=expected.tip_displacement,
+        impacts=n_impacts,
+        impact_limit=limit,
+        impact_time=float(expected.events[limit - 1].time if limit else expected.times[-1]),
+    )
+
+
+def operator_differences(given: Operators, expected: Operators) -> dict[str, float]:
+    """Return the largest relative difference of each operator.
+
+    Entries of matrices and columns are measured by the diagonal, |a_ij - b_ij| / sqrt(b_ii b_jj),
+    so that displacements and slopes count alike; the gap by its largest value.
+
+    Args:
+        given: operators to judge.
+        expected: operators to judge by.
+
+    Returns:
+        Relative difference by name of the operator [-].
+    """
+    matrices: dict[str, float] = {}
+    columns: dict[str, float] = {}
+    for k, (letter, name) in enumerate((("M", "mass"), ("C", "damping"), ("K", "stiffness"))):
+        relative = _scaled_difference(_bordered(given, name, k), _bordered(expected, name, k))
+        matrices[letter] = float(relative[1:, 1:].max())
+        columns[f"{letter}, column of the base"] = float(relative[:, 0].max())
+    lumped = np.abs(given.lumped_mass / expected.lumped_mass - 1.0)
+    H = np.abs((given.gap_matrix - expected.gap_matrix).toarray())
+    gap0 = np.abs(given.gap0 - expected.gap0) / np.abs(expected.gap0).max()
+    vectors = {"lumped mass": lumped, "H": H, "gap0": gap0}
+    return matrices | columns | {name: float(each.max()) for name, each in vectors.items()}
+
+
+def _bordered(operators: Operators, name: str, k: int) -> sp.csr_matrix:
+    """Return one of M, C, K with the base as its first dof."""
+    corner = sp.csr_matrix([[operators.base.corner[k]]])
+    column = sp.csr_matrix(getattr(operators.base, name)).T
+    return sp.bmat([[corner, column.T], [column, getattr(operators, name)]], format="csr")
+
+
+def _scaled_difference(a: sp.csr_matrix, b: sp.csr_matrix) -> sp.csr_matrix:
+    """Return |a_ij - b_ij| / sqrt(b_ii b_jj), 0 where a_ij = b_ij."""
+    difference = abs(a - b).tocoo()
+    difference.eliminate_zeros()
+    diagonal = b.diagonal()
+    scale = np.sqrt(diagonal[difference.row] * diagonal[difference.col])
+    entries = np.divide(difference.data, scale, out=np.full_like(scale, np.inf), where=scale > 0.0)
+    return sp.csr_matrix((entries, (difference.row, difference.col)), shape=a.shape)
+
+
+def _frequency_difference(given: Model, expected: Model, case: Case) -> float:
+    n = min(COMPARED_MODES, 2 * given.n_elements)
+    ratio = modes_of(given, case, n).frequencies / modes_of(expected, case, n).frequencies
+    return float(np.abs(ratio - 1.0).max())
+
+
+def _same_length(tips: FloatArray, expected: ReferenceRun) -> FloatArray:
+    if tips.shape != expected.tip_displacement.shape:
+        raise RuntimeError(
+            f"the run recorded tip histories of shape {tips.shape}, expected "
+            f"{expected.tip_displacement.shape}: it was interrupted or it diverged"
+        )
+    return tips
+
+
+def _check(case: Case, impacts: int, periods: int) -> None:
+    if case.excitation.kind != "harmonic":
+        raise CaseError(
+            "excitation.kind: a comparison covers the first periods of a harmonic excitation; "
+            f"expected 'harmonic', given {case.excitation.kind!r}"
+        )
+    for name, number in (("impacts", impacts), ("periods", periods)):
+        if number < 1:
+            raise CaseError(f"{name}: expected at least 1, given {number}")

@@ -1,0 +1,110 @@
+"""Contact of the reference: what is hit, what rests on a spring, and the velocities after it.
+
+Pure functions, written out as the paper has them (section 3, as corrected).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.linalg import cholesky, solve_triangular
+from scipy.optimize import nnls
+
+from delam_fem.case.sections import Contact
+from delam_fem.model.operators import Operators
+from delam_fem.numerics.arrays import BoolArray, FloatArray
+
+Impact = tuple[int, float, float]
+"""Pair (0 next to the clamp), impulse [N s], gap rate before [m/s]."""
+MassSolver = Callable[[FloatArray], FloatArray]
+"""M^-1 times a vector (n,) or a matrix (n, k)."""
+
+
+def decide(
+    operators: Operators,
+    law: Contact,
+    state: tuple[FloatArray, FloatArray, BoolArray],
+    solve_mass: MassSolver,
+) -> tuple[FloatArray, list[Impact], BoolArray]:
+    """Decide on contact at the end of a step, in the order of the law newton-penalty.
+
+    Args:
+        operators: gap operator, gap at rest, masses.
+        law: "none", "newton" or "newton-penalty" with its numbers.
+        state: displacement (n,) [m], velocity (n,) [m/s], pairs in permanent contact (n_pairs,).
+        solve_mass: M^-1.
+
+    Returns:
+        Velocity after the impacts, the impacts, the pairs in permanent contact from now on.
+    """
+    u, v, P = state
+    if law.law == "none":
+        return v, [], P
+    H = operators.gap_matrix
+    gap = H @ u + operators.gap0
+    rate = H @ v
+    stays = P & (gap <= 0.0)  # eq. 21
+    hit = ~P & (gap <= 0.0) & (rate < 0.0)  # eq. 13
+    if not hit.any():
+        return v, [], stays
+    if law.impulse == "lumped":
+        v, impulses = lumped_impact(operators, v, hit, law.restitution)
+    else:
+        v, impulses = consistent_impact(operators, v, hit, law.restitution, solve_mass)
+    pairs = np.flatnonzero(hit)
+    impacts = list(zip(pairs.tolist(), impulses.tolist(), rate[hit].tolist(), strict=True))
+    if law.law == "newton":
+        return v, impacts, stays
+    enters = hit & (H @ v < law.threshold_velocity)  # eq. 18
+    return v, impacts, stays | enters
+
+
+def lumped_impact(
+    operators: Operators, v: FloatArray, hit: BoolArray, restitution: float
+) -> tuple[FloatArray, FloatArray]:
+    """Change the two velocities of each hit pair alone, with nodal masses (paper eq. 14).
+
+    Args:
+        operators: gap operator and nodal masses.
+        v: velocity before, shape (n,) [m/s].
+        hit: closed approaching pairs, shape (n_pairs,).
+        restitution: e [-].
+
+    Returns:
+        Velocity after, shape (n,) [m/s]; impulse of each hit pair, shape (n_hit,) [N s].
+    """
+    H = operators.gap_matrix[hit]
+    inverse_mass = 1.0 / operators.lumped_mass
+    impulses = -(1.0 + restitution) * (H @ v) / (H.power(2) @ inverse_mass)
+    return v + inverse_mass * (H.T @ impulses), impulses
+
+
+def consistent_impact(
+    operators: Operators,
+    v: FloatArray,
+    hit: BoolArray,
+    restitution: float,
+    solve_mass: MassSolver,
+) -> tuple[FloatArray, FloatArray]:
+    """Solve 0 <= p  _|_  W p + (1 + e) rate >= 0 with W = H M^-1 H^T over the hit pairs.
+
+    These are the optimality conditions of min |L^T p + L^-1 b|^2 over p >= 0, where W = L L^T and
+    b = (1 + e) rate: non-negative least squares.
+
+    Args:
+        operators: gap operator.
+        v: velocity before, shape (n,) [m/s].
+        hit: closed approaching pairs, shape (n_pairs,).
+        restitution: e [-].
+        solve_mass: M^-1.
+
+    Returns:
+        Velocity after, shape (n,) [m/s]; impulse of each hit pair, shape (n_hit,) [N s].
+    """
+    H = operators.gap_matrix[hit]
+    response = solve_mass(H.T.toarray())  # M^-1 H^T
+    L = cholesky(H @ response, lower=True)
+    b = (1.0 + restitution) * (H @ v)
+    impulses, _ = nnls(L.T, -solve_triangular(L, b, lower=True))
+    return v + response @ impulses, impulses

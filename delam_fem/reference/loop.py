@@ -1,0 +1,182 @@
+"""The plain time loop of the reference: Newmark, then contact, step by step as the paper has it.
+
+Written to be read and to be trusted, not to be fast. On purpose it does things in another way than
+the production path: springs are put into the matrix, which is factorised anew when they change.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import splu
+
+from delam_fem.case.definition import Case
+from delam_fem.case.excitation import base_motion
+from delam_fem.case.toml import CaseError
+from delam_fem.model.layout import Model
+from delam_fem.model.operators import Operators
+from delam_fem.numerics.arrays import BoolArray, FloatArray
+from delam_fem.reference.contact import decide
+
+LAWS = ("none", "newton", "newton-penalty")
+
+
+@dataclass(frozen=True)
+class State:
+    """Where a run stands at the end of a step.
+
+    Attributes:
+        step: number of steps done since t = 0.
+        displacement: q of the free dofs, shape (n,) [m, -].
+        velocity: shape (n,) [m/s, 1/s].
+        permanent: pairs in permanent contact, shape (n_pairs,).
+    """
+
+    step: int
+    displacement: FloatArray
+    velocity: FloatArray
+    permanent: BoolArray
+
+    @classmethod
+    def at_rest(cls, operators: Operators) -> State:
+        """Return the start: t = 0, stress-free and at rest."""
+        n = operators.n_dofs
+        return cls(0, np.zeros(n), np.zeros(n), np.zeros(operators.n_pairs, dtype=bool))
+
+
+class Event(NamedTuple):
+    """One impact of one pair: time [s], pair (0 next to the clamp), impulse [N s], rate [m/s]."""
+
+    time: float
+    pair: int
+    impulse: float
+    velocity_before: float
+
+
+@dataclass(frozen=True)
+class ReferenceRun:
+    """What the reference records.
+
+    Attributes:
+        times: ends of the steps, shape (n,) [s].
+        tip_displacement: shape (2, n) [m].
+        tip_velocity: after the impacts of the step, shape (2, n) [m/s].
+        events: all impacts in order of time.
+        final: the state after the last step.
+    """
+
+    times: FloatArray
+    tip_displacement: FloatArray
+    tip_velocity: FloatArray
+    events: list[Event]
+    final: State
+
+
+def simulate_reference(
+    model: Model | Operators, case: Case, *, periods: int, initial: State | None = None
+) -> ReferenceRun:
+    """Integrate the case for some periods at constant time step.
+
+    Args:
+        model: what moves; its matrices may come from anywhere.
+        case: excitation, contact law and time step.
+        periods: number of periods to do.
+        initial: where to start; default at rest at t = 0.
+
+    Returns:
+        Tip histories at every step, impacts, final state.
+
+    Raises:
+        CaseError: the reference does not have the scheme or the contact law of the case.
+    """
+    _require_supported(case)
+    operators = model.operators if isinstance(model, Model) else model
+    state = initial or State.at_rest(operators)
+    N, dt = case.time.steps_per_period, case.time_step
+    steps = np.arange(state.step, state.step + periods * N + 1)
+    base = base_motion(case).states(steps * dt)
+    system = _System(operators, dt, case.contact.penalty_stiffness)
+    u, v, P = state.displacement, state.velocity, state.permanent
+    a = system.acceleration(u, v, base[0], P)
+    tips = np.empty((2, len(operators.observed), periods * N))
+    events: list[Event] = []
+    for i in range(periods * N):
+        u, v, a = system.newmark(u, v, a, base[i + 1], P)
+        v, impacts, P_new = decide(operators, case.contact, (u, v, P), system.solve_mass)
+        if impacts or not np.array_equal(P, P_new):
+            P = P_new
+            a = system.acceleration(u, v, base[i + 1], P)
+        time = steps[i + 1] * dt
+        events += [Event(time, *impact) for impact in impacts]
+        tips[:, :, i] = u[operators.observed], v[operators.observed]
+    return ReferenceRun(steps[1:] * dt, tips[0], tips[1], events, State(int(steps[-1]), u, v, P))
+
+
+class _System:
+    """M, C, K with the springs of permanent contact in K, and the factors that go with them."""
+
+    def __init__(self, operators: Operators, dt: float, penalty_stiffness: float) -> None:
+        self.operators = operators
+        self.dt = dt
+        self.penalty_stiffness = penalty_stiffness
+        self.mass_factor = splu(operators.mass.tocsc())
+        base = operators.base
+        self.base_columns = np.stack([base.stiffness, base.damping, base.mass], axis=1)
+        self._factorise(np.zeros(operators.n_pairs, dtype=bool))
+
+    def newmark(
+        self, u: FloatArray, v: FloatArray, a: FloatArray, base: FloatArray, P: BoolArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Do one step of average acceleration (the paper's alpha_N = 1/4, beta_N = 1/2)."""
+        self._require_springs(P)
+        dt = self.dt
+        u_predicted = u + dt * v + 0.25 * dt**2 * a
+        v_predicted = v + 0.5 * dt * a
+        force = self.force(base) - self.operators.damping @ v_predicted - self.K @ u_predicted
+        a_new = self.newmark_factor.solve(force)
+        return u_predicted + 0.25 * dt**2 * a_new, v_predicted + 0.5 * dt * a_new, a_new
+
+    def acceleration(
+        self, u: FloatArray, v: FloatArray, base: FloatArray, P: BoolArray
+    ) -> FloatArray:
+        """Solve M a = f - C v - K u, springs included."""
+        self._require_springs(P)
+        residual = self.force(base) - self.operators.damping @ v - self.K @ u
+        return self.solve_mass(residual)
+
+    def solve_mass(self, force: FloatArray) -> FloatArray:
+        """Return M^-1 times a force, shape (n,) or (n, k)."""
+        response: FloatArray = self.mass_factor.solve(force)
+        return response
+
+    def force(self, base: FloatArray) -> FloatArray:
+        """Return the force of the base's motion (q, q', q'') and of the springs' rest gaps."""
+        force: FloatArray = self.spring_force - self.base_columns @ base
+        return force
+
+    def _require_springs(self, P: BoolArray) -> None:
+        if not np.array_equal(P, self.springs):
+            self._factorise(P)
+
+    def _factorise(self, P: BoolArray) -> None:
+        """Put a spring on the gap of each pair of P: force on the dofs -k H^T (H u + g0)."""
+        ops, k, dt = self.operators, self.penalty_stiffness, self.dt
+        H = ops.gap_matrix[P]
+        self.springs = P.copy()
+        self.spring_force = -k * (H.T @ ops.gap0[P])
+        self.K = sp.csr_matrix(ops.stiffness + k * (H.T @ H))  # paper eq. 19
+        effective = ops.mass + 0.5 * dt * ops.damping + 0.25 * dt**2 * self.K
+        self.newmark_factor = splu(effective.tocsc())
+
+
+def _require_supported(case: Case) -> None:
+    """Refuse what the reference does not have, rather than compute something else."""
+    if case.contact.law not in LAWS:
+        raise CaseError(
+            f"contact.law: the reference has {', '.join(LAWS)}; given {case.contact.law!r}"
+        )
+    if case.time.scheme != "newmark":
+        raise CaseError(f"time.scheme: the reference has newmark; given {case.time.scheme!r}")

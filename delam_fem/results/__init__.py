@@ -1,0 +1,1 @@
+"""One dataset, its numbers, pictures and pages."""

@@ -1,0 +1,64 @@
+"""The figures of a run, drawn and written; what each shows stands in the `…_figures` modules."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import xarray as xr
+from matplotlib.figure import Figure
+
+from delam_fem.case.definition import Case
+from delam_fem.results import contact_figures, motion_figures
+from delam_fem.results.style import styled
+
+FIGURES: dict[str, Callable[[xr.Dataset, Case], Figure]] = {
+    "tip_histories": motion_figures.tip_histories,
+    "phase_portraits": motion_figures.phase_portraits,
+    "spectra": motion_figures.spectra,
+    "contact_line": contact_figures.contact_line,
+    "energy_ledger": contact_figures.energy_ledger,
+    "envelope": motion_figures.envelope,
+}
+"""The figures by the names of their files."""
+
+
+def save_figures(history: xr.Dataset, case: Case, directory: str | Path) -> list[Path]:
+    """Draw all figures and write them as PNG.
+
+    A spectrum needs a whole period in the window and is left out where there is none.
+
+    Args:
+        history: of a run, however short; see results.py.
+        case: its case.
+        directory: made where it does not exist.
+
+    Returns:
+        The files, in the order of `FIGURES`.
+
+    Raises:
+        OSError: the folder cannot be written or the disk is full.
+    """
+    directory = Path(directory)
+    directory.mkdir(parents=True, exist_ok=True)
+    has_period = history.sizes["time"] >= case.time.steps_per_period
+    names = [name for name in FIGURES if has_period or name != "spectra"]
+    for name in FIGURES.keys() - set(names):
+        (directory / f"{name}.png").unlink(missing_ok=True)  # of an earlier run
+    return [save_figure(FIGURES[name], history, case, directory / f"{name}.png") for name in names]
+
+
+def save_figure(
+    draw: Callable[[xr.Dataset, Case], Figure], history: xr.Dataset, case: Case, path: Path
+) -> Path:
+    """Draw one figure and write it under a temporary name that is replaced when complete.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    temporary = path.with_suffix(".png.part")
+    with styled():
+        draw(history, case).savefig(temporary, format="png")
+    os.replace(temporary, path)
+    return path

@@ -1,0 +1,153 @@
+"""A picture of the deformed laminae at some instants about the strongest strike, by pyvista."""
+
+from __future__ import annotations
+
+import numpy as np
+import pyvista as pv
+import xarray as xr
+
+from delam_fem.case.definition import Case
+from delam_fem.numerics.arrays import BoolArray, FloatArray
+from delam_fem.results import diagnostics, ribbons
+from delam_fem.results.style import title
+
+PHASES = (-0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3)
+"""Instants of the snapshots, in periods from the strike."""
+SIZE = (1500, 1050)
+"""Width and height of the picture [px]."""
+TURN, TILT = np.radians(24.0), np.radians(14.0)
+"""How far the camera is turned from the view on the laminae's edges, and raised."""
+TO_CAMERA = np.array([np.sin(TILT), -np.cos(TILT) * np.sin(TURN), -np.cos(TILT) * np.cos(TURN)])
+"""Direction of the camera; x is up and y to the right in the picture."""
+RIGHT = np.cross([1.0, 0.0, 0.0], TO_CAMERA) / np.cos(TILT)
+"""Horizontal in the picture: the direction in which the snapshots stand side by side."""
+ROW = 1.42
+"""Length of the row of snapshots in lengths of the laminae: it fills the picture."""
+COLOURS = "coolwarm"
+"""Blue to grey to red: readable by the colour-blind, and zero is no white on white."""
+TEXT = 22
+"""Size of the letters [px]."""
+
+
+def strike_frame(history: xr.Dataset, case: Case) -> int:
+    """Return the last frame before the strongest impact at the tip, or before the smallest gap.
+
+    The velocities there are those with which the laminae meet.
+
+    Instants too near to the ends of the window for all snapshots count only where the window is
+    too short to hold any other.
+    """
+    at_tip = _tip_impacts(history)
+    if at_tip.any():
+        when = history["event_time"].to_numpy()[at_tip]
+        strength = history["event_impulse"].to_numpy()[at_tip]
+    else:
+        when, strength = history["time"].to_numpy(), -diagnostics.tip_gap(history)
+    frames = history["frame"].to_numpy()
+    is_inside = (when >= frames[0] - PHASES[0] * case.period) & (
+        when <= frames[-1] - PHASES[-1] * case.period
+    )
+    if is_inside.any():
+        when, strength = when[is_inside], strength[is_inside]
+    strike = float(when[np.argmax(strength)])
+    return max(0, int(np.searchsorted(frames, strike - 1e-6 * case.time_step)) - 1)
+
+
+def draw(history: xr.Dataset, case: Case) -> pv.Plotter:
+    """Return the scene: the laminae side by side at the instants `PHASES`, true to scale.
+
+    Args:
+        history: with the fields of at least one frame; see results.py.
+        case: its case.
+
+    Returns:
+        An off-screen plotter that the caller closes.
+    """
+    frames = history["frame"].to_numpy()
+    shown_strike = strike_frame(history, case)
+    strike = frames[shown_strike]
+    shown = [int(np.argmin(np.abs(frames - strike - phase * case.period))) for phase in PHASES]
+    shown = sorted(set(shown))
+    limit = float(np.abs(history["velocity"].to_numpy()[:, shown]).max()) or 1.0
+    length = case.lamina[0].length
+    name = "strike" if _tip_impacts(history).any() else "closest"
+    plotter = pv.Plotter(off_screen=True, window_size=list(SIZE))
+    plotter.set_background("white")
+    for k, frame in enumerate(shown):
+        place = (k - (len(shown) - 1) / 2) * ROW / len(PHASES) * length * RIGHT
+        both = ribbons.grid(history, case, frame).translate(place)
+        both["lateral velocity"] = both["velocity"][:, 1]
+        outline = both.extract_surface(algorithm="dataset_surface")
+        plotter.add_mesh(outline.extract_feature_edges(60.0), color="#303030", line_width=1.0)
+        plotter.add_mesh(
+            _clamp(history, case, frame).translate(place), color="#9a9a9a", ambient=0.4
+        )
+        plotter.add_mesh(
+            both, scalars="lateral velocity", cmap=COLOURS, clim=(-limit, limit),
+            show_scalar_bar=False, ambient=0.75, diffuse=0.3, specular=0.0,
+        )  # fmt: skip
+        after = (frames[frame] - strike) / case.period
+        text = f"{after:+.1f} T".replace("-", "−") if frame != shown_strike else name
+        _label(plotter, place - [0.11 * length, 0.0, 0.0], text)
+    _name_laminae(plotter, history, shown[0], -(len(shown) - 1) / 2 * ROW / len(PHASES) * length)
+    _dress(plotter, f"{title(case)}; true to scale, T = {case.period:.3g} s")
+    _aim(plotter, length)
+    return plotter
+
+
+def _tip_impacts(history: xr.Dataset) -> BoolArray:
+    """Say which of the events are impacts at the tip."""
+    at_tip: BoolArray = history["event_node"].to_numpy() == history.sizes["node"] - 1
+    return at_tip
+
+
+def _clamp(history: xr.Dataset, case: Case, frame: int) -> pv.PolyData:
+    """Return the block that holds both laminae at x = 0 and moves with the base."""
+    base = float(history["displacement"][0, frame, 0])
+    first, second = case.lamina
+    block, depth = 6.0 * (first.thickness + second.thickness), 0.05 * first.length
+    width = max(first.width, second.width)
+    return pv.Box(
+        bounds=(-depth, 0.0, base - block / 2, base + block / 2, -0.6 * width, 0.6 * width)
+    )
+
+
+def _label(plotter: pv.Plotter, point: FloatArray, text: str) -> None:
+    """Write at a point."""
+    plotter.add_point_labels(
+        point[None, :], [text], font_size=TEXT, text_color="black", shape=None, bold=False,
+        show_points=False, always_visible=True, justification_horizontal="center",
+    )  # fmt: skip
+
+
+def _name_laminae(plotter: pv.Plotter, history: xr.Dataset, frame: int, offset: float) -> None:
+    """Write the names of the laminae above their tips in the first snapshot."""
+    x, rest = float(history["x"][-1]), (0.0, float(history["gap0"][-1]))
+    for i, name in enumerate(history["lamina"].to_numpy()):
+        y = rest[i] + float(history["displacement"][i, frame, -1])
+        side = (-0.035, 0.035)[i] * x  # keeps the names of close tips apart
+        point = np.array([1.03 * x, y, 0.0]) + (offset + side) * RIGHT
+        _label(plotter, point, str(name))
+
+
+def _dress(plotter: pv.Plotter, text: str) -> None:
+    """Add the title and a scalar bar beside the scene."""
+    plotter.add_text(
+        text, position=(0.03, 0.955), viewport=True, font_size=TEXT // 2 + 2, color="black"
+    )
+    plotter.add_scalar_bar(
+        title="lateral velocity [m/s]\n ", vertical=True, position_x=0.885, position_y=0.2,
+        width=0.05, height=0.6, n_labels=5, fmt="%+.2f", color="black",
+        title_font_size=TEXT, label_font_size=TEXT,
+    )  # fmt: skip
+
+
+def _aim(plotter: pv.Plotter, length: float) -> None:
+    """Point the camera so that the row fills the picture left of the scalar bar."""
+    focus = np.array([0.48 * length, 0.0, 0.0]) + 0.1 * length * RIGHT
+    plotter.camera.focal_point = focus
+    plotter.camera.position = focus + 4.0 * length * TO_CAMERA
+    plotter.camera.up = (1.0, 0.0, 0.0)
+    plotter.enable_parallel_projection()
+    plotter.camera.parallel_scale = 0.65 * length
+    plotter.reset_camera_clipping_range()

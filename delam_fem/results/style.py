@@ -1,0 +1,102 @@
+"""How all figures look: colours, sizes, axes of time.
+
+Nothing here touches matplotlib's global state beyond the context that `styled` opens.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from delam_fem.case.definition import Case
+from delam_fem.numerics.arrays import FloatArray
+
+BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILLION, PURPLE = (
+    "#000000", "#E69F00", "#56B4E9", "#009E73", "#F0E442", "#0072B2", "#D55E00", "#CC79A7",
+)  # fmt: skip
+"""Colours that colour-blind readers tell apart (Okabe and Ito)."""
+
+LAMINA_COLOURS = (BLUE, VERMILLION)
+"""Lamina 1 and lamina 2 in every figure."""
+GAP_COLOUR = "#e9e9e9"
+BASE_COLOUR = "#8a8a8a"
+
+DPI = 150
+WIDTH = 9.0
+"""Width of a figure [in]; the fonts are readable when a page shows it about 900 pixels wide."""
+
+_STYLE: dict[str, object] = {
+    "font.size": 10.5,
+    "axes.titlesize": 10.5,
+    "axes.labelsize": 10.5,
+    "figure.titlesize": 10.5,
+    "legend.fontsize": 9.0,
+    "legend.framealpha": 0.9,
+    "lines.linewidth": 1.3,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "#dddddd",
+    "grid.linewidth": 0.6,
+    "axes.axisbelow": True,
+    "savefig.dpi": DPI,
+    "figure.dpi": DPI,
+    "figure.facecolor": "white",
+}
+
+
+def legend_above(axes: Axes) -> None:
+    """Put the legend above the axes on the right, where it hides nothing."""
+    axes.legend(
+        loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=5, frameon=False, borderaxespad=0.1
+    )
+
+
+def legend_outside(
+    figure: Figure, axes: Axes, ncols: int, loc: str = "outside upper center"
+) -> None:
+    """Put the legend of one of its axes beside all axes of a figure."""
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(handles, labels, loc=loc, ncols=ncols, frameon=False)
+
+
+@contextmanager
+def styled() -> Iterator[None]:
+    """Draw and save within this context."""
+    with rc_context(_STYLE):
+        yield
+
+
+def finite(values: npt.ArrayLike) -> FloatArray:
+    """Return values with NaN for what is not finite: the last steps of a diverged run."""
+    array = np.asarray(values, dtype=np.float64)
+    return np.where(np.isfinite(array), array, np.nan)
+
+
+def time_axis(case: Case) -> tuple[float, str]:
+    """Return the unit of time of a figure's axis [s] and the axis' label.
+
+    Under harmonic excitation it is the period T = 1/f, otherwise the second.
+    """
+    if case.excitation.kind == "harmonic":
+        return case.period, "time / period of the excitation  t/T  [–]"
+    return 1.0, "time  t  [s]"
+
+
+def title(case: Case) -> str:
+    """Return what the case is, in a few words."""
+    law = case.contact.law
+    has_choice = law in ("newton", "newton-penalty")
+    contact = f"{law}, {case.contact.impulse} impulses" if has_choice else law
+    motion = case.excitation
+    if motion.kind == "harmonic":
+        excitation = f"{motion.frequency:g} Hz"
+    else:
+        excitation = f"sweep {motion.start_frequency:g}–{motion.end_frequency:g} Hz"
+    return f"{case.name}: {excitation}, A = {1e3 * motion.amplitude:g} mm, contact: {contact}"

@@ -1,0 +1,112 @@
+"""The energy ledger: what the base puts in, where it is stored, and where it goes.
+
+For the whole system, base dofs included, in the fixed frame and over any stretch of time,
+
+    T + V + V_springs |_0^1 = W_base - D_damping - D_contact + E_impacts + E_springs      (E1)
+
+E_impacts is the change of energy at impacts (negative when they dissipate), E_springs the energy
+that appears when a spring is put on or taken off a closed pair. Average-acceleration Newmark and
+the Moreau–Jean scheme with θ = 1/2 fulfil E1 exactly when the work of the base over a step is
+
+    W_base = -Δ(m·u) mean(q'') + Δ(c·u) mean(q') + mean(k·u) Δq + Δ[(m·v) q']
+             + Δ[M_aa q'^2 / 2 + K_aa q^2 / 2] + Δt C_aa mean(q')^2      (E2)
+
+with m, c, k the base columns of M, C, K; it tends to the integral of the support reaction times q'.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numba
+
+from delam_fem.model.operators import BaseCoupling
+from delam_fem.numerics.arrays import FloatArray
+
+
+@dataclass(frozen=True)
+class Energies:
+    """Stored energies at an instant [J], and m·v [kg m/s], which E2 needs at both ends."""
+
+    kinetic: float
+    strain: float
+    spring: float
+    momentum: float = 0.0
+
+    @property
+    def total(self) -> float:
+        """Sum of the stored energies [J]."""
+        return self.kinetic + self.strain + self.spring
+
+
+@dataclass(frozen=True)
+class Flows:
+    """Energies exchanged over a period [J]; names as in E1, losses positive."""
+
+    base_work: float
+    damping_loss: float
+    contact_damping_loss: float
+    impact_loss: float
+    spring_released: float
+
+    @property
+    def net(self) -> float:
+        """What the stored energy should have changed by [J]."""
+        losses = self.damping_loss + self.contact_damping_loss + self.impact_loss
+        return self.base_work - losses + self.spring_released
+
+    @property
+    def exchanged(self) -> float:
+        """Sum of the magnitudes, the scale of the residual [J]."""
+        return sum(abs(float(getattr(self, f.name))) for f in fields(self))
+
+
+def base_flows(
+    seen: FloatArray,
+    momentum: tuple[float, float],
+    base_states: FloatArray,
+    base: BaseCoupling,
+    time_step: float,
+) -> tuple[float, float]:
+    """Return the work of the base and the damping loss that its motion adds, by E2.
+
+    Args:
+        seen: rows that begin with (m_b·u, c_b·u, k_b·u) at the steps of the stretch, its start
+            included, shape (k+1, ≥ 3).
+        momentum: m_b·v at the start and the end [kg m/s].
+        base_states: (q, q', q'') of the base at the same steps, shape (k+1, 3).
+        base: corner terms of the base.
+        time_step: Δt [s].
+
+    Returns:
+        Work of the base and the part of the damping loss that involves the base velocity [J].
+    """
+    by_mass, cross_damping, by_stiffness, square = _sums(seen, base_states)
+    mass, damping, stiffness = base.corner
+    corner_damping = damping * time_step * square
+    (q0, dq0, _), (q1, dq1, _) = base_states[0].tolist(), base_states[-1].tolist()
+    work = (
+        cross_damping
+        - by_mass
+        + by_stiffness
+        + momentum[1] * dq1
+        - momentum[0] * dq0
+        + 0.5 * mass * (dq1**2 - dq0**2)
+        + 0.5 * stiffness * (q1**2 - q0**2)
+        + corner_damping
+    )
+    return work, 2.0 * cross_damping + corner_damping
+
+
+@numba.njit(cache=True)
+def _sums(seen, base):  # type: ignore[no-untyped-def]
+    """Return the sums over steps of Δ(m·u) mean(q''), Δ(c·u) mean(q'), mean(k·u) Δq, mean(q')²."""
+    by_mass = by_damping = by_stiffness = square = 0.0
+    for j in range(1, seen.shape[0]):
+        mean_dq = 0.5 * (base[j, 1] + base[j - 1, 1])
+        mean_ddq = 0.5 * (base[j, 2] + base[j - 1, 2])
+        by_mass += (seen[j, 0] - seen[j - 1, 0]) * mean_ddq
+        by_damping += (seen[j, 1] - seen[j - 1, 1]) * mean_dq
+        by_stiffness += 0.5 * (seen[j, 2] + seen[j - 1, 2]) * (base[j, 0] - base[j - 1, 0])
+        square += mean_dq * mean_dq
+    return by_mass, by_damping, by_stiffness, square

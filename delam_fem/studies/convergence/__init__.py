@@ -1,0 +1,1 @@
+"""Ladders of runs in elements and steps."""

@@ -1,0 +1,238 @@
+"""Log–log figures of a ladder: errors over steps, elements and cost; work of the contact."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+from delam_fem.results.style import (
+    BASE_COLOUR,
+    BLACK,
+    BLUE,
+    GREEN,
+    LAMINA_COLOURS,
+    ORANGE,
+    PURPLE,
+    SKY,
+    VERMILLION,
+    WIDTH,
+    legend_above,
+    styled,
+)
+from delam_fem.studies.convergence.ladder import FREE, LIMIT, Rung
+from delam_fem.studies.convergence.run import Convergence
+from delam_fem.studies.convergence.statistics import EXTREMA, WORK
+
+Value = Callable[[Rung], float]
+
+STYLES = (
+    (BLUE, "o"), (VERMILLION, "s"), (GREEN, "^"), (ORANGE, "v"), (PURPLE, "D"), (SKY, "P"),
+    (BLACK, "X"),
+)  # fmt: skip
+"""Colours and markers of the schemes, in their order."""
+PANELS = 3
+"""Panels side by side."""
+LONG_RANGE = 100.0
+"""Axes over more than this have ticks at the powers of ten alone."""
+FREE_FLOOR = 1e-13
+"""Errors without contact below are round-off and not drawn."""
+
+
+def save_figures(found: Convergence, directory: str | Path) -> list[Path]:
+    """Draw all figures of a ladder that its rungs allow.
+
+    Args:
+        found: the ladder.
+        directory: made where it does not exist.
+
+    Returns:
+        The files written.
+    """
+    directory = Path(directory)
+    directory.mkdir(parents=True, exist_ok=True)
+    ladder = found.ladder
+    makers: dict[str, Callable[[Convergence], Figure]] = {}
+    if len(ladder.steps) > 1:
+        makers["free_steps"] = free_over_steps
+    if len(ladder.meshes) > 1:
+        makers["free_elements"] = free_over_elements
+    if ladder.limit_steps and ladder.schemes:
+        makers["error_over_cost"] = error_over_cost
+        if len(ladder.steps) > 1:
+            makers["error_over_steps"] = error_over_steps
+            makers["work_over_steps"] = work_over_steps
+        if len(ladder.meshes) > 1:
+            makers["limit_over_elements"] = limit_over_elements
+    written = []
+    with styled():
+        for name, make in makers.items():
+            path = directory / f"{name}.png"
+            make(found).savefig(path)
+            written.append(path)
+    return written
+
+
+def error_over_steps(found: Convergence) -> Figure:
+    """Draw the distance from the rigid limit of the mesh over steps per period, mesh by mesh."""
+    figure = _panels(found, lambda rung: rung.steps, lambda rung: 100.0 * found.error(rung))
+    _finish(figure, found, "steps per period", "error of the tip extremes [%]")
+    return figure
+
+
+def error_over_cost(found: Convergence) -> Figure:
+    """Draw the distance from the rigid limit of the mesh over what a period costs."""
+    figure = _panels(
+        found, lambda rung: 1e6 * found.cost(rung), lambda rung: 100.0 * found.error(rung)
+    )
+    _finish(figure, found, "processor time per period [µs]", "error of the tip extremes [%]")
+    return figure
+
+
+def work_over_steps(found: Convergence) -> Figure:
+    """Draw what goes in contact in a period over steps per period; dashed: the rigid limit."""
+    figure = _panels(
+        found, lambda rung: rung.steps, lambda rung: WORK.factor * found.value(rung, WORK.name)
+    )
+    if found.ladder.limit_steps:
+        for axes, mesh in zip(figure.axes, found.ladder.meshes, strict=True):
+            level = WORK.factor * found.value(found.ladder.limit_of(mesh), WORK.name)
+            if level > 0.0:
+                axes.axhline(level, color=BASE_COLOUR, linestyle="--", linewidth=1.0)
+    _finish(figure, found, "steps per period", "contact work per period [mJ]")
+    return figure
+
+
+def free_over_steps(found: Convergence) -> Figure:
+    """Draw the errors without contact over steps per period on the finest mesh."""
+    rungs = found.ladder.along_steps(FREE, found.ladder.meshes[-1])
+    return _free(found, rungs, "steps", "steps per period", (-2.0,))
+
+
+def free_over_elements(found: Convergence) -> Figure:
+    """Draw the errors without contact over elements with the smallest steps."""
+    rungs = found.ladder.along_meshes(FREE, found.ladder.steps[-1])
+    return _free(found, rungs, "elements", "elements per lamina", (-4.0,))
+
+
+def limit_over_elements(found: Convergence) -> Figure:
+    """Draw the rigid limits of the meshes: extremes of the tips, and work of the contact."""
+    rungs = found.ladder.along_meshes(LIMIT, found.ladder.limit_steps)
+    n = [rung.elements for rung in rungs]
+    figure = Figure(figsize=(WIDTH, 4.2), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    for k, q in enumerate(EXTREMA):
+        values = [abs(q.factor * found.value(rung, q.name)) for rung in rungs]
+        style = "o-" if q.name.startswith("tip_max") else "s--"
+        left.semilogx(n, values, style, color=LAMINA_COLOURS[k // 2], label=f"|{q.symbol}|")
+    left.set(ylabel="rigid limit of the mesh [mm]", ylim=(0.0, None))
+    legend_above(left)
+    work = [WORK.factor * found.value(rung, WORK.name) for rung in rungs]
+    right.loglog(n, work, "o-", color=BLACK)
+    right.set_ylabel("contact work per period [mJ]")
+    _plain_numbers(right.yaxis)
+    for axes in (left, right):
+        _plain(axes, n)
+        axes.set_xlabel("elements per lamina")
+    figure.suptitle(_title(found) + f", moreau, {found.ladder.limit_steps} steps per period")
+    return figure
+
+
+def _panels(found: Convergence, abscissa: Value, ordinate: Value) -> Figure:
+    """Draw all schemes over a quantity, a panel per mesh."""
+    meshes = found.ladder.meshes
+    columns = min(PANELS, len(meshes))
+    rows = math.ceil(len(meshes) / columns)
+    figure = Figure(figsize=(WIDTH, 1.4 + 3.2 * rows), layout="constrained")
+    grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
+    for axes in grid[len(meshes) :]:
+        axes.remove()
+    for axes, mesh in zip(grid, meshes, strict=False):
+        for scheme, (colour, marker) in zip(found.ladder.schemes, _styles(found), strict=True):
+            rungs = found.ladder.along_steps(scheme, mesh)
+            points = np.array([(abscissa(rung), ordinate(rung)) for rung in rungs])
+            drawn = points[np.isfinite(points).all(axis=1) & (points > 0.0).all(axis=1)]
+            axes.loglog(*drawn.T, marker=marker, color=colour, label=scheme.name, markersize=5)
+        axes.set_title(f"{rungs[0].elements} elements", loc="left")
+    return figure
+
+
+def _finish(figure: Figure, found: Convergence, xlabel: str, ylabel: str) -> None:
+    """Label axes and lines."""
+    axes = figure.axes
+    columns = min(PANELS, len(axes))
+    for k, panel in enumerate(axes):
+        if k + columns >= len(axes):
+            panel.set_xlabel(xlabel)
+            panel.tick_params(labelbottom=True)
+        if k % columns == 0:
+            panel.set_ylabel(ylabel)
+        _plain_numbers(panel.xaxis)
+        _plain_numbers(panel.yaxis)
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False)
+    figure.suptitle(_title(found))
+
+
+def _free(
+    found: Convergence, rungs: list[Rung], size: str, label: str, slopes: Sequence[float]
+) -> Figure:
+    """Draw four errors without contact and lines of a slope."""
+    figure = Figure(figsize=(WIDTH, 4.6), layout="constrained")
+    axes = figure.subplots()
+    n = np.array([getattr(rung, size) for rung in rungs], dtype=float)
+    errors = np.abs([found.free_errors(rung) for rung in rungs])
+    errors[~(errors > FREE_FLOOR)] = np.nan
+    for i, lamina in enumerate(found.ladder.case.lamina):
+        for j, (name, style) in enumerate((("frequency", "o-"), ("amplitude", "s--"))):
+            axes.loglog(
+                n,
+                errors[:, 2 * i + j],
+                style,
+                color=LAMINA_COLOURS[i],
+                label=f"{name}, {lamina.name}",
+            )
+    for slope in slopes:
+        if np.isfinite(errors[0]).any():
+            start = 0.4 * np.nanmin(errors[0])
+            axes.loglog(n, start * (n / n[0]) ** slope, ":", color=BLACK, label=f"order {-slope:g}")
+    axes.set_ylim(bottom=max(0.3 * float(np.nanmin(errors)), FREE_FLOOR))
+    axes.set(xlabel=label, ylabel="relative error")
+    _plain(axes, n.astype(int).tolist())
+    axes.legend()
+    other = "elements" if size == "steps" else "steps"
+    fixed = getattr(rungs[0], other)
+    figure.suptitle(f"{_title(found)} without contact, {fixed} {other}")
+    return figure
+
+
+def _styles(found: Convergence) -> list[tuple[str, str]]:
+    return [STYLES[k % len(STYLES)] for k in range(len(found.ladder.schemes))]
+
+
+def _plain(axes: Axes, ticks: Sequence[int]) -> None:
+    """Put the ticks of a logarithmic axis at the sizes themselves."""
+    axes.set_xticks(list(ticks), [str(tick) for tick in ticks])
+    axes.xaxis.set_minor_formatter(NullFormatter())
+    axes.minorticks_off()
+
+
+def _plain_numbers(axis: Axis) -> None:
+    """Write 0.1, 0.2, 0.5, 1, … instead of powers."""
+    low, high = axis.get_view_interval()
+    subs = (1.0, 2.0, 5.0) if high < LONG_RANGE * low else (1.0,)
+    axis.set_major_locator(LogLocator(subs=subs))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def _title(found: Convergence) -> str:
+    case = found.ladder.case
+    damping = f"{case.damping.rayleigh} damping, {case.time.mass} mass"
+    return f"{case.name}: {1.0 / case.period:g} Hz, {damping}"

@@ -1,0 +1,227 @@
+"""A ladder: one case under several schemes, on finer and finer meshes and with smaller steps.
+
+What a rung is stands here; `ladder_rung.py` computes one, `convergence.py` all of them.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from pathlib import Path
+from typing import Literal, TypeAlias
+
+from delam_fem.case.definition import Case
+from delam_fem.case.toml import CaseError
+from delam_fem.model.mesh import node_coordinates
+
+MeshChoice: TypeAlias = int | Path
+"""Elements per lamina of equal length, or a mesh file."""
+EngineName = Literal["petsc", "compiled"]
+
+ELEMENTS = (5, 10, 20, 40, 80, 160)
+STEPS = (250, 500, 1000, 2000, 4000, 8000, 16000)
+LIMIT_STEPS = 64000
+PERIODS, SETTLING = 60, 30
+"""Periods of the statistics, and those before them."""
+MANY_STEPS, FEW_PERIODS = 16000, 10
+"""With more steps per period than that cycles scatter so little that few of them tell."""
+LAWS = ("newton", "newton-penalty", "penalty", "moreau", "moreau-recovery")
+RIGID: dict[str, object] = {
+    "contact.law": "moreau",
+    "contact.impulse": "consistent",
+    "time.scheme": "newmark",
+}
+"""The law whose limit for small steps is that of rigid contact on a mesh: newton and moreau tend to
+the same, and moreau from less far."""
+
+
+@dataclass(frozen=True)
+class Scheme:
+    """A way to compute a case.
+
+    Attributes:
+        name: in tables and figures.
+        overrides: keys of the case that it sets.
+    """
+
+    name: str
+    overrides: tuple[tuple[str, object], ...]
+
+
+FREE = Scheme("none", (("contact.law", "none"),))
+"""Without contact; there an exact solution is known."""
+LIMIT = Scheme("limit", tuple(RIGID.items()))
+"""Stands for the rigid limit of a mesh."""
+
+
+def scheme(text: str) -> Scheme:
+    """Return the scheme that a law, or LAW/lumped or LAW/consistent, names.
+
+    Raises:
+        CaseError: the text is none of these.
+    """
+    law, slash, impulse = text.partition("/")
+    if law not in LAWS or (slash and impulse not in ("lumped", "consistent")):
+        raise CaseError(
+            f"laws: expected {', '.join(LAWS)}, each alone or with the impulse as "
+            f"LAW/lumped or LAW/consistent, given {text!r}"
+        )
+    chosen: list[tuple[str, object]] = [("contact.law", law)]
+    if slash:
+        chosen.append(("contact.impulse", impulse))
+    return Scheme(text, tuple(chosen))
+
+
+@dataclass(frozen=True)
+class Rung:
+    """One run of a ladder.
+
+    Attributes:
+        scheme: its name.
+        mesh: elements of equal length, or the file.
+        elements: per lamina.
+        steps: N, per period.
+        periods: the last ones, of which statistics are taken.
+        case: what is computed.
+    """
+
+    scheme: str
+    mesh: MeshChoice
+    elements: int
+    steps: int
+    periods: int
+    case: Case
+
+    @property
+    def key(self) -> str:
+        """Name of the rung within its ladder."""
+        return _key(self.scheme, self.mesh, self.steps)
+
+
+@dataclass(frozen=True)
+class Ladder:
+    """What to compute.
+
+    Attributes:
+        case: the base; its period and lengths hold for all rungs.
+        schemes: with contact.
+        meshes: from coarse to fine.
+        steps: N per period, increasing.
+        periods: that statistics are taken of, after as many but at most `SETTLING`.
+        limit_steps: N of the runs that stand for the rigid limit; 0: none.
+        engine: what computes the steps.
+    """
+
+    case: Case
+    schemes: tuple[Scheme, ...]
+    meshes: tuple[MeshChoice, ...]
+    steps: tuple[int, ...]
+    periods: int = PERIODS
+    limit_steps: int = LIMIT_STEPS
+    engine: EngineName = "compiled"
+
+    def __post_init__(self) -> None:
+        """Check what can be checked before anything runs.
+
+        Raises:
+            CaseError: a rung would be no case, or the ladder does not refine.
+        """
+        if self.case.excitation.kind != "harmonic":
+            raise CaseError(
+                'converge: expected excitation.kind = "harmonic", as statistics are taken of '
+                f'periods, given "{self.case.excitation.kind}"'
+            )
+        if self.periods < 1:
+            raise CaseError(f"periods: expected at least 1, given {self.periods}")
+        _require_rising("steps", self.steps)
+        if not self.meshes:
+            raise CaseError("elements: expected at least one number or mesh file, given none")
+        free = self.along_meshes(FREE, self.steps[0])
+        _require_rising("elements", [rung.elements for rung in free])
+
+    def rungs(self) -> list[Rung]:
+        """Return all rungs, without contact first, cheap ones before dear ones."""
+        rungs = [
+            self.rung(scheme, mesh, steps)
+            for scheme in (FREE, *self.schemes)
+            for mesh in self.meshes
+            for steps in self.steps
+        ]
+        if self.limit_steps:
+            rungs += self.along_meshes(LIMIT, self.limit_steps)
+        return sorted(rungs, key=lambda rung: (rung.scheme != FREE.name, rung.steps))
+
+    def rung(self, scheme: Scheme, mesh: MeshChoice, steps: int) -> Rung:
+        """Return a rung."""
+        key = _key(scheme.name, mesh, steps)
+        if key not in self._made:
+            self._made[key] = self._new(scheme, mesh, steps)
+        return self._made[key]
+
+    def along_steps(self, scheme: Scheme, mesh: MeshChoice) -> list[Rung]:
+        """Return the rungs of a scheme on one mesh."""
+        return [self.rung(scheme, mesh, steps) for steps in self.steps]
+
+    def along_meshes(self, scheme: Scheme, steps: int) -> list[Rung]:
+        """Return the rungs of a scheme over all meshes."""
+        return [self.rung(scheme, mesh, steps) for mesh in self.meshes]
+
+    def limit_of(self, mesh: MeshChoice) -> Rung:
+        """Return the rung that stands for the rigid limit of a mesh."""
+        return self.rung(LIMIT, mesh, self.limit_steps)
+
+    @property
+    def identity(self) -> str:
+        """Text that is the same for ladders that may share rungs, whatever schemes and sizes."""
+        sizes = {"mesh.elements": 1, "time.steps_per_period": 1000, "time.periods": 1}
+        kept = {"output.fields_per_period": 0, "output.window_periods": 1}
+        case = self.case.with_overrides({**sizes, **kept, "contact.law": "none"})
+        return f"periods = {self.periods}\n{case.to_toml()}"
+
+    @cached_property
+    def _made(self) -> dict[str, Rung]:
+        """Rungs that were asked for, by key: a case takes milliseconds to check."""
+        return {}
+
+    def _new(self, scheme: Scheme, mesh: MeshChoice, steps: int) -> Rung:
+        is_file, periods = isinstance(mesh, Path), self.periods
+        if steps > MANY_STEPS:
+            periods = min(periods, FEW_PERIODS)
+        case = self.case.with_overrides(
+            {
+                "mesh.file" if is_file else "mesh.elements": str(mesh) if is_file else mesh,
+                "output.fields_per_period": 0,
+                "output.window_periods": 1,
+                "time.steps_per_period": steps,
+                "time.periods": min(self.periods, SETTLING) + periods,
+                **dict(scheme.overrides),
+            }
+        )
+        elements = mesh if isinstance(mesh, int) else node_coordinates(case).size - 1
+        return Rung(scheme.name, mesh, elements, steps, periods, case)
+
+
+def _key(scheme: str, mesh: MeshChoice, steps: int) -> str:
+    """Return the name of a rung within its ladder."""
+    return f"{scheme} {mesh} {steps}"
+
+
+def whole_numbers(text: str, what: str) -> tuple[int, ...]:
+    """Return the numbers of a list such as "5,10,20".
+
+    Raises:
+        CaseError: it is none.
+    """
+    if not re.fullmatch(r"\s*[1-9]\d*\s*(,\s*[1-9]\d*\s*)*", text):
+        raise CaseError(f"{what}: expected whole numbers such as 5,10,20, given {text!r}")
+    return tuple(int(word) for word in text.split(","))
+
+
+def _require_rising(what: str, sizes: Sequence[int]) -> None:
+    """Raise unless numbers increase."""
+    if not sizes or any(a >= b for a, b in pairwise(sizes)):
+        given = ", ".join(str(size) for size in sizes) or "none"
+        raise CaseError(f"{what}: expected increasing numbers, coarse first, given {given}")

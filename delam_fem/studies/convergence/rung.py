@@ -1,0 +1,273 @@
+"""One rung of a ladder in a worker: run it, and reduce it to a few numbers.
+
+With contact every rung starts on the same motion, which the law "moreau" reaches from rest with
+`SPIN_UP_STEPS` steps per period; it then settles to its own. Without contact it starts on the exact
+periodic motion of its mesh and settles until the rest of that has died away.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import lru_cache
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import splu
+
+from delam_fem.case.definition import Case
+from delam_fem.model import closed_form
+from delam_fem.model.mesh import node_coordinates
+from delam_fem.model.operators import Operators
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.simulation.initial import first_mode
+from delam_fem.simulation.loop import Engine, State, set_initial, simulate
+from delam_fem.simulation.recorder import N_BASE, Recorder
+from delam_fem.simulation.setup import motion_of, recorder_of
+from delam_fem.studies.convergence.ladder import FREE, RIGID, EngineName, Rung
+from delam_fem.studies.convergence.statistics import PeriodRow, Statistics, row_of, statistics
+
+SPIN_UP_STEPS, SPIN_UP_TIME = 2000, 30.0
+"""Steps per period, and length [s], of the run that all rungs start from: the slowest mode, at
+1.4 Hz with D = 0.008, decays to a tenth in that time even without contact."""
+KEPT_STATES = 16
+"""Of such runs that a worker keeps."""
+DECAY = 1e-3
+"""To what the transient without contact shall have decayed; it is a part of the error itself."""
+MOST_PERIODS = 2000
+"""Of settling without contact, for laminae with next to no damping."""
+RING_PERIODS = 8
+"""Periods of the excitation over which free vibrations are recorded."""
+FREQUENCY_STEPS = 20
+"""Of the fit of a frequency; it converges quadratically."""
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class RungResult:
+    """What came of a rung.
+
+    Attributes:
+        key: of the rung.
+        outcome: "completed", "diverged" or "failed".
+        error: why, empty where completed.
+        statistics: mean and scatter by name, empty unless completed.
+        microseconds_per_step: of processor time, the median over periods.
+        periods: computed.
+    """
+
+    key: str
+    outcome: str
+    error: str = ""
+    statistics: Statistics = field(default_factory=dict)
+    microseconds_per_step: float = math.nan
+    periods: int = 0
+
+
+def compute(rung: Rung, engine: EngineName) -> RungResult:
+    """Compute a rung; whatever goes wrong is part of the result."""
+    try:
+        with np.errstate(all="ignore"):  # a diverged motion is told by its outcome
+            computed = _free if rung.scheme == FREE.name else _clapping
+            return computed(rung, engine)
+    except Exception as error:
+        _log.debug("rung %s", rung.key, exc_info=True)
+        return RungResult(rung.key, "failed", f"{type(error).__name__}: {error}")
+
+
+@dataclass
+class _Run:
+    """A finished piece of motion.
+
+    Attributes:
+        outcome: of the run.
+        rows: numbers of its last periods.
+        recorder: as it was at the end.
+        state: at the end.
+        seconds: processor time of the steps of a period, the median.
+    """
+
+    outcome: str
+    rows: list[PeriodRow]
+    recorder: Recorder
+    state: State
+    seconds: float
+
+
+def _clapping(rung: Rung, engine: EngineName) -> RungResult:
+    """Return the statistics of a motion with contact."""
+    case = rung.case
+    operators = _operators(case)
+    run = _run(case, operators, engine, _spun_up(case, engine), rung.periods)
+    periods = run.recorder.n_closed
+    cost = 1e6 * run.seconds / rung.steps
+    if run.outcome != "completed":
+        error = f"{run.outcome} in period {periods}"
+        return RungResult(rung.key, run.outcome, error, {}, cost, periods)
+    found = statistics(run.rows, run.recorder.strobe[-rung.periods :, 0].T)
+    found["energy_residual"] = (run.recorder.energy_residual(), 0.0)
+    return RungResult(rung.key, run.outcome, "", found, cost, periods)
+
+
+def _spun_up(case: Case, engine: EngineName) -> State:
+    """Return the state from which the rungs of a mesh start."""
+    periods = math.ceil(SPIN_UP_TIME / case.period)
+    spin = case.with_overrides(
+        {**RIGID, "time.steps_per_period": SPIN_UP_STEPS, "time.periods": periods}
+    )
+    return _moving(spin.to_toml(), engine)
+
+
+@lru_cache(maxsize=KEPT_STATES)
+def _moving(case_text: str, engine: EngineName) -> State:
+    """Return the state at the end of a case from rest, computed once per worker."""
+    case = Case.from_toml(case_text)
+    return _run(case, _operators(case), engine, None, 0).state
+
+
+def _free(rung: Rung, engine: EngineName) -> RungResult:
+    """Return amplitudes and frequencies without contact."""
+    operators = _operators(rung.case)
+    slowest = min(
+        rung.case.lamina[i].damping_ratio * float(rung.case.lamina[i].angular_frequencies(1)[0])
+        for i in range(2)
+    )
+    decay = math.log(1.0 / DECAY) / (slowest * rung.case.period) if slowest else math.inf
+    settling = math.ceil(min(decay, MOST_PERIODS))
+    case = rung.case.with_overrides({"time.periods": settling + 1})
+    run = _run(case, operators, engine, _periodic(case, operators), 1)
+    amplitude = np.abs(run.rows[-1].harmonics[:, 0])
+    found: Statistics = {
+        f"amplitude_{i + 1}": (float(value), 0.0) for i, value in enumerate(amplitude)
+    }
+    for i, value in enumerate(_frequencies(rung.case, engine)):
+        found[f"frequency_{i + 1}"] = (value, 0.0)
+    cost = 1e6 * run.seconds / rung.steps
+    return RungResult(rung.key, run.outcome, "", found, cost, run.recorder.n_closed)
+
+
+def _periodic(case: Case, o: Operators) -> State:
+    """Return the state at t = 0 of the exact periodic motion of linear laminae.
+
+    (K + iω C - ω² M) U = -(k_b + iω c_b - ω² m_b) A,   u = Im U e^{iωt}
+    """
+    omega = 2.0 * math.pi / case.period
+    dynamic = o.stiffness + 1j * omega * o.damping - omega**2 * o.mass
+    b = o.base
+    load = -(b.stiffness + 1j * omega * b.damping - omega**2 * b.mass) * case.excitation.amplitude
+    U = splu(sp.csc_matrix(dynamic)).solve(load)
+    motion = np.stack([U.imag, omega * U.real, -(omega**2) * U.imag])
+    return State(motion, np.zeros(o.n_pairs, dtype=np.bool_))
+
+
+def _frequencies(case: Case, engine: EngineName) -> list[float]:
+    """Return the frequency of free vibrations in the first mode of each lamina [Hz]."""
+    undamped = {f"lamina.{lamina.name}.damping_ratio": 0.0 for lamina in case.lamina}
+    ring = case.with_overrides(
+        {
+            **undamped,
+            "excitation.amplitude": 0.0,
+            "time.periods": RING_PERIODS,
+            "output.window_periods": RING_PERIODS,
+        }
+    )
+    o = _operators(ring)
+    motion = np.zeros((3, o.n_dofs))
+    motion[0] = first_mode(o, 0) + first_mode(o, 1)
+    run = _run(ring, o, engine, State(motion, np.zeros(o.n_pairs, dtype=np.bool_)), 0)
+    u = np.concatenate([record.u[1:, N_BASE:] for record in run.recorder.window])
+    t = (1 + np.arange(len(u))) * ring.time_step
+    exact = [float(lamina.angular_frequencies(1)[0]) for lamina in case.lamina]
+    return [fitted_frequency(t, u[:, i], omega) / (2.0 * math.pi) for i, omega in enumerate(exact)]
+
+
+def fitted_frequency(t: FloatArray, u: FloatArray, omega: float) -> float:
+    """Return the angular frequency ω of the best a cos ωt + b sin ωt, by Gauss–Newton [rad/s].
+
+    Args:
+        t: times, shape (n,) [s].
+        u: values, shape (n,).
+        omega: near enough to begin with [rad/s].
+    """
+    for _ in range(FREQUENCY_STEPS):
+        cos, sin = np.cos(omega * t), np.sin(omega * t)
+        a, b = np.linalg.lstsq(np.column_stack([cos, sin]), u, rcond=None)[0]
+        by_omega = t * (b * cos - a * sin)
+        columns = np.column_stack([cos, sin, by_omega])
+        change = float(np.linalg.lstsq(columns, u - a * cos - b * sin, rcond=None)[0][2])
+        omega += change
+        if abs(change) < 1e-15 * omega:
+            break
+    return omega
+
+
+def _run(
+    case: Case, operators: Operators, engine: EngineName, initial: State | None, last: int
+) -> _Run:
+    """Run a case and reduce its `last` periods as they come."""
+    computing = _engine(case, operators, engine)
+    try:
+        recorder, motion = recorder_of(case, operators), motion_of(case)
+        set_initial(computing, initial, motion(0)[0])
+        watch = _Watch(recorder, motion, last)
+        outcome = simulate(computing, recorder, watch.motion, stop=watch.collect)
+        seconds = float(np.median(watch.seconds)) if watch.seconds else math.nan
+        return _Run(outcome, watch.rows, recorder, computing.state(), seconds)
+    finally:
+        computing.destroy()
+
+
+@dataclass
+class _Watch:
+    """Times the periods of a run and reduces its last ones.
+
+    Attributes:
+        recorder: of the run.
+        base: states of the base by period.
+        last: periods to reduce.
+        rows: what they were reduced to.
+        seconds: processor time of each period, its recording included.
+    """
+
+    recorder: Recorder
+    base: Callable[[int], FloatArray]
+    last: int
+    rows: list[PeriodRow] = field(default_factory=list)
+    seconds: list[float] = field(default_factory=list)
+    _begin: float = 0.0
+
+    def motion(self, period: int) -> FloatArray:
+        """Return the states of the base and begin to take time."""
+        states = self.base(period)
+        self._begin = time.process_time()
+        return states
+
+    def collect(self, done: int) -> bool:
+        """Take notice of a period; never ends the run."""
+        self.seconds.append(time.process_time() - self._begin)
+        if done > self.recorder.n_periods - self.last:
+            self.rows.append(row_of(self.recorder))
+        return False
+
+
+def _operators(case: Case) -> Operators:
+    """Assemble a case in closed form, which is dolfinx's to round-off and starts at once."""
+    x = node_coordinates(case) if case.mesh.file is not None else None
+    return closed_form.assemble(case, x).operators
+
+
+def _engine(case: Case, operators: Operators, name: EngineName) -> Engine:
+    """Return the engine of a name."""
+    if name == "compiled":
+        from delam_fem.engines.compiled.engine import compiled_engine
+
+        return compiled_engine(case, operators)
+    from mpi4py import MPI
+
+    from delam_fem.engines.petsc.engine import petsc_engine
+
+    return petsc_engine(case, operators, MPI.COMM_SELF)

@@ -1,0 +1,149 @@
+"""Periods of a motion reduced to numbers, and these to means with their scatter.
+
+Trajectories of an impacting motion depend on round-off; these statistics do not. A motion that
+repeats after P periods is judged in blocks of P, so that its alternating cycles are no scatter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from delam_fem.numerics import harmonics
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.results import diagnostics
+from delam_fem.simulation.recorder import LEDGER, N_BASE, Recorder
+
+Statistics: TypeAlias = dict[str, tuple[float, float]]
+"""Mean and scatter (standard deviation between blocks) by name."""
+
+HARMONICS = 100
+"""Harmonics of which the distortion factor is made; those above are of the size of a nanometre."""
+SHOWN_HARMONICS = 5
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """How a statistic is shown.
+
+    Attributes:
+        name: of the statistic.
+        symbol: in headings.
+        unit: shown.
+        factor: from SI to that unit.
+    """
+
+    name: str
+    symbol: str
+    unit: str
+    factor: float = 1.0
+
+    @property
+    def heading(self) -> str:
+        """Symbol and unit."""
+        return f"{self.symbol} [{self.unit}]"
+
+
+EXTREMA = tuple(
+    Quantity(f"tip_{end}_{i}", f"y{i} {end}", "mm", 1e3) for i in (1, 2) for end in ("min", "max")
+)
+"""Extremes of the tip displacements within a period, their mean: the extremes over several periods
+would grow with the scatter of cycles."""
+WORK = Quantity("contact_work", "contact work", "mJ", 1e3)
+GENERAL = (
+    *(Quantity(f"distortion_factor_{i}", f"d{i}", "%", 1e2) for i in (1, 2)),
+    Quantity("impulse", "impulse", "mN s", 1e3),
+    WORK,
+)
+"""Of a period: distortion factors, sum of the impulses, energy that goes in contact."""
+AMPLITUDES = tuple(
+    Quantity(f"amplitude_{i}_{k}", f"A{k} of {i}", "mm", 1e3)
+    for i in (1, 2)
+    for k in range(1, SHOWN_HARMONICS + 1)
+)
+CONVERGING = (*EXTREMA, *GENERAL, *AMPLITUDES)
+
+
+@dataclass(frozen=True)
+class PeriodRow:
+    """A period in numbers.
+
+    Attributes:
+        low, high: smallest and largest tip displacements, each of shape (2,) [m].
+        harmonics: complex amplitudes of the excitation's harmonics, shape (2, n) [m].
+        impulse: sum of impulses [N s].
+        impacts: impulses on pairs.
+        work: energy lost in contact, by impacts, springs and dampers [J].
+        gain: what single impacts have added, already taken off that [J].
+    """
+
+    low: FloatArray
+    high: FloatArray
+    harmonics: npt.NDArray[np.complex128]
+    impulse: float
+    impacts: float
+    work: float
+    gain: float
+
+
+def row_of(recorder: Recorder) -> PeriodRow:
+    """Return the last period of a recorder in numbers."""
+    record, k = recorder.window[-1], recorder.n_closed - 1
+    u = record.u[1 : record.n_steps + 1, N_BASE:].T
+    below_nyquist = min(HARMONICS, (u.shape[1] - 1) // 2)
+    coefficients = 2.0 * np.fft.rfft(u, axis=1)[:, 1 : below_nyquist + 1] / u.shape[1]
+    ledger = dict(zip(LEDGER, recorder.ledger[k].tolist(), strict=True))
+    return PeriodRow(
+        low=recorder.envelope[k, 0],
+        high=recorder.envelope[k, 1],
+        harmonics=coefficients,
+        impulse=float(recorder.impulse[k, 0]),
+        impacts=float(recorder.impulse[k, 1]),
+        work=ledger["impact_loss"] + ledger["contact_damping_loss"] - ledger["spring_released"],
+        gain=float(recorder.impulse[k, 2]),
+    )
+
+
+def statistics(rows: list[PeriodRow], strobe: FloatArray) -> Statistics:
+    """Return means and scatter of a motion.
+
+    Args:
+        rows: its periods.
+        strobe: tip displacements at their ends, shape (2, n_periods) [m].
+    """
+    low, high = (np.array([getattr(row, name) for row in rows]) for name in ("low", "high"))
+    half_range = (high.max(axis=0) - low.min(axis=0)) / 2.0
+    P = diagnostics.periodicity(strobe, half_range)[0]
+    size = P or 1
+    first = len(rows) % size
+    blocks = [rows[k : k + size] for k in range(first, len(rows), size)]
+    table = [_of_block(block) for block in blocks]
+    found = {
+        name: (
+            float(np.mean([entry[name] for entry in table])),
+            float(np.std([entry[name] for entry in table])),
+        )
+        for name in table[0]
+    }
+    return found | {"periodicity": (float(P or 0), 0.0), "blocks": (float(len(blocks)), 0.0)}
+
+
+def _of_block(rows: list[PeriodRow]) -> dict[str, float]:
+    """Return the numbers of some successive periods."""
+    amplitudes = np.abs(np.mean([row.harmonics for row in rows], axis=0))
+    factors = harmonics.distortion_factor(amplitudes)
+    values: dict[str, float] = {}
+    for i in range(2):
+        values[f"tip_min_{i + 1}"] = float(np.mean([row.low[i] for row in rows]))
+        values[f"tip_max_{i + 1}"] = float(np.mean([row.high[i] for row in rows]))
+        values[f"distortion_factor_{i + 1}"] = float(factors[i])
+        for k, amplitude in enumerate(amplitudes[i, :SHOWN_HARMONICS].tolist()):
+            values[f"amplitude_{i + 1}_{k + 1}"] = amplitude
+    values["impulse"] = float(np.mean([row.impulse for row in rows]))
+    values["impacts"] = float(np.mean([row.impacts for row in rows]))
+    values["contact_work"] = float(np.mean([row.work for row in rows]))
+    values["impact_gain"] = float(np.mean([row.gain for row in rows]))
+    return values

@@ -1,0 +1,165 @@
+"""The executors that sweeps run on by themselves: a process pool, the ranks of MPI, none."""
+
+from __future__ import annotations
+
+import multiprocessing
+import multiprocessing.connection
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from contextlib import contextmanager
+from typing import Any, Literal, ParamSpec, TypeVar
+
+from delam_fem.case.toml import CaseError
+
+ExecutorName = Literal["process", "mpi", "serial"]
+
+_P = ParamSpec("_P")
+_T = TypeVar("_T")
+
+_ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+"""Small matrices: more threads only wait for each other."""
+_RANKS = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MPI_LOCALNRANKS")
+"""Variables by which processes started by mpiexec tell how many they are."""
+MPI_COMMAND = "mpiexec -n N python -m mpi4py.futures -m delam_fem sweep …"
+
+
+class Serial(Executor):
+    """Computes at once, in this process."""
+
+    def submit(self, fn: Callable[_P, _T], /, *args: _P.args, **kwargs: _P.kwargs) -> Future[_T]:
+        """Call the function and return its result as a future."""
+        future: Future[_T] = Future()
+        future.set_result(fn(*args, **kwargs))
+        return future
+
+
+def default_name() -> ExecutorName:
+    """Return "mpi" under `python -m mpi4py.futures`, otherwise "process".
+
+    Raises:
+        CaseError: mpiexec has started several processes that would all do the same.
+    """
+    n_ranks = max(int(os.environ.get(name, "1")) for name in _RANKS)
+    if "mpi4py.futures" in sys.modules:
+        return "mpi"
+    if n_ranks > 1:
+        raise CaseError(
+            f"executor: {n_ranks} MPI processes would all do the same; use {MPI_COMMAND}"
+        )
+    return "process"
+
+
+def n_cores() -> int:
+    """Return the number of cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def size_of(executor: Executor) -> int:
+    """Return how many workers an executor has, as far as it tells."""
+    for name in ("num_workers", "_max_workers"):  # mpi4py; the pools of the standard library
+        found = getattr(executor, name, None)
+        if isinstance(found, int) and found > 0:
+            return found
+    client = getattr(executor, "_client", None)  # Dask
+    return sum(client.nthreads().values()) if client is not None else n_cores()
+
+
+class Pool:
+    """Makes an executor, and another one where a worker has died.
+
+    Attributes:
+        name: of the kind.
+        n_workers: of the executor.
+        executor: the present one.
+    """
+
+    def __init__(self, name: ExecutorName, workers: int | None) -> None:
+        """Start the executor.
+
+        Raises:
+            CaseError: there are not the processes for it.
+        """
+        self.name = name
+        self.n_workers = 1 if name == "serial" else workers or n_cores()
+        if name == "mpi":
+            self.executor, self.n_workers = _mpi_executor()
+        else:
+            self.executor = self._fresh()
+
+    def _fresh(self) -> Executor:
+        return Serial() if self.name == "serial" else _process_pool(self.n_workers)
+
+    @property
+    def renew(self) -> Callable[[], Executor] | None:
+        """What replaces a broken executor; None where a dead worker takes all others with it."""
+        return self._renewed if self.name == "process" else None
+
+    def _renewed(self) -> Executor:
+        self.executor.shutdown(wait=False, cancel_futures=True)
+        self.executor = self._fresh()
+        return self.executor
+
+
+@contextmanager
+def pool(name: ExecutorName, workers: int | None = None) -> Iterator[Pool]:
+    """Open an executor of a kind and shut it down.
+
+    Args:
+        name: "process", "mpi" or "serial".
+        workers: number of processes; default one per core. MPI has those it was started with.
+
+    Raises:
+        CaseError: there are not the processes for it.
+    """
+    opened = Pool(name, workers)
+    try:
+        yield opened
+    except BaseException:
+        opened.executor.shutdown(wait=False, cancel_futures=True)
+        _kill(opened.executor)
+        raise
+    opened.executor.shutdown(wait=True, cancel_futures=True)
+
+
+def _process_pool(workers: int) -> ProcessPoolExecutor:
+    """Return a pool of fresh interpreters: forked ones would share the state of an MPI library."""
+    for name in _ONE_THREAD:  # read when the workers import numpy
+        os.environ.setdefault(name, "1")
+    context = multiprocessing.get_context("spawn")
+    return ProcessPoolExecutor(workers, mp_context=context, initializer=_prepare_worker)
+
+
+def _prepare_worker() -> None:
+    """Leave Ctrl-C to the parent, and end with it, however it ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
+
+
+def _end_with(sentinel: Any) -> None:
+    """Leave when the parent has ended, even by kill -9: the pool's queues would not tell."""
+    multiprocessing.connection.wait([sentinel])
+    os._exit(1)
+
+
+def _kill(executor: Executor) -> None:
+    """End the workers of a process pool at once."""
+    for process in list((getattr(executor, "_processes", None) or {}).values()):
+        process.kill()
+
+
+def _mpi_executor() -> tuple[Executor, int]:
+    """Return the executor of the ranks beside this one."""
+    from mpi4py import MPI
+
+    n_workers = MPI.COMM_WORLD.size - 1
+    if n_workers < 1:
+        raise CaseError(f"executor: expected at least 2 MPI processes, given 1; use {MPI_COMMAND}")
+    from mpi4py.futures import MPIPoolExecutor  # its presence tells default_name of ranks
+
+    return MPIPoolExecutor(), n_workers

@@ -1,0 +1,175 @@
+"""Natural frequencies and mode shapes of both laminae beside those of the exact cantilever."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import scipy.sparse as sp
+from matplotlib.figure import Figure
+from scipy.linalg import eigh
+from scipy.sparse.linalg import eigsh
+
+from delam_fem.case.definition import Case
+from delam_fem.case.toml import CaseError
+from delam_fem.model.layout import Model
+from delam_fem.model.operators import Operators
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.cantilever import cantilever_mode
+
+DENSE_DOFS = 400
+"""Up to here a dense eigenvalue problem is solved: no iteration, and still below 0.1 s."""
+
+
+@dataclass(frozen=True)
+class Modes:
+    """Natural frequencies and mode shapes, computed and exact.
+
+    Attributes:
+        names: names of the laminae.
+        frequencies: computed, shape (2, n) [Hz].
+        exact: of the Euler-Bernoulli cantilever, shape (2, n) [Hz].
+        x: nodes, clamp included, shape (n_nodes,) [m].
+        shapes: deflections at the nodes, 1 at the tip, shape (2, n, n_nodes) [-].
+    """
+
+    names: tuple[str, str]
+    frequencies: FloatArray
+    exact: FloatArray
+    x: FloatArray
+    shapes: FloatArray
+
+    @property
+    def relative_differences(self) -> FloatArray:
+        """(computed - exact) / exact, shape (2, n) [-]."""
+        return self.frequencies / self.exact - 1.0
+
+    def rows(self) -> list[tuple[str, str, str, str, str]]:
+        """Return table rows: lamina, mode, computed [Hz], exact [Hz], relative difference."""
+        n = self.frequencies.shape[1]
+        return [
+            (
+                self.names[i],
+                str(k + 1),
+                f"{self.frequencies[i, k]:.6g}",
+                f"{self.exact[i, k]:.6g}",
+                f"{self.relative_differences[i, k]:+.1e}",
+            )
+            for i in range(2)
+            for k in range(n)
+        ]
+
+    def save(self, directory: Path | str) -> list[Path]:
+        """Write modes.json and modes.png.
+
+        Args:
+            directory: made where it is missing.
+
+        Returns:
+            The two paths.
+
+        Raises:
+            OSError: the directory cannot be written.
+        """
+        directory = Path(directory)
+        directory.mkdir(parents=True, exist_ok=True)
+        table, picture = directory / "modes.json", directory / "modes.png"
+        content = {
+            "lamina": list(self.names),
+            "frequency_hz": self.frequencies.tolist(),
+            "exact_hz": self.exact.tolist(),
+            "relative_difference": self.relative_differences.tolist(),
+        }
+        table.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+        self.figure().savefig(picture, dpi=150)
+        return [table, picture]
+
+    def figure(self) -> Figure:
+        """Draw the computed shapes as dots on the exact lines, lowest mode at the bottom."""
+        figure = Figure(figsize=(9.0, 6.0), layout="constrained")
+        fine = np.linspace(0.0, 1.0, 400)
+        all_axes = figure.subplots(1, 2, sharey=True)
+        for i, axes in enumerate(all_axes):
+            for k, shape in enumerate(self.shapes[i]):
+                level = 2.5 * k
+                axes.axhline(level, color="0.85", linewidth=0.8)
+                axes.plot(fine * self.x[-1], level + cantilever_mode(k + 1, fine), "k-")
+                axes.plot(self.x, level + shape, "o", color=f"C{i}", markersize=4)
+                label = f"{self.frequencies[i, k]:.4g} Hz ({self.relative_differences[i, k]:+.0e})"
+                axes.annotate(label, (1.03 * self.x[-1], level + 1.0), fontsize=8, va="center")
+            axes.set_xlim(0.0, 1.45 * self.x[-1])
+            axes.set(title=self.names[i], xlabel="x [m]")
+        all_axes[0].set(ylabel="mode shapes (tip = 1), one above the other", yticks=[])
+        figure.suptitle("Mode shapes: finite elements (dots), exact cantilever (lines)")
+        return figure
+
+
+def modes(case: Case, n: int = 6) -> Modes:
+    """Return the lowest modes of both laminae from the weak forms in dolfinx.
+
+    Args:
+        case: the case; springs and contact do not matter here.
+        n: number of modes per lamina.
+
+    Returns:
+        Frequencies and shapes beside the exact ones.
+
+    Raises:
+        CaseError: n is below 1 or above the number of dofs of a lamina.
+    """
+    from delam_fem.model import beam  # dolfinx is imported when its matrices are asked for
+
+    return modes_of(beam.assemble(case), case, n)
+
+
+def modes_of(model: Model, case: Case, n: int = 6) -> Modes:
+    """Return the lowest modes of both laminae of a model that is already assembled.
+
+    Args:
+        model: the discretised laminae.
+        case: their exact properties.
+        n: number of modes per lamina.
+
+    Returns:
+        Frequencies and shapes beside the exact ones.
+
+    Raises:
+        CaseError: n is below 1 or above the number of dofs of a lamina.
+    """
+    most = 2 * model.n_elements
+    if not 1 <= n <= most:
+        raise CaseError(f"number of modes: expected 1 to {most} (dofs of a lamina), given {n}")
+    shapes = np.zeros((2, n, model.x.size))
+    frequencies = np.zeros((2, n))
+    for i in range(2):
+        frequencies[i], vectors = _lowest(*_lamina_block(model.operators, i), n)
+        shapes[i, :, 1:] = (vectors[0::2] / vectors[-2]).T
+    exact = [np.asarray(lamina.angular_frequencies(n)) / (2.0 * np.pi) for lamina in case.lamina]
+    names = (case.lamina[0].name, case.lamina[1].name)
+    return Modes(names, frequencies, np.stack(exact), model.x, shapes)
+
+
+def _lamina_block(operators: Operators, i: int) -> tuple[sp.csr_matrix, sp.csr_matrix]:
+    """Return (K, M) of lamina i alone."""
+    half = operators.n_dofs // 2
+    own = slice(i * half, (i + 1) * half)
+    return operators.stiffness[own, own], operators.mass[own, own]
+
+
+def _lowest(K: sp.csr_matrix, M: sp.csr_matrix, n: int) -> tuple[FloatArray, FloatArray]:
+    """Return the n lowest frequencies [Hz] and vectors, shape (n_dofs, n).
+
+    M v = mu K v is solved for the largest mu = 1/omega^2: the other way round, the lowest
+    frequencies would drown in the round-off of the highest.
+    """
+    dofs = K.shape[0]
+    if dofs <= DENSE_DOFS or 2 * n > dofs:
+        mu, vectors = eigh(M.toarray(), K.toarray(), subset_by_index=(dofs - n, dofs - 1))
+        omega, vectors = 1.0 / np.sqrt(mu[::-1]), vectors[:, ::-1]
+    else:
+        squares, vectors = eigsh(K.tocsc(), n, M.tocsc(), sigma=0.0, v0=np.ones(dofs))
+        order = np.argsort(squares)
+        omega, vectors = np.sqrt(squares[order]), vectors[:, order]
+    return omega / (2.0 * np.pi), vectors

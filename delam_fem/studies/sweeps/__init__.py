@@ -1,0 +1,1 @@
+"""Sweeps over keys of a case, resumable, on any executor."""

@@ -1,0 +1,172 @@
+"""From the journal of a sweep to one NetCDF file that xarray plots at once.
+
+It is written slab by slab, so that memory stays that of a slab however many points there are.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterator, Mapping
+from importlib.metadata import version
+from pathlib import Path
+
+import h5netcdf
+import h5py
+import numpy as np
+import numpy.typing as npt
+
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.studies.sweeps.grid import DIRECTIONS, Dimension, Sweep
+from delam_fem.studies.sweeps.journal import Journal
+from delam_fem.studies.sweeps.point import Point
+from delam_fem.studies.sweeps.quantities import Quantity
+
+SLAB_NUMBERS = 1_000_000
+"""Numbers in memory at a time: 8 MB."""
+_TEXT = h5py.string_dtype()
+
+
+def write(
+    path: Path,
+    sweep: Sweep,
+    journal: Journal,
+    wanted: tuple[Quantity, ...],
+    *,
+    x: FloatArray,
+    attributes: Mapping[str, str | int | float],
+) -> None:
+    """Write the dataset; a file of that name is replaced when the new one is complete.
+
+    Args:
+        path: of the NetCDF file.
+        sweep: gives the grid.
+        journal: gives the points; those that are missing are NaN.
+        wanted: layout of the rows.
+        x: nodes of the first point, clamp included [m].
+        attributes: what the dataset says beside sweep, case and versions.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    temporary = path.with_suffix(".nc.part")
+    with h5netcdf.File(temporary, "w") as file:
+        sizes = _dimensions(file, sweep, wanted, x)
+        grid = tuple(sweep.sizes)
+        for quantity in wanted:
+            dims = (*grid, *quantity.dims)
+            labels = {"units": quantity.units, "long_name": quantity.long_name}
+            _variable(file, quantity.name, dims, np.float64, labels)
+        _variable(file, "outcome", grid, _TEXT, {"long_name": "how the run of the point ended"})
+        _variable(file, "error", grid, _TEXT, {"long_name": "why a point was not completed"})
+        for slab, points in _slabs(sweep, journal, wanted):
+            _fill(file, slab, points, wanted, tuple(sizes[d] for d in grid))
+        file.attrs.update(
+            title=f"sweep {sweep.file.name}",
+            coordinates=" ".join(_off_dimension(sweep, sizes)),
+            sweep=sweep.to_toml("case.toml"),
+            case=sweep.base.to_toml(),
+            delam_fem=version("delam_fem"),
+            numpy=np.__version__,
+            **attributes,
+        )
+    os.replace(temporary, path)
+
+
+def _dimensions(
+    file: h5netcdf.File, sweep: Sweep, wanted: tuple[Quantity, ...], x: FloatArray
+) -> dict[str, int]:
+    """Write dimensions and coordinates; return the sizes."""
+    sizes = dict(sweep.sizes)
+    for quantity in wanted:
+        sizes |= dict(zip(quantity.dims, quantity.shape, strict=True))
+    file.dimensions = sizes
+    for dimension in sweep.dimensions:
+        _axis(file, dimension)
+    if "direction" in sizes:
+        _variable(file, "direction", ("direction",), _TEXT, {"long_name": "order of the points"})
+        file["direction"][:] = np.array(DIRECTIONS, dtype=object)
+    if "lamina" in sizes:
+        _variable(file, "lamina", ("lamina",), _TEXT, {"long_name": "lamina"})
+        file["lamina"][:] = np.array([lamina.name for lamina in sweep.base.lamina], dtype=object)
+    if "strobe" in sizes:
+        label = {"units": "1", "long_name": "period, counted from the end"}
+        _variable(file, "strobe", ("strobe",), np.int64, label)
+        file["strobe"][:] = np.arange(1 - sizes["strobe"], 1)
+    if "harmonic" in sizes:
+        label = {"units": "1", "long_name": "number of the harmonic"}
+        _variable(file, "harmonic", ("harmonic",), np.int64, label)
+        file["harmonic"][:] = np.arange(1, sizes["harmonic"] + 1)
+    if "node" in sizes:
+        label = {"units": "m", "long_name": "position along the laminae from the clamp"}
+        _variable(file, "x", ("node",), np.float64, label)
+        file["x"][:] = x
+    return sizes
+
+
+def _off_dimension(sweep: Sweep, sizes: Mapping[str, int]) -> Iterator[str]:
+    """Yield the coordinates that no dimension is named after, which NetCDF has to be told."""
+    yield from (d.name for d in sweep.dimensions if d.name != d.along)
+    if "node" in sizes:
+        yield "x"
+
+
+def _axis(file: h5netcdf.File, axis: Dimension) -> None:
+    """Write the coordinate of an axis."""
+    is_text = isinstance(axis.values[0], str)
+    labels = {"long_name": axis.long_name, "key": axis.key}
+    if not is_text:
+        labels["units"] = axis.units
+    is_whole = all(isinstance(value, int) for value in axis.values)
+    kind = _TEXT if is_text else np.int64 if is_whole else np.float64
+    _variable(file, axis.name, (axis.along,), kind, labels)
+    file[axis.name][:] = np.array(axis.values, dtype=object if is_text else kind)
+
+
+def _variable(
+    file: h5netcdf.File,
+    name: str,
+    dims: tuple[str, ...],
+    kind: npt.DTypeLike,
+    labels: Mapping[str, str],
+) -> None:
+    variable = file.create_variable(name, dims, kind)
+    variable.attrs.update(labels)
+
+
+def _slabs(
+    sweep: Sweep, journal: Journal, wanted: tuple[Quantity, ...]
+) -> Iterator[tuple[slice, Iterator[Point]]]:
+    """Yield stretches of the outermost dimension with their points."""
+    outer, *inner = sweep.sizes.values()
+    per_index = math.prod(inner)
+    numbers = per_index * max(sum(quantity.size for quantity in wanted), 1)
+    step = max(1, SLAB_NUMBERS // numbers)
+    for start in range(0, outer, step):
+        stop = min(start + step, outer)
+        yield slice(start, stop), journal.points(start * per_index, stop * per_index)
+
+
+def _fill(
+    file: h5netcdf.File,
+    slab: slice,
+    points: Iterator[Point],
+    wanted: tuple[Quantity, ...],
+    shape: tuple[int, ...],
+) -> None:
+    """Write the points of a slab."""
+    inner = shape[1:]
+    first, n = slab.start * math.prod(inner), (slab.stop - slab.start) * math.prod(inner)
+    rows = np.full((n, sum(quantity.size for quantity in wanted)), np.nan)
+    outcome, error = np.full(n, "", dtype=object), np.full(n, "", dtype=object)
+    for point in points:
+        outcome[point.index - first], error[point.index - first] = point.outcome, point.error
+        if point.row is not None:
+            rows[point.index - first] = point.row
+    lead, column = (slab.stop - slab.start, *inner), 0
+    for quantity in wanted:
+        values = rows[:, column : column + quantity.size]
+        file[quantity.name][slab] = values.reshape(*lead, *quantity.shape)
+        column += quantity.size
+    file["outcome"][slab] = outcome.reshape(lead)
+    file["error"][slab] = error.reshape(lead)

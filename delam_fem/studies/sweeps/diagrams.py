@@ -1,0 +1,61 @@
+"""The diagrams of sweeps by name; what each shows stands in line_ and map_diagrams.py."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from matplotlib.figure import Figure
+
+from delam_fem.results.style import styled
+from delam_fem.studies.sweeps import line_diagrams, map_diagrams
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+DiagramName = Literal["response", "bifurcation", "plane", "lyapunov", "basins"]
+
+
+def diagram(kind: DiagramName, data: xr.Dataset) -> Figure:
+    """Draw a diagram of a sweep.
+
+    Args:
+        kind: of the diagram.
+        data: what `run_sweep` returns, or a part of it with the axes that the diagram needs: one
+            for response and bifurcation, two for plane and basins, one or two for lyapunov.
+
+    Raises:
+        CaseError: the sweep has other axes, or has not recorded what the diagram shows.
+    """
+    axes = [name for name in data["outcome"].dims if name != "direction"]
+    draw: dict[DiagramName, Callable[[xr.Dataset], Figure]] = {
+        "response": line_diagrams.response,
+        "bifurcation": line_diagrams.bifurcation,
+        "plane": map_diagrams.plane,
+        "lyapunov": map_diagrams.lyapunov_map if len(axes) == 2 else line_diagrams.lyapunov,
+        "basins": map_diagrams.basins,
+    }
+    with styled():
+        return draw[kind](data)
+
+
+def save_diagram(kind: DiagramName, data: xr.Dataset, path: str | Path) -> Path:
+    """Draw a diagram and write it as PNG under a temporary name that is replaced when complete.
+
+    Returns:
+        The path.
+
+    Raises:
+        CaseError: see `diagram`.
+        OSError: the file cannot be written.
+    """
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_suffix(".png.part")
+    figure = diagram(kind, data)
+    with styled():
+        figure.savefig(temporary, format="png")
+    os.replace(temporary, path)
+    return path

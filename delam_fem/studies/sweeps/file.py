@@ -1,0 +1,209 @@
+"""SWEEP.toml as frozen, strict models: the base case, its axes, the order, what to keep.
+
+What the numbers mean for the points of the grid stands in `sweepgrid.py`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Literal, Self, TypeAlias
+
+import numpy as np
+from pydantic import BeforeValidator, Field, model_validator
+from pydantic_core import PydanticCustomError
+
+from delam_fem.case.fields import Count, CountOrNone, Label, Section, expected, inconsistent
+
+Value: TypeAlias = int | float | str
+"""A value of an axis."""
+
+_FINITE = Field(strict=True, allow_inf_nan=False)
+_Number = Annotated[
+    Annotated[int, Field(strict=True)] | Annotated[float, _FINITE], expected("a number")
+]
+_Values = Annotated[
+    tuple[
+        Annotated[int, Field(strict=True)]
+        | Annotated[float, _FINITE]
+        | Annotated[str, Field(strict=True)],
+        ...,
+    ],
+    Field(min_length=1),
+    expected("a list of at least one number or word"),
+]
+_Perturbation = Annotated[
+    float, _FINITE, Field(gt=0.0, lt=1.0), expected("a number above 0 and below 1")
+]
+_Key = Annotated[
+    str, Field(strict=True, pattern=r"^[\w-]+(\.[\w-]+)+$"), expected("a key such as gap.tip")
+]
+
+
+def _flat(value: object) -> dict[str, object]:
+    """Return nested tables as one with dotted keys: `a.b = 1` is the same as `"a.b" = 1`."""
+    if not isinstance(value, Mapping):
+        raise PydanticCustomError("unexpected", "expected a table")
+    flat: dict[str, object] = {}
+    for key, entry in value.items():
+        if isinstance(entry, Mapping):
+            flat |= {f"{key}.{rest}": deep for rest, deep in _flat(entry).items()}
+        else:
+            flat[str(key)] = entry
+    return flat
+
+
+def _some_tables(value: object) -> object:
+    """Demand at least one axis."""
+    if not isinstance(value, list | tuple) or not value:
+        raise PydanticCustomError("inconsistent", "expected at least one [[axis]] table")
+    return value
+
+
+class Axis(Section):
+    """An axis of a sweep: a key of the case and its values.
+
+    Attributes:
+        key: as an override names it, or `initial.LAMINA.displacement` or `….velocity`.
+        name: of the coordinate in the result; by default the last part of the key.
+        start: first value of a range.
+        stop: last value, included.
+        count: number of values of the range.
+        spacing: of the range.
+        values: the values one by one, instead of a range.
+    """
+
+    key: _Key
+    name: Label | None = None
+    start: _Number | None = None
+    stop: _Number | None = None
+    count: Count | None = None
+    spacing: Literal["linear", "logarithmic"] = "linear"
+    values: _Values | None = None
+
+    @model_validator(mode="after")
+    def _one_source(self) -> Self:
+        """Demand a complete range or values of one kind."""
+        given = [name for name in ("start", "stop", "count") if getattr(self, name) is not None]
+        if self.values is not None:
+            if given or "spacing" in self.model_fields_set:
+                raise inconsistent("values", "expected no start, stop, count or spacing beside it")
+            if len({isinstance(value, str) for value in self.values}) > 1:
+                raise inconsistent("values", "expected only numbers or only words, given both")
+        elif len(given) < 3:
+            raise PydanticCustomError(
+                "inconsistent",
+                "expected start, stop and count, or values, given {given}",
+                {"given": " and ".join(given) or "none"},
+            )
+        elif self.spacing == "logarithmic" and not min(self.start or 0, self.stop or 0) > 0:
+            raise inconsistent(
+                "spacing",
+                f'expected "linear", or start and stop above 0, given {self.start} and {self.stop}',
+            )
+        return self
+
+    @property
+    def points(self) -> tuple[Value, ...]:
+        """The values; a range between whole numbers in whole steps gives whole numbers."""
+        if self.values is not None:
+            return self.values
+        assert self.start is not None and self.stop is not None and self.count is not None
+        space = np.geomspace if self.spacing == "logarithmic" else np.linspace
+        found = [float(value) for value in space(self.start, self.stop, self.count)]
+        is_whole = isinstance(self.start, int) and isinstance(self.stop, int)
+        if is_whole and all(value.is_integer() for value in found):
+            return tuple(int(value) for value in found)
+        return tuple(found)
+
+    @property
+    def is_numeric(self) -> bool:
+        """Whether the values are numbers."""
+        return self.values is None or not isinstance(self.values[0], str)
+
+
+class Record(Section):
+    """What is kept of each point.
+
+    Attributes:
+        summary: the numbers of summary.json that describe the motion.
+        strobes: how many of the last stroboscopic points of both tips.
+        harmonics: how many amplitudes of harmonics of both tips.
+        node_distortion: d and THD of the displacement at every node.
+        energies: the ledger, averaged over the window.
+        lyapunov: periods over which the largest Lyapunov exponent is estimated, 0 for none.
+        perturbation: distance of the second motion for it, relative to the motion.
+    """
+
+    summary: Annotated[bool, Field(strict=True), expected("true or false")] = True
+    strobes: CountOrNone = 40
+    harmonics: CountOrNone = 0
+    node_distortion: Annotated[bool, Field(strict=True), expected("true or false")] = False
+    energies: Annotated[bool, Field(strict=True), expected("true or false")] = False
+    lyapunov: CountOrNone = 0
+    perturbation: _Perturbation = 0.03
+
+
+class SweepFile(Section):
+    """A sweep as its file describes it.
+
+    Attributes:
+        name: of the sweep and its folder; by default that of the file.
+        base: a preset, or a case file relative to this file.
+        set: overrides of the base.
+        initial: tip displacement [m] and velocity [m/s] at the start by `LAMINA.displacement` and
+            `LAMINA.velocity`, in the first mode of each lamina.
+        axis: the axes.
+        combine: "product": every combination; "zip": the k-th values of all axes together.
+        order: "independent": every point from the start; "up", "down": along the first axis, each
+            point goes on from the state at the end of the one before it; "both": one after another.
+        engine: what computes the steps.
+        operators: what assembles the matrices.
+        record: what is kept.
+    """
+
+    name: Annotated[
+        str,
+        Field(strict=True, pattern=r"^\w[\w .+-]*$", max_length=100),
+        expected("a name fit for a folder: letters, digits, space and . + - _"),
+    ]
+    base: Annotated[str, Field(strict=True), expected("a preset or the name of a case file")]
+    combine: Literal["product", "zip"] = "product"
+    order: Literal["independent", "up", "down", "both"] = "independent"
+    engine: Literal["petsc", "compiled"] = "compiled"
+    operators: Literal["closed-form", "dolfinx"] = "closed-form"
+    set: Annotated[dict[str, object], BeforeValidator(_flat), Field(default_factory=dict)]
+    initial: Annotated[dict[str, object], BeforeValidator(_flat), Field(default_factory=dict)]
+    axis: Annotated[tuple[Axis, ...], BeforeValidator(_some_tables)]
+    record: Record = Record()
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        """Check what the keys must fulfil together."""
+        keys = [axis.key for axis in self.axis]
+        twice = next((key for key in keys if keys.count(key) > 1), None)
+        if twice is not None:
+            raise inconsistent("axis", f"expected different keys, given {twice} twice")
+        if self.combine == "zip":
+            counts = [len(axis.points) for axis in self.axis]
+            if len(set(counts)) > 1:
+                raise inconsistent(
+                    "combine",
+                    f'expected axes of one length with "zip", given {counts}; or "product"',
+                )
+        if self.order != "independent":
+            self._check_continuation()
+        return self
+
+    def _check_continuation(self) -> None:
+        """Check that the state of one point can be the start of the next."""
+        first = self.axis[0]
+        if not first.is_numeric:
+            raise inconsistent(
+                "order", f'expected "independent", as {first.key} of the first axis has no order'
+            )
+        if first.key.split(".")[0] in ("mesh", "initial"):
+            raise inconsistent(
+                "order",
+                f'expected "independent", as a state cannot be carried along {first.key}; or '
+                "another axis first",
+            )

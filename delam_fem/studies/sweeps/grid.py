@@ -1,0 +1,288 @@
+"""A sweep as a grid of points: which case each point is, in what order they follow one another."""
+
+from __future__ import annotations
+
+import copy
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from delam_fem.case.definition import Case
+from delam_fem.case.files import PRESETS, load_case, preset
+from delam_fem.case.overrides import apply_overrides
+from delam_fem.case.toml import CaseError, Data, message, read_toml, toml_text
+from delam_fem.numerics.arrays import IntArray
+from delam_fem.studies.sweeps.file import SweepFile, Value
+
+DIRECTIONS = ("up", "down")
+"""Coordinate of the dimension `direction` of order "both"."""
+INITIAL = "initial"
+"""First part of the keys of initial conditions."""
+_INITIAL_QUANTITIES = ("displacement", "velocity")
+_TAKEN = {"direction", "lamina", "node", "strobe", "harmonic", "x", "outcome", "error"}
+"""Names in the result that an axis cannot have."""
+_UNITS = {
+    "frequency": "Hz", "start_frequency": "Hz", "end_frequency": "Hz", "duration": "s",
+    "amplitude": "m", "tip": "m", "length": "m", "width": "m", "thickness": "m",
+    "density": "kg/m3", "young_modulus": "Pa", "bending_stiffness": "N m2",
+    "penalty_stiffness": "N/m", "penalty_damping": "N s/m", "threshold_velocity": "m/s",
+    "displacement": "m", "velocity": "m/s",
+}  # fmt: skip
+"""Units by the last part of a key; all others are pure numbers."""
+
+
+@dataclass(frozen=True)
+class Dimension:
+    """One coordinate of the result.
+
+    Attributes:
+        name: of the coordinate.
+        key: of the case, or of the initial conditions.
+        values: along it.
+        units: of the values.
+        long_name: the key in words.
+        along: name of the dimension it belongs to; with "zip" all belong to the first.
+    """
+
+    name: str
+    key: str
+    values: tuple[Value, ...]
+    units: str
+    long_name: str
+    along: str
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A sweep that can be computed.
+
+    Attributes:
+        file: what its file says.
+        base: the base case with the overrides of the file.
+    """
+
+    file: SweepFile
+    base: Case
+
+    @cached_property
+    def dimensions(self) -> tuple[Dimension, ...]:
+        """The axes as coordinates."""
+        keys = [axis.key for axis in self.file.axis]
+        short = [_short_name(key) for key in keys]
+        names = [
+            axis.name
+            or (name if short.count(name) == 1 and name not in _TAKEN else key.replace(".", "_"))
+            for axis, name, key in zip(self.file.axis, short, keys, strict=True)
+        ]
+        is_zip = self.file.combine == "zip"
+        return tuple(
+            Dimension(
+                name,
+                axis.key,
+                axis.points,
+                _UNITS.get(axis.key.rsplit(".", 1)[-1], "1"),
+                axis.key.replace(".", " ").replace("_", " "),
+                names[0] if is_zip else name,
+            )
+            for name, axis in zip(names, self.file.axis, strict=True)
+        )
+
+    @cached_property
+    def sizes(self) -> dict[str, int]:
+        """Sizes of the grid by the names of its dimensions, in order."""
+        sizes = {"direction": len(DIRECTIONS)} if self.file.order == "both" else {}
+        return sizes | {d.along: len(d.values) for d in self.dimensions}
+
+    @property
+    def n_points(self) -> int:
+        """Number of points."""
+        return int(np.prod(list(self.sizes.values())))
+
+    def overrides(self, index: int) -> dict[str, Value]:
+        """Return what a point sets, by key; `index` counts the grid in C order."""
+        place = dict(
+            zip(self.sizes, np.unravel_index(index, tuple(self.sizes.values())), strict=True)
+        )
+        return {d.key: d.values[place[d.along]] for d in self.dimensions}
+
+    def case(self, index: int) -> Case:
+        """Return the case of a point.
+
+        Raises:
+            CaseError: its values do not go together.
+        """
+        return self._case(self.overrides(index), f"point {index}")
+
+    def initial(self, index: int) -> dict[str, float]:
+        """Return the initial conditions of a point by `LAMINA.displacement` or `….velocity`."""
+        return self._initial(self.overrides(index))
+
+    @cached_property
+    def tracks(self) -> tuple[IntArray, ...]:
+        """Points that follow one another by their state; none if all are independent."""
+        if self.file.order == "independent":
+            return ()
+        first = self.dimensions[0]
+        grid = np.arange(self.n_points).reshape(tuple(self.sizes.values()))
+        along = list(self.sizes).index(first.name)
+        rising = np.argsort(np.array(first.values, dtype=np.float64), kind="stable")
+        lines = np.moveaxis(grid, along, -1)[..., rising].reshape(-1, rising.size)
+        if self.file.order == "down":
+            lines = lines[:, ::-1]
+        elif self.file.order == "both":
+            half = len(lines) // 2  # direction is the outermost dimension
+            lines = np.concatenate([lines[:half], lines[half:, ::-1]])
+        return tuple(np.asarray(line, dtype=np.int64) for line in lines)
+
+    def to_toml(self, base: str) -> str:
+        """Return the sweep as TOML that takes its base from `base`, a name of a file."""
+        data = self.file.model_dump(exclude_none=True, exclude_unset=True)
+        data.pop("set", None)
+        return toml_text({"name": self.file.name} | data | {"base": base})
+
+    @property
+    def identity(self) -> str:
+        """A text that is the same only for sweeps of the same result."""
+        return f"{self.to_toml('')}\n{self.base.to_toml()}"
+
+    @cached_property
+    def _data(self) -> Data:
+        return tomllib.loads(self.base.to_toml())
+
+    def _case(self, overrides: Mapping[str, Value], label: str) -> Case:
+        data = copy.deepcopy(self._data)
+        apply_overrides(data, {k: v for k, v in overrides.items() if not _is_initial(k)})
+        return Case.checked(data, label).with_files_checked(label)
+
+    def _initial(self, overrides: Mapping[str, object]) -> dict[str, float]:
+        prefix = f"{INITIAL}."
+        given = self.file.initial | {
+            key.removeprefix(prefix): value for key, value in overrides.items() if _is_initial(key)
+        }
+        allowed = [f"{lam.name}.{what}" for lam in self.base.lamina for what in _INITIAL_QUANTITIES]
+        found = {}
+        for key, value in given.items():
+            if key not in allowed:
+                raise CaseError(
+                    f"sweep {self.file.name}: {prefix}{key}: unknown key; expected one of "
+                    f"{', '.join(prefix + name for name in allowed)}"
+                )
+            if isinstance(value, bool) or not isinstance(value, int | float):
+                raise CaseError(
+                    f"sweep {self.file.name}: {prefix}{key}: expected a number, given {value!r}"
+                )
+            found[key] = float(value)
+        return found
+
+    def check(self) -> None:
+        """Check every value of every axis, the other axes at their first value.
+
+        Raises:
+            CaseError: a value is impossible, or what shall be recorded cannot be.
+        """
+        label = f"sweep {self.file.name}"
+        names = [d.name for d in self.dimensions]
+        clash = next((n for n in names if n in _TAKEN or names.count(n) > 1), None)
+        if clash is not None:
+            raise CaseError(f"{label}: axis: the name {clash} is taken; give name = another one")
+        first = self.overrides(0)
+        if self.file.combine == "zip":
+            trials = [self.overrides(index) for index in range(self.n_points)]
+        else:
+            trials = [first | {d.key: value} for d in self.dimensions for value in d.values]
+        for trial in trials:
+            case = self._case(trial, label)
+            self._initial(trial)
+        case = self._case(first, label)
+        record, is_harmonic = self.file.record, case.excitation.kind == "harmonic"
+        if not is_harmonic and (self.file.order != "independent" or record.lyapunov):
+            what = "order" if self.file.order != "independent" else "record.lyapunov"
+            raise CaseError(f'{label}: {what}: expected excitation.kind "harmonic" for it')
+        if record.node_distortion:
+            self._check_frames(case, label)
+
+    def _check_frames(self, case: Case, label: str) -> None:
+        """Check that the fields are sampled evenly and at the same nodes at all points."""
+        N, frames = case.time.steps_per_period, case.output.fields_per_period
+        if frames < 4 or N % frames:
+            raise CaseError(
+                f"{label}: record.node_distortion: expected output.fields_per_period of at least 4 "
+                f"that divides time.steps_per_period = {N}, given {frames}"
+            )
+        keys = [d.key for d in self.dimensions if d.key.split(".")[0] == "mesh"]
+        if keys:
+            raise CaseError(
+                f"{label}: record.node_distortion: expected one mesh for all points, given the "
+                f"axis {keys[0]}"
+            )
+
+
+def _short_name(key: str) -> str:
+    """Return the last part of a key, for laminae and initial conditions the last two."""
+    parts = key.split(".")
+    return "_".join(parts[-2:]) if parts[0] in ("lamina", INITIAL) else parts[-1]
+
+
+def _is_initial(key: str) -> bool:
+    return key.startswith(f"{INITIAL}.")
+
+
+def load_sweep(path: str | Path, overrides: Mapping[str, object] | None = None) -> Sweep:
+    """Read a sweep file.
+
+    Args:
+        path: TOML file; a case file that it names relatively lies beside it.
+        overrides: values of the base case by key, on top of the file's `[set]`.
+
+    Returns:
+        The sweep, every value of its axes checked.
+
+    Raises:
+        CaseError: the file is missing, no TOML or no sweep; a value is impossible.
+    """
+    path = Path(path)
+    return sweep_of({"name": path.stem} | read_toml(path), overrides, path.absolute().parent)
+
+
+def sweep_of(
+    data: Data, overrides: Mapping[str, object] | None = None, folder: Path | None = None
+) -> Sweep:
+    """Return the sweep that a dictionary describes as `tomllib` returns it.
+
+    Args:
+        data: keys as in a sweep file, `name` included.
+        overrides: see `load_sweep`.
+        folder: where the file of the base case is sought; default the working directory.
+
+    Raises:
+        CaseError: see `load_sweep`.
+    """
+    from pydantic import ValidationError
+
+    label = f"sweep {data.get('name')}"
+    try:
+        file = SweepFile.model_validate(data)
+    except ValidationError as error:
+        raise CaseError(message(label, error, data)) from None
+    values = file.set | dict(overrides or {})
+    clash = next((axis.key for axis in file.axis if axis.key in (overrides or {})), None)
+    if clash is not None:
+        raise CaseError(f"override {clash}: is an axis of {label}; change it in the file")
+    base = preset(file.base, values) if file.base in PRESETS else _file(file.base, values, folder)
+    sweep = Sweep(file, base)
+    sweep.check()
+    return sweep
+
+
+def _file(name: str, values: Mapping[str, object], folder: Path | None) -> Case:
+    path = (folder or Path()) / name
+    if not path.is_file():
+        raise CaseError(
+            f"base {name!r}: neither a preset ({', '.join(PRESETS)}) nor a case file; no such "
+            f"file: {path}"
+        )
+    return load_case(path, values)

@@ -1,0 +1,175 @@
+"""The journal of a sweep: every finished point on disk, in one file, however many there are.
+
+An SQLite file that only the parent process writes; a commit is whole or absent after any crash. It
+holds the points and, for each track, the state from which its next point starts.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from delam_fem.case.toml import CaseError
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.simulation.loop import State
+from delam_fem.studies.sweeps.point import Done, Point
+
+PATIENCE = 5.0
+"""Time in which a process that was just stopped lets go of its journal [s]."""
+_SCHEMA = """
+    CREATE TABLE about (identity TEXT NOT NULL);
+    CREATE TABLE point (
+        number INTEGER PRIMARY KEY, outcome TEXT NOT NULL, error TEXT NOT NULL, row BLOB
+    );
+    CREATE TABLE track (
+        number INTEGER PRIMARY KEY, motion BLOB NOT NULL, permanent BLOB NOT NULL
+    );
+"""
+
+
+class Journal:
+    """What is finished of a sweep.
+
+    Attributes:
+        path: of the file.
+    """
+
+    def __init__(
+        self, path: Path, identity: str, *, resume: bool, patience: float = PATIENCE
+    ) -> None:
+        """Open a journal, and hold it until `close`: a second process is refused.
+
+        Args:
+            path: of the file.
+            identity: text that is the same only for the same sweep.
+            resume: whether to go on with what is there.
+            patience: how long to wait for another process that holds it [s].
+
+        Raises:
+            CaseError: another process has it; it belongs to another sweep; there are finished
+                points that `resume` does not ask for.
+        """
+        self.path = path
+        self._connection = sqlite3.connect(path, timeout=patience, isolation_level=None)
+        try:
+            self._open(identity, resume)
+        except sqlite3.OperationalError as error:
+            self._connection.close()
+            raise CaseError(
+                f"{path}: {error}; is another process computing this sweep? Wait for it, or choose "
+                "another folder with -o DIR"
+            ) from None
+        except sqlite3.DatabaseError as error:
+            self._connection.close()
+            raise CaseError(f"{path}: expected the journal of a sweep ({error})") from None
+        except CaseError:
+            self._connection.close()
+            raise
+
+    def _open(self, identity: str, resume: bool) -> None:
+        run = self._connection.execute
+        run("PRAGMA locking_mode = EXCLUSIVE")
+        run("PRAGMA synchronous = FULL")
+        run("BEGIN EXCLUSIVE")
+        if not run("SELECT count(*) FROM sqlite_master").fetchone()[0]:
+            for statement in filter(str.strip, _SCHEMA.split(";")):
+                run(statement)
+            run("INSERT INTO about VALUES (?)", (identity,))
+        found = run("SELECT identity FROM about").fetchone()[0]
+        n_points = self.n_points
+        run("COMMIT")
+        if n_points and not resume:
+            raise CaseError(
+                f"{self.path.parent}: holds {n_points} points of an unfinished sweep; go on with "
+                "--resume, choose another folder with -o DIR, or delete it"
+            )
+        if found != identity:
+            raise CaseError(
+                f"resume: {self.path} belongs to another sweep; run it with the settings of the "
+                "interrupted one, or choose another folder with -o DIR"
+            )
+
+    @property
+    def n_points(self) -> int:
+        """Number of finished points."""
+        return int(self._connection.execute("SELECT count(*) FROM point").fetchone()[0])
+
+    def add(self, done: Iterable[Done]) -> None:
+        """Write finished chunks; they are on disk when this returns.
+
+        Raises:
+            OSError: they cannot be written.
+        """
+        run, many = self._connection.execute, self._connection.executemany
+        try:
+            run("BEGIN")
+            for result in done:
+                many("INSERT INTO point VALUES (?, ?, ?, ?)", map(_entry, result.points))
+                if result.state is not None:
+                    run(
+                        "INSERT OR REPLACE INTO track VALUES (?, ?, ?)",
+                        (result.chunk.track, *_packed(result.state)),
+                    )
+            run("COMMIT")
+        except sqlite3.OperationalError as error:
+            raise OSError(0, f"cannot be written ({error})", str(self.path)) from None
+
+    def numbers(self) -> Iterator[int]:
+        """Yield the finished points, in order."""
+        for (number,) in self._connection.execute("SELECT number FROM point ORDER BY number"):
+            yield number
+
+    def points(self, start: int, stop: int) -> Iterator[Point]:
+        """Yield the finished points of a range, in order."""
+        rows = self._connection.execute(
+            "SELECT * FROM point WHERE number >= ? AND number < ? ORDER BY number", (start, stop)
+        )
+        for number, outcome, error, row in rows:
+            yield Point(number, outcome, error, None if row is None else np.frombuffer(row))
+
+    def counts(self) -> dict[str, int]:
+        """Return the number of points by outcome."""
+        return dict(
+            self._connection.execute("SELECT outcome, count(*) FROM point GROUP BY outcome")
+        )
+
+    def state(self, track: int) -> State | None:
+        """Return the state from which a track goes on, None if it has none."""
+        found = self._connection.execute(
+            "SELECT motion, permanent FROM track WHERE number = ?", (track,)
+        ).fetchone()
+        if found is None:
+            return None
+        motion: FloatArray = np.frombuffer(found[0]).reshape(3, -1).copy()
+        return State(motion, np.frombuffer(found[1], dtype=np.bool_).copy())
+
+    def close(self) -> None:
+        """Let go of the file."""
+        self._connection.close()
+
+    def __enter__(self) -> Self:
+        """Return the journal."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close it."""
+        self.close()
+
+
+def _entry(point: Point) -> tuple[int, str, str, bytes | None]:
+    row = None if point.row is None else np.ascontiguousarray(point.row).tobytes()
+    return point.index, point.outcome, point.error, row
+
+
+def _packed(state: State) -> tuple[bytes, bytes]:
+    return np.ascontiguousarray(state.motion).tobytes(), state.permanent.tobytes()

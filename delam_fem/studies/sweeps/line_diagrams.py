@@ -1,0 +1,166 @@
+"""Diagrams of a sweep over one axis: frequency response, bifurcation, Lyapunov exponent."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from delam_fem.case.definition import Case
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.attractors import SAME_ATTRACTOR
+from delam_fem.results.style import (
+    BASE_COLOUR,
+    BLACK,
+    BLUE,
+    GAP_COLOUR,
+    SKY,
+    VERMILLION,
+    WIDTH,
+    legend_above,
+)
+from delam_fem.studies.sweeps.axes import DiagramAxis, axes_of, heading, require, sweep_keys
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+DIRECTION_STYLE = {"up": (BLUE, "^", "-"), "down": (VERMILLION, "v", "--")}
+"""Colour, marker and line of the directions, the same in every diagram."""
+POINT_STYLE = {"up": (SKY, 3.4), "down": (VERMILLION, 1.4)}
+"""Colour and size of stroboscopic points: where both directions agree, both can be seen."""
+HEADROOM = 1.15
+"""Of the largest amplitude; the linear resonances go far beyond."""
+LINEAR_POINTS = 2000
+
+
+def response(data: xr.Dataset) -> Figure:
+    """Draw the tip amplitudes over one axis, up and down, beside the motion without contact."""
+    (axis,) = axes_of(data, 1, "response")
+    require(data, "tip_amplitude", "record.summary = true")
+    figure = Figure(figsize=(WIDTH, 6.0), layout="constrained")
+    panels = figure.subplots(2, 1, sharex=True)
+    for i, (panel, name) in enumerate(zip(panels, data["lamina"].to_numpy(), strict=True)):
+        _shade_two_motions(panel, data, axis)
+        for label, part, (colour, marker, line) in _directions(data):
+            amplitude = 1e3 * part["tip_amplitude"].isel(lamina=i).to_numpy()
+            panel.plot(
+                axis.shown, amplitude, line, color=colour, marker=marker, markersize=3.0,
+                linewidth=1.0, label=label,
+            )  # fmt: skip
+        _top(panel, 1e3 * data["tip_amplitude"].isel(lamina=i).to_numpy())
+        if axis.key == "excitation.frequency":
+            _linear(panel, data, axis, i)
+        _mark_missing(panel, data, axis)
+        panel.set_title(str(name), loc="left")
+        panel.set(ylabel=f"half peak-to-peak  $q_{i + 1}$ [mm]")
+    legend_above(panels[0])
+    _finish(figure, panels[1], data, axis)
+    return figure
+
+
+def bifurcation(data: xr.Dataset) -> Figure:
+    """Draw the tip displacements at the end of the last periods of each point over one axis."""
+    (axis,) = axes_of(data, 1, "bifurcation")
+    require(data, "strobe_displacement", "record.strobes = 40")
+    figure = Figure(figsize=(WIDTH, 7.5), layout="constrained")
+    panels = figure.subplots(2, 1, sharex=True)
+    for i, (panel, name) in enumerate(zip(panels, data["lamina"].to_numpy(), strict=True)):
+        _shade_two_motions(panel, data, axis)
+        for label, part, _ in _directions(data):
+            colour, size = POINT_STYLE.get(label, (BLUE, 1.6))
+            strobes = part["strobe_displacement"].isel(lamina=i)
+            q = 1e3 * strobes.transpose(axis.name, "strobe").to_numpy()
+            x = np.repeat(axis.shown, q.shape[1])
+            panel.plot(
+                x, q.ravel(), "o", color=colour, markersize=size, alpha=0.5, markeredgewidth=0.0
+            )
+            panel.plot([], [], "o", color=colour, markersize=2.0 * size, label=label)
+        _mark_missing(panel, data, axis)
+        panel.set_title(str(name), loc="left")
+        panel.set(ylabel=f"tip displacement  $q_{i + 1}$ at t = nT [mm]")
+    legend_above(panels[0])
+    _finish(figure, panels[1], data, axis)
+    return figure
+
+
+def lyapunov(data: xr.Dataset) -> Figure:
+    """Draw the largest Lyapunov exponent over one axis."""
+    (axis,) = axes_of(data, 1, "lyapunov")
+    require(data, "lyapunov_exponent", "record.lyapunov = 200")
+    figure = Figure(figsize=(WIDTH, 4.2), layout="constrained")
+    panel = figure.subplots()
+    panel.axhline(0.0, color=BLACK, linewidth=0.8)
+    for label, part, (colour, marker, line) in _directions(data):
+        panel.plot(
+            axis.shown, part["lyapunov_exponent"].to_numpy(), line, color=colour, marker=marker,
+            markersize=3.0, linewidth=1.0, label=label,
+        )  # fmt: skip
+    _mark_missing(panel, data, axis)
+    panel.set(ylabel="largest Lyapunov exponent [1/s]")
+    legend_above(panel)
+    _finish(figure, panel, data, axis)
+    return figure
+
+
+def _directions(
+    data: xr.Dataset,
+) -> list[tuple[str, xr.Dataset, tuple[str, str, str]]]:
+    """Return label, points and style of each direction."""
+    if "direction" not in data.dims:
+        order = sweep_keys(data).get("order", "independent")
+        label = "each point from the start" if order == "independent" else f"going {order}"
+        return [(label, data, (BLUE, "o", "-"))]
+    return [(name, data.sel(direction=name), style) for name, style in DIRECTION_STYLE.items()]
+
+
+def _shade_two_motions(panel: Axes, data: xr.Dataset, axis: DiagramAxis) -> None:
+    """Shade where the motion depends on the direction: amplitudes differ by `SAME_ATTRACTOR`."""
+    if "direction" not in data.dims or "tip_amplitude" not in data:
+        return
+    a = data["tip_amplitude"].transpose("direction", axis.name, "lamina").to_numpy()
+    differs = (np.abs(a[0] - a[1]) > SAME_ATTRACTOR * np.maximum(a[0], a[1])).any(axis=-1)
+    edges = np.flatnonzero(np.diff(differs.astype(np.int8), prepend=0, append=0))
+    x = axis.shown
+    middles = np.concatenate([x[:1], 0.5 * (x[1:] + x[:-1]), x[-1:]])
+    for k, (start, stop) in enumerate(edges.reshape(-1, 2)):
+        label = "depends on the direction" if k == 0 else None
+        panel.axvspan(
+            middles[start], middles[stop], color=GAP_COLOUR, linewidth=0.0, zorder=0, label=label
+        )
+
+
+def _top(panel: Axes, values: FloatArray) -> None:
+    """Let the computed motion set the axis' range."""
+    if np.isfinite(values).any():
+        panel.set_ylim(0.0, HEADROOM * float(np.nanmax(values)) or None)
+
+
+def _linear(panel: Axes, data: xr.Dataset, axis: DiagramAxis, i: int) -> None:
+    """Draw the amplitude of the exact cantilever that nothing touches."""
+    case = Case.from_toml(data.attrs["case"])
+    f = np.linspace(axis.values.min(), axis.values.max(), LINEAR_POINTS)
+    amplitude = 1e3 * case.linear_amplitude(i, f)
+    panel.plot(f, amplitude, ":", color=BASE_COLOUR, linewidth=1.3, label="linear, no contact")
+
+
+def _mark_missing(panel: Axes, data: xr.Dataset, axis: DiagramAxis) -> None:
+    """Mark the points that have no result at the foot of the panel."""
+    is_missing = data["outcome"].to_numpy() != "completed"
+    if is_missing.ndim > 1:
+        is_missing = is_missing.any(axis=0)
+    if is_missing.any():
+        x = axis.shown[is_missing]
+        panel.plot(
+            x, np.zeros(x.size), "x", color=BLACK, markersize=5.0, clip_on=False,
+            transform=panel.get_xaxis_transform(), label="not completed",
+        )  # fmt: skip
+
+
+def _finish(figure: Figure, panel: Axes, data: xr.Dataset, axis: DiagramAxis) -> None:
+    """Label the shared axis and name the sweep."""
+    panel.set(xlabel=axis.label, xscale="log" if axis.is_logarithmic else "linear")
+    panel.margins(x=0.01)
+    figure.suptitle(heading(data))

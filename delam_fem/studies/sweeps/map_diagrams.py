@@ -1,0 +1,198 @@
+"""Diagrams of a sweep over two axes: kinds of motion, basins of attraction, Lyapunov exponent."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap, TwoSlopeNorm
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from delam_fem.case.toml import CaseError
+from delam_fem.numerics import attractors as at
+from delam_fem.numerics.arrays import FloatArray, IntArray
+from delam_fem.results.diagnostics import LARGEST_PERIODICITY, PERIODIC_SCATTER
+from delam_fem.results.style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    ORANGE,
+    PURPLE,
+    SKY,
+    VERMILLION,
+    WIDTH,
+    YELLOW,
+)
+from delam_fem.studies.sweeps.axes import DiagramAxis, axes_of, heading, require
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+KIND_COLOURS = (SKY, ORANGE, GREEN, "#bbbbbb", BLACK, "#ffffff")
+"""Of the kinds of motion, in their order."""
+ATTRACTOR_COLOURS = (BLUE, ORANGE, GREEN, SKY, VERMILLION, YELLOW, PURPLE)
+"""Of the attractors, the most frequent first; all further ones share a grey."""
+OTHERS, NONE = "#999999", "#ffffff"
+MOST_LABELS = 900
+"""Cells in which the periodicity of a motion of higher order is written."""
+DIVERGING = "PuOr_r"
+"""Purple to white to orange: readable by the colour-blind, white is zero."""
+
+
+def plane(data: xr.Dataset) -> Figure:
+    """Draw the kind of motion over two axes."""
+    x, y = axes_of(data, 2, "plane")
+    require(data, "periodicity", "record.summary = true")
+    require(data, "strobe_displacement", f"record.strobes = {2 * at.FEWEST_STROBES}")
+    try:
+        kinds = at.kinds_of_motion(
+            _values(data, "outcome", x, y),
+            _values(data, "periodicity", x, y),
+            _values(data, "strobe_displacement", x, y),
+        )
+    except ValueError as error:
+        raise CaseError(f"diagram plane: {error}") from None
+    figure = Figure(figsize=(WIDTH, 6.6), layout="constrained")
+    panel = figure.subplots()
+    panel.grid(False)
+    _cells(panel, x, y, kinds, KIND_COLOURS)
+    if kinds.size <= MOST_LABELS:
+        _write_periods(panel, x, y, _values(data, "periodicity", x, y))
+    present = [k for k in range(len(at.KINDS)) if (kinds == k).any()]
+    shares = [f"{at.KINDS[k]} ({_percent(float((kinds == k).mean()))})" for k in present]
+    _legend(panel, [KIND_COLOURS[k] for k in present], shares)
+    _finish(figure, panel, (x, y), data)
+    figure.supxlabel(_thresholds(), fontsize=8.0, color="#555555")
+    return figure
+
+
+def _thresholds() -> str:
+    """Return how the kinds of motion are told apart."""
+    return (
+        f"period P: strobes P ≤ {LARGEST_PERIODICITY} periods apart differ by less than "
+        f"{100 * PERIODIC_SCATTER:g} % of the half peak-to-peak amplitude (rms); "
+        f"quasi-periodic: {100 * at.LINE_SHARE:g} % of the strobes' power\nin "
+        f"{at.LINES} spectral lines; irregular: none of these; numbers: P of higher order"
+    )
+
+
+def basins(data: xr.Dataset) -> Figure:
+    """Draw which attractor is reached from each initial condition."""
+    x, y = axes_of(data, 2, "basins")
+    require(data, "periodicity", "record.summary = true")
+    require(data, "strobe_displacement", "record.strobes = 40")
+    names = ("periodicity", "tip_min", "tip_max", "strobe_displacement")
+    found = at.attractors(*(_values(data, name, x, y) for name in names))
+    n = len(found.share)
+    colours = [ATTRACTOR_COLOURS[k] if k < len(ATTRACTOR_COLOURS) else OTHERS for k in range(n)]
+    figure = Figure(figsize=(WIDTH, 6.6), layout="constrained")
+    panel = figure.subplots()
+    panel.grid(False)
+    _cells(panel, x, y, np.where(found.number < 0, n, found.number), (*colours, NONE))
+    shown = min(n, len(ATTRACTOR_COLOURS))
+    labels = []
+    for P, (first, second), share in zip(
+        found.periodicity[:shown], 1e3 * found.amplitude, found.share, strict=False
+    ):
+        period = f"period {P:.0f}" if np.isfinite(P) else "not periodic"
+        labels.append(f"{period}, {first:.1f} / {second:.1f} mm ({_percent(float(share))})")
+    if n > shown:
+        labels.append(f"{n - shown} others ({_percent(float(found.share[shown:].sum()))})")
+    if (found.number < 0).any():
+        labels.append(f"not completed ({_percent(float((found.number < 0).mean()))})")
+        colours = [*colours[: shown + (n > shown)], NONE]
+    _legend(panel, colours[: len(labels)], labels)
+    _finish(figure, panel, (x, y), data)
+    laminae = " / ".join(str(name) for name in data["lamina"].to_numpy())
+    figure.supxlabel(
+        f"attractors by period and half peak-to-peak tip displacement ({laminae}); one attractor: "
+        f"extremes and strobes differ by at most {100 * at.SAME_ATTRACTOR:g} % of the amplitude",
+        fontsize=8.0, color="#555555",
+    )  # fmt: skip
+    return figure
+
+
+def lyapunov_map(data: xr.Dataset) -> Figure:
+    """Draw the largest Lyapunov exponent over two axes."""
+    x, y = axes_of(data, 2, "lyapunov")
+    require(data, "lyapunov_exponent", "record.lyapunov = 200")
+    values = _values(data, "lyapunov_exponent", x, y)
+    figure = Figure(figsize=(WIDTH, 6.6), layout="constrained")
+    panel = figure.subplots()
+    panel.grid(False)
+    bound = float(np.nanmax(np.abs(values))) if np.isfinite(values).any() else 1.0
+    mesh = panel.pcolormesh(
+        x.shown, y.shown, values.T, cmap=DIVERGING, shading="nearest",
+        norm=TwoSlopeNorm(0.0, -bound or -1.0, bound or 1.0),
+    )  # fmt: skip
+    figure.colorbar(mesh, ax=panel, label="largest Lyapunov exponent [1/s]")
+    _finish(figure, panel, (x, y), data)
+    return figure
+
+
+def _percent(share: float) -> str:
+    """Return a share in words, so that a rare kind is not said to be none."""
+    return f"{100.0 * share:.0f} %" if share >= 0.01 else "< 1 %"
+
+
+def _values(data: xr.Dataset, name: str, x: DiagramAxis, y: DiagramAxis) -> npt.NDArray[Any]:
+    """Return a variable with the axes first."""
+    if "direction" in data.dims:
+        raise CaseError(
+            'diagram: a map shows one direction; select it: data.sel(direction="up"), or compute '
+            'with order = "independent"'
+        )
+    return data[name].transpose(x.name, y.name, ...).to_numpy()
+
+
+def _cells(
+    panel: Axes, x: DiagramAxis, y: DiagramAxis, numbers: IntArray,
+    colours: tuple[str, ...],
+) -> None:  # fmt: skip
+    """Colour the cell of each point by its number."""
+    panel.pcolormesh(
+        x.shown, y.shown, numbers.T, cmap=ListedColormap(list(colours)), shading="nearest",
+        vmin=-0.5, vmax=len(colours) - 0.5, edgecolors="white", linewidth=0.3,
+    )  # fmt: skip
+
+
+def _write_periods(panel: Axes, x: DiagramAxis, y: DiagramAxis, periodicity: FloatArray) -> None:
+    """Write the periodicity of motions of higher order into their cells."""
+    for i, j in zip(*np.nonzero(periodicity > 1), strict=True):
+        panel.text(
+            x.shown[i], y.shown[j], f"{periodicity[i, j]:.0f}", fontsize=7.0, ha="center",
+            va="center", color=BLACK,
+        )  # fmt: skip
+
+
+def _legend(panel: Axes, colours: list[str], labels: list[str]) -> None:
+    """Name the colours above the panel."""
+    handles = [
+        Patch(facecolor=colour, edgecolor="#555555", linewidth=0.5, label=label)
+        for colour, label in zip(colours, labels, strict=True)
+    ]
+    panel.legend(
+        handles=handles, loc="lower left", bbox_to_anchor=(0.0, 1.0),
+        ncols=min(3, max(1, len(handles))), frameon=False,
+    )  # fmt: skip
+
+
+def _finish(
+    figure: Figure, panel: Axes, axes: tuple[DiagramAxis, DiagramAxis], data: xr.Dataset
+) -> None:
+    """Label the axes and name the sweep."""
+    x, y = axes
+    panel.set(xlabel=x.label, ylabel=y.label)
+    if x.is_logarithmic:
+        panel.set_xscale("log")
+    if y.is_logarithmic:
+        panel.set_yscale("log")
+    if x.words:
+        panel.set_xticks(x.shown, x.words)
+    if y.words:
+        panel.set_yticks(y.shown, y.words)
+    figure.suptitle(heading(data))

@@ -1,0 +1,235 @@
+"""One point of a sweep after another, in a worker: case, model, engine, run, row of numbers.
+
+No dataset is built, and models are kept for the points that share them. Nothing of dolfinx or PETSc
+is imported unless the sweep asks for it, so that a worker starts fast.
+"""
+
+from __future__ import annotations
+
+import logging
+import pickle
+import threading
+import time
+from dataclasses import dataclass, field
+from functools import lru_cache
+
+import numpy as np
+
+from delam_fem.case.definition import Case
+from delam_fem.case.toml import CaseError
+from delam_fem.model import closed_form
+from delam_fem.model.layout import Model
+from delam_fem.model.operators import Operators
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.simulation.initial import first_mode, initial_state
+from delam_fem.simulation.loop import Engine, State, set_initial, simulate
+from delam_fem.simulation.recorder import Recorder
+from delam_fem.simulation.setup import motion_of, recorder_of
+from delam_fem.studies.lyapunov import largest_exponent
+from delam_fem.studies.sweeps.grid import Sweep
+from delam_fem.studies.sweeps.quantities import Quantity, quantities, row_of
+
+KEPT_MODELS = 16
+"""Models a worker keeps; neighbouring points mostly share one."""
+_KEPT_SWEEPS = 4
+
+_log = logging.getLogger(__name__)
+_thread = threading.local()
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """Points that a worker computes one after the other.
+
+    Attributes:
+        track: number of the track, -1 if the points are independent.
+        indices: the points.
+        state: at the end of the point before, None where there is none.
+    """
+
+    track: int
+    indices: tuple[int, ...]
+    state: State | None = None
+
+
+@dataclass(frozen=True)
+class Point:
+    """What came of a point.
+
+    Attributes:
+        index: of the point.
+        outcome: "completed", "diverged" or "failed".
+        error: why, empty where completed.
+        row: the numbers, shape as `sweep_quantities.quantities` says; None unless completed.
+    """
+
+    index: int
+    outcome: str
+    error: str
+    row: FloatArray | None
+
+
+@dataclass(frozen=True)
+class Done:
+    """What came of a chunk.
+
+    Attributes:
+        chunk: the chunk.
+        points: its points, in order.
+        state: at the end of the last point of a track that was completed.
+        seconds: time that they took.
+        idle: time that the worker had waited for them, 0 for its first [s].
+    """
+
+    chunk: Chunk
+    points: tuple[Point, ...]
+    state: State | None
+    seconds: float
+    idle: float
+
+
+@dataclass
+class PointRunner:
+    """Computes points of one sweep.
+
+    Attributes:
+        sweep: the sweep.
+    """
+
+    sweep: Sweep
+    _models: dict[object, Model] = field(default_factory=dict)
+
+    def quantities(self, n_nodes: int) -> tuple[Quantity, ...]:
+        """Return the layout of a row."""
+        return quantities(self.sweep.file.record, n_nodes)
+
+    def point(self, index: int, carried: State | None) -> tuple[Point, State | None]:
+        """Compute a point; whatever goes wrong is part of the result.
+
+        Args:
+            index: of the point.
+            carried: state to start from; None: from the initial conditions.
+
+        Returns:
+            The point, and the state at its end if it was completed.
+        """
+        try:
+            with np.errstate(all="ignore"):  # a diverged motion is told by its outcome
+                return self._computed(index, carried)
+        except Exception as error:
+            _log.debug("point %d", index, exc_info=True)
+            kind = "" if isinstance(error, CaseError) else f"{type(error).__name__}: "
+            return Point(index, "failed", f"{kind}{error}", None), None
+
+    def model(self, case: Case) -> Model:
+        """Return the discretised case, made once for the cases that share it."""
+        key = (case.lamina, case.gap, case.mesh, case.damping, case.time.mass)
+        if key not in self._models:
+            while len(self._models) >= KEPT_MODELS:
+                del self._models[next(iter(self._models))]
+            self._models[key] = _assemble(case, self.sweep.file.operators)
+        return self._models[key]
+
+    def _computed(self, index: int, carried: State | None) -> tuple[Point, State | None]:
+        record = self.sweep.file.record
+        case = self.sweep.case(index)
+        if not record.node_distortion:
+            output = case.output.model_copy(update={"fields_per_period": 0})
+            case = case.model_copy(update={"output": output})
+        model = self.model(case)
+        operators = model.operators
+        if carried is None:
+            carried = initial_state(case, operators, self.sweep.initial(index))
+        engine = _engine(case, operators, self.sweep.file.engine)
+        try:
+            recorder, motion = recorder_of(case, operators), motion_of(case)
+            set_initial(engine, carried, motion(0)[0])
+            outcome = simulate(engine, recorder, motion)
+            if outcome != "completed":
+                return Point(index, outcome, _where(recorder, case), None), None
+            state = engine.state()
+            extra = {}
+            if record.lyapunov:
+                extra["lyapunov_exponent"] = largest_exponent(
+                    engine,
+                    operators,
+                    recorder,
+                    motion,
+                    direction=first_mode(operators, 0) + first_mode(operators, 1),
+                    period=case.period,
+                    periods=record.lyapunov,
+                    perturbation=record.perturbation,
+                )
+        finally:
+            engine.destroy()
+        wanted = self.quantities(model.x.size)
+        row = row_of(wanted, case, recorder, operators.gap0, extra)
+        return Point(index, outcome, "", row), state
+
+
+def compute(packed: bytes, chunk: Chunk) -> Done:
+    """Compute a chunk; this is what an executor is given.
+
+    Args:
+        packed: the pickled sweep; unpacked once per worker.
+        chunk: the points.
+    """
+    begin = time.perf_counter()
+    idle = begin - getattr(_thread, "end", begin)
+    runner, state = _runner(packed), chunk.state
+    points = []
+    for index in chunk.indices:
+        carried = state if chunk.track >= 0 else None
+        point, after = runner.point(index, carried)
+        points.append(point)
+        if chunk.track >= 0 and after is not None:
+            state = after  # past a point that failed, the last good state goes on
+    _thread.end = time.perf_counter()
+    return Done(chunk, tuple(points), state, _thread.end - begin, idle)
+
+
+@lru_cache(maxsize=_KEPT_SWEEPS)
+def _runner(packed: bytes) -> PointRunner:
+    return PointRunner(pickle.loads(packed))
+
+
+def _assemble(case: Case, operators: str) -> Model:
+    """Assemble a case; the closed form needs no dolfinx and is equal to round-off."""
+    if operators == "closed-form":
+        return closed_form.assemble(case)
+    _initialise_petsc()
+    from delam_fem.model import beam
+
+    return beam.assemble(case)
+
+
+def _engine(case: Case, operators: Operators, name: str) -> Engine:
+    """Return the engine of a name."""
+    if name == "compiled":
+        from delam_fem.engines.compiled.engine import compiled_engine
+
+        return compiled_engine(case, operators)
+    _initialise_petsc()
+    from mpi4py import MPI
+
+    from delam_fem.engines.petsc.engine import petsc_engine
+
+    return petsc_engine(case, operators, MPI.COMM_SELF)
+
+
+def _initialise_petsc() -> None:
+    """Initialise PETSc for this process alone.
+
+    By itself it does so with all ranks together, and a worker would wait for the others forever.
+    """
+    import petsc4py
+    from mpi4py import MPI
+
+    petsc4py.init(comm=MPI.COMM_SELF)
+
+
+def _where(recorder: Recorder, case: Case) -> str:
+    """Say when a motion diverged."""
+    last = recorder.window[-1].n_steps
+    t = ((recorder.n_closed - 1) * recorder.steps_per_period + last) * case.time_step
+    return f"diverged at t = {t:.6g} s (period {recorder.n_closed})"

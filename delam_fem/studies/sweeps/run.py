@@ -1,0 +1,196 @@
+"""Compute a sweep: points to an executor, what comes back to the journal, all of it to one dataset.
+
+In Python:
+
+    import delam_fem as df
+    data = df.run_sweep(df.load_sweep("bifurcation.toml"), "runs/bifurcation", workers=2)
+    data.tip_amplitude.sel(lamina="thick").plot.line(x="frequency")
+"""
+
+from __future__ import annotations
+
+import logging
+import pickle
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from delam_fem.case.files import save_case
+from delam_fem.case.toml import CaseError
+from delam_fem.simulation.interrupts import stop_signals
+from delam_fem.studies import executors
+from delam_fem.studies.executors import ExecutorName
+from delam_fem.studies.sweeps import dataset
+from delam_fem.studies.sweeps.grid import Sweep
+from delam_fem.studies.sweeps.journal import Journal
+from delam_fem.studies.sweeps.point import Done, PointRunner
+from delam_fem.studies.sweeps.quantities import quantities
+from delam_fem.studies.sweeps.schedule import INDEPENDENT, Schedule, Track
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+RESULT, JOURNAL = "sweep.nc", "sweep.journal"
+"""Names of the files in the folder of a sweep."""
+
+_log = logging.getLogger(__name__)
+
+
+def run_sweep(
+    sweep: Sweep,
+    directory: str | Path,
+    executor: Executor | ExecutorName | None = None,
+    *,
+    workers: int | None = None,
+    resume: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+) -> xr.Dataset:
+    """Compute all points of a sweep.
+
+    The folder holds `case.toml` and `sweep.toml` (which repeat the sweep), the journal of what is
+    finished until all is, and then `sweep.nc`.
+
+    Args:
+        sweep: what to compute.
+        directory: made where it does not exist.
+        executor: any `concurrent.futures.Executor`, for example a Dask client's `get_executor()`;
+            or "process" (default), "mpi" (under `python -m mpi4py.futures`) or "serial".
+        workers: number of workers; by default those of the executor, or one per core.
+        resume: go on with what the folder holds; a complete sweep is returned as it is.
+        progress: called with the points done and all points.
+
+    Returns:
+        The dataset, read as it is used. `attrs["outcome"]` is "completed", or "interrupted" (by
+        Ctrl-C or a signal to terminate): then points are missing, and `resume` goes on.
+
+    Raises:
+        CaseError: the folder holds another or an unfinished sweep; the first point is no case.
+        BrokenExecutor: a worker of the given executor died; what is finished is kept.
+        OSError: the folder cannot be written.
+    """
+    directory = Path(directory)
+    path = directory / RESULT
+    if resume and is_complete(directory, sweep):
+        return _opened(path)
+    directory.mkdir(parents=True, exist_ok=True)
+    first = PointRunner(sweep).model(sweep.case(0))
+    wanted = quantities(sweep.file.record, first.x.size)
+    with Journal(directory / JOURNAL, sweep.identity, resume=resume) as journal:
+        save_case(sweep.base, directory)
+        (directory / "sweep.toml").write_text(sweep.to_toml("case.toml"), encoding="utf-8")
+        begin = time.perf_counter()
+        with _schedule(sweep, journal, executor, workers) as schedule:
+            has_all = _computed(sweep, journal, schedule, progress)
+        seconds = time.perf_counter() - begin
+        attributes = _attributes(sweep, journal, schedule, seconds) | {
+            "outcome": "completed" if has_all else "interrupted"
+        }
+        dataset.write(path, sweep, journal, wanted, x=first.x, attributes=attributes)
+    if has_all:
+        (directory / JOURNAL).unlink()
+    return _opened(path)
+
+
+def _computed(
+    sweep: Sweep,
+    journal: Journal,
+    schedule: Schedule,
+    progress: Callable[[int, int], None] | None,
+) -> bool:
+    """Compute what is missing; return whether all is there."""
+    n_done = journal.n_points
+
+    def take_in(results: list[Done]) -> None:
+        nonlocal n_done
+        journal.add(results)
+        n_done += sum(len(done.points) for done in results)
+        if progress is not None:
+            progress(n_done, sweep.n_points)
+
+    if progress is not None:
+        progress(n_done, sweep.n_points)
+    with stop_signals() as is_stopped:
+        return schedule.run(take_in, is_stopped)
+
+
+@contextmanager
+def _schedule(
+    sweep: Sweep,
+    journal: Journal,
+    executor: Executor | ExecutorName | None,
+    workers: int | None,
+) -> Iterator[Schedule]:
+    """Prepare what is left to do on an executor that is open in this context."""
+    ready, packed = deque(_left(sweep, journal)), pickle.dumps(sweep)
+    if isinstance(executor, Executor):
+        yield Schedule(packed, workers or executors.size_of(executor), ready, executor)
+        return
+    with executors.pool(executor or executors.default_name(), workers) as opened:
+        yield Schedule(packed, opened.n_workers, ready, opened.executor, opened.renew)
+
+
+def _left(sweep: Sweep, journal: Journal) -> list[Track]:
+    """Return what is not in the journal, track by track."""
+    is_done = np.zeros(sweep.n_points, dtype=np.bool_)
+    for number in journal.numbers():
+        is_done[number] = True
+    if not sweep.tracks:
+        missing = deque(np.flatnonzero(~is_done).tolist())
+        return [Track(INDEPENDENT, missing)] if missing else []
+    tracks = []
+    for number, points in enumerate(sweep.tracks):
+        missing = deque(points[~is_done[points]].tolist())
+        if missing:
+            tracks.append(Track(number, missing, journal.state(number)))
+    return tracks
+
+
+def _attributes(
+    sweep: Sweep, journal: Journal, schedule: Schedule, seconds: float
+) -> dict[str, str | int | float]:
+    """Return what the dataset says about its computation; times are of this session alone."""
+    counts, costs = journal.counts(), schedule.costs
+    n_done = sum(counts.values())
+    return {
+        "n_points": sweep.n_points,
+        "n_completed": counts.get("completed", 0),
+        "n_diverged": counts.get("diverged", 0),
+        "n_failed": counts.get("failed", 0),
+        "n_missing": sweep.n_points - n_done,
+        "engine": sweep.file.engine,
+        "workers": schedule.n_workers,
+        "wall_seconds": seconds,
+        "busy_seconds": costs.busy,
+        "scheduling_overhead": costs.overhead,
+    }
+
+
+def is_complete(directory: Path, sweep: Sweep) -> bool:
+    """Say whether a folder has the complete result of a sweep already.
+
+    Raises:
+        CaseError: it has that of another.
+    """
+    path = directory / RESULT
+    if not path.is_file() or (directory / JOURNAL).exists():
+        return False
+    data = _opened(path)
+    same = data.attrs["sweep"], data.attrs["case"]
+    data.close()
+    if same != (sweep.to_toml("case.toml"), sweep.base.to_toml()):
+        raise CaseError(
+            f"resume: {path} is the result of another sweep; choose another folder with -o DIR"
+        )
+    return True
+
+
+def _opened(path: Path) -> xr.Dataset:
+    import xarray as xr
+
+    return xr.open_dataset(path, engine="h5netcdf")

@@ -1,0 +1,93 @@
+"""The gap at rest."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from delam_fem.case.gap import initial_gap
+from delam_fem.case.sections import Gap
+from delam_fem.case.toml import CaseError
+
+L = 0.685
+ROUND_OFF = 1e-13
+"""A few operations on doubles."""
+
+
+def table(folder: Path, text: str) -> Gap:
+    """Return a gap given by a table."""
+    path = folder / "gap.csv"
+    path.write_text(text)
+    return Gap(file=path)
+
+
+@pytest.mark.parametrize("p", [1.0, 2.0, 3.5])
+def test_power(p: float) -> None:
+    g0 = initial_gap(Gap(tip=0.012, exponent=p), [0.0, L / 4, L], L)
+    assert g0 == pytest.approx([0.0, 0.012 / 4**p, 0.012], rel=ROUND_OFF)
+
+
+def test_square_is_the_default() -> None:
+    assert Gap(tip=0.012) == Gap(tip=0.012, exponent=2.0)
+
+
+def test_first_mode() -> None:
+    # w1(1/2) = 0.33952 (tip 1), tabulated, e.g. Blevins, Formulas for natural frequency
+    g0 = initial_gap(Gap(tip=0.012, shape="mode"), [0.0, L / 2, L], L)
+    assert g0 == pytest.approx([0.0, 0.012 * 0.33952, 0.012], rel=2e-5, abs=1e-17)
+
+
+def test_table_is_interpolated_without_overshoot(tmp_path: Path) -> None:
+    rows = np.array([[0.0, 0.0], [0.2, 0.001], [0.3, 0.010], [0.5, 0.0101], [L, 0.012]])
+    gap = table(
+        tmp_path,
+        "# measured\nx [m], gap [m]\n\n"
+        + "".join(f"{float(x)!r}, {float(g)!r}  # row\n" for x, g in rows),
+    )
+    assert initial_gap(gap, rows[:, 0], L) == pytest.approx(rows[:, 1], rel=ROUND_OFF)
+    fine = initial_gap(gap, np.linspace(0.0, L, 500), L)
+    assert np.all(np.diff(fine) >= 0.0)
+    assert fine.max() == pytest.approx(0.012, rel=ROUND_OFF)
+
+
+def test_table_of_a_line_is_the_line(tmp_path: Path) -> None:
+    gap = table(tmp_path, "\ufeffx,gap\n0,0\n0.3,0.003\n0.685,0.00685\n")
+    x = np.linspace(0.0, L, 20)
+    assert initial_gap(gap, x, L) == pytest.approx(0.01 * x, rel=ROUND_OFF, abs=1e-18)
+
+
+@pytest.mark.parametrize(
+    ("rows", "expected"),
+    [
+        ("0,0\n0.3,nan\n0.685,0.01", "line 3: expected finite numbers, given '0.3,nan'"),
+        ("0,0\n0.3,0.01,3\n0.685,0.01", "line 3: expected two numbers x, gap, given '0.3,0.01,3'"),
+        ("0,0\n0.3,abc\n0.685,0.01", "line 3: expected two numbers"),
+        ("0,0\n0.3,0.01\n0.3,0.02\n0.685,0.1", "line 4: expected x to increase, given 0.3 after 0"),
+        ("0,0\n0.4,0.01\n0.3,0.02\n0.685,0.1", "line 4: expected x to increase, given 0.3 after 0"),
+        ("0,0\n0.5,0.01", "expected x from 0 to the length 0.685 m, given 0.0 to 0.5"),
+        ("0.1,0\n0.685,0.01", "expected x from 0 to the length 0.685 m, given 0.1 to 0.685"),
+        ("0,0.001\n0.685,0.01", "line 2: expected the gap 0 at the clamp, given 0.001"),
+        ("0,0\n0.3,0\n0.685,0.01", "line 3: the gap starts closed beyond the clamp: .* given 0.0"),
+        ("0,0\n0.3,-1e-3\n0.685,0.01", "line 3: the gap starts closed .* given -0.001 m"),
+        ("0,0", "expected at least two rows of x, gap, given 1"),
+        ("", "expected at least two rows of x, gap, given 0"),
+    ],
+)
+def test_bad_table_is_told_with_file_and_line(tmp_path: Path, rows: str, expected: str) -> None:
+    with pytest.raises(CaseError, match=r"gap file /.*gap\.csv.*" + expected):
+        initial_gap(table(tmp_path, f"x,gap\n{rows}\n"), [0.0, L], L)
+
+
+def test_file_that_is_no_table(tmp_path: Path) -> None:
+    with pytest.raises(CaseError, match=r"gap\.csv: cannot be read \(No such file"):
+        initial_gap(Gap(file=tmp_path / "gap.csv"), [0.0, L], L)
+    (tmp_path / "gap.csv").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(CaseError, match=r"gap\.csv: expected a text file"):
+        initial_gap(Gap(file=tmp_path / "gap.csv"), [0.0, L], L)
+
+
+def test_power_that_rounds_to_closed() -> None:
+    with pytest.raises(CaseError, match=r"gap starts closed beyond the clamp: .* given 0 m at x"):
+        initial_gap(Gap(tip=0.012, exponent=400.0), [0.0, L / 20, L], L)

@@ -1,0 +1,312 @@
+"""The command: exit statuses, messages, progress. The run itself is a stand-in here."""
+
+from __future__ import annotations
+
+import errno
+import logging
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+
+import pytest
+from rich.console import Console
+from typer.testing import CliRunner, Result
+
+import delam_fem
+from delam_fem.case.definition import Case
+from delam_fem.case.files import load_case, preset, save_case
+from delam_fem.case.toml import CaseError
+from delam_fem.cli.app import app
+from delam_fem.cli.progress import PlainProgress, progress
+
+PERIODS = 20
+
+
+def invoke(*arguments: str | Path) -> Result:
+    """Call the command."""
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+class FakeRun:
+    """Stands for `delam_fem.run`: ends as it is told, and remembers how it was called."""
+
+    def __init__(self) -> None:
+        """End well by default."""
+        self.outcome = "completed"
+        self.error: BaseException | None = None
+        self.save_error: OSError | None = None
+        self.calls: list[tuple[Case, str, Path | None, bool]] = []
+
+    def __call__(
+        self,
+        case: Case,
+        engine: str = "petsc",
+        *,
+        directory: Path | None = None,
+        resume: bool = False,
+        progress: Callable[[int, int], None] | None = None,
+        comm: object = None,
+    ) -> SimpleNamespace:
+        """Pretend to compute a case."""
+        self.calls.append((case, engine, directory, resume))
+        if self.error is not None:
+            raise self.error
+        assert progress is not None
+        assert comm is not None
+        for done in range(1, PERIODS + 1):
+            progress(done, PERIODS)
+        logging.getLogger("delam_fem.simulation.loop").info("note of the run")
+        summary = {"outcome": self.outcome, "tip_min": [-0.0213, -0.011], "periodicity": None}
+        history = SimpleNamespace(attrs={"outcome": self.outcome})
+
+        def save(target: Path) -> list[Path]:
+            if self.save_error is not None:
+                raise self.save_error
+            return [save_case(case, target)]
+
+        return SimpleNamespace(history=history, summary=summary, save=save)
+
+
+@pytest.fixture
+def fake(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> FakeRun:
+    """Put a stand-in in the place of the run, in a working directory of its own."""
+    stand_in, module = FakeRun(), ModuleType("delam_fem.pipeline")
+    module.run = stand_in  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "delam_fem.pipeline", module)
+    monkeypatch.chdir(tmp_path)
+    return stand_in
+
+
+def test_run_of_a_preset(fake: FakeRun) -> None:
+    result = invoke("run", "paper", "--set", "excitation.frequency=3.65")
+    assert result.exit_code == 0, result.output
+    case = preset("paper", {"excitation.frequency": 3.65})
+    assert fake.calls == [(case, "petsc", Path("runs/paper"), False)]
+    assert load_case("runs/paper/case.toml") == case
+    assert "-0.0213, -0.011" in result.stdout
+    assert str(Path("runs/paper/case.toml")) in result.stdout
+    assert "period 20 of 20" in result.stderr
+    assert "note of the run" in result.stderr
+
+
+def test_run_of_a_file_with_options(fake: FakeRun, tmp_path: Path) -> None:
+    path = save_case(preset("default", {"name": "mine"}), tmp_path / "in")
+    options = ("-o", "out", "--engine", "compiled", "--resume", "-q")
+    result = invoke("run", path, *options)
+    assert (result.exit_code, result.output) == (0, "")
+    assert fake.calls == [(load_case(path), "compiled", Path("out"), True)]
+
+
+@pytest.mark.parametrize(("outcome", "status"), [("diverged", 1), ("interrupted", 130)])
+def test_status_of_a_run_that_ends_early(fake: FakeRun, outcome: str, status: int) -> None:
+    fake.outcome = outcome
+    result = invoke("run", "paper")
+    assert result.exit_code == status
+    assert f"delam-fem: {outcome}" in result.stderr
+    assert "results so far are in runs/paper" in result.stderr
+    assert Path("runs/paper/case.toml").is_file()  # what was computed is kept
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "text"),
+    [
+        (CaseError("mesh.file: node 3 is not opposite"), 2, "mesh.file: node 3 is not"),
+        (KeyboardInterrupt(), 130, "interrupted"),
+        (OSError(errno.ENOSPC, "No space left on device", "x.nc"), 1, "x.nc: No space left"),
+    ],
+)
+def test_status_of_a_run_that_fails(
+    fake: FakeRun, error: BaseException, status: int, text: str
+) -> None:
+    fake.error = error
+    result = invoke("run", "paper")
+    assert result.exit_code == status
+    assert f"delam-fem: {text}" in result.stderr
+    assert "Traceback" not in result.output
+
+
+def test_disk_full_while_saving(fake: FakeRun) -> None:
+    fake.save_error = OSError(errno.ENOSPC, "No space left on device", "result.nc")
+    result = invoke("run", "paper")
+    assert result.exit_code == 1
+    assert "delam-fem: result.nc: No space left on device" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("override", "text"),
+    [
+        ("contact.restitutoin=0.1", "contact.restitutoin: unknown key; did you mean restitution?"),
+        ("lamina.thick.length=-1", "lamina.thick.length: expected a positive number, given -1"),
+        ("contact.restitution=1.5", "contact.restitution: expected a number from 0 to 1, given 1"),
+        ("mesh.elements=0", "mesh.elements: expected a whole number from 1 to 100000, given 0"),
+        ("time.steps_per_period=0", "time.steps_per_period: expected a whole number from 4"),
+        ("gap.file=none.csv", "gap.file: no such file"),
+        ("gap.tip=nan", "gap.tip: expected a positive number, given nan"),
+        ("frequency", "expected KEY=VALUE"),
+    ],
+)
+def test_bad_key_is_told_before_the_run(fake: FakeRun, override: str, text: str) -> None:
+    result = invoke("run", "paper", "--set", override)
+    assert (result.exit_code, result.stdout, fake.calls) == (2, "", [])
+    assert result.stderr.startswith("delam-fem: ")
+    assert text in result.stderr
+    assert len(result.stderr.splitlines()) == 1
+    assert not Path("runs").exists()
+
+
+@pytest.mark.parametrize(
+    ("case", "text"),
+    [
+        ("pape", "case 'pape': neither a file nor a preset; .* paper, default"),
+        ("none.toml", "case file none.toml: no such file"),
+        ("runs/none", "case file runs/none: no such file"),
+    ],
+)
+@pytest.mark.parametrize("command", ["run", "compare", "modes"])
+def test_missing_case(command: str, case: str, text: str) -> None:
+    result = invoke(command, case)
+    assert result.exit_code == 2
+    with pytest.raises(ValueError, match=text):
+        raise ValueError(result.stderr)
+
+
+def test_output_folder_that_cannot_be_written(fake: FakeRun) -> None:
+    Path("file").write_text("in the way")
+    result = invoke("run", "paper", "-o", "file/below")
+    assert (result.exit_code, fake.calls) == (2, [])
+    assert "output folder file/below: cannot be written (Not a directory)" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("rows", "text"),
+    [
+        ("0,0\n0.3,nan\n0.685,0.012\n", "line 2: expected finite numbers"),
+        ("0,0\n0.3,-1e-3\n0.685,0.012\n", "line 2: the gap starts closed beyond the clamp"),
+    ],
+)
+def test_bad_gap_table_ends_a_real_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rows: str, text: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("gap.csv").write_text(rows)
+    result = invoke("modes", "paper", "--set", "gap.file=gap.csv")
+    assert result.exit_code == 2, result.output
+    assert text in result.stderr
+
+
+MESH = """$MeshFormat
+2.2 0 8
+$EndMeshFormat
+$PhysicalNames
+2
+1 1 "thick"
+1 2 "thin"
+$EndPhysicalNames
+$Nodes
+6
+1 0 0 0
+2 {first} 0 0
+3 0.685 0 0
+4 0 0.01 0
+5 {second} 0.01 0
+6 0.685 0.01 0
+$EndNodes
+$Elements
+4
+1 1 2 1 1 1 2
+2 1 2 1 1 2 3
+3 1 2 2 2 4 5
+4 1 2 2 2 5 6
+$EndElements
+"""
+
+
+def test_mesh_with_and_without_opposite_nodes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("mesh.msh").write_text(MESH.format(first=0.3, second=0.3))
+    result = invoke("modes", "paper", "--set", "mesh.file=mesh.msh", "-n", "1", "-o", "m")
+    assert result.exit_code == 0, result.output
+    assert "exact [Hz]" in result.stdout
+    assert Path("m/modes.json").is_file()
+    Path("mesh.msh").write_text(MESH.format(first=0.3, second=0.31))
+    result = invoke("modes", "paper", "--set", "mesh.file=mesh.msh")
+    assert result.exit_code == 2, result.output
+    assert "expected opposite nodes" in result.stderr
+    assert "0.3 m on the first and 0.31 m on the second" in result.stderr
+
+
+def test_comparison_is_shown_and_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    result = invoke("compare", "paper", "--set", "mesh.elements=4", "--periods", "1", "-o", "c")
+    assert result.exit_code == 0, result.stderr
+    assert "largest differences" in result.output
+    assert list((tmp_path / "c").iterdir())
+    quiet = invoke("compare", "paper", "--set", "mesh.elements=4", "--periods", "1", "-q")
+    assert (quiet.exit_code, quiet.stdout) == (0, "")
+    assert (tmp_path / "runs" / "paper-compare").is_dir()
+
+
+def test_presets_are_listed_and_shown() -> None:
+    assert invoke("presets").stdout.split() == ["paper", "default"]
+    shown = invoke("presets", "--show", "paper")
+    assert Case.from_toml(shown.stdout) == preset("paper")
+    unknown = invoke("presets", "--show", "x")
+    assert (unknown.exit_code, unknown.stderr.count("preset 'x': unknown")) == (2, 1)
+
+
+def test_version_and_usage() -> None:
+    assert invoke("--version").stdout.strip() == delam_fem.__version__
+    assert invoke("run", "paper", "--engine", "steam").exit_code == 2
+    assert invoke("run").exit_code == 2
+
+
+def test_help_loads_nothing_heavy() -> None:
+    code = (
+        "import sys; from typer.testing import CliRunner; from delam_fem.cli.app import app;"
+        "assert CliRunner().invoke(app, ['--help']).exit_code == 0;"
+        "import delam_fem; delam_fem.CaseError;"
+        "print({'dolfinx', 'matplotlib', 'xarray', 'petsc4py'} & set(sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "set()"
+
+
+def test_only_public_names_are_attributes_of_the_package() -> None:
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        delam_fem.nothing  # noqa: B018
+    assert set(delam_fem.__all__) == set(dir(delam_fem))
+
+
+def test_plain_progress_speaks_each_tenth_and_after_silence() -> None:
+    lines: list[str] = []
+    now = [100.0]
+    report = PlainProgress(lines.append, 1000, clock=lambda: now[0])
+    for done in range(101, 201):  # resumed at 100 of 200
+        report(done, 200)
+        now[0] += 0.5
+    assert [line.split(",")[0] for line in lines] == [
+        f"period {done} of 200" for done in range(120, 201, 20)
+    ]
+    assert lines[0] == "period 120 of 200, 2,000 steps/s, 40 s left"
+    slow: list[str] = []
+    report = PlainProgress(slow.append, 1000, clock=lambda: now[0])
+    for done in range(1, 4):
+        now[0] += 11.0
+        report(done, 1000)
+    assert slow == [
+        "period 2 of 1000, 91 steps/s, 10978 s left",
+        "period 3 of 1000, 91 steps/s, 10967 s left",
+    ]
+
+
+def test_bar_on_a_terminal(tmp_path: Path) -> None:
+    with (tmp_path / "screen").open("w+", encoding="utf-8") as screen:
+        with progress(Console(file=screen, force_terminal=True, width=100), 1000) as report:
+            for done in range(1, 6):
+                report(done, 5)
+        screen.seek(0)
+        assert "period 5 of 5" in screen.read()

@@ -1,0 +1,347 @@
+"""The compiled engine's parts: vectors, chains, bands, and small problems with known motion."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numba
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+from delam_fem.case.definition import Case
+from delam_fem.case.files import preset
+from delam_fem.case.toml import CaseError
+from delam_fem.engines.compiled import banded, contact, lane_kernels, lanes, simd
+from delam_fem.engines.compiled import engine as engine_module
+from delam_fem.engines.compiled.engine import Compiled, compiled_engine
+from delam_fem.engines.compiled.state import IMPACTS, MOREAU, PENALTY, RECOVERY, Law
+from delam_fem.engines.compiled.system import Scheme, build
+from delam_fem.model import closed_form
+from delam_fem.model.operators import BaseCoupling, Operators
+from delam_fem.simulation.loop import State, set_initial, simulate
+from delam_fem.simulation.recorder import Recorder
+from delam_fem.simulation.setup import motion_of, recorder_of
+
+ROUND_OFF = 1e-11
+"""Relative, of a few hundred operations on matrices of condition 1e6 and less."""
+SAME = 1e-10
+"""m; two ways of computing the same step, some thousand times."""
+G = 9.81
+
+
+@numba.njit
+def vector_operations(x, out):  # type: ignore[no-untyped-def]
+    a, b = simd.load(x, 0), simd.load(x, 4)
+    simd.store(out, 0, simd.fma(a, b, simd.splat(1.0)))
+    simd.store(out, 4, a + b)
+    simd.store(out, 8, a - b * b)
+    simd.store(out, 12, simd.swap_neighbours(a))
+    simd.store(out, 16, simd.swap_halves(a))
+    simd.store(out, 20, simd.smaller(a, b))
+    return simd.lane(a, 2)
+
+
+@numba.njit
+def on_addresses(arrays):  # type: ignore[no-untyped-def]
+    bare = simd.pointers(arrays)
+    return vector_operations(bare.value, bare.start)
+
+
+def test_vector_operations() -> None:
+    rng = np.random.default_rng(1)
+    x, out = rng.normal(size=8), np.zeros(24)
+    a, b = x[:4], x[4:]
+    third = on_addresses(banded.Rows(out, np.zeros(0, dtype=np.int64), x))
+    expected = [a * b + 1.0, a + b, a - b * b, a[[1, 0, 3, 2]], a[[2, 3, 0, 1]], np.minimum(a, b)]
+    np.testing.assert_allclose(out, np.concatenate(expected), rtol=1e-15, atol=1e-15)
+    assert third == a[2]
+
+
+def test_smaller_passes_over_what_is_no_number() -> None:
+    x, out = np.array([np.nan, 1.0, np.nan, 4.0, 2.0, 0.5, 3.0, 5.0]), np.zeros(24)
+    on_addresses(banded.Rows(out, np.zeros(0, dtype=np.int64), x))
+    assert out[20:].tolist() == [2.0, 0.5, 3.0, 4.0]
+
+
+def test_aligned_zeros_begin_at_a_cache_line() -> None:
+    for size in (1, 7, 80):
+        zeros = simd.aligned_zeros(size)
+        assert zeros.ctypes.data % 64 == 0
+        assert zeros.shape == (size,) and not zeros.any()
+
+
+# -- chains -----------------------------------------------------------------------------------
+
+
+def paper(**settings: object) -> Case:
+    return preset("paper", {"time.periods": 2, "output.window_periods": 2, **settings})
+
+
+def operators_of(n: int, mass: str = "consistent") -> Operators:
+    return closed_form.assemble(paper(**{"mesh.elements": n, "time.mass": mass})).operators
+
+
+@numba.njit
+def solve(arrays, size):  # type: ignore[no-untyped-def]
+    bare = simd.pointers(arrays)
+    lane_kernels.substitute(bare.value, size, bare.start, lane_kernels.R, lane_kernels.Z)
+
+
+@numba.njit
+def form(arrays, size):  # type: ignore[no-untyped-def]
+    bare = simd.pointers(arrays)
+    return lane_kernels.loss(bare.value, size, bare.start)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 6, 7])
+def test_chains_solve_and_measure(n: int) -> None:
+    o = operators_of(n)
+    A = sp.csr_matrix(o.mass + 1e-7 * o.stiffness)
+    order = lanes.lane_order(n)
+    assert sorted(set(order)) == sorted(order)
+    chains = lanes.chains(A, order)
+    assert chains is not None
+    size = lanes.ROW * ((n + 1) // 2)
+    X = simd.aligned_zeros(lane_kernels.N_FIELDS * size)
+    fields = X.reshape(-1, size)
+    rng = np.random.default_rng(n)
+    right, p = rng.normal(size=(2, 4 * n))
+    fields[lane_kernels.R, order], fields[lane_kernels.P, order] = right, p
+    nothing = np.zeros(0, dtype=np.int64)
+    solve(banded.Rows(lanes.solution_tape(chains), nothing, X), size)
+    exact = sp.linalg.spsolve(A.tocsc(), right)
+    found = fields[lane_kernels.Z, order]
+    np.testing.assert_allclose(found, exact, rtol=0.0, atol=ROUND_OFF * np.abs(exact).max())
+    value = form(banded.Rows(lanes.form_tape(chains), nothing, X), size)
+    assert value == pytest.approx(p @ (A @ p), rel=ROUND_OFF)
+
+
+def test_what_couples_more_than_neighbours_is_no_chain() -> None:
+    o = operators_of(4)
+    order = lanes.lane_order(4)
+    for i, j in ((0, 4), (2, 10), (1, 8)):
+        A = sp.lil_matrix(o.stiffness)
+        A[i, j] = A[j, i] = 1.0
+        assert lanes.chains(A.tocsr(), order) is None
+
+
+def test_rayleigh_damping_is_recognised() -> None:
+    case = paper(**{"mesh.elements": 5})
+    o = closed_form.assemble(case).operators
+    found = lanes.rayleigh(o)
+    assert found is not None
+    for i in (0, 1):
+        assert (found[0][i], found[1][i]) == pytest.approx(case.rayleigh(i), rel=1e-9)
+    damper = sp.csr_matrix(([1e-6], ([9], [9])), shape=o.damping.shape)
+    assert lanes.rayleigh(dataclasses.replace(o, damping=o.damping + damper)) is None
+
+
+def test_the_right_path_is_taken() -> None:
+    o = operators_of(5)
+    step = 1e-4
+    assert build(o, Scheme.newmark(step))[0].is_chained
+    assert build(o, Scheme.moreau_jean(step, 0.7))[0].is_chained
+    assert not build(o, Scheme.newmark(step))[0].is_diagonal_load
+    assert build(operators_of(5, "lumped"), Scheme.newmark(step))[0].is_diagonal_load
+    assert not build(operators_of(5, "lumped"), Scheme.newmark(1e-9))[0].is_diagonal_load
+    assert not build(o, Scheme.newmark(step, beta=0.0))[0].is_chained
+    shifted = dataclasses.replace(o, gap_matrix=2.0 * o.gap_matrix)
+    assert not build(shifted, Scheme.newmark(step))[0].is_chained
+
+
+# -- bands ------------------------------------------------------------------------------------
+
+
+@numba.njit
+def solve_band(band, X, size):  # type: ignore[no-untyped-def]
+    banded.substitute(simd.pointers(X).value, size, simd.pointers(band), 0, 1)
+
+
+def test_band_solves() -> None:
+    rng = np.random.default_rng(3)
+    n = 30
+    A = sp.random(n, n, density=0.1, random_state=4) + sp.diags(np.full(n, 5.0))
+    A = sp.csr_matrix(A + A.T)
+    order = banded.band_order(A)
+    to = sp.csr_matrix((np.ones(n), (order, np.arange(n))), (n, n))
+    right = rng.normal(size=n)
+    X = np.concatenate([to @ right, np.zeros(n)])
+    nothing = np.zeros(0, dtype=np.int64)
+    solve_band(banded.factorise(to @ A @ to.T), banded.Rows(nothing, nothing, X), n)
+    np.testing.assert_allclose(A @ (to.T @ X[n:]), right, rtol=0.0, atol=1e-12)
+
+
+def test_singular_matrix_is_refused() -> None:
+    with pytest.raises(ArithmeticError, match="singular at row 1"):
+        banded.factorise(sp.csr_matrix([[1.0, 1.0], [1.0, 1.0]]))
+
+
+# -- small problems ---------------------------------------------------------------------------
+
+
+def ball() -> Operators:
+    """Return a mass of 2 kg above a floor; a base with q'' = g loads it by its weight."""
+    m = np.array([2.0])
+    return Operators(
+        mass=sp.csr_matrix([[2.0]]),
+        damping=sp.csr_matrix([[0.0]]),
+        stiffness=sp.csr_matrix([[0.0]]),
+        lumped_mass=m,
+        base=BaseCoupling(m, np.zeros(1), np.zeros(1)),
+        gap_matrix=sp.csr_matrix([[1.0]]),
+        gap0=np.zeros(1),
+        observed=np.zeros(1, dtype=np.int64),
+    )
+
+
+def drop(law: Law, scheme: Scheme, n_steps: int) -> Recorder:
+    """Drop the ball from 1 m."""
+    o = ball()
+    engine = Compiled(o, scheme, law)
+    recorder = Recorder(
+        o.base,
+        time_step=scheme.time_step,
+        steps_per_period=n_steps,
+        n_periods=1,
+        n_observed=1,
+        window_periods=1,
+        frames_per_period=1,
+        limit=10.0,
+    )
+    states = np.tile([0.0, 0.0, G], (n_steps + 1, 1))
+    set_initial(engine, State(np.array([[1.0], [0.0], [0.0]]), np.zeros(1, dtype=bool)), states[0])
+    assert simulate(engine, recorder, lambda _: states) == "completed"
+    return recorder
+
+
+@pytest.mark.parametrize("is_coupled", [False, True])
+def test_ball_rebounds_by_restitution(is_coupled: bool) -> None:
+    e, step = 0.5, 1e-4
+    recorder = drop(Law(IMPACTS, is_coupled, e), Scheme.newmark(step), 8000)
+    (at, decision, energy), *_ = recorder.window[0].jumps
+    speed = np.sqrt(2.0 * G)
+    assert at * step == pytest.approx(np.sqrt(2.0 / G), abs=step)
+    assert decision.rate_pre[0] == pytest.approx(-speed, rel=1e-3)
+    assert decision.rate_post[0] == pytest.approx(e * speed, rel=1e-3)
+    assert decision.impulses[0] == pytest.approx(2.0 * (1.0 + e) * speed, rel=1e-3)
+    assert energy == pytest.approx(-(1.0 - e**2) * 2.0 * G, rel=1e-3)
+    assert recorder.window[0].u[at:, 3].max() == pytest.approx(e**2, rel=2e-3)
+
+
+def test_ball_rebounds_under_moreau() -> None:
+    recorder = drop(Law(MOREAU, True, 0.5, threshold=1e-3), Scheme.moreau_jean(1e-4), 8000)
+    at = next(iter(recorder.window[0].jumps))[0]
+    assert recorder.window[0].u[at:, 3].max() == pytest.approx(0.25, rel=2e-3)
+
+
+def test_ball_on_a_spring() -> None:
+    k = 2.0e5
+    recorder = drop(Law(PENALTY, stiffness=k), Scheme.newmark(2e-6), 260000)
+    below = recorder.window[0].u[:, 3] < 0.0
+    omega = np.sqrt(k / 2.0)
+    duration = (np.pi + 2.0 * np.arctan(np.sqrt(G / 2.0) / omega)) / omega
+    assert below.sum() * 2e-6 == pytest.approx(duration, rel=1e-3)
+    assert recorder.energy_residual() < 1e-9
+
+
+# -- the engine -------------------------------------------------------------------------------
+
+
+def start(case: Case) -> tuple[Compiled, Recorder]:
+    operators = closed_form.assemble(case).operators
+    engine, recorder = compiled_engine(case, operators), recorder_of(case, operators)
+    set_initial(engine, None, motion_of(case)(0)[0])
+    return engine, recorder
+
+
+LAWS = ("none", "newton", "newton-penalty", "penalty", "moreau", "moreau-recovery")
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_both_paths_compute_the_same(law: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    case = paper(**{"contact.law": law, "contact.impulse": "consistent"})
+    engine, recorder = start(case)
+    simulate(engine, recorder, motion_of(case))
+    monkeypatch.setattr(lanes, "rayleigh", lambda operators: None)
+    banded_engine, same = start(case)
+    assert engine.stepper.system.is_chained and not banded_engine.stepper.system.is_chained
+    simulate(banded_engine, same, motion_of(case))
+    for a, b in zip(recorder.window, same.window, strict=True):
+        np.testing.assert_allclose(a.u[:, 3:], b.u[:, 3:], rtol=0.0, atol=SAME)
+        assert [jump[0] for jump in a.jumps] == [jump[0] for jump in b.jumps]
+    np.testing.assert_allclose(recorder.ledger, same.ledger, rtol=0.0, atol=1e-10)
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_restored_run_goes_on_bit_for_bit(law: str) -> None:
+    case = paper(**{"contact.law": law, "time.periods": 3})
+    engine, recorder = start(case)
+    motion, states = motion_of(case), []
+    simulate(engine, recorder, motion, stop=lambda period: bool(states.append(engine.state())))
+    other, same = start(case)
+    same.n_closed = 1
+    other.restore(states[0], motion(1)[0])
+    simulate(other, same, motion)
+    for a, b in zip(list(recorder.window)[-2:], list(same.window)[-2:], strict=True):
+        np.testing.assert_array_equal(a.u, b.u)
+        np.testing.assert_array_equal(a.v, b.v)
+    np.testing.assert_array_equal(recorder.ledger[1:], same.ledger[1:])
+
+
+def test_full_buffers_lose_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    case = paper(**{"contact.law": "newton"})
+    engine, recorder = start(case)
+    simulate(engine, recorder, motion_of(case))
+    monkeypatch.setattr(engine_module, "EVENTS", 2)
+    monkeypatch.setattr(engine_module, "HITS_PER_PAIR", 1)
+    small, same = start(case)
+    simulate(small, same, motion_of(case))
+    for a, b in zip(recorder.window, same.window, strict=True):
+        assert len(a.jumps) > 2
+        np.testing.assert_array_equal(a.u, b.u)
+        np.testing.assert_array_equal(np.array(a.contact), np.array(b.contact))
+        for (step, one, energy), (same_step, other, same_energy) in zip(
+            a.jumps, b.jumps, strict=True
+        ):
+            assert (step, energy) == (same_step, same_energy)
+            for name in ("hit", "impulses", "rate_pre", "rate_post"):
+                np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+
+
+def test_divergence_ends_the_period_early() -> None:
+    case = paper(**{"damping.rayleigh": "mass", "time.periods": 200})
+    engine, recorder = start(case)
+    assert simulate(engine, recorder, motion_of(case)) == "diverged"
+    assert recorder.n_closed < 200
+
+
+@numba.njit
+def examine(system, law, memory, log):  # type: ignore[no-untyped-def]
+    bare = simd.pointers(system), law, simd.pointers(memory), simd.pointers(log)
+    return contact.examine(*bare, 1)
+
+
+def test_velocities_that_are_no_numbers_are_told() -> None:
+    engine, recorder = start(paper(**{"contact.impulse": "consistent"}))
+    s, motion = engine.stepper, np.zeros((3, engine.operators.n_dofs))
+    motion[0, 0], motion[1, 0] = 1.0, np.inf  # node 1 of lamina 1 far beyond lamina 2
+    engine.restore(State(motion, s.permanent), np.zeros(3))
+    log = engine._log(recorder.open(s, np.zeros((2, 3))))
+    ending = examine(s.system, s.law, s.memory, log)
+    assert ending == contact.NOT_FINITE
+    with pytest.raises(ArithmeticError, match="not finite"):
+        engine_module._require_impulses(ending)
+    with pytest.raises(ArithmeticError, match="no solution found"):
+        engine_module._require_impulses(contact.UNSOLVED)
+
+
+def test_unstable_central_difference_is_refused() -> None:
+    case = paper(**{"time.scheme": "central-difference"})
+    with pytest.raises(CaseError, match="central difference needs a time step"):
+        compiled_engine(case, closed_form.assemble(case).operators)
+
+
+def test_recovery_needs_the_start_of_a_step() -> None:
+    with pytest.raises(ValueError, match=r"expected θ < 1, given 1\.0"):
+        Compiled(operators_of(5), Scheme.moreau_jean(1e-4, theta=1.0), Law(RECOVERY, True, 0.1))

@@ -1,0 +1,149 @@
+"""The PETSc steppers against dense linear algebra, and their springs against a stiffer matrix."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from delam_fem.case.files import preset
+from delam_fem.contact.decision import NO_PAIRS, NO_VALUES, Decision
+from delam_fem.engines.petsc import newmark
+from delam_fem.engines.petsc.newmark import Newmark
+from delam_fem.engines.petsc.theta import MoreauJean
+from delam_fem.model import closed_form
+from delam_fem.model.operators import Operators
+
+ROUND_OFF = 1e-9
+"""Relative, after 50 steps; stiff modes make the accelerations some 1e6 times the displacements."""
+DT = 2e-4
+
+
+def problem(elements: int = 6) -> Operators:
+    return closed_form.assemble(preset("paper", {"mesh.elements": elements})).operators
+
+
+def shaken(n_steps: int) -> list[list[float]]:
+    t = DT * np.arange(n_steps + 1)
+    A, w = 0.0025, 20.0
+    return (A * np.array([np.sin(w * t), w * np.cos(w * t), -(w**2) * np.sin(w * t)])).T.tolist()
+
+
+def dense_step(
+    o: Operators, state: np.ndarray, base: list[float], spring: np.ndarray
+) -> np.ndarray:
+    """Take one average-acceleration step with springs in the matrix."""
+    H = o.gap_matrix.toarray()
+    K = o.stiffness.toarray() + H.T @ (spring[:, None] * H)
+    M, C = o.mass.toarray(), o.damping.toarray()
+    q, dq, ddq = base
+    f = -(o.base.mass * ddq + o.base.damping * dq + o.base.stiffness * q)
+    f = f - H.T @ (spring * o.gap0)
+    u, v, a = state
+    u_star, v_star = u + DT * v + DT**2 / 4 * a, v + DT / 2 * a
+    a_new = np.linalg.solve(M + DT / 2 * C + DT**2 / 4 * K, f - C @ v_star - K @ u_star)
+    return np.array([u_star + DT**2 / 4 * a_new, v_star + DT / 2 * a_new, a_new])
+
+
+@pytest.mark.parametrize("direct_pairs", [64, 0], ids=["direct", "conjugate gradients"])
+@pytest.mark.parametrize("stiffness", [100.0, 1e5])
+def test_springs_are_those_of_a_stiffer_matrix(
+    direct_pairs: int, stiffness: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(newmark, "DIRECT_PAIRS", direct_pairs)
+    o = problem()
+    stepper = Newmark(o, DT, spring=(stiffness, 0.0))
+    stepper.base_states = shaken(50)
+    permanent = np.array([True, False, True, True, False, False])
+    stepper.jump(Decision(NO_PAIRS, NO_VALUES, NO_VALUES, NO_VALUES, permanent))
+    state = stepper.state()
+    for base in stepper.base_states[1:]:
+        stepper.advance()
+        state = dense_step(o, state, base, stiffness * permanent)
+    for given, expected in zip(stepper.state(), state, strict=True):
+        assert np.abs(given - expected).max() <= ROUND_OFF * np.abs(expected).max()
+    stepper.destroy()
+
+
+def test_renewed_acceleration_fulfils_the_equation_of_motion() -> None:
+    o = problem()
+    stepper = Newmark(o, DT, spring=(1e4, 3.0))
+    stepper.base_states = shaken(20)
+    stepper.renew_acceleration()
+    for _ in range(20):
+        stepper.advance()
+    permanent = np.arange(o.n_pairs) < 3
+    hit = np.array([4])
+    stepper.jump(Decision(hit, np.array([1e-4]), NO_VALUES, NO_VALUES, permanent))
+    u, v, a = stepper.state()
+    q, dq, ddq = stepper.base_states[20]
+    force = np.where(permanent, 1e4 * (o.gap_matrix @ u + o.gap0) + 3.0 * (o.gap_matrix @ v), 0.0)
+    terms = [
+        o.mass @ a,
+        o.damping @ v,
+        o.stiffness @ u,
+        o.gap_matrix.T @ force,
+        o.base.mass * ddq + o.base.damping * dq + o.base.stiffness * q,
+    ]
+    assert np.abs(sum(terms)).max() <= ROUND_OFF * max(np.abs(t).max() for t in terms)
+    stepper.destroy()
+
+
+@pytest.mark.parametrize("coupled", [False, True])
+def test_impulses_change_the_velocities_by_their_mass(coupled: bool) -> None:
+    o = problem()
+    stepper = Newmark(o, DT, coupled_impulses=coupled)
+    hit, impulses = np.array([1, 5]), np.array([1e-3, 2e-3])
+    before = stepper.state()[1]
+    energy, switched = stepper.jump(Decision(hit, impulses, NO_VALUES, NO_VALUES))
+    change = stepper.state()[1] - before
+    p = np.zeros(o.n_pairs)
+    p[hit] = impulses
+    load = o.gap_matrix.T @ p
+    M = o.mass.toarray()
+    expected = np.linalg.solve(M, load) if coupled else load / o.lumped_mass
+    assert change == pytest.approx(expected, rel=ROUND_OFF, abs=ROUND_OFF * np.abs(expected).max())
+    assert energy == pytest.approx(0.5 * change @ M @ change, rel=ROUND_OFF)  # it was at rest
+    assert switched == 0.0
+    stepper.destroy()
+
+
+@pytest.mark.parametrize("coupled", [False, True])
+def test_compliance_is_that_of_the_mass(coupled: bool) -> None:
+    o = problem()
+    stepper = Newmark(o, DT, coupled_impulses=coupled)
+    H = o.gap_matrix.toarray()
+    M = o.mass.toarray() if coupled else np.diag(o.lumped_mass)
+    W = H @ np.linalg.solve(M, H.T)
+    pairs = np.array([5, 0, 3])
+    assert stepper.compliance.block(pairs) == pytest.approx(W[np.ix_(pairs, pairs)], rel=ROUND_OFF)
+    assert stepper.compliance.diagonal(pairs) == pytest.approx(W[pairs, pairs], rel=ROUND_OFF)
+    stepper.destroy()
+
+
+@pytest.mark.parametrize("theta", [0.5, 0.7])
+def test_moreau_step_against_its_equations(theta: float) -> None:
+    o = problem()
+    stepper = MoreauJean(o, DT, theta=theta)
+    stepper.base_states = shaken(10)
+    for _ in range(9):
+        stepper.advance()
+    u, v, _ = stepper.state()
+    stepper.advance()
+    hit, impulses = np.array([2, 3]), np.array([1e-4, 2e-4])
+    pre, free = stepper.rate_pre()[hit], stepper.rate_free()[hit]
+    post = free + stepper.compliance.block(hit) @ impulses
+    stepper.jump(Decision(hit, impulses, pre, post))
+    u_new, v_new, _ = stepper.state()
+    v_mean, p = theta * v_new + (1 - theta) * v, np.zeros(o.n_pairs)
+    p[hit] = impulses
+    q, dq, ddq = (1 - theta) * np.array(stepper.base_states[9]) + theta * np.array(
+        stepper.base_states[10]
+    )
+    load = -(o.base.mass * ddq + o.base.damping * dq + o.base.stiffness * q)
+    u_theta = u + theta * (u_new - u)
+    force = load - o.damping @ v_mean - o.stiffness @ u_theta
+    left, right = o.mass @ (v_new - v), DT * force + o.gap_matrix.T @ p
+    assert np.abs(left - right).max() <= ROUND_OFF * np.abs(DT * o.stiffness @ u_theta).max()
+    assert u_new == pytest.approx(u + DT * v_mean, rel=ROUND_OFF, abs=1e-15)
+    assert (o.gap_matrix @ v_new)[hit] == pytest.approx(post, rel=1e-6)
+    stepper.destroy()

@@ -1,0 +1,105 @@
+"""Node coordinates: uniform meshes, files, and what is wrong with a file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import meshio
+import numpy as np
+import pytest
+
+from delam_fem.case.definition import Case
+from delam_fem.case.files import preset
+from delam_fem.case.toml import CaseError
+from delam_fem.model.mesh import node_coordinates
+
+LENGTH = 0.685
+
+
+def case_with(path: Path) -> Case:
+    return preset("paper", {"mesh.file": str(path)})
+
+
+def write(path: Path, first: list[float], second: list[float], tags: tuple[int, int]) -> Path:
+    x = np.array(first + second)
+    points = np.column_stack([x, np.repeat([0.0, 0.01], [len(first), len(second)]), 0.0 * x])
+    lines = [[k, k + 1] for k in range(len(x) - 1) if k != len(first) - 1]
+    tag = np.repeat(tags, [len(first) - 1, len(second) - 1])
+    meshio.write_points_cells(path, points, {"line": np.array(lines)}, cell_data={"lamina": [tag]})
+    return path
+
+
+def test_uniform_nodes_span_the_length() -> None:
+    x = node_coordinates(preset("paper", {"mesh.elements": 7}))
+    assert x.shape == (8,)
+    assert x[0] == 0.0
+    assert x[-1] == LENGTH
+    assert np.allclose(np.diff(x), LENGTH / 7)
+
+
+def test_file_gives_its_own_grading_whatever_the_order_of_its_cells(tmp_path: Path) -> None:
+    graded = [0.0, 0.1, 0.3, 0.6, LENGTH]
+    path = write(tmp_path / "mesh.vtu", graded, graded, (2, 1))
+    mesh = meshio.read(path)
+    order = [5, 0, 3, 1, 7, 2, 4, 6]
+    cells = mesh.cells[0].data[order][:, ::-1]
+    shuffled = {"lamina": [mesh.cell_data["lamina"][0][order]]}
+    meshio.write_points_cells(path, mesh.points, {"line": cells}, cell_data=shuffled)
+    assert np.allclose(node_coordinates(case_with(path)), graded)
+
+
+@pytest.mark.parametrize("name", ["laminae_20.msh", "laminae_50.msh", "laminae_graded.msh"])
+def test_meshes_of_the_project_are_read(name: str) -> None:
+    path = Path(__file__).parents[2] / "meshes" / name
+    x = node_coordinates(case_with(path))
+    assert x[-1] == LENGTH
+    assert (np.diff(x) > 0.0).all()
+
+
+def test_nodes_that_are_not_opposite_are_named(tmp_path: Path) -> None:
+    path = write(tmp_path / "m.vtu", [0.0, 0.2, LENGTH], [0.0, 0.25, LENGTH], (1, 2))
+    with pytest.raises(CaseError, match=r"opposite nodes.*node 1 is at x = 0\.2 m.* 0\.25 m"):
+        node_coordinates(case_with(path))
+
+
+def test_more_nodes_on_one_lamina_are_refused(tmp_path: Path) -> None:
+    path = write(tmp_path / "m.vtu", [0.0, 0.2, LENGTH], [0.0, 0.2, 0.4, LENGTH], (1, 2))
+    with pytest.raises(CaseError, match=r"opposite nodes.*node 2"):
+        node_coordinates(case_with(path))
+
+
+def test_length_must_be_that_of_the_case(tmp_path: Path) -> None:
+    path = write(tmp_path / "m.vtu", [0.0, 0.2, 0.5], [0.0, 0.2, 0.5], (1, 2))
+    with pytest.raises(CaseError, match=r"lamina\.length = 0\.685 m, given 0 to 0\.5 m"):
+        node_coordinates(case_with(path))
+
+
+def test_lines_without_two_groups_are_refused(tmp_path: Path) -> None:
+    path = write(tmp_path / "m.vtu", [0.0, LENGTH], [0.0, LENGTH], (1, 1))
+    with pytest.raises(CaseError, match="two physical groups named 'thick' and 'thin'"):
+        node_coordinates(case_with(path))
+
+
+def test_branched_lines_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "m.vtu"
+    points = np.array([[0.0, 0, 0], [0.3, 0, 0], [0.5, 0, 0], [LENGTH, 0, 0]])
+    lines = np.array([[0, 1], [1, 3], [1, 2], [0, 1], [1, 2], [2, 3]])
+    tag = [np.array([1, 1, 1, 2, 2, 2])]
+    meshio.write_points_cells(path, points, {"line": lines}, cell_data={"lamina": tag})
+    with pytest.raises(CaseError, match="one chain along x"):
+        node_coordinates(case_with(path))
+
+
+def test_a_mesh_without_lines_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "m.vtu"
+    points = np.array([[0.0, 0, 0], [1.0, 0, 0], [0.0, 1.0, 0]])
+    meshio.write_points_cells(path, points, {"triangle": np.array([[0, 1, 2]])})
+    with pytest.raises(CaseError, match="expected line cells, found: triangle"):
+        node_coordinates(case_with(path))
+
+
+def test_a_file_that_meshio_cannot_read_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "m.msh"
+    path.write_text("no mesh")
+    with pytest.raises(CaseError, match=r"meshio cannot read .*m\.msh"):
+        node_coordinates(case_with(path))

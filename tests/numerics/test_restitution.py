@@ -1,0 +1,119 @@
+"""The coefficient of restitution from velocities: formulas, and jumps found in signals."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from delam_fem.numerics.restitution import identify, restitution, restitution_by_body
+
+EXACT = 1e-10
+"""Straight lines through exact samples meet at the jump up to round-off."""
+NOISE = 1e-3
+"""Standard deviation of the noise of a measured signal [m/s]."""
+
+speeds = st.floats(0.01, 10.0)
+
+
+def struck(mass_ratio: float, e: float, v1: float, v2: float) -> tuple[float, float]:
+    """Return velocities after an impact, from conservation of momentum and eq. 3 alone."""
+    m1, m2 = mass_ratio, 1.0
+    momentum, rate = m1 * v1 + m2 * v2, -e * (v2 - v1)
+    w1 = (momentum - m2 * rate) / (m1 + m2)
+    return w1, w1 + rate
+
+
+def signals(
+    e: float, mass_ratio: float = 1.942, *, n: int = 400, jumps: tuple[int, ...] = (100, 300)
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return sawtooth velocities that jump in the middle between samples `jumps` and the next."""
+    t = np.arange(n) * 1e-3
+    v = np.empty((2, n))
+    slopes, start = np.array([3.0, -5.0]), np.array([0.1, -0.2])
+    begin, now = 0.0, start
+    edges = [*(0.5 * (t[k] + t[k + 1]) for k in jumps), np.inf]
+    for edge in edges:
+        inside = (t >= begin) & (t < edge)
+        v[:, inside] = now[:, None] + slopes[:, None] * (t[inside] - begin)
+        if np.isfinite(edge):
+            now = np.array(struck(mass_ratio, e, *(now + slopes * (edge - begin))))
+            begin = edge
+    return t, v
+
+
+@given(e=st.floats(0.0, 1.0), mass_ratio=st.floats(0.1, 10.0), v1=speeds, v2=speeds)
+def test_formulas_give_back_the_coefficient(
+    e: float, mass_ratio: float, v1: float, v2: float
+) -> None:
+    after = struck(mass_ratio, e, v1, -v2)
+    assert restitution((v1, -v2), after) == pytest.approx(e, abs=EXACT)
+    by_body = restitution_by_body((v1, -v2), after, mass_ratio)
+    assert by_body == pytest.approx((e, e), abs=EXACT)
+
+
+def test_printed_signs_of_eq_4_would_give_another_gap_rate() -> None:
+    e, ratio, v1, v2 = 0.1, 1.942, 0.6, -0.5
+    share_1, share_2 = 1.0 / (1.0 + ratio), ratio / (1.0 + ratio)
+    w1 = v1 - (1.0 + e) * share_1 * (v2 - v1)
+    w2 = v2 + (1.0 + e) * share_2 * (v2 - v1)
+    assert restitution((v1, v2), (w1, w2)) == pytest.approx(-(2.0 + e))
+
+
+@pytest.mark.parametrize("e", [0.0, 0.05, 0.1, 0.7])
+@pytest.mark.parametrize("fit", [2, 3, 8])
+def test_coefficient_is_recovered_from_synthetic_signals(e: float, fit: int) -> None:
+    strikes = identify(*signals(e), 1.942, fit_samples=fit)
+    assert [s.time for s in strikes] == pytest.approx([0.1005, 0.3005], abs=1e-12)
+    for strike in strikes:
+        assert strike.restitution == pytest.approx(e, abs=EXACT)
+        assert strike.restitution_by_body == pytest.approx((e, e), abs=EXACT)
+        assert strike.apparent_mass_ratio == pytest.approx(1.942, abs=EXACT)
+        assert strike.approach < 0.0
+
+
+def test_coefficient_is_recovered_from_a_noisy_smeared_signal() -> None:
+    rng = np.random.default_rng(1)
+    t, v = signals(0.08)
+    smeared = np.stack([np.convolve(row, np.ones(3) / 3.0, mode="same") for row in v])
+    smeared[:, [0, -1]] = v[:, [0, -1]]
+    measured = smeared + NOISE * rng.standard_normal(v.shape)
+    found = identify(t, measured, 1.942, jump_samples=3, fit_samples=20, apart=0.05)
+    assert len(found) == 2
+    for strike in found:
+        # two lines through 20 samples: NOISE times about 1 at their ends, over 2.5 m/s of approach
+        assert strike.restitution == pytest.approx(0.08, abs=5.0 * NOISE)
+
+
+def test_of_two_jumps_close_together_the_larger_one_counts() -> None:
+    t, v = signals(0.1)
+    v[1, 110:] += 0.4  # a further push that parts them
+    v[0, 105:110] += 0.3  # and an approach before it
+    assert len(identify(t, v, 1.942, apart=0.05)) == 2
+
+
+def test_no_strike_in_smooth_signals_that_part() -> None:
+    t = np.linspace(0.0, 1.0, 50)
+    assert identify(t, np.stack([-t, 1.0 + t]), 2.0) == ()
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ({"velocities": np.zeros((2, 9))}, r"two signals of the 10 samples"),
+        ({"time": np.arange(10.0) ** 2}, "equidistant"),
+        ({"time": -np.arange(10.0)}, "increasing equidistant"),
+        ({"fit_samples": 0}, "at least 1, given 1 and 0"),
+        ({"fit_samples": 5}, "at least 11 samples, given 10"),
+    ],
+)
+def test_impossible_signals_are_told(change: dict[str, object], text: str) -> None:
+    given = {"time": np.arange(10.0), "velocities": np.zeros((2, 10)), "mass_ratio": 1.0}
+    with pytest.raises(ValueError, match=text):
+        identify(**(given | change))  # type: ignore[arg-type]
+
+
+def test_parting_bodies_and_impossible_masses_are_told() -> None:
+    with pytest.raises(ValueError, match=r"approach one another .* given 1\.0"):
+        restitution((0.0, 1.0), (0.0, 2.0))
+    with pytest.raises(ValueError, match=r"mass ratio m1/m2: .* given -1"):
+        restitution_by_body((1.0, 0.0), (0.0, 1.0), -1.0)

@@ -1,0 +1,308 @@
+"""A lamina over the ground, the exact struck beam, and the measures of both experiments."""
+
+import numpy as np
+import pytest
+from scipy.integrate import trapezoid
+from scipy.sparse.linalg import spsolve
+
+from delam_fem.model import ground
+from delam_fem.paper.figures import lateral
+from delam_fem.paper.lateral import ground_run, rolling_figure, struck_beam, studies, tip_figure
+from delam_fem.paper.lateral.ground_run import LIFT, GroundLaw, Impulses
+from delam_fem.paper.lateral.rolling import Rolling, rolling
+from delam_fem.paper.lateral.struck_beam import StruckBeam
+from delam_fem.paper.lateral.studies import RollingStudy, Rung
+from delam_fem.paper.lateral.tip_block import TipBlock
+from delam_fem.results.style import styled
+
+ROUND_OFF = 1e-9
+"""Relative; K of 10 to 20 elements has a condition number of 1e6."""
+QUADRATURE = 1e-4
+"""Of a Laplace integral by the trapezoidal rule over 1e4 points."""
+N = 12
+
+
+# -- operators --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("touching", "pairs"), [("everywhere", np.arange(N)), ("tip", np.array([N - 1]))]
+)
+def test_each_pair_is_one_node_above_the_ground(touching: ground.Touching, pairs) -> None:
+    operators = ground.on_ground(ground.steel_strip(), N, touching)
+    heights = np.random.default_rng(3).normal(size=2 * N)
+    assert np.diff(operators.gap_matrix.indptr).tolist() == [1] * pairs.size
+    assert (operators.gap_matrix @ heights == heights[2 * pairs]).all()
+    assert not operators.gap0.any()
+
+
+def test_strip_has_the_frequency_asked_for() -> None:
+    strip = ground.steel_strip(31.0, thickness=0.002)
+    assert strip.angular_frequencies(1)[0] / (2.0 * np.pi) == pytest.approx(31.0, rel=1e-12)
+
+
+def test_modes_one_and_two_have_the_damping_ratio() -> None:
+    strip = ground.steel_strip(damping_ratio=0.01)
+    operators = ground.on_ground(strip, N, "tip")
+    M, C, K = (a.toarray() for a in (operators.mass, operators.damping, operators.stiffness))
+    square, modes = np.linalg.eig(np.linalg.solve(M, K))
+    for k in np.argsort(square)[:2]:
+        mode = modes[:, k]
+        ratio = mode @ C @ mode / (2.0 * np.sqrt(square[k]) * (mode @ M @ mode))
+        assert ratio == pytest.approx(0.01, rel=1e-4)  # the mesh's error of ω2
+
+
+def test_gaps_count_from_where_the_strip_would_hang() -> None:
+    strip = ground.steel_strip(length=0.5, thickness=0.001)
+    operators = ground.on_ground(strip, N, "everywhere", gravity=9.81)
+    load = np.zeros(2 * N)
+    load[::2] = strip.mass_per_length * 9.81 * strip.length / N
+    load[-2:] *= 0.5, 0.0
+    load[-1] = -strip.mass_per_length * 9.81 * (strip.length / N) ** 2 / 12.0
+    hanging = -spsolve(operators.stiffness.tocsc(), load)
+    assert operators.gap0 == pytest.approx(hanging[::2], rel=ROUND_OFF)
+    assert operators.gap0[-1] == pytest.approx(-ground.sag(strip, 9.81), rel=ROUND_OFF)
+    up = ground.lifted(strip, N, 0.05, "tip force", gravity=9.81)
+    height = operators.gap_matrix @ up + operators.gap0
+    assert height[-1] == pytest.approx(0.05, rel=ROUND_OFF)
+    assert height.min() > 0.0
+    # the end force alone is left when the weight is taken off: K u = P at the tip
+    force = operators.stiffness @ up
+    assert force[-2] > 0.0
+    assert np.abs(np.delete(force, -2)).max() < ROUND_OFF * force[-2] * strip.length
+
+
+def test_a_strip_that_stays_on_the_ground_is_refused() -> None:
+    strip = ground.steel_strip(length=0.5, thickness=0.001)
+    with pytest.raises(ValueError, match=r"a third of its sag of 0\.0343\d* m .* given 0\.005 m"):
+        ground.lifted(strip, N, 0.005, "tip force", gravity=9.81)
+
+
+@pytest.mark.parametrize("by", ["tip force", "uniform load"])
+def test_lifted_shapes_are_in_equilibrium(by: ground.Lift) -> None:
+    strip = ground.steel_strip()
+    operators, h = ground.on_ground(strip, N, "tip"), strip.length / N
+    load = np.zeros(2 * N)
+    if by == "tip force":
+        load[-2] = 1.0
+    else:  # of a constant load on cubic elements
+        load[::2] = h
+        load[-2:] = h / 2.0, -(h**2) / 12.0
+    exact = spsolve(operators.stiffness.tocsc(), load)
+    assert ground.lifted(strip, N, 0.05, by) == pytest.approx(
+        0.05 * exact / exact[-2], rel=ROUND_OFF
+    )
+
+
+def test_first_mode_is_lifted_as_a_mode() -> None:
+    strip = ground.steel_strip()
+    operators, shape = (
+        ground.on_ground(strip, N, "tip"),
+        ground.lifted(strip, N, 0.05, "first mode"),
+    )
+    square = shape @ (operators.stiffness @ shape) / (shape @ (operators.mass @ shape))
+    assert shape[-2] == pytest.approx(0.05)
+    assert np.sqrt(square) == pytest.approx(strip.angular_frequencies(1)[0], rel=1e-5)
+
+
+def test_strain_of_the_lifted_strip_is_that_of_beam_theory() -> None:
+    strip = ground.steel_strip()
+    gauges = np.array([0.0, 0.3 / N, 0.5, 0.777, 1.0]) * strip.length
+    strain = ground.strain_rows(strip, N, gauges) @ ground.lifted(strip, N, 0.05, "tip force")
+    exact = 1.5 * 0.05 * strip.thickness * (strip.length - gauges) / strip.length**3
+    assert strain == pytest.approx(exact, rel=ROUND_OFF, abs=ROUND_OFF * exact[0])
+
+
+def test_wrong_places_and_meshes_are_refused() -> None:
+    strip = ground.steel_strip()
+    with pytest.raises(ValueError, match=r"gauge: expected a place from 0 to 0\.354.*given 0\.4"):
+        ground.strain_rows(strip, N, [0.4])
+    with pytest.raises(ValueError, match="expected at least 2 elements, given 1"):
+        ground.on_ground(strip, 1, "tip")
+
+
+# -- the exact beam ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("s", [0.5, 1.0, 3.0])
+def test_unit_force_has_its_transform(s: float) -> None:
+    t = np.linspace(0.0, 40.0 / s, 10_001)
+    integral = trapezoid(np.exp(-s * t) * struck_beam.unit_force(t), t)
+    assert integral == pytest.approx(1.0 / (s**2 + np.sqrt(s)), rel=QUADRATURE)
+
+
+def test_unit_force_begins_as_a_spring_and_ends_as_a_beam() -> None:
+    early, late = np.array([1e-3]), np.array([300.0])
+    assert struck_beam.unit_force(early) == pytest.approx(early, rel=1e-3)
+    assert struck_beam.unit_force(late) == pytest.approx(1.0 / np.sqrt(np.pi * late), rel=1e-3)
+
+
+def test_peak_ends_in_a_minimum_above_zero() -> None:
+    end = struck_beam.peak_end()
+    before, at, after = struck_beam.unit_force([0.99 * end, end, 1.01 * end])
+    assert 0.0 < at < min(before, after)
+
+
+def test_stiffness_and_duration_belong_together() -> None:
+    beam = StruckBeam.of(ground.steel_strip())
+    stiffness = beam.stiffness_for(30e-6)
+    assert beam.contact_time(stiffness) * struck_beam.peak_end() == pytest.approx(30e-6)
+    assert beam.contact_time(8.0 * stiffness) == pytest.approx(beam.contact_time(stiffness) / 4.0)
+
+
+def test_a_stiff_spring_gives_the_impulse_of_a_rigid_stop() -> None:
+    beam = StruckBeam.of(ground.steel_strip())
+    t = np.linspace(0.0, 30e-6, 20_001)
+    given = trapezoid(beam.spring_force(t, 6.0, 1e12), t)
+    assert given == pytest.approx(beam.rigid_impulse(30e-6, 6.0), rel=0.005)
+
+
+def test_strain_has_its_transform() -> None:
+    beam, x, k = StruckBeam.of(ground.steel_strip()), 0.1, 1e8
+    dt = 2e-7
+    t = dt * np.arange(40_000)
+    strain = beam.strain(beam.spring_force(t, 1.0, k), dt, x)
+    s = 2e3  # far from the window's end, exp(-16)
+    root = np.sqrt(s / (2.0 * beam.kappa))
+    force = k / (np.sqrt(s) * (s**1.5 + k / beam.impedance))
+    curvature = force * np.exp(-root * x) * np.sin(root * x)
+    curvature /= beam.kappa * beam.impedance * np.sqrt(s)
+    found = trapezoid(np.exp(-s * t) * strain, t)
+    assert found == pytest.approx(beam.half_thickness * curvature, rel=2e-3)
+
+
+# -- runs and measures ------------------------------------------------------------------------
+
+
+def test_without_a_law_the_strip_swings_through_the_ground_and_keeps_its_energy() -> None:
+    strip = ground.steel_strip()
+    operators = ground.on_ground(strip, N, "everywhere")
+    start = ground_run.released(ground.lifted(strip, N, 0.05, "first mode"), operators)
+    out = ground_run.run(
+        GroundLaw("none"), operators, start, time_step=1e-5, steps_per_stretch=500, n_stretches=5
+    )
+    assert out.u[-1, 0] == pytest.approx(-0.05, rel=1e-4)  # half a period of 50 ms
+    assert out.energy.stored == pytest.approx(out.energy.stored[0], rel=ROUND_OFF)
+    assert out.time[-1] == pytest.approx(0.025)
+    assert out.frames[-1, 0, -2] == out.u[-1, 0]
+    assert out.impulses.time.size == 0
+
+
+def test_a_run_can_be_stopped_between_stretches() -> None:
+    strip = ground.steel_strip()
+    operators = ground.on_ground(strip, N, "tip")
+    start = ground_run.released(ground.lifted(strip, N, 0.05, "tip force"), operators)
+    out = ground_run.run(
+        GroundLaw("none"),
+        operators,
+        start,
+        time_step=1e-5,
+        steps_per_stretch=100,
+        n_stretches=50,
+        stop=lambda u, v: u < 0.025,
+    )
+    assert out.outcome == "interrupted"
+    assert 0.0 < out.u[-1, 0] < 0.025 < out.u[-101, 0]
+
+
+@pytest.fixture(scope="module")
+def fallen() -> Rolling:
+    return rolling(
+        ground.steel_strip(damping_ratio=0.002),
+        gravity=0.0,
+        n_elements=20,
+        steps_per_period=5000,
+    )
+
+
+def front_of(run: Rolling, x: np.ndarray, t: np.ndarray) -> Rolling:
+    """Return a run whose nodes at x were pushed at t, in the order of time."""
+    order = np.argsort(t)
+    pairs = np.searchsorted(run.x, x[order] - 1e-9)
+    pushes = Impulses(t[order], pairs, np.ones(x.size), -np.ones(x.size))
+    return Rolling(**{**vars(run), "impulses": pushes})
+
+
+@pytest.mark.parametrize("speed", [250.0, -400.0])
+def test_front_finds_direction_and_speed(fallen: Rolling, speed: float) -> None:
+    t = 0.02 + (fallen.x - fallen.x[0] if speed > 0.0 else fallen.x - fallen.x[-1]) / speed
+    direction, found = front_of(fallen, fallen.x, t).front()
+    assert direction == pytest.approx(np.sign(speed))
+    assert found == pytest.approx(abs(speed))
+
+
+def test_a_strip_that_lands_at_once_has_no_front(fallen: Rolling) -> None:
+    at_once = front_of(fallen, fallen.x, np.full(fallen.x.size, 0.0125))
+    assert at_once.front() == (0.0, float("inf"))
+    assert at_once.numbers()["front_speed_m_s"] is None
+
+
+def test_a_node_counts_when_it_is_first_pushed(fallen: Rolling) -> None:
+    twice = front_of(fallen, fallen.x[[8, 8, 9]], np.array([0.013, 0.012, 0.014]))
+    assert twice.contact_line[[8, 9]].tolist() == [0.012, 0.014]
+    assert np.isnan(twice.contact_line[10])
+
+
+def test_shares_add_up(fallen: Rolling) -> None:
+    shares = fallen.shares(0.013)
+    assert shares["lost"] == shares["impacts"] + shares["damping"]
+    assert shares["lost"] + shares["left"] == pytest.approx(1.0, abs=ROUND_OFF)
+    assert fallen.shares(0.010)["impacts"] == 0.0 < shares["impacts"]
+
+
+@pytest.fixture(scope="module")
+def block() -> TipBlock:
+    """Return a coarse computation: the figures are drawn, numbers are verified elsewhere."""
+    return studies.tip_block(n_elements=40, time_step=2.5e-6, duration=1e-3)
+
+
+def test_block_pushes_only_while_it_is_pressed(block: TipBlock) -> None:
+    force = block.force
+    assert (force[block.spring.tip >= 0.0] == 0.0).all()
+    assert (force[block.spring.time < 0.0] == 0.0).all()
+    late = block.spring.time > 1e-4
+    assert trapezoid(force, block.spring.time) == pytest.approx(block.spring.impulse[late][-1])
+
+
+def test_before_the_touch_all_blocks_are_none(block: TipBlock) -> None:
+    early = block.free.time < 0.0
+    for motion in (block.spring, block.rigid):
+        scale = np.abs(block.free.strain).max()
+        assert np.abs(block.wave(motion)[:, early]).max() < 1e-6 * scale
+    assert block.free.tip[early].min() > 0.0 > block.free.tip[~early].max() - 1e-9
+
+
+def test_rows_about_the_strip_tell_rolling_from_landing_with_the_tip() -> None:
+    thin = rolling(n_elements=40, steps_per_period=5000)
+    rung = Rung("moreau", 0.002, 40, 5000, 0.2, 0.7, 0.1, "completed")
+
+    def rows(run: Rolling) -> list[str]:
+        study = RollingStudy({"moreau": run}, thin, {0.05: thin}, (rung,))
+        return [claim.verdict for claim in lateral.rolling_claims(study.numbers())]
+
+    assert rows(thin) == ["holds"] * 3
+    assert rows(rolling(height=0.15, n_elements=20, steps_per_period=5000))[0] == "does not hold"
+
+
+def test_figures_have_their_labels(block: TipBlock) -> None:
+    ladder = tuple(
+        Rung("moreau", 0.002, n, steps, 0.2, 0.7, 0.1, "completed")
+        for n in (20, 40)
+        for steps in (20_000, 5_000)
+    )
+    heavy = rolling(n_elements=20, steps_per_period=5000)
+    study = RollingStudy({"moreau": heavy}, heavy, {0.05: heavy}, ladder)
+    assert [rung.steps_per_period for rung in study.rungs("moreau", 0.002, 40)] == [5_000, 20_000]
+    assert study.numbers()["ladder"][0]["impacts"] == 0.2
+    with styled():
+        figures = rolling_figure.figure06(study, block), tip_figure.figure07(block)
+        for figure, n_axes in zip(figures, (7, 7), strict=True):
+            figure.canvas.draw()
+            labels = [(a.get_xlabel(), a.get_ylabel()) for a in figure.axes]
+            assert len(labels) == n_axes
+            assert all("[" in y for x, y in labels if "twin" not in x and y)
+            assert sum("[" in x for x, _ in labels) >= 6
+
+
+def test_figure_says_how_high_the_tip_was() -> None:
+    assert LIFT == 0.050

@@ -1,0 +1,426 @@
+"""The paper's tight rows in numbers, and what its figures are measured by."""
+
+import json
+import re
+import runpy
+from collections.abc import Iterator
+from concurrent.futures import Future
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+from typer.testing import CliRunner
+
+from delam_fem.case.toml import CaseError
+from delam_fem.cli.app import app
+from delam_fem.paper import reproduce
+from delam_fem.paper.claims import Claim, markdown_table
+from delam_fem.paper.figures import (
+    chart,
+    motion,
+    plane_measures,
+    response,
+    spectra,
+    swept_sine,
+)
+from delam_fem.paper.figures import strikes as strike_figure
+from delam_fem.paper.lab import FREQUENCIES, Laboratory, Plan, laboratory, motion_case
+from delam_fem.paper.measures import contact_begins, is_as_described, rough_part, settling, strikes
+from delam_fem.paper.page import README_MARKS, between, entries, tally, write_docs, write_page
+from delam_fem.studies.executors import Serial
+
+PLAN = Plan(
+    plane_points=2, plane_periods=80, response_periods=40, thresholds=2, has_long_ladders=False
+)
+SHORT = Plan(periods=45, thresholds=2, gap_exponents=(1.0, 2.0))
+"""For figures that are drawn, not judged."""
+THICK_HZ, THIN_HZ = 3.1649, 1.4357
+"""Natural frequencies from the given EI."""
+ONE_CONTACT = 0.1 + 1e-9
+"""Contacts per period: one in the window of 10 periods, where a strike falls on its edge; when that
+is so depends on round-off."""
+PRINTED = 5e-5
+"""Half of their last digit."""
+
+
+@pytest.fixture(scope="module")
+def lab() -> Iterator[Laboratory]:
+    yield Laboratory(PLAN, Serial())
+
+
+def verdicts(piece: reproduce.Piece) -> dict[str, str]:
+    return {claim.text: claim.verdict for claim in piece.claims}
+
+
+def test_natural_frequencies_and_mass_ratio(lab: Laboratory) -> None:
+    numbers = reproduce.FIGURES["1"](lab).numbers
+    first = [f[0] for f in numbers["natural_frequencies_hz"]]
+    assert first == pytest.approx([THICK_HZ, THIN_HZ], abs=PRINTED)
+    assert numbers["mass_ratio"] == pytest.approx(1.942, abs=5e-4)
+
+
+def test_thirty_minute_sweep_peaks_where_the_paper_reads_its_frequency(lab: Laboratory) -> None:
+    case = swept_sine.swept_case("linear", swept_sine.BAND, "none", 250)
+    (result,) = lab.motions([case])
+    thick, thin = (swept_sine.peak_frequency(result, i) for i in range(2))
+    assert 1.455 <= thin <= 1.465
+    assert THICK_HZ < thick < THICK_HZ + 0.03
+    f, amplitude = swept_sine.swept_envelope(result)
+    exact = motion_case(3.25, PLAN).linear_amplitude(0, f)
+    far = (f > 1.0) & (f < 2.5)
+    assert amplitude[0, far] == pytest.approx(exact[far], rel=0.05)  # a cycle lasts 3 mHz
+
+
+@pytest.mark.parametrize("method", ["3.1", "3.2"])
+def test_four_motions_are_of_the_kind_that_the_paper_describes(
+    lab: Laboratory, method: Any
+) -> None:
+    low, thin_beats, thick_beats, doubled = lab.motions(
+        [motion_case(f, PLAN, method) for f in FREQUENCIES]
+    )
+    assert [r.summary["periodicity"] for r in (low, thin_beats, thick_beats, doubled)] == [
+        1, 1, 1, 2,
+    ]  # fmt: skip
+    assert low.summary["tip_contacts_per_period"] == 0.0
+    assert low.summary["minimum_tip_gap"] == pytest.approx(2.4e-3, abs=0.2e-3)
+    thick, thin = strikes(thin_beats).mean
+    assert abs(thin) > 2.0 * abs(thick)
+    thick, thin = strikes(thick_beats).mean
+    assert thick > 0.0 > thin
+    contacts = [one.summary["tip_contacts_per_period"] for one in (thick_beats, doubled)]
+    assert contacts == pytest.approx([1.0, 0.5], abs=ONE_CONTACT)
+    assert all(is_as_described(r) for r in (low, thin_beats, thick_beats, doubled))
+    assert strikes(thick_beats).approach == max(
+        strikes(r).approach for r in (low, thin_beats, thick_beats, doubled)
+    )
+
+
+def test_a_motion_is_not_taken_for_that_of_another_frequency(lab: Laboratory) -> None:
+    (result,) = lab.motions([motion_case(2.0, PLAN)])
+    assert not is_as_described(result)
+
+
+@pytest.mark.parametrize("name", ["3", "8", "9", "10", "11", "12", "13"])
+def test_figures_of_the_four_motions_are_written(
+    lab: Laboratory, name: str, tmp_path: Path
+) -> None:
+    picture, numbers = reproduce.reproduce(lab, tmp_path, [name])
+    assert picture.stat().st_size > 20_000
+    content = json.loads(numbers.read_text("utf-8"))
+    assert content["claims"] and content["numbers"] and content["caption"]
+    assert {c["verdict"] for c in content["claims"]} <= {"holds", "does not hold", "open"}
+
+
+@pytest.mark.parametrize("name", ["5", "14", "gamma"])
+def test_figures_of_variations_are_written(name: str, tmp_path: Path) -> None:
+    paths = reproduce.reproduce(Laboratory(SHORT, Serial()), tmp_path, [name])
+    content = json.loads(paths[1].read_text("utf-8"))
+    assert all(path.stat().st_size > 1000 for path in paths)
+    assert content["claims"] and content["numbers"] and content["animation"] is None
+
+
+def test_shapes_are_drawn_and_filmed_over_a_period(lab: Laboratory, tmp_path: Path) -> None:
+    reproduce.reproduce(lab, tmp_path, ["4"])
+    content = json.loads((tmp_path / "fig04.json").read_text("utf-8"))
+    assert content["animation"] == "fig04.gif"
+    assert content["claims"][0]["verdict"] == "holds"
+    with Image.open(tmp_path / "fig04.gif") as film:
+        assert film.n_frames == 50
+        assert film.info["duration"] == pytest.approx(1000.0 / 12.0, abs=10.0)
+
+
+def test_distortion_of_the_thin_lamina_grows_with_each_derivative_at_every_node(
+    lab: Laboratory,
+) -> None:
+    numbers = spectra.spectra(lab).numbers
+    d, thd = (numbers[f"{name}_at_nodes"] for name in ("d", "thd"))
+    assert d["displacement"].shape == (2, 21)
+    for order in spectra.ORDERS:
+        assert np.sqrt(1.0 + thd[order][:, 1:] ** 2) - 1.0 == pytest.approx(d[order][:, 1:])
+    for i, j in (("displacement", "velocity"), ("velocity", "acceleration")):
+        assert (d[i][:, 1:] < d[j][:, 1:]).all()
+    assert d["displacement"][1, -1] == pytest.approx(numbers["d"]["displacement"][1], rel=0.02)
+    assert set(numbers["d_by_gap_exponent"]) == {"1", "1.5", "2", "2.5", "3"}
+
+
+def test_bands_say_whether_the_printed_value_is_inside() -> None:
+    orders = dict.fromkeys(spectra.ORDERS, np.array([0.003, 0.02]))
+    numbers = {"d": orders, "thd": orders, "d_by_gap_exponent": {
+        "1": [0.0020, 0.05], "2": [0.0034, 0.02], "3": [0.0046, 0.04],
+    }}  # fmt: skip
+    thick, thin, *_ = spectra.claims(numbers)
+    assert "0.20 … 0.46 % for gaps (x/L)^p, p = 1 … 3 (the printed value is outside" in (
+        thick.measured
+    )
+    assert "2.00 … 5.00 %" in thin.measured and "is inside" in thin.measured
+    assert thick.verdict == thin.verdict == "does not hold"
+
+
+def test_response_is_judged_by_its_numbers() -> None:
+    f = np.array([3.4, 3.5, 3.6, 3.7])
+    numbers = {
+        "frequency_hz": f, "largest_amplitude_m": np.array([0.025, 0.03]),
+        "linear_peak_m": np.array([0.25, 0.25]), "largest_amplitude_at_hz": [3.5, 3.5],
+        "hysteresis_hz": f[1:2], "jumps_up_hz": [[3.45], []], "jumps_down_hz": [[], [3.45]],
+        "periodicity_up": [1, 7, 2, 2], "periodicity_down": [1, np.nan, 2, 2],
+        "tip_contacts_per_period": np.array([[1.0, 1.4, 0.5, 0.5]] * 2),
+    }  # fmt: skip
+    rows = {claim.text: claim for claim in response.claims(numbers)}
+    assert {claim.verdict for claim in rows.values()} == {"holds"}
+    scenario = rows["a bifurcation scenario with different numbers of impacts in a period"]
+    assert scenario.measured == (
+        "periods 1, 2, 7, none up to 8 at 3.50 Hz, 0.5 to 1.4 tip contacts per period; up and "
+        "down differ at 3.50 Hz; jumps at 3.45 Hz"
+    )
+    one_motion = numbers | {"periodicity_up": [1] * 4, "periodicity_down": [1] * 4}
+    assert [claim.verdict for claim in response.claims(one_motion)] == [
+        "holds", "does not hold", "does not hold",
+    ]  # fmt: skip
+
+
+def test_what_holds_of_the_motions(lab: Laboratory) -> None:
+    found = verdicts(reproduce.FIGURES["3"](lab)) | verdicts(reproduce.FIGURES["12"](lab))
+    assert found["3.65 Hz: period doubling, one contact in two periods"] == "holds"
+    assert found["3.25 Hz gives the maximum strike of all"] == "holds"
+    assert found["all four motions with one set of parameters"] == "holds"
+    assert found["3.2 is distinctly smoother than 3.1 in free vibration"] == "does not hold"
+
+
+def test_every_recorded_decision_follows_the_corrected_partition(lab: Laboratory) -> None:
+    (result,) = lab.motions([chart.detailed_case(lab)])
+    found = chart.decisions(result)
+    assert found.violations == 0
+    assert found.counts.sum() == found.state.size == (2 * 1000 - 1) * 20
+    hits = found.counts[chart.STRUCK] + found.counts[chart.BEGUN]
+    assert hits == pytest.approx(result.history.sizes["event"], abs=1)
+    assert found.counts[chart.BEGUN] > 0
+    shifted = result.history.copy()
+    shifted["contact_state"] = shifted["contact_state"].roll(frame=7)
+    broken = type(result)(result.case, shifted, result.summary, result.state)
+    assert chart.decisions(broken).violations > 0
+
+
+def test_restitution_of_the_computed_strikes_is_near_the_given_one(lab: Laboratory) -> None:
+    numbers = reproduce.FIGURES["8"](lab).numbers
+    assert len(numbers["restitution"]) == 10
+    assert np.mean(numbers["restitution"]) == pytest.approx(0.1, abs=0.05)
+
+
+def test_eq_4_as_printed_gives_the_gap_rate_times_two_plus_e() -> None:
+    ratio = strike_figure.printed_ratio(np.array([0.6, -0.5]), 0.1, 1.942)
+    assert ratio == pytest.approx(2.1, abs=1e-12)
+
+
+def test_planes_are_computed_and_drawn(lab: Laboratory, tmp_path: Path) -> None:
+    picture, numbers = reproduce.reproduce(lab, tmp_path, ["15"])
+    content = json.loads(numbers.read_text("utf-8"))["numbers"]
+    for law in ("newton-penalty", "penalty"):
+        assert np.shape(content[law]["kind"]) == (2, 2)
+        assert sum(content[law]["share"].values()) == pytest.approx(1.0)
+    assert content["newton-penalty"]["restitution"] == [0.0, 0.5]
+    assert picture.is_file()
+
+
+def test_scatter_of_a_doubled_motion_is_that_of_its_two_points() -> None:
+    strobes = np.tile([1.0, -1.0], (2, 50))
+    assert plane_measures.one_period_scatter(strobes, np.array([2.0, 4.0])) == pytest.approx(1.0)
+
+
+def test_main_effects_share_the_variance() -> None:
+    e, k = np.meshgrid(np.linspace(0, 1, 5), np.linspace(0, 1, 5), indexing="ij")
+    values = np.stack([3.0 * e + k, k], axis=-1)
+    by_e, by_k = (plane_measures.main_effect(values, axis) for axis in (0, 1))
+    assert by_e == pytest.approx([0.9, 0.0]) and by_k == pytest.approx([0.1, 1.0])
+
+
+def test_best_decade_has_the_most_one_periodic_points() -> None:
+    damping = np.geomspace(0.01, 10.0, 7)
+    kind = np.array([[1, 1], [1, 1], [0, 1], [0, 0], [0, 1], [0, 0], [1, 1]])
+    amplitude = np.ones((7, 2, 2))
+    amplitude[3, 0] = 3.0, 1.0
+    best = plane_measures.best_decade(damping, kind, amplitude)
+    assert best["from"] == pytest.approx(damping[3])  # 5 of 6, as many as nowhere else
+    assert best["one_periodic"] == pytest.approx(5.0 / 6.0)
+    chosen = [3.0, 1.0, 1.0, 1.0, 1.0, 1.0]
+    assert best["amplitude_spread"] == pytest.approx([np.std(chosen) / np.mean(chosen), 0.0])
+
+
+def test_jumps_are_told_from_slopes() -> None:
+    f = np.arange(10.0)
+    assert response.jumps(f, np.array([1, 1.1, 1.2, 1.3, 5, 5.1, 5.2, 5.3, 5.4, 5.5])) == [3.5]
+    assert response.jumps(f, 2.0**f) == []
+
+
+def test_doubled_window_is_the_one_about_the_frequency() -> None:
+    f = np.array([3.0, 3.2, 3.4, 3.6, 3.8, 4.0])
+    up, down = np.array([2, 1, 2, 2, 2, 1]), np.array([2, 1, 1, 2, 2, 2])
+    numbers = {"frequency_hz": f, "periodicity_up": up, "periodicity_down": down}
+    assert response.doubled_window(numbers, 3.65) == (3.6, 3.8)
+    assert response.doubled_window(numbers, 3.2) is None
+
+
+def test_rough_part_keeps_what_is_above_the_limit() -> None:
+    t = np.arange(2000) / 1000.0
+    low, high = np.sin(2 * np.pi * 20 * t), np.cos(2 * np.pi * 21 * t)
+    assert rough_part(low + high, 2) == pytest.approx(high, abs=1e-12)
+
+
+def test_contacts_begin_after_a_pause() -> None:
+    closed = np.zeros(200, dtype=bool)
+    closed[[3, 4, 60, 62, 150]] = True
+    assert contact_begins(closed, 1000).tolist() == [60, 150]  # pauses of 50 steps; 3 is too early
+    assert contact_begins(closed, 100).tolist() == [60, 150]
+    assert contact_begins(np.zeros(10, dtype=bool), 100).tolist() == []
+
+
+def test_settling_is_the_last_period_away_from_the_cycle() -> None:
+    strobe = np.tile([1.0, -1.0], (2, 100))
+    strobe[0, 150:] += 0.1  # within the scatter
+    strobe[1, 57] = 3.0
+    assert settling(strobe, np.ones(2), 2, 0.2) == 58
+    assert settling(strobe, np.ones(2), 2, 5.0) == 0
+    assert settling(strobe[:, 60:140], np.ones(2), 2, 0.2) == 0
+    assert settling(strobe[:, 60:140], np.ones(2), 1, 0.2) == 80
+
+
+def test_positions_begin_at_the_gap(lab: Laboratory) -> None:
+    (result,) = lab.motions([motion_case(1.25, PLAN)])
+    t, y = motion.tip_positions(result, 4)
+    assert t[-1] == 4.0 and y.shape == (2, 4000)
+    assert (y[1] - y[0]).min() == pytest.approx(1e3 * result.summary["minimum_tip_gap"], rel=0.2)
+
+
+@pytest.mark.parametrize(
+    ("given", "names"),
+    [
+        ([], list(reproduce.FIGURES)),
+        (["2"], ["2a", "2b"]),
+        (["fig05", "fig02a.png"[:6]], ["2a", "5"]),
+    ],
+)
+def test_figures_are_chosen_as_users_name_them(given: list[str], names: list[str]) -> None:
+    assert reproduce.chosen(given) == names
+
+
+def test_unknown_figures_and_workers_are_told() -> None:
+    with pytest.raises(CaseError, match=r"figure '99': expected one of 1, 2a"):
+        reproduce.chosen(["99"])
+    with pytest.raises(CaseError, match="workers: expected at least 1, given 0"):
+        next(iter([laboratory(PLAN, workers=0).__enter__()]))
+
+
+def test_names_of_files() -> None:
+    assert [reproduce.file_stem(n) for n in ("1", "2a", "15", "gamma")] == [
+        "fig01", "fig02a", "fig15", "gamma",
+    ]  # fmt: skip
+
+
+def test_numbers_become_json() -> None:
+    given = {1.5: np.array([[1.0, np.nan]]), "b": (np.int64(2), np.True_, None, 1 / 3)}
+    assert reproduce.plain(given) == {"1.5": [[1.0, None]], "b": [2, True, None, 0.3333333]}
+
+
+class Diverging(Serial):
+    """Returns results that diverged, whatever it is given."""
+
+    def submit(self, *_: object, **__: object) -> "Future[SimpleNamespace]":  # type: ignore[override]
+        future: Future[SimpleNamespace] = Future()
+        history = SimpleNamespace(attrs={"outcome": "diverged"})
+        future.set_result(SimpleNamespace(case=SimpleNamespace(name="paper"), history=history))
+        return future
+
+
+def test_a_motion_that_diverges_is_told() -> None:
+    with pytest.raises(RuntimeError, match="case paper diverged; the case is"):
+        Laboratory(PLAN, Diverging()).motions([motion_case(3.25, PLAN)])
+
+
+def test_tip_on_a_block_is_judged(lab: Laboratory) -> None:
+    found = verdicts(reproduce.FIGURES["7"](lab))
+    assert set(found.values()) == {"holds"} and len(found) == 6
+
+
+@pytest.fixture()
+def folder(tmp_path: Path) -> Path:
+    """A folder with two figures, without their computation."""
+    claims = [
+        Claim("1", "a | b", "sec. 1", "1 < 2", "holds", True),
+        Claim("1", "c", "sec. 2", "no", "does not hold"),
+    ]
+    for name, own in (("1", claims), ("2a", [])):
+        stem = reproduce.file_stem(name)
+        (tmp_path / f"{stem}.png").write_bytes(b"picture")
+        (tmp_path / f"{stem}.gif").write_bytes(b"film")
+        content = {
+            "name": name, "title": f"title {name}", "caption": "what & what",
+            "animation": "fig02a.gif" if name == "2a" else None,
+            "claims": [vars(claim) for claim in own], "numbers": {},
+        }  # fmt: skip
+        (tmp_path / f"{stem}.json").write_text(json.dumps(content), "utf-8")
+    return tmp_path
+
+
+def test_page_links_to_what_is_there(folder: Path) -> None:
+    found = entries(folder, ["fig01", "fig02a", "fig02b"])
+    page = write_page(folder, found).read_text("utf-8")
+    targets = set(re.findall(r'(?:src|href)="([^"]+)"', page))
+    assert {t for t in targets if not t.startswith("#")} == {
+        "fig01.png", "fig01.json", "fig02a.png", "fig02a.gif", "fig02a.json",
+    }  # fmt: skip
+    assert "2 statements: 1 hold, 1 do not, 0 are open." in page
+    assert "1 &lt; 2" in page and "what &amp; what" in page
+
+
+def test_documentation_is_written_from_the_numbers(folder: Path, tmp_path: Path) -> None:
+    root = tmp_path / "root"
+    root.mkdir()
+    (root / "README.md").write_text(f"head\n{README_MARKS[0]}\noutdated\n{README_MARKS[1]}\ntail\n")
+    found = entries(folder, ["fig01", "fig02a"])
+    paths = write_docs(folder, root, found)
+    readme, docs = (root / name for name in ("README.md", "docs/paper.md"))
+    assert {readme, docs} <= set(paths)
+    text = readme.read_text("utf-8")
+    assert "outdated" not in text and text.startswith("head") and text.endswith("tail\n")
+    assert "a \\| b" in text and "| c |" not in text
+    assert "| c |" in docs.read_text("utf-8")
+    pictures = re.findall(r"\((figures/\S+)\)", docs.read_text("utf-8"))
+    assert "figures/paper_fig02a.gif" in pictures
+    for picture in pictures:
+        assert (root / "docs" / picture).is_file()
+    write_docs(folder, root, found)
+    assert readme.read_text("utf-8") == text
+
+
+def test_script_of_the_documentation_wants_all_figures(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    script = runpy.run_path(str(Path(__file__).parents[2] / "scripts" / "paper_docs.py"))
+    with pytest.raises(SystemExit):
+        script["main"]([str(folder)])
+    assert "no figure 2b, 3, 4" in capsys.readouterr().err
+
+
+def test_marks_must_be_there() -> None:
+    with pytest.raises(ValueError, match="expected A and then B"):
+        between("B text A", ("A", "B"), "")
+
+
+def test_tables_count_and_columns() -> None:
+    claim = Claim("1", "t", "s", "m", "open")
+    assert tally([claim]) == "1 statements: 0 hold, 0 do not, 1 are open."
+    assert markdown_table([claim], with_source=False).splitlines()[2] == "| 1 | t | m | open |"
+
+
+def test_command_writes_figures_numbers_and_page(tmp_path: Path) -> None:
+    result = CliRunner().invoke(app, ["paper", "1", "-o", str(tmp_path), "-j", "1", "--fast"])
+    assert result.exit_code == 0, result.output
+    assert {path.name for path in tmp_path.iterdir()} == {"fig01.png", "fig01.json", "index.html"}
+    assert "does not hold" in result.output
+
+
+def test_command_tells_unknown_figures(tmp_path: Path) -> None:
+    result = CliRunner().invoke(app, ["paper", "17", "-o", str(tmp_path)])
+    assert result.exit_code == 2

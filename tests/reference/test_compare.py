@@ -1,0 +1,148 @@
+"""The comparison must see a difference wherever there is one."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from delam_fem.case.files import preset
+from delam_fem.case.toml import CaseError
+from delam_fem.model.closed_form import assemble
+from delam_fem.model.operators import Operators
+from delam_fem.reference.compare import Comparison, compare, operator_differences
+
+CHANGE = 1e-6
+
+
+@pytest.fixture
+def ops() -> Operators:
+    return assemble(preset("paper", {"mesh.elements": 5})).operators
+
+
+@pytest.fixture
+def comparison() -> Comparison:
+    times = np.arange(1.0, 6.0)
+    tips = np.zeros((2, 5))
+    tips[1] = [0.0, 1e-12, -3e-12, 1e-6, 2e-6]
+    return Comparison(
+        names=("thick", "thin"),
+        matrices={"M": 1e-15},
+        frequencies=2e-12,
+        times=times,
+        tips=tips,
+        reference_tips=np.zeros((2, 5)),
+        impacts=(7, 8),
+        impact_limit=2,
+        impact_time=3.0,
+    )
+
+
+def changed(ops: Operators, where: str) -> Operators:
+    """Return the operators with one entry changed by a part in a million."""
+    if where in ("mass", "damping", "stiffness", "gap_matrix"):
+        matrix = getattr(ops, where).copy()
+        matrix.data[3] *= 1.0 + CHANGE
+        return replace(ops, **{where: matrix})
+    if where.startswith("base."):
+        name = where.removeprefix("base.")
+        column = getattr(ops.base, name).copy()
+        column[1] *= 1.0 + CHANGE  # a slope
+        return replace(ops, base=replace(ops.base, **{name: column}))
+    vector = getattr(ops, where).copy()
+    vector[-1] *= 1.0 + CHANGE
+    return replace(ops, **{where: vector})
+
+
+def test_equal_operators_do_not_differ(ops: Operators) -> None:
+    assert set(operator_differences(ops, ops).values()) == {0.0}
+
+
+@pytest.mark.parametrize(
+    ("where", "name"),
+    [
+        ("mass", "M"),
+        ("damping", "C"),
+        ("stiffness", "K"),
+        ("base.mass", "M, column of the base"),
+        ("base.damping", "C, column of the base"),
+        ("base.stiffness", "K, column of the base"),
+        ("lumped_mass", "lumped mass"),
+        ("gap_matrix", "H"),
+        ("gap0", "gap0"),
+    ],
+)
+def test_a_changed_entry_is_seen_in_its_place(ops: Operators, where: str, name: str) -> None:
+    found = operator_differences(changed(ops, where), ops)
+    assert 0.01 * CHANGE < found.pop(name) < 2.0 * CHANGE
+    assert set(found.values()) == {0.0}
+
+
+@pytest.mark.parametrize(("k", "letter"), [(0, "M"), (1, "C"), (2, "K")])
+def test_a_changed_corner_is_seen(ops: Operators, k: int, letter: str) -> None:
+    corner = list(ops.base.corner)
+    corner[k] *= 1.0 + CHANGE
+    other = replace(ops, base=replace(ops.base, corner=(corner[0], corner[1], corner[2])))
+    found = operator_differences(other, ops)
+    assert found[f"{letter}, column of the base"] == pytest.approx(CHANGE, rel=1e-6)
+
+
+def test_an_entry_where_there_should_be_none_is_seen(ops: Operators) -> None:
+    mass = ops.mass.tolil()
+    mass[0, 15] = CHANGE * np.sqrt(ops.mass[0, 0] * ops.mass[15, 15])
+    found = operator_differences(replace(ops, mass=mass.tocsr()), ops)
+    assert found["M"] == pytest.approx(CHANGE, rel=1e-9)
+
+
+def test_histories_are_judged_up_to_the_impact(comparison: Comparison) -> None:
+    assert comparison.until_impact == 3e-12
+    assert comparison.overall == 2e-6
+
+
+def test_rows_state_both(comparison: Comparison) -> None:
+    rows = dict(comparison.rows())
+    assert rows["M, relative"] == "1.0e-15"
+    assert rows["tip histories up to impact 2"] == "3.0e-12 m"
+    assert rows["tip histories up to 5 s"] == "2.0e-06 m"
+    assert rows["impacts, dolfinx and reference"] == "7 and 8"
+
+
+def test_rows_without_impacts_name_none(comparison: Comparison) -> None:
+    rows = dict(replace(comparison, impact_limit=0, impacts=(0, 0)).rows())
+    assert not any("up to impact" in name for name in rows)
+    assert rows["impacts, dolfinx and reference"] == "0 and 0"
+
+
+def test_save_writes_table_and_picture(comparison: Comparison, tmp_path: Path) -> None:
+    table, picture = comparison.save(tmp_path / "new")
+    content = json.loads(table.read_text())
+    assert content["tips_until_impact_m"] == 3e-12
+    assert content["impacts"] == {"dolfinx": 7, "reference": 8}
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_figure_of_equal_histories_can_be_drawn(comparison: Comparison, tmp_path: Path) -> None:
+    same = replace(comparison, tips=np.zeros((2, 5)), impact_limit=0)
+    same.save(tmp_path)  # a logarithm of nothing but zeros must not warn
+
+
+def test_a_sweep_is_refused() -> None:
+    sweep = preset("paper").model_dump() | {
+        "excitation": {
+            "kind": "sweep",
+            "start_frequency": 1.0,
+            "end_frequency": 2.0,
+            "duration": 5.0,
+            "amplitude": 0.0025,
+        }
+    }
+    case = type(preset("paper")).model_validate(sweep)
+    with pytest.raises(CaseError, match=r"excitation\.kind: .* expected 'harmonic', given 'sweep'"):
+        compare(case)
+
+
+@pytest.mark.parametrize("name", ["impacts", "periods"])
+def test_numbers_below_one_are_refused(name: str) -> None:
+    with pytest.raises(CaseError, match=f"{name}: expected at least 1, given 0"):
+        compare(preset("paper"), **{name: 0})

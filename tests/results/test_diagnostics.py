@@ -1,0 +1,223 @@
+import json
+
+import numpy as np
+import pytest
+from synthetic import (
+    AMPLITUDES,
+    FRAMES,
+    PERIODS,
+    STEPS,
+    SWEEP,
+    WINDOW,
+    small_case,
+    synthetic_history,
+    tip_motion,
+)
+
+from delam_fem.results import diagnostics
+from delam_fem.results.dataset import json_ready
+
+ROUND_OFF = 1e-10
+"""Relative to the largest amplitude: a transform of a thousand samples loses few digits."""
+
+
+def test_harmonics_of_the_window_are_those_put_in() -> None:
+    case = small_case()
+    found = diagnostics.window_harmonics(synthetic_history(case), case)
+    expected = np.zeros_like(found)
+    expected[:, :3] = AMPLITUDES
+    np.testing.assert_allclose(found, expected, rtol=0, atol=ROUND_OFF * AMPLITUDES.max())
+
+
+def test_summary_of_the_prescribed_motion() -> None:
+    case = small_case()
+    summary = diagnostics.summary(synthetic_history(case), case)
+    t = PERIODS - WINDOW + np.arange(1, STEPS * WINDOW + 1) / STEPS
+    q, _ = tip_motion(t)
+    thd = np.hypot(AMPLITUDES[:, 1], AMPLITUDES[:, 2]) / AMPLITUDES[:, 0]
+    np.testing.assert_allclose(summary["tip_min"], q.min(axis=1), rtol=1e-14)
+    np.testing.assert_allclose(summary["tip_max"], q.max(axis=1), rtol=1e-14)
+    np.testing.assert_allclose(summary["thd"], thd, rtol=ROUND_OFF)
+    np.testing.assert_allclose(summary["distortion_factor"], np.sqrt(1 + thd**2) - 1, rtol=1e-8)
+    assert summary["minimum_tip_gap"] == pytest.approx((0.030 + q[1] - q[0]).min(), rel=1e-14)
+    assert summary["periodicity"] == 1
+    assert summary["strobe_scatter"] < ROUND_OFF
+    assert summary["tip_contacts_per_period"] == 1.0
+    assert summary["impacts_per_period"] == 2.0
+
+
+def test_period_doubled_motion() -> None:
+    case = small_case()
+    history = synthetic_history(case, subharmonic=0.004, tip_strikes=(0.5, 2.5))
+    summary = diagnostics.summary(history, case)
+    assert summary["periodicity"] == 2
+    assert summary["tip_contacts_per_period"] == 0.5
+    plain = diagnostics.summary(synthetic_history(case), case)
+    np.testing.assert_allclose(summary["thd"], plain["thd"], rtol=1e-9)  # even window: no leakage
+
+
+@pytest.mark.parametrize("P", range(1, 9))
+def test_periodicity_is_the_smallest_that_repeats(P: int) -> None:
+    cycle = np.random.default_rng(1).uniform(-1.0, 1.0, (2, P))
+    strobe = np.tile(cycle, 80 // P + 1)
+    assert diagnostics.periodicity(strobe, np.array([1.0, 1.0])) == (P, 0.0)
+
+
+def test_a_cycle_of_nine_has_no_periodicity() -> None:
+    strobe = np.tile(np.random.default_rng(1).uniform(-1.0, 1.0, (2, 9)), 9)
+    assert diagnostics.periodicity(strobe, np.array([1.0, 1.0])) == (None, None)
+
+
+@pytest.mark.parametrize(("scatter", "expected"), [(0.099, 1), (0.101, None)])
+def test_threshold_of_the_rms_difference_of_either_tip(scatter: float, expected: int) -> None:
+    """Steps of ± scatter have that rms difference for P = 1; the other P see a drift."""
+    steady = np.zeros(60)
+    drifting = 5.0 * scatter * np.arange(60.0)
+    for strobe in (np.stack([steady, drifting]), np.stack([drifting, steady])):
+        P, found = diagnostics.periodicity(strobe, np.array([5.0, 5.0]))
+        assert P == expected
+        assert found == (pytest.approx(scatter, rel=1e-12) if expected else None)
+
+
+def test_only_the_last_periods_count() -> None:
+    strobe = np.zeros((2, 200))
+    strobe[:, : 200 - diagnostics.STROBES] = np.random.default_rng(0).normal(size=(2, 160))
+    assert diagnostics.periodicity(strobe, np.ones(2)) == (1, 0.0)
+    strobe[:, 200 - diagnostics.STROBES] = 3.0
+    assert diagnostics.periodicity(strobe, np.ones(2))[0] != 1
+
+
+@pytest.mark.parametrize("n", [0, 1])
+def test_too_few_periods_have_no_periodicity(n: int) -> None:
+    assert diagnostics.periodicity(np.zeros((2, n)), np.ones(2)) == (None, None)
+
+
+def test_a_tip_at_rest_has_no_periodicity() -> None:
+    assert diagnostics.periodicity(np.zeros((2, 50)), np.array([1.0, 0.0])) == (None, None)
+
+
+@pytest.mark.parametrize(
+    ("closed", "expected"),
+    [
+        ([], 0),
+        ([30], 1),
+        ([30, 31, 32], 1),
+        ([30, 39, 48], 1),  # each less than 10 from the next
+        ([30, 40], 2),
+        ([0, 50, 99], 2),  # the one at the end goes on at the start
+        ([5, 96], 1),
+        ([5, 95], 2),
+        (range(100), 1),
+    ],
+)
+def test_contacts_are_groups_of_closed_steps(closed: list[int], expected: int) -> None:
+    is_closed = np.zeros(100, dtype=bool)
+    is_closed[list(closed)] = True
+    assert diagnostics.count_contacts(is_closed, 10.0) == expected
+
+
+def test_contacts_do_not_depend_on_where_the_window_begins() -> None:
+    is_closed = np.zeros(400, dtype=bool)
+    is_closed[[17, 19, 26, 150, 155, 300]] = True
+    counts = {diagnostics.count_contacts(np.roll(is_closed, k), 10.0) for k in range(400)}
+    assert counts == {3}
+
+
+def test_a_closed_gap_counts_without_impacts() -> None:
+    case = small_case(contact__law="penalty")
+    history = synthetic_history(case).isel(event=slice(0, 0))
+    assert diagnostics.summary(history, case)["tip_contacts_per_period"] == 0.0
+    gap = diagnostics.tip_gap(history)
+    threshold = np.quantile(gap, 0.1)  # once per period, below its only small gaps
+    history["gap0"] = history["gap0"] - threshold
+    summary = diagnostics.summary(history, case)
+    assert summary["minimum_tip_gap"] < 0.0
+    assert summary["tip_contacts_per_period"] == 1.0
+    assert summary["impacts_per_period"] == 0.0
+
+
+def test_impacts_count_although_the_gap_stays_open_and_only_those_at_the_tip() -> None:
+    case = small_case()
+    history = synthetic_history(case, tip_strikes=(0.25, 0.75))
+    assert diagnostics.tip_gap(history).min() > 0.0
+    closed = np.flatnonzero(diagnostics.tip_closed(history))
+    assert closed.tolist() == [STEPS // 4 - 1, 3 * STEPS // 4 - 1]
+
+
+def test_without_contact_law_no_contacts_but_the_gap() -> None:
+    case = small_case(contact__law="none")
+    history = synthetic_history(case).isel(event=slice(0, 0))
+    summary = diagnostics.summary(history, case)
+    assert summary["tip_contacts_per_period"] is None
+    assert summary["impacts_per_period"] == 0.0
+    assert summary["minimum_tip_gap"] > 0.0
+
+
+def test_swept_sine_has_no_harmonics_and_no_periodicity() -> None:
+    case = small_case(**SWEEP)
+    summary = diagnostics.summary(synthetic_history(case), case)
+    for name in ("distortion_factor", "thd", "periodicity", "strobe_scatter"):
+        assert summary[name] is None
+    assert summary["tip_contacts_per_period"] == 1.0
+
+
+def test_interrupted_window_is_cut_to_its_last_whole_periods() -> None:
+    case = small_case()
+    history = synthetic_history(case).isel(time=slice(0, 3 * STEPS - 7))
+    found = diagnostics.window_harmonics(history, case)
+    np.testing.assert_allclose(found[:, :3], AMPLITUDES, atol=ROUND_OFF * AMPLITUDES.max())
+    assert diagnostics.last_periods(history, case).sizes["time"] == 2 * STEPS
+    assert diagnostics.last_periods(history, case, 1).sizes["time"] == STEPS
+
+
+def test_unfinished_period_has_no_strobe() -> None:
+    case = small_case()
+    history = synthetic_history(case).isel(time=slice(0, WINDOW * STEPS - 7))
+    history["strobe_displacement"][:, -1] = np.nan
+    summary = diagnostics.summary(history, case)
+    assert summary["periodicity"] == 1
+
+
+def test_less_than_a_period_and_not_finite_values_give_null_in_json() -> None:
+    case = small_case()
+    short = synthetic_history(case).isel(time=slice(0, STEPS // 2), period=slice(0, 1))
+    summary = json_ready(diagnostics.summary(short, case))
+    assert summary["thd"] is None
+    assert summary["periodicity"] is None
+    diverged = synthetic_history(case)
+    diverged["tip_displacement"][0, -1] = np.inf
+    diverged["tip_displacement"][1, -1] = np.inf
+    diverged["strobe_displacement"][1, -1] = np.inf
+    summary = json_ready(diagnostics.summary(diverged, case))
+    assert summary["tip_max"] == [None, None]
+    assert summary["tip_min"][0] < 0.0
+    assert summary["minimum_tip_gap"] is None
+    assert summary["periodicity"] is None
+    json.dumps(summary, allow_nan=False)
+
+
+def test_contact_line_is_the_farthest_contact() -> None:
+    history = synthetic_history(small_case())
+    line = diagnostics.contact_line(history)
+    x = history["x"].to_numpy()
+    assert line.shape == (FRAMES * WINDOW,)
+    assert line[:2].tolist() == [x[3], x[2]]
+    assert np.isnan(line[2:FRAMES]).all()
+
+
+def test_gap_field_ends_at_the_tip_gap() -> None:
+    history = synthetic_history(small_case())
+    field = diagnostics.gap_field(history)
+    every = STEPS // FRAMES
+    np.testing.assert_allclose(field[:, -1], diagnostics.tip_gap(history)[every - 1 :: every])
+    assert (field[:, 0] == 0.0).all()
+
+
+def test_phase_portrait_pairs_displacement_and_velocity() -> None:
+    case = small_case()
+    history = synthetic_history(case)
+    portrait = diagnostics.phase_portrait(history, case, 2)
+    assert portrait.shape == (2, 2, 2 * STEPS)
+    # central differences of the displacement; (2 pi)^2 / 6 / STEPS^2 and harmonics bound the error
+    slope = (portrait[:, 0, 2:] - portrait[:, 0, :-2]) / (2.0 * case.time_step)
+    assert np.abs(slope - portrait[:, 1, 1:-1]).max() < 2e-3 * np.abs(portrait[:, 1]).max()

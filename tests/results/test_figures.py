@@ -1,0 +1,145 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from matplotlib.image import imread
+from synthetic import AMPLITUDES, PERIODS, STEPS, SWEEP, WINDOW, small_case, synthetic_history
+
+from delam_fem import Case
+from delam_fem.results import contact_figures, figures, motion_figures
+from delam_fem.results.style import DPI, LAMINA_COLOURS, WIDTH, styled
+
+BOTH_LAMINAE = ("tip_histories", "phase_portraits", "spectra")
+
+
+def pixels(path: Path) -> np.ndarray:
+    return imread(path)[..., :3]
+
+
+def share_near(picture: np.ndarray, colour: str) -> float:
+    """Return the share of pixels of a colour, up to the rounding to 8 bits."""
+    return float((np.abs(picture - to_rgb(colour)).max(axis=-1) < 0.01).mean())
+
+
+def test_all_figures_are_written_and_show_something(tmp_path: Path) -> None:
+    case = small_case()
+    paths = figures.save_figures(synthetic_history(case), case, tmp_path / "new" / "figures")
+    assert [path.stem for path in paths] == list(figures.FIGURES)
+    for path in paths:
+        picture = pixels(path)
+        assert picture.shape[1] == round(WIDTH * DPI)
+        assert 0.3 < picture.shape[0] / picture.shape[1] < 0.8
+        assert 0.01 < (picture.min(axis=-1) < 0.9).mean() < 0.95, path.stem
+    for name in BOTH_LAMINAE:
+        for colour in LAMINA_COLOURS:
+            assert share_near(pixels(tmp_path / f"new/figures/{name}.png"), colour) > 2e-4, name
+    assert not list(tmp_path.rglob("*.part"))
+
+
+def draw(name: str, history: xr.Dataset, case: Case) -> Figure:
+    with styled():
+        return figures.FIGURES[name](history, case)
+
+
+def test_tip_histories_show_positions_of_the_last_periods() -> None:
+    case = small_case()
+    history = synthetic_history(case)
+    axes = draw("tip_histories", history, case).axes[0]
+    lines = {line.get_label(): line for line in axes.lines}
+    t, y_2 = lines["thin  $y_2$"].get_data()
+    assert t[-1] == pytest.approx(PERIODS)
+    assert t.size == motion_figures.HISTORY_PERIODS * STEPS
+    q_2 = history["tip_displacement"].to_numpy()[1]
+    np.testing.assert_allclose(y_2, 30.0 + 1e3 * q_2, rtol=1e-12)  # the gap at rest is 30 mm
+    contact_times = lines["tips in contact"].get_xdata()
+    np.testing.assert_allclose(contact_times, PERIODS - WINDOW + np.array([0.5, 1.5, 2.5, 3.5]))
+
+
+def test_harmonics_are_marked_at_their_amplitudes() -> None:
+    case = small_case()
+    figure = draw("spectra", synthetic_history(case), case)
+    for axes, expected in zip(figure.axes, AMPLITUDES, strict=True):
+        dots = next(line for line in axes.lines if line.get_marker() == "o")
+        orders, amplitudes = dots.get_data()
+        assert orders[:3].tolist() == [1, 2, 3]
+        np.testing.assert_allclose(amplitudes[:3], 1e3 * expected, atol=1e-10)
+    assert "THD = 25.2 %" in figure.axes[1].get_title(loc="left")  # hypot(3, 0.4) / 12
+
+
+def test_envelope_shows_the_range_of_every_period() -> None:
+    case = small_case()
+    history = synthetic_history(case)
+    for i, axes in enumerate(draw("envelope", history, case).axes):
+        (band,) = axes.patches
+        high, edges, low = band.get_data()
+        np.testing.assert_allclose(edges, np.arange(PERIODS + 1), rtol=1e-12)
+        np.testing.assert_allclose(high, 1e3 * history["envelope_max"][i])
+        np.testing.assert_allclose(low, 1e3 * history["envelope_min"][i])
+
+
+def test_energy_flows_stack_to_what_is_stored() -> None:
+    case = small_case()
+    history = synthetic_history(case)
+    axes = draw("energy_ledger", history, case).axes[0]
+    tops = np.array([patch.get_data().values[0] for patch in axes.patches])
+    # 3 of the base and 0.5 of springs upwards; 2.5 of damping and 1 of impacts downwards
+    np.testing.assert_allclose(tops, [3.0, -2.5, -3.5, 3.5])
+    labels = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert labels == ["work of the base", "damping", "impacts", "switching springs"]
+
+
+def test_impacts_that_add_energy_stack_upwards() -> None:
+    case = small_case()
+    history = synthetic_history(case)
+    history["energy_impact_loss"] = -history["energy_impact_loss"]
+    axes = draw("energy_ledger", history, case).axes[0]
+    tops = [patch.get_data().values[0] for patch in axes.patches]
+    np.testing.assert_allclose(tops, [3.0, -2.5, 4.0, 4.5])
+
+
+def test_contact_line_marks_the_impacts_of_its_periods() -> None:
+    case = small_case()
+    history = synthetic_history(case)
+    axes = draw("contact_line", history, case).axes[0]
+    marks = next(c for c in axes.collections if "impact" in str(c.get_label()))
+    t, x = np.asarray(marks.get_offsets()).T
+    last = PERIODS - contact_figures.LINE_PERIODS
+    np.testing.assert_allclose(np.unique(np.round(t, 2)), [last + 0.5, last + 1.5])
+    assert set(np.round(x, 6)) == {685.0, 548.0}
+    held = next(line for line in axes.lines if "permanent" in str(line.get_label()))
+    assert sorted(set(np.round(held.get_ydata(), 6))) == [137.0, 274.0]
+
+
+def test_one_step_or_one_event_or_one_frame_is_enough(tmp_path: Path) -> None:
+    case = small_case()
+    history = synthetic_history(case).isel(
+        time=slice(0, 1), period=slice(0, 1), frame=slice(0, 1), event=slice(0, 1)
+    )
+    (tmp_path / "spectra.png").write_bytes(b"of an earlier run")
+    paths = figures.save_figures(history, case, tmp_path)
+    assert [path.stem for path in paths] == [name for name in figures.FIGURES if name != "spectra"]
+    assert not (tmp_path / "spectra.png").exists()
+
+
+@pytest.mark.parametrize("kind", ["none", "sweep", "diverged"])
+def test_unusual_runs_are_drawn_without_warnings(tmp_path: Path, kind: str) -> None:
+    case = small_case(**SWEEP) if kind == "sweep" else small_case(contact__law="none")
+    history = synthetic_history(case)
+    if kind == "none":
+        history = history.isel(event=slice(0, 0), frame=slice(0, 0))
+    if kind == "diverged":
+        for name in ("tip_displacement", "tip_velocity", "envelope_max", "displacement"):
+            history[name].to_numpy()[..., -1] = np.inf
+        history["energy_kinetic"].to_numpy()[-1] = np.nan
+        history["strobe_displacement"].to_numpy()[..., -1] = np.nan
+    assert len(figures.save_figures(history, case, tmp_path)) == len(figures.FIGURES)
+
+
+def test_an_unwritable_folder_is_an_error(tmp_path: Path) -> None:
+    (tmp_path / "figures").write_text("a file")
+    case = small_case()
+    with pytest.raises(OSError, match="figures"):
+        figures.save_figures(synthetic_history(case), case, tmp_path / "figures")

@@ -1,0 +1,141 @@
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import meshio
+import numpy as np
+import pytest
+import pyvista as pv
+from matplotlib.image import imread
+from synthetic import FRAMES, NODES, PERIODS, WINDOW, small_case, synthetic_history
+
+from delam_fem.results import ribbons, snapshots, vtk
+
+FRAME = 7
+"""Some frame without symmetry."""
+
+
+def test_fields_read_by_another_reader_give_the_history_back(tmp_path: Path) -> None:
+    case = small_case()
+    history = synthetic_history(case)
+    collection = vtk.write_fields(history, case, tmp_path / "fields")
+    entries = ET.parse(collection).getroot().findall("Collection/DataSet")
+    times = [float(entry.get("timestep")) for entry in entries]
+    assert times == history["frame"].to_numpy().tolist()
+    mesh = meshio.read(collection.parent / entries[FRAME].get("file"))
+    corners = (2, NODES, ribbons.CORNERS)
+    at_frame = history.isel(frame=FRAME)
+    for name in ("displacement", "velocity"):
+        vectors = mesh.point_data[name].reshape(*corners, 3)
+        expected = at_frame[name].to_numpy()[:, :, None]
+        np.testing.assert_array_equal(vectors[..., 1], np.broadcast_to(expected, corners))
+        assert not vectors[..., [0, 2]].any()
+    moment = mesh.point_data["moment"].reshape(corners)
+    np.testing.assert_array_equal(moment[..., 2], at_frame["moment"].to_numpy())
+    state = mesh.point_data["contact_state"].reshape(corners)
+    assert (state == at_frame["contact_state"].to_numpy()[:, None]).all()
+    assert mesh.cell_data["lamina"][0].tolist() == [1] * (NODES - 1) + [2] * (NODES - 1)
+
+
+def test_paraview_s_reader_knows_times_and_files(tmp_path: Path) -> None:
+    case = small_case()
+    history = synthetic_history(case)
+    reader = pv.get_reader(vtk.write_fields(history, case, tmp_path))
+    np.testing.assert_array_equal(reader.time_values, history["frame"].to_numpy())
+    reader.set_active_time_point(FRAME)
+    block = reader.read()[0]
+    expected = ribbons.grid(history, case, FRAME)
+    np.testing.assert_array_equal(block.points, expected.points)
+    assert block.n_cells == 2 * (NODES - 1)
+
+
+def test_ribbons_have_their_real_volume_and_no_inverted_cell() -> None:
+    case = small_case()
+    mesh = ribbons.grid(synthetic_history(case), case, FRAME)
+    volumes = mesh.compute_cell_sizes(length=False, area=False)["Volume"]
+    for number, lamina in enumerate(case.lamina, start=1):
+        own = volumes[mesh.cell_data["lamina"] == number]
+        expected = lamina.length * lamina.width * lamina.thickness
+        assert own.min() > 0.0
+        assert own.sum() == pytest.approx(expected, rel=1e-9)  # a lateral shear keeps it
+
+
+def test_faces_are_the_gap_apart_and_touch_where_it_is_zero() -> None:
+    case = small_case()
+    history = synthetic_history(case)
+    points = ribbons.grid(history, case, FRAME).points.reshape(2, NODES, ribbons.CORNERS, 3)
+    u = history["displacement"].to_numpy()[:, FRAME]
+    gap = history["gap0"].to_numpy() + u[1] - u[0]
+    between = points[1, :, :, 1].min(axis=-1) - points[0, :, :, 1].max(axis=-1)
+    np.testing.assert_allclose(between, gap, atol=1e-15)
+    assert between[0] == 0.0
+    np.testing.assert_allclose(np.ptp(points[..., 1], axis=-1), [[0.002] * NODES, [0.001] * NODES])
+    np.testing.assert_allclose(np.ptp(points[..., 2], axis=-1), 0.040)
+
+
+def test_points_minus_displacement_are_the_points_at_rest() -> None:
+    case = small_case()
+    history = synthetic_history(case)
+    mesh = ribbons.grid(history, case, FRAME)
+    rest = ribbons.rest_points(history, case).reshape(-1, 3)
+    np.testing.assert_allclose(mesh.points - mesh.point_data["displacement"], rest, atol=1e-15)
+
+
+def test_no_frames_give_no_files(tmp_path: Path) -> None:
+    case = small_case()
+    history = synthetic_history(case).isel(frame=slice(0, 0))
+    assert vtk.write_fields(history, case, tmp_path / "fields") is None
+    assert vtk.render(history, case, tmp_path / "laminae.png") is None
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_shorter_run_leaves_no_old_frames_and_skips_infinite_ones(tmp_path: Path) -> None:
+    case = small_case()
+    history = synthetic_history(case)
+    vtk.write_fields(history, case, tmp_path)
+    assert len(list(tmp_path.glob("*.vtu"))) == FRAMES * WINDOW
+    short = history.isel(frame=slice(0, 3))
+    short["displacement"] = short["displacement"].copy()
+    short["displacement"].to_numpy()[1, 2, -1] = np.inf
+    collection = vtk.write_fields(short, case, tmp_path)
+    files = [entry.get("file") for entry in ET.parse(collection).getroot().iter("DataSet")]
+    assert sorted(p.name for p in tmp_path.iterdir()) == sorted([*files, "fields.pvd"])
+    assert len(files) == 2
+
+
+def test_the_picture_is_taken_before_the_strongest_strike() -> None:
+    case = small_case()
+    history = synthetic_history(case)
+    frames = history["frame"].to_numpy() / case.period
+    # impulses grow, but the strike at 3.5 of 4 periods still has 0.3 periods after it
+    assert frames[snapshots.strike_frame(history, case)] == pytest.approx(
+        PERIODS - WINDOW + 3.5 - 1 / FRAMES
+    )
+    late = synthetic_history(case, tip_strikes=(0.5, 1.5, 2.5, 3.9))
+    assert frames[snapshots.strike_frame(late, case)] == pytest.approx(
+        PERIODS - WINDOW + 2.5 - 1 / FRAMES
+    )
+
+
+def test_without_strikes_the_picture_is_of_the_smallest_gap() -> None:
+    case = small_case()
+    history = synthetic_history(case).isel(event=slice(0, 0))
+    frame = snapshots.strike_frame(history, case)
+    u = history["displacement"].to_numpy()[..., -1]
+    gap = u[1] - u[0]
+    period = slice(frame - FRAMES // 2, frame + FRAMES // 2)
+    assert abs(int(np.argmin(gap[period])) - FRAMES // 2) <= 1
+
+
+@pytest.mark.parametrize("n_frames", [1, FRAMES * WINDOW])
+def test_rendered_picture_shows_the_laminae(tmp_path: Path, n_frames: int) -> None:
+    case = small_case()
+    history = synthetic_history(case).isel(frame=slice(0, n_frames))
+    path = vtk.render(history, case, tmp_path / "figures" / "laminae.png")
+    picture = imread(path)[..., :3]
+    assert picture.shape == (snapshots.SIZE[1], snapshots.SIZE[0], 3)
+    scene = picture[120:-120, : int(0.85 * snapshots.SIZE[0])]  # without title and scalar bar
+    drawn = (scene.min(axis=-1) < 0.95).mean()
+    assert (0.005 if n_frames == 1 else 0.03) < drawn < 0.6
+    bar = picture[:, int(0.88 * snapshots.SIZE[0]) :]
+    assert (np.ptp(bar, axis=-1) > 0.4).mean() > 0.02  # its ends are blue and red
+    assert [p.name for p in path.parent.iterdir()] == ["laminae.png"]

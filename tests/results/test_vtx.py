@@ -1,0 +1,68 @@
+"""fields.bp: the right values at the right nodes, where dolfinx can write them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from mpi4py import MPI
+from synthetic import small_case, synthetic_history
+
+from delam_fem.model import _dolfinx
+from delam_fem.results import vtx
+
+
+@pytest.fixture(scope="module")
+def frames() -> xr.Dataset:
+    return synthetic_history(small_case())
+
+
+def test_nodes_of_both_lines_are_told_apart(frames: xr.Dataset) -> None:
+    points, cells = vtx.two_lines(frames)
+    n = frames.sizes["node"]
+    np.testing.assert_array_equal(points[n:, 1] - points[:n, 1], frames.gap0)
+    assert cells.min() == 0 and cells.max() == 2 * n - 1
+    assert (n - 1, n) not in set(map(tuple, cells.tolist()))
+    shuffled = np.random.default_rng(1).permutation(cells)[:, ::-1]
+    mesh = _dolfinx.create_interval_mesh(MPI.COMM_SELF, points, shuffled)
+    linear = _dolfinx.space(mesh, "Lagrange", 1)
+    found = linear.tabulate_dof_coordinates()[:, :2]
+    np.testing.assert_allclose(found, points[_dolfinx.input_nodes(linear)], rtol=0.0, atol=1e-15)
+
+
+def test_values_of_the_thin_lamina_follow_those_of_the_thick(frames: xr.Dataset) -> None:
+    values = vtx.by_node(frames.displacement.to_numpy())
+    n = frames.sizes["node"]
+    assert values.shape == (frames.sizes["frame"], 2 * n)
+    np.testing.assert_array_equal(values[1, n:], frames.displacement[1, 1])
+
+
+@pytest.mark.skipif(_dolfinx.has_adios2, reason="this dolfinx has ADIOS2")
+def test_nothing_is_written_without_adios2(frames: xr.Dataset, tmp_path: Path) -> None:
+    assert vtx.write_lines(frames, tmp_path) is None
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.skipif(not _dolfinx.has_adios2, reason="this dolfinx has no ADIOS2")
+def test_folder_holds_every_frame_and_replaces_an_earlier_one(
+    frames: xr.Dataset, tmp_path: Path
+) -> None:
+    path = vtx.write_lines(frames.isel(frame=slice(0, 2)), tmp_path)
+    assert path == tmp_path / "fields.bp"
+    (path / "old").touch()
+    vtx.write_lines(frames, tmp_path)
+    assert [p.name for p in tmp_path.iterdir()] == ["fields.bp"]
+    assert not (path / "old").exists()
+    names, data = ((path / file).read_bytes() for file in ("md.0", "data.0"))
+    assert all(name.encode() in names for name in (*vtx.FIELDS, "contact_state"))
+    for name in vtx.FIELDS:  # doubles as they are; without a reader, where they stand is unknown
+        for value in frames[name].to_numpy()[1, :, -1]:
+            assert value.tobytes() in data
+
+
+def test_frames_that_are_not_finite_are_left_out(frames: xr.Dataset, tmp_path: Path) -> None:
+    broken = frames.copy(deep=True)
+    broken["displacement"][:] = np.nan
+    assert vtx.write_lines(broken, tmp_path) is None

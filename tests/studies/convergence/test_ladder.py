@@ -1,0 +1,225 @@
+"""Ladders: what they refuse, what their rungs compute, how periods become statistics."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from delam_fem.case.definition import Case
+from delam_fem.case.files import preset
+from delam_fem.case.toml import CaseError
+from delam_fem.numerics.extrapolation import orders_of_errors
+from delam_fem.studies.convergence.ladder import FREE, LIMIT, Ladder, Rung, scheme, whole_numbers
+from delam_fem.studies.convergence.run import Convergence
+from delam_fem.studies.convergence.rung import compute, fitted_frequency
+from delam_fem.studies.convergence.statistics import PeriodRow, statistics
+
+CASE = preset("default", {"damping.rayleigh": "stiffness"})
+DECAYING = preset("default", {f"lamina.{name}.damping_ratio": 0.05 for name in ("thick", "thin")})
+MESH_FILE = Path(__file__).parents[3] / "meshes" / "laminae_20.msh"
+ORDER_IN_TIME, ORDER_IN_SPACE = 0.1, 0.15
+"""Windows around 2 and 4. Measured: 2.000 to 2.006; 3.89 from 2 to 4 elements, 3.98 from 4 to 8."""
+ENGINES_AGREE = 1e-11
+"""Relative; light contact scatters little. Measured: 3e-13."""
+SPECIFIED, SPECIFIED_COARSE = 0.02, 0.05
+"""Relative, from N = 4000 on, and at N = 1000, where cycles scatter."""
+
+
+def ladder(case: Case = CASE, laws: str = "moreau", **settings: object) -> Ladder:
+    given: dict[str, object] = {"meshes": (10,), "steps": (1000,), "limit_steps": 0, "periods": 4}
+    schemes = tuple(scheme(law) for law in laws.split(","))
+    return Ladder(case, schemes, **(given | settings))  # type: ignore[arg-type]
+
+
+def computed(rungs: list[Rung], on: Ladder) -> Convergence:
+    results = [compute(rung, on.engine) for rung in rungs]
+    assert [result.error for result in results] == [""] * len(rungs)
+    return Convergence(on, {result.key: result for result in results})
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"steps": (1000, 500)}, "steps: expected increasing numbers, coarse first, given 1000"),
+        ({"steps": ()}, "steps: expected increasing numbers, coarse first, given none"),
+        ({"meshes": (20, 10)}, "elements: expected increasing numbers"),
+        ({"meshes": ()}, "elements: expected at least one number or mesh file"),
+        ({"periods": 0}, "periods: expected at least 1, given 0"),
+        ({"steps": (2,)}, "time.steps_per_period: expected a whole number"),
+        ({"meshes": (Path("missing.msh"),)}, "mesh.file: no such file"),
+    ],
+)
+def test_bad_ladders_are_refused(settings: dict[str, object], message: str) -> None:
+    with pytest.raises(CaseError, match=message):
+        ladder(**settings)
+
+
+def test_swept_excitation_is_refused() -> None:
+    swept = {"start_frequency": 1.0, "end_frequency": 4.0, "duration": 10.0}
+    keys = {"excitation.kind": "sweep", **{f"excitation.{k}": v for k, v in swept.items()}}
+    with pytest.raises(CaseError, match=r'expected excitation\.kind = "harmonic"'):
+        ladder(CASE.with_overrides(keys))
+
+
+@pytest.mark.parametrize("text", ["none", "newton/soft", "coulomb", "moreau/"])
+def test_unknown_laws_are_refused(text: str) -> None:
+    with pytest.raises(CaseError, match=r"laws: expected newton, .* given"):
+        scheme(text)
+
+
+@pytest.mark.parametrize("text", ["", "10,,20", "0", "a", "-5", "1.5"])
+def test_lists_of_numbers(text: str) -> None:
+    assert whole_numbers(" 5, 10,20", "elements") == (5, 10, 20)
+    with pytest.raises(CaseError, match="elements: expected whole numbers such as 5,10,20"):
+        whole_numbers(text, "elements")
+
+
+def test_rungs_of_a_ladder() -> None:
+    on = ladder(laws="newton/lumped,moreau", meshes=(10, 20), steps=(500, 1000), limit_steps=4000)
+    rungs = on.rungs()
+    assert len(rungs) == len({rung.key for rung in rungs}) == 3 * 4 + 2
+    assert [rung.scheme for rung in rungs[:4]] == ["none"] * 4
+    assert {rung.steps for rung in rungs if rung.scheme == LIMIT.name} == {4000}
+    assert all(rung.case.n_periods == 2 * rung.periods == 8 for rung in rungs)
+    by_key = {rung.key: rung.case for rung in rungs}
+    literal = by_key["newton/lumped 20 500"]
+    assert (literal.contact.law, literal.contact.impulse) == ("newton", "lumped")
+    assert (literal.mesh.elements, literal.time.steps_per_period) == (20, 500)
+    assert by_key["moreau 20 500"].contact.impulse == "consistent"
+
+
+def test_few_periods_are_enough_with_many_steps() -> None:
+    on = ladder(periods=100, steps=(1000,), limit_steps=64000)
+    assert [rung.periods for rung in on.rungs()] == [100, 100, 10]
+    assert [rung.case.n_periods for rung in on.rungs()] == [130, 130, 40]
+
+
+def test_mesh_files() -> None:
+    on = ladder(meshes=(10, MESH_FILE))
+    rung = on.rungs()[1]
+    assert rung.elements == 20
+    uniform = on.rung(FREE, 20, 1000)
+    found = [compute(entry, "compiled").statistics["amplitude_1"][0] for entry in (rung, uniform)]
+    assert found[0] == pytest.approx(found[1], rel=1e-9)
+
+
+def test_identity_ignores_sizes_and_schemes_alone() -> None:
+    assert ladder().identity == ladder(laws="newton", meshes=(20,), steps=(500,)).identity
+    assert ladder().identity != ladder(periods=5).identity
+    assert ladder().identity != ladder(preset("default")).identity
+
+
+def test_order_in_time_without_contact() -> None:
+    on = ladder(DECAYING, meshes=(40,), steps=(250, 500, 1000))
+    rungs = on.along_steps(FREE, 40)
+    found = computed(rungs, on)
+    errors = np.array([found.free_errors(rung) for rung in rungs])
+    for column in errors.T:
+        orders = orders_of_errors([1.0 / rung.steps for rung in rungs], column)
+        assert orders == pytest.approx(2.0, abs=ORDER_IN_TIME)
+    assert np.abs(errors[-1]).max() < 1e-4
+
+
+def test_order_in_space_without_contact() -> None:
+    on = ladder(DECAYING, meshes=(2, 4, 8), steps=(16000,))
+    rungs = on.along_meshes(FREE, 16000)
+    found = computed(rungs, on)
+    errors = np.array([found.free_errors(rung) for rung in rungs])
+    for column in errors.T[[0, 2]]:
+        orders = orders_of_errors([1.0 / rung.elements for rung in rungs], column)
+        assert orders == pytest.approx(4.0, abs=ORDER_IN_SPACE)
+    assert np.abs(errors[-1]).max() < 1e-4
+
+
+@pytest.mark.parametrize("law", ["newton", "moreau-recovery"])
+def test_engines_agree_before_they_scatter(law: str) -> None:
+    gentle = CASE.with_overrides({"excitation.frequency": 1.25})
+    on = ladder(gentle, laws=law, meshes=(5,), steps=(500,), periods=2)
+    first, second = (compute(on.rungs()[-1], engine).statistics for engine in ("compiled", "petsc"))
+    assert first["impacts"] == second["impacts"]
+    for name in ("tip_min_1", "tip_max_2", "amplitude_2_2", "impulse", "contact_work"):
+        assert first[name][0] == pytest.approx(second[name][0], rel=ENGINES_AGREE)
+
+
+@pytest.mark.parametrize(
+    ("law", "steps", "expected"),
+    [
+        ("moreau", 1000, -21.9),
+        ("moreau", 4000, -20.3),
+        ("moreau", 16000, -20.1),
+        pytest.param("moreau", 64000, -19.8, marks=pytest.mark.slow),
+        ("newton-penalty", 1000, -22.7),
+        ("newton-penalty", 4000, -21.5),
+        ("newton-penalty", 16000, -20.5),
+        pytest.param("newton-penalty", 64000, -21.4, marks=pytest.mark.slow),
+    ],
+)
+def test_what_converges_to_what(law: str, steps: int, expected: float) -> None:
+    """Smallest y1 in mm of trials with independent code; no impact may add energy."""
+    on = ladder(laws=law, meshes=(20,), steps=(steps,), periods=20)
+    rung = on.rungs()[-1]
+    found = computed([rung], on)
+    tolerance = SPECIFIED if steps >= 4000 else SPECIFIED_COARSE
+    assert 1e3 * found.value(rung, "tip_min_1") == pytest.approx(expected, rel=tolerance)
+    assert found.value(rung, "energy_residual") < 1e-9
+    assert 0.0 < found.value(rung, "contact_work") < 3e-3
+
+
+def test_a_rung_that_fails_says_why() -> None:
+    unstable = CASE.with_overrides({"contact.law": "newton", "time.scheme": "central-difference"})
+    rung = ladder(unstable, laws="newton").rungs()[-1]
+    result = compute(rung, "compiled")
+    assert result.outcome == "failed"
+    assert "central difference needs a time step of at most" in result.error
+    assert not result.statistics
+
+
+def test_a_rung_that_diverges_says_when() -> None:
+    """The literal scheme with mass damping, from T/1000 on."""
+    wild = CASE.with_overrides({"damping.rayleigh": "mass"})
+    on = ladder(wild, laws="newton/lumped", meshes=(20,), periods=150)
+    result = compute(on.rungs()[-1], "compiled")
+    assert result.outcome == "diverged"
+    assert result.error == f"diverged in period {result.periods}"
+    assert 50 < result.periods < 300
+
+
+def test_frequency_of_a_sampled_cosine() -> None:
+    t = np.linspace(0.0, 4.0, 900)
+    omega = 2.0 * np.pi * 1.4357
+    u = 0.3 * np.cos(omega * t) - 0.1 * np.sin(omega * t)
+    assert fitted_frequency(t, u, 1.003 * omega) == pytest.approx(omega, rel=1e-13)
+
+
+def row(low: float, phase: float) -> PeriodRow:
+    """Return a period of which low and the first amplitude depend on the cycle."""
+    harmonics = np.array([[np.exp(1j * phase), 0.2], [2.0, 0.1]])
+    both = np.array([low, -1.0]), np.array([1.0, 1.0])
+    return PeriodRow(*both, harmonics, impulse=-low, impacts=3.0, work=1.0, gain=0.0)
+
+
+def test_alternating_cycles_are_no_scatter() -> None:
+    rows = [row(low, 0.0) for low in (-1.0, -2.0) * 4]
+    strobe = np.array([[0.0, 1.0] * 4] * 2)
+    found = statistics(rows, strobe)
+    assert found["periodicity"] == (2.0, 0.0)
+    assert found["tip_min_1"] == (-1.5, 0.0)
+    assert found["impulse"] == (1.5, 0.0)
+    assert found["blocks"] == (4.0, 0.0)
+
+
+def test_scatter_of_an_irregular_motion() -> None:
+    rows = [row(low, 0.0) for low in (-1.0, -2.0, -1.5, -1.1)]
+    found = statistics(rows, np.array([[0.0, 1.0, 0.3, 0.9]] * 2))
+    assert found["periodicity"] == (0.0, 0.0)
+    assert found["tip_min_1"] == pytest.approx((-1.4, np.std([1.0, 2.0, 1.5, 1.1])))
+
+
+def test_amplitudes_over_a_block_respect_the_phase() -> None:
+    """What changes sign from cycle to cycle is a subharmonic, no harmonic of the excitation."""
+    rows = [row(-1.0, phase) for phase in (0.0, np.pi) * 4]
+    found = statistics(rows, np.array([[0.0, 1.0] * 4] * 2))
+    assert found["amplitude_1_1"][0] == pytest.approx(0.0, abs=1e-15)
+    assert found["amplitude_2_1"] == pytest.approx((2.0, 0.0))

@@ -1,0 +1,255 @@
+"""Ladders as a whole: durable, resumable, analysed on sequences with known limits; the command."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from delam_fem.case.files import preset
+from delam_fem.case.toml import CaseError
+from delam_fem.cli.app import app
+from delam_fem.studies.convergence import run as run_module
+from delam_fem.studies.convergence.figures import save_figures
+from delam_fem.studies.convergence.ladder import FREE, LIMIT, EngineName, Ladder, Rung, scheme
+from delam_fem.studies.convergence.run import (
+    RESULT,
+    Convergence,
+    exact_free_motion,
+    load_results,
+    run_ladder,
+)
+from delam_fem.studies.convergence.rung import RungResult
+from delam_fem.studies.convergence.statistics import CONVERGING, EXTREMA
+from delam_fem.studies.convergence.tables import overview, tables
+
+CASE = preset("default")
+STEPS, MESHES = (500, 1000, 2000, 4000), (5, 10, 20, 40)
+LIMITS = {"tip_min_1": -0.02, "tip_max_1": 0.015, "tip_min_2": 0.002, "tip_max_2": 0.032}
+
+
+def ladder(**settings: object) -> Ladder:
+    given: dict[str, object] = {"meshes": MESHES, "steps": STEPS, "limit_steps": 64000}
+    laws = settings.pop("laws", "moreau,newton")
+    assert isinstance(laws, str)
+    schemes = tuple(scheme(law) for law in laws.split(","))
+    return Ladder(CASE, schemes, **(given | settings))  # type: ignore[arg-type]
+
+
+def synthetic(rung: Rung, engine: EngineName) -> RungResult:
+    """Return values that converge in order 1/2 in Δt and 1 in h, and 2 and 4 without contact."""
+    if rung.scheme == FREE.name:
+        frequencies, amplitudes = exact_free_motion(rung.case)
+        error = 4.0 / rung.steps**2 + 3.0 / rung.elements**4
+        found = {f"frequency_{i + 1}": (f * (1.0 + error), 0.0) for i, f in enumerate(frequencies)}
+        found |= {f"amplitude_{i + 1}": (a * (1 - error), 0.0) for i, a in enumerate(amplitudes)}
+        return RungResult(rung.key, "completed", "", found, 0.5, 100)
+    if rung.scheme == "newton" and rung.elements == 40:
+        return RungResult(rung.key, "diverged", "diverged in period 7", {}, 0.5, 7)
+    in_time = 0.0 if rung.scheme == LIMIT.name else 3.0 / math.sqrt(rung.steps)
+    values = {q.name: 1e-3 * (1.0 + in_time) for q in CONVERGING}
+    values |= {
+        name: value * (1.0 + in_time + 0.5 / rung.elements) for name, value in LIMITS.items()
+    }
+    found = {name: (value, 1e-9) for name, value in values.items()}
+    found |= {"blocks": (30.0, 0.0), "periodicity": (1.0, 0.0)}
+    return RungResult(rung.key, "completed", "", found, 0.5, 60)
+
+
+@pytest.fixture
+def counted(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Compute rungs by `synthetic` and note them."""
+    seen: list[str] = []
+
+    def compute(rung: Rung, engine: EngineName) -> RungResult:
+        seen.append(rung.key)
+        return synthetic(rung, engine)
+
+    monkeypatch.setattr(run_module, "compute", compute)
+    return seen
+
+
+def whole(on: Ladder) -> Convergence:
+    return Convergence(on, {rung.key: synthetic(rung, "compiled") for rung in on.rungs()})
+
+
+def test_order_and_limit_of_a_ladder() -> None:
+    found = whole(ladder())
+    rungs = found.ladder.along_steps(found.ladder.schemes[0], 20)
+    told = found.limit(rungs, "tip_min_1")
+    assert told.reason == "Richardson"
+    assert told.orders == pytest.approx([0.5, 0.5], abs=1e-3)
+    assert told.value == pytest.approx(-0.02 * 1.025, rel=1e-5)
+    rungs = found.ladder.along_meshes(LIMIT, 64000)
+    told = found.limit(rungs, "tip_max_2", by="elements")
+    assert told.orders == pytest.approx([1.0, 1.0], abs=1e-3)
+    assert told.value == pytest.approx(0.032, rel=1e-5)
+
+
+def test_error_is_relative_to_half_the_range_of_the_limit() -> None:
+    found = whole(ladder())
+    rung = found.ladder.rung(found.ladder.schemes[0], 20, 1000)
+    excess = 3.0 / math.sqrt(1000)
+    both = {1: 0.02 / (0.035 / 2.0), 2: 0.032 / (0.030 / 2.0)}
+    assert found.error(rung) == pytest.approx(excess / 1.025 * both[2], rel=1e-9)
+    assert both[2] > both[1]
+
+
+def test_missing_and_diverged_rungs_are_no_numbers() -> None:
+    found = whole(ladder())
+    diverged = found.ladder.rung(found.ladder.schemes[1], 40, 1000)
+    assert math.isnan(found.error(diverged))
+    assert math.isnan(found.standard_error(diverged, "tip_min_1"))
+    del found.results[diverged.key]
+    assert math.isnan(found.cost(diverged))
+    assert not found.is_complete
+
+
+def test_tables_tell_orders_limits_and_failures() -> None:
+    found = whole(ladder())
+    texts = {table.title: table.markdown() for table in tables(found)}
+    free = texts["without contact, 20 elements: relative errors against the exact cantilever"]
+    assert free.count("| 500 |") == 1
+    steps = texts["moreau, 20 elements: what it tends to in steps"]
+    assert "| y1 min [mm] | -21.45 | 0.50, 0.50 | -20.5 ± " in steps
+    assert "diverged in period 7" in texts["newton, 40 elements"]
+    assert "members are missing" in texts["newton, 40 elements: what it tends to in steps"]
+    over_meshes = texts["rigid limit over meshes: what it tends to in elements"]
+    assert "| y2 max [mm] | 32.4 | 1.00, 1.00 | 32 ± " in over_meshes
+    for table in (*tables(found), *overview(found)):
+        assert {len(row) for row in table.rows} == {len(table.heading)}
+
+
+def test_overview_shows_all_schemes_side_by_side() -> None:
+    found = whole(ladder(meshes=(20, 40), steps=(1000, 2000)))
+    shown = {table.title: table for table in overview(found)}
+    title = "error of the tip extremes against the rigid limit of the mesh [%], 40 elements"
+    assert shown[title].heading == ("steps", "moreau", "newton")
+    assert shown[title].rows[0][2] == "diverged"
+    assert shown["y1 min [mm], 20 elements"].rows[1][1] == f"{-20.0 * (1.025 + 3 / 2000**0.5):.2f}"
+
+
+def test_figures_of_a_ladder(tmp_path: Path) -> None:
+    names = {path.name for path in save_figures(whole(ladder()), tmp_path)}
+    assert names == {
+        *("free_steps.png", "free_elements.png", "error_over_cost.png", "error_over_steps.png"),
+        *("work_over_steps.png", "limit_over_elements.png"),
+    }
+    assert all((tmp_path / name).stat().st_size > 10_000 for name in names)
+    one = whole(ladder(meshes=(20,), limit_steps=0))
+    assert [path.name for path in save_figures(one, tmp_path)] == ["free_steps.png"]
+
+
+def test_every_finished_rung_is_kept(tmp_path: Path, counted: list[str]) -> None:
+    on = ladder(meshes=(20, 40), steps=(1000,))
+    kept = []
+
+    def look(done: int, total: int) -> None:
+        kept.append((len(load_results(tmp_path)), done, total))
+
+    found = run_ladder(on, tmp_path, workers=1, progress=look)
+    assert found.is_complete
+    assert kept == [(k, k, 8) for k in range(9)] + [(8, 8, 8)]
+    assert [rung.key for rung in on.rungs()] == counted
+    content = json.loads((tmp_path / RESULT).read_text("utf-8"))
+    assert content["delam_fem"]
+    assert load_results(tmp_path) == found.results
+    assert found.results["newton 40 1000"].outcome == "diverged"
+
+
+def test_a_ladder_goes_on_and_grows(tmp_path: Path, counted: list[str]) -> None:
+    run_ladder(ladder(meshes=(20,), steps=(1000,), laws="moreau"), tmp_path, workers=1)
+    assert len(counted) == 3
+    counted.clear()
+    grown = ladder(meshes=(20,), steps=(1000, 2000), laws="moreau,newton")
+    with pytest.raises(CaseError, match="holds 3 rungs of a ladder; go on with --resume"):
+        run_ladder(grown, tmp_path, workers=1)
+    found = run_ladder(grown, tmp_path, workers=1, resume=True)
+    assert sorted(counted) == ["moreau 20 2000", "newton 20 1000", "newton 20 2000", "none 20 2000"]
+    assert found.is_complete
+    other = ladder(meshes=(20,), steps=(1000,), periods=7)
+    with pytest.raises(CaseError, match="belongs to another case or number of periods"):
+        run_ladder(other, tmp_path, workers=1, resume=True)
+
+
+def test_a_file_that_is_no_ladder_is_refused(tmp_path: Path) -> None:
+    (tmp_path / RESULT).write_text("{}", "utf-8")
+    with pytest.raises(CaseError, match="expected the results of a ladder"):
+        run_ladder(ladder(), tmp_path, workers=1, resume=True)
+
+
+def test_an_interrupted_ladder_keeps_what_is_done(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done: list[str] = []
+
+    def compute(rung: Rung, engine: EngineName) -> RungResult:
+        done.append(rung.key)
+        if len(done) == 2:
+            import signal
+
+            signal.raise_signal(signal.SIGTERM)
+        return synthetic(rung, engine)
+
+    monkeypatch.setattr(run_module, "compute", compute)
+    found = run_ladder(ladder(meshes=(20,), steps=(1000,)), tmp_path, workers=1)
+    assert not found.is_complete
+    assert list(load_results(tmp_path)) == done == list(found.results)
+
+
+def test_processes_compute_a_ladder(tmp_path: Path) -> None:
+    on = ladder(meshes=(5,), steps=(250, 500), laws="moreau", limit_steps=1000, periods=2)
+    found = run_ladder(on, tmp_path, workers=2)
+    assert {result.outcome for result in found.results.values()} == {"completed"}
+    assert np.isfinite(found.error(on.rungs()[-2]))
+    assert found.error(on.limit_of(5)) == 0.0
+    assert all(found.cost(rung) > 0.0 for rung in on.rungs())
+
+
+def invoke(*arguments: str | Path) -> tuple[int, str, str]:
+    result = CliRunner().invoke(app, ["converge", *(str(argument) for argument in arguments)])
+    return result.exit_code, result.stdout, result.output
+
+
+SMALL = ("default", "--laws", "moreau", "-j", "1", "--periods", "2", "--limit-steps", "1000")
+
+
+def test_the_command(tmp_path: Path) -> None:
+    sizes = ("--in", "both", "--elements", "5,10", "--steps", "250,500")
+    status, out, _ = invoke(*SMALL, *sizes, "-o", tmp_path)
+    assert status == 0
+    assert "relative errors without contact, 10 elements" in " ".join(out.split())
+    assert "y1 min [mm]" in out
+    text = (tmp_path / "tables.md").read_text("utf-8")
+    assert text.startswith("# Convergence of case default\n\n**without contact, 5 elements")
+    assert len(load_results(tmp_path)) == 2 * 2 * 2 + 2
+    assert (tmp_path / "figures" / "error_over_cost.png").is_file()
+    status, _, output = invoke(*SMALL, *sizes, "-o", tmp_path)
+    assert status == 2
+    assert "go on with --resume" in output
+    status, _, _ = invoke(*SMALL, *sizes, "-o", tmp_path, "--resume", "-q")
+    assert status == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--laws", "coulomb"), "laws: expected"),
+        (("--elements", "20,10", "--in", "elements"), "elements: expected increasing numbers"),
+        (("--elements", "20", "--meshes", "a.msh"), "expected --elements or --meshes, given both"),
+        (("--meshes", "a.msh"), "mesh.file: no such file"),
+        (("--steps", "ten"), "steps: expected whole numbers such as 5,10,20, given 'ten'"),
+    ],
+)
+def test_bad_input_of_the_command(tmp_path: Path, arguments: tuple[str, ...], message: str) -> None:
+    status, _, output = invoke("default", *arguments, "-o", tmp_path)
+    assert status == 2
+    assert message in output
+
+
+def test_extremes_have_a_pair_for_each_tip() -> None:
+    assert [q.name for q in EXTREMA] == list(LIMITS)

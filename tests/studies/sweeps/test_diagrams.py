@@ -1,0 +1,231 @@
+"""Diagrams of sweeps: what they draw of made-up and of computed datasets, what they refuse."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from matplotlib.collections import QuadMesh
+from typer.testing import CliRunner
+
+from delam_fem.case.files import preset
+from delam_fem.case.toml import CaseError
+from delam_fem.cli.app import app
+from delam_fem.numerics import attractors as at
+from delam_fem.studies.sweeps.diagrams import DiagramName, diagram, save_diagram
+from delam_fem.studies.sweeps.line_diagrams import POINT_STYLE
+
+N_STROBES = 64
+FREQUENCIES = np.array([3.0, 3.2, 3.4, 3.6, 3.8])
+SWEEP = """
+base = "paper"
+engine = "petsc"
+order = "both"
+set = { mesh.elements = 2, time = { steps_per_period = 40, periods = 3 }, output.fields_per_period = 0 }
+[[axis]]
+key = "excitation.frequency"
+values = [3.0, 3.5]
+"""  # noqa: E501
+
+
+def axis(name: str, values: np.ndarray, key: str, units: str) -> xr.DataArray:
+    attributes = {"key": key, "long_name": key.replace(".", " "), "units": units}
+    return xr.DataArray(values, dims=name, attrs=attributes)
+
+
+def lines() -> xr.Dataset:
+    """Return a sweep up and down over five frequencies, bistable at the third; the last failed."""
+    shape = (2, 5)
+    amplitude = np.ones((*shape, 2)) * np.array([0.02, 0.01])
+    amplitude[1, 2] *= 0.5
+    strobes = np.tile(FREQUENCIES[None, :, None, None] * 1e-3, (2, 1, 2, N_STROBES))
+    strobes[..., ::2] *= -1.0
+    outcome = np.full(shape, "completed", dtype=object)
+    outcome[:, -1] = "failed"
+    amplitude[:, -1], strobes[:, -1] = np.nan, np.nan
+    grid = ("direction", "frequency")
+    return xr.Dataset(
+        {
+            "outcome": (grid, outcome),
+            "tip_amplitude": ((*grid, "lamina"), amplitude),
+            "strobe_displacement": ((*grid, "lamina", "strobe"), strobes),
+            "lyapunov_exponent": (grid, np.linspace(-1.0, 1.0, 10).reshape(shape)),
+        },
+        coords={
+            "direction": ["up", "down"],
+            "frequency": axis("frequency", FREQUENCIES, "excitation.frequency", "Hz"),
+            "lamina": ["thick", "thin"],
+        },
+        attrs={"case": preset("paper").to_toml()},
+    )
+
+
+def plane() -> xr.Dataset:
+    """Return a plane of 2 × 3 points: period 1, 2 and none, of two amplitudes, one diverged."""
+    shape = (2, 3)
+    k = np.arange(N_STROBES)
+    periodicity = np.array([[1.0, 2.0, np.nan], [1.0, 1.0, np.nan]])
+    strobes = np.zeros((*shape, 2, N_STROBES))
+    strobes[0, 1] = 0.01 * (-1.0) ** k
+    strobes[0, 2] = 0.01 * np.sin(2.0 * np.pi * 0.618 * k)
+    amplitude = np.full((*shape, 2), 0.02)
+    outcome = np.full(shape, "completed", dtype=object)
+    outcome[1, 2], strobes[1, 2], amplitude[1, 2] = "diverged", np.nan, np.nan
+    grid = ("restitution", "penalty_stiffness")
+    e, k_con = np.array([0.0, 0.1]), np.array([10.0, 100.0, 1000.0])
+    return xr.Dataset(
+        {
+            "outcome": (grid, outcome),
+            "periodicity": (grid, periodicity),
+            "tip_min": ((*grid, "lamina"), -amplitude),
+            "tip_max": ((*grid, "lamina"), amplitude),
+            "strobe_displacement": ((*grid, "lamina", "strobe"), strobes),
+            "lyapunov_exponent": (grid, np.linspace(-1.0, 0.5, 6).reshape(shape)),
+        },
+        coords={
+            "restitution": axis("restitution", e, "contact.restitution", "1"),
+            "penalty_stiffness": axis(
+                "penalty_stiffness", k_con, "contact.penalty_stiffness", "N/m"
+            ),
+            "lamina": ["thick", "thin"],
+        },
+        attrs={"case": preset("paper").to_toml()},
+    )
+
+
+def test_response_draws_both_directions_and_the_linear_motion() -> None:
+    figure = diagram("response", lines())
+    first = figure.axes[0]
+    drawn = {line.get_label(): line for line in first.get_lines()}
+    assert drawn["up"].get_ydata()[2] == pytest.approx(20.0)
+    assert drawn["down"].get_ydata()[2] == pytest.approx(10.0)
+    linear = drawn["linear, no contact"]
+    at_resonance = linear.get_xdata()[np.argmax(linear.get_ydata())]
+    assert at_resonance == pytest.approx(3.165, abs=0.01)
+    assert drawn["not completed"].get_xdata().tolist() == [3.8]
+    assert first.get_ylim()[1] < 30.0, "the resonance sets the range"
+    assert figure.axes[1].get_xlabel() == "excitation frequency  [Hz]"
+
+
+def test_what_depends_on_the_direction_is_shaded() -> None:
+    figure = diagram("bifurcation", lines())
+    (band,) = figure.axes[0].patches
+    assert [band.get_x(), band.get_x() + band.get_width()] == pytest.approx([3.3, 3.5])
+
+
+def test_bifurcation_draws_every_strobe() -> None:
+    figure = diagram("bifurcation", lines())
+    points = [line for line in figure.axes[1].get_lines() if len(line.get_xdata()) > 5]
+    assert len(points) == len(POINT_STYLE)
+    up = points[0]
+    assert len(up.get_xdata()) == 5 * N_STROBES
+    assert set(np.round(up.get_ydata()[:N_STROBES], 9)) == {3.0, -3.0}
+
+
+def test_lyapunov_over_one_and_over_two_axes() -> None:
+    one = diagram("lyapunov", lines())
+    assert "largest Lyapunov exponent [1/s]" == one.axes[0].get_ylabel()
+    two = diagram("lyapunov", plane())
+    (mesh,) = [c for c in two.axes[0].collections if isinstance(c, QuadMesh)]
+    assert mesh.get_array().ravel().tolist() == plane().lyapunov_exponent.T.values.ravel().tolist()
+    assert (mesh.norm.vmin, mesh.norm.vmax) == (-1.0, 1.0)
+
+
+def test_plane_colours_by_kind_and_writes_the_period() -> None:
+    figure = diagram("plane", plane())
+    panel = figure.axes[0]
+    (mesh,) = [c for c in panel.collections if isinstance(c, QuadMesh)]
+    kinds = mesh.get_array().reshape(3, 2).T
+    assert kinds.tolist() == [
+        [at.PERIOD_1, at.HIGHER, at.QUASI_PERIODIC],
+        [at.PERIOD_1, at.PERIOD_1, at.DIVERGED],
+    ]
+    assert [text.get_text() for text in panel.texts] == ["2"]
+    assert (panel.get_xscale(), panel.get_yscale()) == ("linear", "log")
+    assert "10 %" in figure.get_supxlabel(), "the thresholds are stated"
+    labels = [text.get_text() for text in panel.get_legend().get_texts()]
+    assert labels[0] == "period 1 (50 %)"
+
+
+def test_basins_name_the_attractors() -> None:
+    figure = diagram("basins", plane())
+    labels = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
+    assert labels[0] == "period 1, 20.0 / 20.0 mm (50 %)"
+    assert labels[-1] == "not completed (17 %)"
+
+
+REFUSED: list[tuple[DiagramName, xr.Dataset, str]] = [
+    ("plane", lines(), "expected a sweep over 2 axes, given frequency"),
+    ("response", plane(), "expected a sweep over 1 axis, given restitution, penalty_stiffness"),
+    ("bifurcation", lines().drop_vars("strobe_displacement"), r"compute it with record\.strobes"),
+    ("lyapunov", lines().drop_vars("lyapunov_exponent"), r"with record\.lyapunov = 200"),
+    ("plane", plane().isel(strobe=slice(0, 8)), r"at least 64 strobes .* record\.strobes = 128"),
+    ("basins", plane().expand_dims(direction=["up"]), r'select it: data\.sel\(direction="up"\)'),
+]
+
+
+@pytest.mark.parametrize(("kind", "data", "words"), REFUSED)
+def test_refused_with_a_remedy(kind: DiagramName, data: xr.Dataset, words: str) -> None:
+    with pytest.raises(CaseError, match=words):
+        diagram(kind, data)
+
+
+def test_an_axis_of_words_has_them_at_its_ticks() -> None:
+    data = plane()
+    law = xr.DataArray(
+        ["newton", "moreau"], dims="restitution", attrs={"key": "contact.law", "long_name": "law"}
+    )
+    panel = diagram("plane", data.assign_coords(restitution=law)).axes[0]
+    assert [text.get_text() for text in panel.get_xticklabels()] == ["newton", "moreau"]
+
+
+def test_a_figure_is_complete_or_absent(tmp_path: Path) -> None:
+    path = save_diagram("plane", plane(), tmp_path / "new" / "plane.png")
+    assert path.read_bytes()[:4] == b"\x89PNG"
+    assert [p.name for p in path.parent.iterdir()] == ["plane.png"]
+
+
+def run(*arguments: object) -> tuple[int, str]:
+    done = CliRunner().invoke(app, [str(a) for a in arguments])
+    return done.exit_code, done.output
+
+
+def test_the_command_computes_once_and_draws(tmp_path: Path) -> None:
+    file, out = tmp_path / "two.toml", tmp_path / "out"
+    file.write_text(SWEEP)
+    status, text = run("sweep", file, "-o", out, "--executor", "serial")
+    assert status == 0 and "completed" in text
+    computed = (out / "sweep.nc").stat().st_mtime_ns
+    for kind, source in (("response", file), ("bifurcation", out), ("response", out / "sweep.nc")):
+        status, text = run("diagram", kind, source, "-o", out, "--executor", "serial", "-q")
+        assert (status, text) == (0, "")
+        assert (out / f"{kind}.png").is_file()
+    assert (out / "sweep.nc").stat().st_mtime_ns == computed
+    with xr.open_dataset(out / "sweep.nc", engine="h5netcdf") as data:
+        assert data.attrs["outcome"] == "completed"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("sweep", "no.toml"), "no such file"),
+        (("diagram", "plane", "no_folder"), "expected a sweep file (.toml) or a result"),
+    ],
+)
+def test_bad_input_leaves_with_2_and_no_traceback(arguments: tuple[str, ...], words: str) -> None:
+    status, text = run(*arguments)
+    assert status == 2
+    assert words in text and "Traceback" not in text
+
+
+def test_a_sweep_none_of_whose_points_works_leaves_with_1(tmp_path: Path) -> None:
+    file = tmp_path / "bad.toml"
+    file.write_text(SWEEP.replace("mesh.elements = 2", 'mesh.elements = 2, time.scheme = "x"'))
+    assert run("sweep", file, "-o", tmp_path / "a")[0] == 2
+    scheme = ("--set", "time.scheme=central-difference")
+    file.write_text(SWEEP)
+    status, text = run("sweep", file, "-o", tmp_path / "b", "--executor", "serial", *scheme)
+    assert status == 1
+    assert "none of the 4 points was completed; the first: time.steps_per_period" in text

@@ -1,0 +1,65 @@
+"""Which executor is chosen, with how many workers, and what is said where there are none."""
+
+from __future__ import annotations
+
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from types import ModuleType
+
+import pytest
+
+from delam_fem.case.toml import CaseError
+from delam_fem.studies import executors
+
+RANKS = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MPI_LOCALNRANKS")
+
+
+@pytest.fixture
+def alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Take away what mpiexec would leave behind."""
+    for name in RANKS:
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.delitem(sys.modules, "mpi4py.futures", raising=False)
+
+
+@pytest.mark.usefixtures("alone")
+def test_processes_are_the_default() -> None:
+    assert executors.default_name() == "process"
+
+
+@pytest.mark.usefixtures("alone")
+def test_ranks_are_taken_where_mpi4py_futures_has_started_them(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("OMPI_COMM_WORLD_SIZE", "3")
+    monkeypatch.setitem(sys.modules, "mpi4py.futures", ModuleType("mpi4py.futures"))
+    assert executors.default_name() == "mpi"
+
+
+@pytest.mark.usefixtures("alone")
+@pytest.mark.parametrize("name", RANKS)
+def test_ranks_that_would_all_do_the_same_are_refused(
+    monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    monkeypatch.setenv(name, "3")
+    with pytest.raises(CaseError, match=r"3 MPI processes would all do the same; use mpiexec"):
+        executors.default_name()
+
+
+@pytest.mark.usefixtures("alone")
+def test_one_rank_is_too_few_and_leaves_processes_the_default() -> None:
+    with pytest.raises(CaseError, match=r"at least 2 MPI processes, given 1; use mpiexec"):
+        executors.Pool("mpi", None)
+    assert executors.default_name() == "process"
+
+
+def test_executors_tell_their_size() -> None:
+    with ThreadPoolExecutor(3) as threads:
+        assert executors.size_of(threads) == 3
+    assert executors.size_of(executors.Serial()) >= 1
+
+
+def test_a_serial_pool_is_one_worker_and_is_not_renewed() -> None:
+    with executors.pool("serial", 7) as opened:
+        assert opened.n_workers == 1
+        assert opened.renew is None

@@ -1,0 +1,211 @@
+"""Runs from end to end: saving, resuming, stopping, diverging, sharing the work."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import delam_fem as df
+from delam_fem.results.dataset import Result
+
+SHORT = {"time.periods": 4, "output.window_periods": 3, "output.fields_per_period": 8}
+EXACT_VARIABLES = ("tip_displacement", "tip_velocity", "displacement", "event_impulse")
+
+
+def short(**keys: object) -> df.Case:
+    return df.preset("paper", {**SHORT, **{k.replace("__", "."): v for k, v in keys.items()}})
+
+
+@pytest.fixture(scope="module")
+def result() -> Result:
+    return df.run(short())
+
+
+def test_history_has_every_variable_with_unit_and_meaning(result: Result) -> None:
+    history = result.history
+    assert history.sizes["time"] == 3000
+    assert history.sizes["frame"] == 24
+    assert history.sizes["node"] == 21
+    assert history.sizes["period"] == 4
+    assert list(history.lamina.values) == ["thick", "thin"]
+    for name, variable in history.variables.items():
+        if name != "lamina":
+            assert variable.attrs["units"], name
+            assert variable.attrs["long_name"], name
+    assert history.attrs["outcome"] == "completed"
+    assert df.Case.from_toml(history.attrs["case"]) == result.case
+
+
+def test_times_frames_and_strobes_agree(result: Result) -> None:
+    history, period = result.history, result.case.period
+    assert history.time.values[[0, -1]] == pytest.approx([1.001 * period, 4 * period])
+    tips = history.tip_displacement.values
+    assert history.displacement.values[:, -1, -1] == pytest.approx(tips[:, -1], abs=0.0)
+    assert history.strobe_displacement.values[:, -1] == pytest.approx(tips[:, -1], abs=0.0)
+    assert (history.envelope_max.values[:, 1:].max(axis=1) >= tips.max(axis=1)).all()
+    assert (history.envelope_min.values[:, 1:].min(axis=1) <= tips.min(axis=1)).all()
+    base = history.base_displacement.values
+    omega = 2 * np.pi * result.case.excitation.frequency
+    assert base == pytest.approx(0.0025 * np.sin(omega * history.time.values), abs=1e-15)
+    frames = np.searchsorted(history.time.values, history.frame.values - 1e-9)
+    assert history.displacement.values[0, :, 0] == pytest.approx(base[frames], abs=1e-15)
+
+
+def test_events_are_impacts_of_the_window(result: Result) -> None:
+    history = result.history
+    assert history.sizes["event"] > 0
+    assert (history.event_velocity_before < 0).all()
+    assert (history.event_impulse > 0).all()
+    assert history.event_node.values.min() >= 1
+    assert history.event_time.values.min() > result.case.period
+    in_window = history.impulse_sum.values[1:].sum()
+    assert history.event_impulse.values.sum() == pytest.approx(in_window)
+
+
+def test_ledger_closes_and_is_the_sum_of_its_parts(result: Result) -> None:
+    h = result.history
+    stored = (h.energy_kinetic + h.energy_strain + h.energy_spring).values
+    losses = h.energy_damping_loss + h.energy_impact_loss + h.energy_contact_damping_loss
+    net = (h.energy_base_work - losses + h.energy_spring_released).values
+    scale = np.abs(h.energy_base_work.values).max()
+    assert np.abs(np.diff(stored) - net[1:]).max() < 1e-9 * scale
+    assert result.summary["energy_residual"] < 1e-9
+
+
+def test_saved_folder_repeats_the_run(result: Result, tmp_path: Path) -> None:
+    written = result.save(tmp_path)
+    assert all(path.exists() for path in written)
+    assert not list(tmp_path.rglob("*.part*"))
+    with xr.open_dataset(tmp_path / "result.nc", engine="h5netcdf") as read:
+        assert np.array_equal(read.tip_displacement, result.history.tip_displacement)
+        assert read.tip_displacement.attrs["units"] == "m"
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary == result.summary
+    again = df.run(df.load_case(tmp_path / "case.toml"))
+    for name in EXACT_VARIABLES:
+        assert np.array_equal(again.history[name], result.history[name]), name
+
+
+@pytest.mark.parametrize("law", ["newton-penalty", "penalty", "moreau"])
+def test_interrupted_run_goes_on_bit_for_bit(law: str, tmp_path: Path) -> None:
+    case = short(contact__law=law, contact__penalty_damping=0.3, contact__impulse="consistent")
+    whole = df.run(case)
+
+    def interrupt(done: int, periods: int) -> None:
+        if done == 2:
+            signal.raise_signal(signal.SIGINT)
+
+    part = df.run(case, directory=tmp_path, progress=interrupt)
+    assert part.history.attrs["outcome"] == "interrupted"
+    assert part.history.sizes["period"] == 2
+    resumed = df.run(case, directory=tmp_path, resume=True)
+    assert resumed.history.attrs["outcome"] == "completed"
+    xr.testing.assert_equal(resumed.history, whole.history)
+    assert not (tmp_path / "checkpoint.npz").exists()
+
+
+def test_resume_wants_a_checkpoint_of_the_same_case(tmp_path: Path) -> None:
+    with pytest.raises(df.CaseError, match="expected a checkpoint"):
+        df.run(short(), directory=tmp_path, resume=True)
+    with pytest.raises(df.CaseError, match="directory of the interrupted run"):
+        df.run(short(), resume=True)
+    df.run(short(), directory=tmp_path, progress=lambda k, n: signal.raise_signal(signal.SIGINT))
+    with pytest.raises(df.CaseError, match="belongs to another case"):
+        df.run(short(contact__restitution=0.2), directory=tmp_path, resume=True)
+
+
+def test_a_run_starts_from_the_state_of_another() -> None:
+    whole = df.run(short(contact__law="none"))
+    half = short(contact__law="none", time__periods=2)
+    second = df.run(half, initial=df.run(half).state)
+    tips, expected = (r.history.tip_displacement.values[:, -1] for r in (second, whole))
+    assert tips == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("law", "remedy"),
+    [
+        ("none", "smaller excitation.amplitude"),
+        ("newton-penalty", 'contact.impulse = "consistent"'),
+        ("moreau", "more steps per period"),
+    ],
+)
+def test_diverged_run_keeps_what_it_has_and_names_a_remedy(law: str, remedy: str) -> None:
+    result = df.run(short(excitation__amplitude=50.0, contact__law=law, time__periods=20))
+    assert result.summary["outcome"] == "diverged"
+    assert 0 < result.history.sizes["period"] < 20
+    assert result.summary["message"].startswith("diverged at t = ")
+    assert remedy in result.summary["message"]
+    assert " J in the laminae" in result.summary["message"]
+
+
+def test_central_difference_beyond_its_limit_is_refused() -> None:
+    case = short(time__scheme="central-difference")
+    with pytest.raises(df.CaseError, match=r"time step of at most 1\.\d+e-05 s, given 0\.0003077"):
+        df.run(case)
+
+
+def test_sweep_runs_for_its_duration() -> None:
+    keys = {"excitation.kind": "sweep", "excitation.start_frequency": 2.0}
+    keys |= {"excitation.end_frequency": 4.0, "excitation.duration": 2.0}
+    case = df.preset("paper", {**keys, "contact.law": "none", "output.fields_per_period": 0})
+    result = df.run(case)
+    assert result.history.time.values[-1] == pytest.approx(2.0)
+    assert result.history.sizes["period"] == 8
+    assert result.summary["energy_residual"] < 1e-9
+    assert result.summary["periodicity"] is None
+
+
+PARALLEL = """
+import sys
+import numpy as np
+from mpi4py import MPI
+import delam_fem as df
+impulse, law = sys.argv[1:]
+case = df.preset("paper", {"time.periods": 2, "contact.impulse": impulse, "contact.law": law})
+one = df.run(case).history.tip_displacement.values
+both = df.run(case, comm=MPI.COMM_WORLD).history.tip_displacement.values
+assert MPI.COMM_WORLD.size == 2
+assert np.abs(one - both).max() < 1e-9, np.abs(one - both).max()
+"""
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(
+    ("impulse", "law"),
+    [("lumped", "newton-penalty"), ("consistent", "newton-penalty"), ("lumped", "moreau")],
+)
+def test_two_ranks_compute_what_one_does(impulse: str, law: str, tmp_path: Path) -> None:
+    script = tmp_path / "parallel.py"
+    script.write_text(PARALLEL)
+    command = ["mpirun", "--allow-run-as-root", "--oversubscribe", "-n", "2", sys.executable]
+    environment = os.environ | {"OMP_NUM_THREADS": "1"}
+    done = subprocess.run(
+        [*command, str(script), impulse, law], capture_output=True, text=True, env=environment
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def test_dolfinx_pictures_and_netcdf_live_in_one_process(tmp_path: Path) -> None:
+    script = tmp_path / "together.py"
+    script.write_text(
+        "from delam_fem.model import _dolfinx\n"
+        "import h5py, netCDF4, pyvista\n"
+        "pyvista.OFF_SCREEN = True\n"
+        "mesh = pyvista.Sphere(); mesh['z'] = mesh.points[:, 2]\n"
+        "plot = pyvista.Plotter(off_screen=True); plot.add_mesh(mesh, scalars='z')\n"
+        f"plot.screenshot({str(tmp_path / 'ball.png')!r})\n"
+        f"netCDF4.Dataset({str(tmp_path / 'a.nc')!r}, 'w').close()\n"
+        f"h5py.File({str(tmp_path / 'a.h5')!r}, 'w').close()\n"
+    )
+    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "ball.png").stat().st_size > 1000
