@@ -1,6 +1,6 @@
-"""From a case to its result: assemble, choose stepper and supervisor, run the loop, collect.
+"""From a case to its result: assemble, set the run up, run the loop, collect.
 
-This is where the roles of simulate.py are filled; nothing is computed here.
+Nothing is computed here. `engines.session.solve` does the same without a case.
 """
 
 from __future__ import annotations
@@ -10,26 +10,23 @@ import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from mpi4py import MPI
 from petsc4py import PETSc
 
 from delam_fem.case.definition import Case
-from delam_fem.case.toml import CaseError
-from delam_fem.engines.compiled.engine import compiled_engine
-from delam_fem.engines.petsc.engine import petsc_engine
+from delam_fem.engines.choose import EngineName
+from delam_fem.engines.session import session_of
 from delam_fem.model import _dolfinx, beam
 from delam_fem.model.layout import Model
 from delam_fem.results import dataset, diagnostics, energy_gain
 from delam_fem.results.dataset import Result
 from delam_fem.simulation import checkpoint
 from delam_fem.simulation.interrupts import Watch, stop_signals
-from delam_fem.simulation.loop import Engine, Outcome, State, set_initial, simulate
+from delam_fem.simulation.loop import Outcome, State
 from delam_fem.simulation.recorder import Recorder
-from delam_fem.simulation.setup import motion_of, recorder_of
 
-EngineName = Literal["petsc", "compiled"]
 Progress = Callable[[int, int], None]
 
 _log = logging.getLogger(__name__)
@@ -57,7 +54,8 @@ def run(
         model: the discretised case, if it is not to be assembled by `beam.assemble`.
         initial: state at t = 0, for example `Result.state` of another run; None: at rest. Its
             accelerations are renewed.
-        comm: communicator that shares the work; every rank returns the result.
+        comm: communicator that shares the work; every rank returns the result. With "compiled"
+            every rank computes the same.
 
     Returns:
         The result; `history.attrs["outcome"]` says whether the run was completed, diverged or was
@@ -66,36 +64,33 @@ def run(
     Raises:
         CaseError: the case cannot be computed as it stands, or there is nothing to resume.
     """
-    if engine not in ("petsc", "compiled"):
-        raise CaseError(f"engine: expected 'petsc' or 'compiled', given {engine!r}")
+    if case.unread:
+        _log.info("given, but not read: %s", ", ".join(case.unread))
     model = beam.assemble(case, comm=comm) if model is None else model
-    computing: Engine
-    if engine == "compiled":  # every rank computes the same
-        computing = compiled_engine(case, model.operators)
-    else:
-        computing = petsc_engine(case, model.operators, comm)
-    recorder, motion = recorder_of(case, model.operators), motion_of(case)
     kept = None if directory is None else checkpoint.path_in(Path(directory))
-    if resume:
-        checkpoint.load(kept, case, computing, recorder, motion)
-    else:
-        set_initial(computing, initial, motion(0)[0])
-    begin, first = time.perf_counter(), recorder.n_closed
-    save = partial(
-        checkpoint.save, case=case, engine=computing, recorder=recorder, writes=comm.rank == 0
-    )
+    with session_of(case, model.operators, initial=initial, engine=engine, comm=comm) as opened:
+        recorder = opened.recorder
+        if resume:
+            checkpoint.load(kept, case, opened.engine, recorder, opened.motion)
+        begin, first = time.perf_counter(), recorder.n_closed
+        save = partial(
+            checkpoint.save,
+            case=case,
+            engine=opened.engine,
+            recorder=recorder,
+            writes=comm.rank == 0,
+        )
 
-    def report(period: int) -> None:
-        if progress is not None:
-            progress(period, recorder.n_periods)
+        def report(period: int) -> None:
+            if progress is not None:
+                progress(period, recorder.n_periods)
 
-    with stop_signals() as is_stopped:
-        stop = Watch(save, kept, report, is_stopped, comm)
-        outcome = simulate(computing, recorder, motion, stop=stop)
-    seconds = time.perf_counter() - begin
-    stop.leave(outcome)
-    state = computing.state()
-    computing.destroy()
+        with stop_signals() as is_stopped:
+            stop = Watch(save, kept, report, is_stopped, comm)
+            outcome = opened.run(stop)
+        seconds = time.perf_counter() - begin
+        stop.leave(outcome)
+        state = opened.engine.state()
     summary = _summary(engine, outcome, recorder, recorder.n_closed - first, seconds)
     return _result(case, model, recorder, state, summary)
 
@@ -128,6 +123,7 @@ def _result(
     summary |= diagnostics.summary(history, case)
     summary["energy_residual"] = recorder.energy_residual()
     summary["impact_energy_gain"] = energy_gain.gain_of(recorder)
+    summary["unread_keys"] = list(case.unread)
     warning = energy_gain.gain_warning(case, recorder)
     summary["warnings"] = [] if warning is None else [warning]
     if warning is not None:

@@ -94,7 +94,7 @@ def test_saved_folder_repeats_the_run(result: Result, tmp_path: Path) -> None:
         assert np.array_equal(again.history[name], result.history[name]), name
 
 
-@pytest.mark.parametrize("law", ["newton-penalty", "penalty", "moreau"])
+@pytest.mark.parametrize("law", ["newton-penalty", "penalty", "newton@moreau-jean"])
 def test_interrupted_run_goes_on_bit_for_bit(law: str, tmp_path: Path) -> None:
     case = short(contact__law=law, contact__penalty_damping=0.3, contact__impulse="consistent")
     whole = df.run(case)
@@ -135,7 +135,7 @@ def test_a_run_starts_from_the_state_of_another() -> None:
     [
         ("none", "smaller excitation.amplitude"),
         ("newton-penalty", 'contact.impulse = "consistent"'),
-        ("moreau", "more steps per period"),
+        ("newton@moreau-jean", "more steps per period"),
     ],
 )
 def test_diverged_run_keeps_what_it_has_and_names_a_remedy(law: str, remedy: str) -> None:
@@ -181,7 +181,11 @@ assert np.abs(one - both).max() < 1e-9, np.abs(one - both).max()
 @pytest.mark.mpi
 @pytest.mark.parametrize(
     ("impulse", "law"),
-    [("lumped", "newton-penalty"), ("consistent", "newton-penalty"), ("lumped", "moreau")],
+    [
+        ("lumped", "newton-penalty"),
+        ("consistent", "newton-penalty"),
+        ("lumped", "newton@moreau-jean"),
+    ],
 )
 def test_two_ranks_compute_what_one_does(impulse: str, law: str, tmp_path: Path) -> None:
     script = tmp_path / "parallel.py"

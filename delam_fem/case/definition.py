@@ -25,6 +25,7 @@ from delam_fem.case.sections import (
     TimeStepping,
 )
 from delam_fem.case.toml import CaseError, Data, message, toml_text
+from delam_fem.contact.laws import combination
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.numerics.cantilever import transmissibility
 
@@ -83,12 +84,12 @@ class Case(Section):
                 f"expected the length {first.length!r} of lamina {first.name}, as the contact "
                 f"line needs opposite points, given {second.length!r}",
             )
-        if self.contact.law.startswith("moreau") and self.time.scheme == "central-difference":
+        try:
+            combination(self.contact.law, self.time.scheme)
+        except ValueError as error:
             raise inconsistent(
-                "time.scheme",
-                f'expected "newmark" with contact.law "{self.contact.law}", which has a time '
-                'stepping of its own, given "central-difference"',
-            )
+                "contact.law", f"{error}; set both keys, or contact.law=LAW@SCHEME by an override"
+            ) from None
         if self.output.fields_per_period > self.time.steps_per_period:
             raise inconsistent(
                 "output.fields_per_period",
@@ -96,6 +97,15 @@ class Case(Section):
                 f"given {self.output.fields_per_period}",
             )
         return self
+
+    @property
+    def unread(self) -> tuple[str, ...]:
+        """Keys that were given although nothing reads them, as an override names them."""
+        reads = {"law", *combination(self.contact.law, self.time.scheme).reads}
+        keys = [f"contact.{key}" for key in sorted(self.contact.model_fields_set - reads)]
+        if self.excitation.kind == "sweep" and "periods" in self.time.model_fields_set:
+            keys.append("time.periods")
+        return tuple(keys)
 
     @property
     def _top_frequency(self) -> float:
@@ -168,8 +178,15 @@ class Case(Section):
         return np.asarray(self.excitation.amplitude * np.abs(H))
 
     def to_toml(self) -> str:
-        """Return the complete case as TOML; reading it gives an equal case."""
-        return toml_text(self.model_dump(exclude_none=True))
+        """Return the complete case as TOML; reading it gives an equal case.
+
+        Keys of the contact law that nothing reads are left out, unless they were given.
+        """
+        data = self.model_dump(exclude_none=True)
+        kept = {"law", *combination(self.contact.law, self.time.scheme).reads}
+        kept |= self.contact.model_fields_set
+        data["contact"] = {k: value for k, value in data["contact"].items() if k in kept}
+        return toml_text(data)
 
     @classmethod
     def from_toml(cls, text: str) -> Self:
@@ -200,7 +217,7 @@ class Case(Section):
         Raises:
             CaseError: a key is unknown, a value impossible, or a file missing.
         """
-        data = tomllib.loads(self.to_toml())
+        data = tomllib.loads(toml_text(self.model_dump(exclude_unset=True, exclude_none=True)))
         apply_overrides(data, overrides)
         return self.checked(data, f"case {self.name}").with_files_checked(f"case {self.name}")
 

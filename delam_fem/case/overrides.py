@@ -96,6 +96,8 @@ def _entry(tables: list[Data], part: str, key: str) -> Data:
 def apply_overrides(data: Data, overrides: Mapping[str, object]) -> None:
     """Apply overrides to a case in place, first making room for what replaces something else.
 
+    `contact.law` also takes a law with its scheme, `newton@moreau-jean`.
+
     Args:
         data: the case.
         overrides: values by key; see `set_key`.
@@ -113,4 +115,7 @@ def apply_overrides(data: Data, overrides: Mapping[str, object]) -> None:
     if isinstance(table, dict) and kind is not None and kind != table.get("kind"):
         data["excitation"] = {key: table[key] for key in ("amplitude",) if key in table}
     for key, value in overrides.items():
+        if key == "contact.law" and isinstance(value, str) and "@" in value:
+            value, _, scheme = value.partition("@")  # a law with its scheme
+            set_key(data, "time.scheme", scheme)
         set_key(data, key, value)

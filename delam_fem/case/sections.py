@@ -27,8 +27,10 @@ from delam_fem.case.fields import (
     Steps,
     inconsistent,
 )
+from delam_fem.contact.laws import Impulse, LawName
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.numerics.cantilever import cantilever_roots
+from delam_fem.numerics.schemes import SchemeName
 
 
 class Lamina(Section):
@@ -191,7 +193,7 @@ class Contact(Section):
     """The contact law and its numbers.
 
     Attributes:
-        law: "none", "newton", "newton-penalty", "penalty", "moreau" or "moreau-recovery".
+        law: "none", "newton", "newton-penalty", "penalty" or "recovery"; see contact/laws.py.
         impulse: "lumped" on the hit nodes alone, or "consistent" with the mass matrix.
         restitution: e [-].
         penalty_stiffness: k_con [N/m per node pair].
@@ -199,8 +201,8 @@ class Contact(Section):
         threshold_velocity: gamma [m/s]; pairs that separate slower stay in contact.
     """
 
-    law: Literal["none", "newton", "newton-penalty", "penalty", "moreau", "moreau-recovery"]
-    impulse: Literal["lumped", "consistent"] = "consistent"
+    law: LawName
+    impulse: Impulse = "consistent"
     restitution: Restitution = 0.1
     penalty_stiffness: NotNegative = 100.0
     penalty_damping: NotNegative = 0.0
@@ -211,13 +213,13 @@ class TimeStepping(Section):
     """The time integration.
 
     Attributes:
-        scheme: "newmark" (average acceleration) or "central-difference".
+        scheme: "newmark" (average acceleration), "central-difference" or "moreau-jean".
         mass: "consistent" or "lumped" mass matrix.
         steps_per_period: N; a sweep counts periods of its highest frequency.
         periods: length of a harmonic run; a sweep's length is its duration.
     """
 
-    scheme: Literal["newmark", "central-difference"] = "newmark"
+    scheme: SchemeName = "newmark"
     mass: Literal["consistent", "lumped"] = "consistent"
     steps_per_period: Steps = 1000
     periods: Count = 300

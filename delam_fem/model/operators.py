@@ -92,6 +92,11 @@ class Operators:
         return int(self.mass.shape[0])
 
     @property
+    def n_probes(self) -> int:
+        """Number of probes."""
+        return int(self.observed.size)
+
+    @property
     def n_pairs(self) -> int:
         """Number of contact pairs."""
         return int(self.gap0.shape[0])

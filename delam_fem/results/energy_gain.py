@@ -23,7 +23,8 @@ def may_add_energy(case: Case) -> bool:
     """Return whether impulses act through another mass matrix than the time integration has."""
     contact = case.contact
     is_mixed = contact.impulse == "lumped" and case.time.mass == "consistent"
-    return contact.law in ("newton", "newton-penalty") and is_mixed
+    has_jumps = contact.law in ("newton", "newton-penalty")
+    return has_jumps and is_mixed and case.time.scheme != "moreau-jean"
 
 
 def gain_of(recorder: Recorder) -> float:

@@ -15,6 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from delam_fem.case.definition import Case
+from delam_fem.contact.laws import combination, combined_name
 from delam_fem.numerics.arrays import FloatArray
 
 BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILLION, PURPLE = (
@@ -91,9 +92,9 @@ def time_axis(case: Case) -> tuple[float, str]:
 
 def title(case: Case) -> str:
     """Return what the case is, in a few words."""
-    law = case.contact.law
-    has_choice = law in ("newton", "newton-penalty")
-    contact = f"{law}, {case.contact.impulse} impulses" if has_choice else law
+    contact = combined_name(case.contact.law, case.time.scheme)
+    if "impulse" in combination(case.contact.law, case.time.scheme).reads:
+        contact += f", {case.contact.impulse} impulses"
     motion = case.excitation
     if motion.kind == "harmonic":
         excitation = f"{motion.frequency:g} Hz"

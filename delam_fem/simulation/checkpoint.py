@@ -45,7 +45,7 @@ def save(
         "case": np.array(case.to_toml()),
         "n_closed": k,
         "motion": state.motion,
-        "permanent": state.permanent,
+        "resting": state.resting,
         "losses": state.losses,
     }
     arrays |= {name: getattr(recorder, name)[:k] for name in _PERIOD_ARRAYS}
@@ -89,7 +89,7 @@ def load(
             )
         damping, contact = (float(loss) for loss in data["losses"])
         k = recorder.n_closed = int(data["n_closed"])
-        state = State(data["motion"], data["permanent"], (damping, contact))
+        state = State(data["motion"], data["resting"], (damping, contact))
         engine.restore(state, motion(k)[0])
         for name in _PERIOD_ARRAYS:
             getattr(recorder, name)[:k] = data[name]

@@ -1,4 +1,4 @@
-"""The only time loop: period by period, and within a period stepper → supervisor → recorder.
+"""The only time loop: period by period, and within a period stepper → contact law → recorder.
 
 The roles come as arguments; the loop knows no law, no scheme and no file.
 """
@@ -22,12 +22,12 @@ class State:
 
     Attributes:
         motion: u, v, a of the free dofs, shape (3, n) [m, m/s, m/s2 and slopes].
-        permanent: pairs that carry a spring, shape (n_pairs,).
+        resting: pairs at rest on one another, shape (n_pairs,).
         losses: energy lost to damping and to contact dampers so far [J].
     """
 
     motion: FloatArray
-    permanent: BoolArray
+    resting: BoolArray
     losses: tuple[float, float] = (0.0, 0.0)
 
 
@@ -67,17 +67,19 @@ class Engine(Protocol):
 
 
 class Advancing(Moving, Kinematics, Protocol):
-    """A time integration that takes single steps; see newmark.py and moreau.py."""
+    """A time integration that takes single steps; see engines/petsc."""
 
-    base_states: list[list[float]]
-    base_index: int
-    permanent: BoolArray
+    resting: BoolArray
+    is_resting: bool
 
     def restore(self, state: FloatArray) -> None:
         """Take over (u, v, a), shape (3, n)."""
 
-    def restore_springs(self, permanent: BoolArray) -> None:
-        """Take over the set of springs."""
+    def rest(self, pairs: BoolArray) -> None:
+        """Take over which pairs rest, shape (n_pairs,)."""
+
+    def begin(self, base_states: FloatArray) -> None:
+        """Begin a period with (q, q', q'') of the base at its start and its steps, (k, 3)."""
 
     def destroy(self) -> None:
         """Free what the stepper holds."""
@@ -91,7 +93,7 @@ class Advancing(Moving, Kinematics, Protocol):
 
 @dataclass(frozen=True)
 class StepByStep:
-    """The engine that asks a supervisor after each step of a stepper."""
+    """The engine that asks a contact law after each step of a stepper."""
 
     stepper: Advancing
     supervisor: Supervisor
@@ -99,15 +101,15 @@ class StepByStep:
     def state(self) -> State:
         """Return the present state."""
         s = self.stepper
-        return State(s.state(), self.supervisor.permanent.copy(), (s.dissipated, s.contact_damped))
+        return State(s.state(), s.resting.copy(), (s.dissipated, s.contact_damped))
 
     def restore(self, state: State, base_state: FloatArray) -> None:
         """Take over a state as it is; see `Engine`."""
-        self.stepper.base_states, self.stepper.base_index = [base_state.tolist()], 0
-        self.stepper.restore(state.motion)
-        self.stepper.restore_springs(state.permanent)
-        self.supervisor.restore(state.permanent.copy())
-        self.stepper.dissipated, self.stepper.contact_damped = state.losses
+        stepper = self.stepper
+        stepper.begin(base_state[None, :])
+        stepper.restore(state.motion)
+        stepper.rest(state.resting.copy())
+        stepper.dissipated, stepper.contact_damped = state.losses
 
     def destroy(self) -> None:
         """Free what the stepper holds."""
@@ -116,19 +118,18 @@ class StepByStep:
     def run_period(self, record: PeriodRecord, floor: float) -> int:
         """Compute the steps of a period into its record; see `Engine`."""
         stepper, supervisor = self.stepper, self.supervisor
-        stepper.base_states = record.base_states.tolist()
-        stepper.base_index = 0
+        stepper.begin(record.base_states)
         n_steps = len(record.base_states) - 1
         for step in range(1, n_steps + 1):
             smallest_gap = stepper.advance()
-            if smallest_gap <= 0.0 or supervisor.is_holding:
+            if smallest_gap <= 0.0 or stepper.is_resting:
                 if smallest_gap < floor:
                     return step - 1
                 decision = supervisor.examine(stepper)
                 if decision is not None:
                     record.jump(step, decision, stepper.jump(decision))
             stepper.observe()
-            record.keep(step, stepper, supervisor)
+            record.keep(step, stepper)
         return n_steps
 
 
@@ -141,7 +142,7 @@ def set_initial(engine: Engine, initial: State | None, base_state: FloatArray) -
         base_state: (q, q', q'') of the base at the start.
     """
     initial = engine.state() if initial is None else initial
-    engine.restore(State(initial.motion, initial.permanent), base_state)
+    engine.restore(State(initial.motion, initial.resting), base_state)
     engine.stepper.renew_acceleration()
 
 

@@ -14,11 +14,12 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from delam_fem.contact.decision import Decision, Supervisor
+from delam_fem.contact.decision import Decision
 from delam_fem.model.operators import BaseCoupling
-from delam_fem.numerics.arrays import FloatArray, IntArray
+from delam_fem.numerics.arrays import BoolArray, FloatArray, IntArray
 from delam_fem.simulation.energy import Energies, Flows, base_flows
 from delam_fem.simulation.impacts import Jumps
+from delam_fem.simulation.span import Span
 
 N_BASE = 3
 """Leading entries of `seen_u` that belong to the energy ledger."""
@@ -28,6 +29,9 @@ LEDGER = (
     "impact_loss", "spring_released", "residual",
 )  # fmt: skip
 
+
+OPEN, HIT, RESTING = range(3)
+"""States of a pair in the frames."""
 
 Level = tuple[Energies, float, float]
 """Stored energies, energy dissipated and energy damped in contacts so far."""
@@ -40,6 +44,10 @@ class Stepper(Protocol):
     seen_v: FloatArray
     dissipated: float
     contact_damped: float
+
+    @property
+    def resting(self) -> BoolArray:
+        """Pairs at rest on one another, shape (n_pairs,)."""
 
     def energies(self) -> Energies:
         """Return the stored energies now."""
@@ -57,13 +65,13 @@ class PeriodRecord:
 
     Attributes:
         base_states: (q, q', q'') of the base, shape (N + 1, 3).
-        u: `seen_u` at each step, start included, shape (N + 1, 3 + n_observed).
-        v: `seen_v` likewise, shape (N + 1, n_observed).
+        u: `seen_u` at each step, start included, shape (N + 1, 3 + n_probes).
+        v: `seen_v` likewise, shape (N + 1, n_probes).
         start: stored energies, dissipation and contact damping so far when the period began.
         end: likewise when it ended; None until somebody asks.
         frame_steps: steps whose whole state is kept, increasing.
         frames: their (u, v), each of shape (2, n).
-        contact: their contact states, each of shape (n_pairs,): 0 open, 1 hit, 2 permanent.
+        contact: their contact states, each of shape (n_pairs,): 0 open, 1 hit, 2 resting.
         jumps: steps, decisions and energy changes by their impulses.
         released: energy that switching springs has set free [J].
         n_steps: steps done.
@@ -90,16 +98,17 @@ class PeriodRecord:
         if decision.hit.size:
             self.jumps.append(step, decision, impact)
 
-    def keep(self, step: int, stepper: Stepper, supervisor: Supervisor) -> None:
+    def keep(self, step: int, stepper: Stepper) -> None:
         """Note the state at the end of a step."""
         self.u[step] = stepper.seen_u
         self.v[step] = stepper.seen_v
         n_frames = len(self.frames)
         if n_frames < self.frame_steps.size and step == self.frame_steps[n_frames]:
             self.frames.append(stepper.state()[:2])
-            state = np.where(supervisor.permanent, 2, 0).astype(np.int8)
+            resting = stepper.resting
+            state = np.where(resting, RESTING, OPEN).astype(np.int8)
             hit = self.jumps.hit_at(step)
-            state[hit] = np.where(supervisor.permanent[hit], 2, 1)
+            state[hit] = np.where(resting[hit], RESTING, HIT)
             self.contact.append(state)
 
 
@@ -107,41 +116,37 @@ class Recorder:
     """Keeps the window and the rows of all periods.
 
     Attributes:
+        time_step: Δt [s].
         steps_per_period: N.
         n_periods: periods to compute.
         n_closed: periods recorded so far.
         limit: gap or displacement beyond which a motion counts as diverged [m].
-        strobe: observed (u, v) at the end of each period, shape (n_periods, 2, n_observed).
-        envelope: smallest and largest observed u within each period, likewise.
+        strobe: (u, v) of the probes at the end of each period, shape (n_periods, 2, n_probes).
+        envelope: smallest and largest u of the probes within each period, likewise.
         ledger: rows of `LEDGER`, shape (n_periods, 9) [J].
         impulse: sum of impulses, number of impacts, and energy added by the instants of impact
             that gain, within each period, shape (n_periods, 3) [N s, -, J].
         window: records of the last periods.
     """
 
-    def __init__(
-        self,
-        base: BaseCoupling,
-        *,
-        time_step: float,
-        steps_per_period: int,
-        n_periods: int,
-        n_observed: int,
-        window_periods: int,
-        frames_per_period: int,
-        limit: float,
-    ) -> None:
-        """Make room for all periods."""
-        self._base, self._time_step = base, time_step
-        self.steps_per_period, self.n_periods, self.limit = steps_per_period, n_periods, limit
-        self.n_closed = 0
-        self.strobe = np.full((n_periods, 2, n_observed), np.nan)
-        self.envelope = np.full((n_periods, 2, n_observed), np.nan)
-        self.ledger = np.full((n_periods, len(LEDGER)), np.nan)
-        self.impulse = np.full((n_periods, 3), np.nan)
-        self.window: deque[PeriodRecord] = deque(maxlen=window_periods)
-        ticks = np.arange(1, frames_per_period + 1) * steps_per_period
-        self._frame_steps = np.rint(ticks / max(frames_per_period, 1)).astype(np.int64)
+    def __init__(self, base: BaseCoupling, span: Span, n_probes: int) -> None:
+        """Make room for all periods.
+
+        Args:
+            base: coupling to the base, for the energy ledger.
+            span: how long the run is and what is kept.
+            n_probes: probes that are recorded at every step.
+        """
+        self._base, self.time_step = base, span.time_step
+        self.steps_per_period, self.n_periods = span.steps_per_period, span.periods
+        self.limit, self.n_closed, n = span.limit, 0, span.periods
+        self.strobe = np.full((n, 2, n_probes), np.nan)
+        self.envelope = np.full((n, 2, n_probes), np.nan)
+        self.ledger = np.full((n, len(LEDGER)), np.nan)
+        self.impulse = np.full((n, 3), np.nan)
+        self.window: deque[PeriodRecord] = deque(maxlen=span.window_periods)
+        ticks = np.arange(1, span.frames_per_period + 1) * span.steps_per_period
+        self._frame_steps = np.rint(ticks / max(span.frames_per_period, 1)).astype(np.int64)
 
     def open(
         self, stepper: Stepper, base_states: FloatArray, before: PeriodRecord | None = None
@@ -153,11 +158,11 @@ class Recorder:
             base_states: (q, q', q'') of the base at the steps of the period, shape (N + 1, 3).
             before: the period that has led to this very state, where there is one.
         """
-        rows, n_observed = self.steps_per_period + 1, self.strobe.shape[2]
+        rows, n_probes = self.steps_per_period + 1, self.strobe.shape[2]
         record = PeriodRecord(
             base_states,
-            np.empty((rows, N_BASE + n_observed)),
-            np.empty((rows, n_observed)),
+            np.empty((rows, N_BASE + n_probes)),
+            np.empty((rows, n_probes)),
             self._frame_steps,
             _level(stepper) if before is None or before.end is None else before.end,
         )
@@ -201,7 +206,7 @@ class Recorder:
             (start.momentum, end.momentum),
             record.base_states[rows],
             self._base,
-            self._time_step,
+            self.time_step,
         )
         flows = Flows(
             base_work=work,

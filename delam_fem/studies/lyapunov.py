@@ -18,10 +18,10 @@ Chaos, Solitons & Fractals 11 (2000) 2443–2451.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 
+from delam_fem.engines.session import Session
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.simulation.loop import Engine, State, set_initial
@@ -33,10 +33,8 @@ are not counted. Two modes whose decay differs by 0.1/s take some tens of second
 
 
 def largest_exponent(
-    engine: Engine,
+    session: Session,
     operators: Operators,
-    recorder: Recorder,
-    motion: Callable[[int], FloatArray],
     *,
     direction: FloatArray,
     period: float,
@@ -46,10 +44,8 @@ def largest_exponent(
     """Return the largest Lyapunov exponent of the motion that an engine is in.
 
     Args:
-        engine: at the end of a period, on the attractor; it goes on from there.
+        session: at the end of a run, on the attractor; its engine goes on from there.
         operators: give the norm Y1.
-        recorder: tells how many periods have passed, and where a motion counts as diverged.
-        motion: base states of a period by its number, shape (N + 1, 3).
         direction: displacement of the second motion at first, of any length, shape (n,).
         period: T [s].
         periods: over which the distance is followed.
@@ -58,6 +54,7 @@ def largest_exponent(
     Returns:
         The exponent [1/s]; NaN where a motion diverges, or is at rest.
     """
+    engine, recorder = session.engine, session.recorder
     one = engine.state()
     d0 = perturbation * _norm(one.motion, operators)
     step = np.zeros_like(one.motion)
@@ -65,10 +62,10 @@ def largest_exponent(
     length = _norm(step, operators)
     if not (d0 > 0.0 and length > 0.0):
         return math.nan
-    two = State(one.motion + d0 / length * step, one.permanent)
+    two = State(one.motion + d0 / length * step, one.resting)
     growth, aligning = [], int(ALIGNING * periods)
     for number in range(recorder.n_closed, recorder.n_closed + periods):
-        base_states = motion(number)
+        base_states = session.motion(number)
         after = [_advanced(engine, recorder, state, base_states) for state in (one, two)]
         if after[0] is None or after[1] is None:
             return math.nan
@@ -77,7 +74,7 @@ def largest_exponent(
         if not 0.0 < d < math.inf:
             return math.nan
         growth.append(math.log(d / d0))
-        two = State(one.motion + d0 / d * step, one.permanent)
+        two = State(one.motion + d0 / d * step, one.resting)
     return float(np.mean(growth[aligning:])) / period
 
 

@@ -6,12 +6,15 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
+from stand_ins import setting
 
-from delam_fem.contact.decision import Decision, Impacts
+from delam_fem.contact.decision import Decision
+from delam_fem.contact.newton import Impacts
 from delam_fem.model.operators import BaseCoupling
 from delam_fem.simulation.energy import Energies
 from delam_fem.simulation.loop import StepByStep, simulate
 from delam_fem.simulation.recorder import Recorder
+from delam_fem.simulation.span import Span
 
 G = 10.0
 DT = 1e-3
@@ -26,14 +29,16 @@ class Ball:
     speed: float = 0.0
     dissipated: float = 0.0
     contact_damped: float = 0.0
-    base_states: list[list[float]] = field(default_factory=list)
-    base_index: int = 0
+    resting: np.ndarray = field(default_factory=lambda: np.zeros(1, dtype=bool))
+    is_resting: bool = False
     gap: np.ndarray = field(default_factory=lambda: np.zeros(1))
     seen_u: np.ndarray = field(default_factory=lambda: np.zeros(4))
     seen_v: np.ndarray = field(default_factory=lambda: np.zeros(1))
 
+    def begin(self, base_states: np.ndarray) -> None:
+        assert base_states.shape == (STEPS + 1, 3)
+
     def advance(self) -> float:
-        self.base_index += 1
         self.height += DT * self.speed - 0.5 * G * DT**2
         self.speed -= G * DT
         self.gap[0] = self.height
@@ -61,27 +66,9 @@ class Ball:
         return np.array([[self.height], [self.speed], [-G]])
 
 
-class Unit:
-    """The compliance of 1 kg."""
-
-    def diagonal(self, pairs: np.ndarray) -> np.ndarray:
-        return np.ones(pairs.size)
-
-    def block(self, pairs: np.ndarray) -> np.ndarray:
-        return np.eye(pairs.size)
-
-
 def recorder(periods: int, window: int = 2, limit: float = 100.0) -> Recorder:
-    return Recorder(
-        BaseCoupling.none(1),
-        time_step=DT,
-        steps_per_period=STEPS,
-        n_periods=periods,
-        n_observed=1,
-        window_periods=window,
-        frames_per_period=4,
-        limit=limit,
-    )
+    span = Span(DT, STEPS, periods, window, frames_per_period=4, limit=limit)
+    return Recorder(BaseCoupling.none(1), span, n_probes=1)
 
 
 def motion(period: int) -> np.ndarray:
@@ -89,7 +76,7 @@ def motion(period: int) -> np.ndarray:
 
 
 def engine(ball: Ball, e: float = 0.5) -> StepByStep:
-    return StepByStep(ball, Impacts(Unit(), n_pairs=1, restitution=e, coupled=False))
+    return StepByStep(ball, Impacts(setting(np.eye(1)), restitution=e, coupled=False))
 
 
 def test_ball_falls_bounces_and_loses_what_the_ledger_says() -> None:
@@ -146,14 +133,10 @@ def test_too_large_a_motion_diverges_and_keeps_its_last_period() -> None:
 
 def test_too_deep_a_gap_ends_the_run_within_the_period() -> None:
     kept = recorder(50, limit=3.0)
-    through = StepByStep(Ball(1.25), Impacts(Unit(), n_pairs=1, restitution=0.0, coupled=False))
-    through.supervisor.is_holding = True
-    ball = Ball(1.25, speed=-100.0)
-    assert simulate(StepByStep(ball, through.supervisor), kept, motion) == "completed"
-    ball = Ball(1.25, speed=-1e4)
-    assert (
-        simulate(StepByStep(ball, through.supervisor), recorder(5, limit=3.0), motion) == "diverged"
-    )
+    assert simulate(engine(Ball(1.25, speed=-100.0), e=0.0), kept, motion) == "completed"
+    deep = recorder(5, limit=3.0)
+    assert simulate(engine(Ball(1.25, speed=-1e4), e=0.0), deep, motion) == "diverged"
+    assert deep.window[-1].n_steps == 0
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])

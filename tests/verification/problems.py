@@ -1,28 +1,26 @@
 """Small contact problems with exact solutions, as `Operators`, and one way to run them all.
 
 Each builder is the semi-discrete problem alone; `simulate` puts it together with a law and a time
-integration of the package: Operators → stepper and supervisor → time loop with recorder.
+integration of the package.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
 
-from delam_fem.contact.decision import Impacts, PenaltySprings
-from delam_fem.contact.recovery import MoreauImpacts
-from delam_fem.engines.petsc.newmark import Newmark
-from delam_fem.engines.petsc.theta import MoreauJean
+from delam_fem.contact import laws
+from delam_fem.engines.session import solve
 from delam_fem.model.closed_form import element_mass, element_stiffness
 from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.simulation import loop as time_loop
-from delam_fem.simulation.recorder import N_BASE, Recorder
+from delam_fem.numerics.schemes import SCHEMES, Scheme
+from delam_fem.simulation.loop import State
+from delam_fem.simulation.recorder import N_BASE
 
 Motion = Callable[[FloatArray], FloatArray]
 """States (q, q', q'') of the base at times of shape (k,), shape (k, 3)."""
@@ -36,42 +34,45 @@ UNBOUNDED = 1e6
 
 @dataclass(frozen=True)
 class Law:
-    """A contact law with its time integration; the names are those of the case files.
+    """A contact law with its scheme; impulses act through the mass of the scheme.
 
     Attributes:
-        name: "newton", "newton-penalty", "penalty" (all three with Newmark) or "moreau".
+        name: LAW@SCHEME, or a law alone, which goes with Newmark.
         restitution: e [-].
-        spring: stiffness [N/m] and damping [N s/m] of a permanent contact.
+        spring: stiffness [N/m] and damping [N s/m] of a resting pair.
         threshold_velocity: γ of newton-penalty [m/s].
-        theta: θ of moreau [-].
+        theta: θ of Moreau–Jean [-].
     """
 
-    name: Literal["newton", "newton-penalty", "penalty", "moreau"]
+    name: str
     restitution: float = 0.0
     spring: tuple[float, float] = (0.0, 0.0)
     threshold_velocity: float = 0.0
     theta: float = 0.5
 
-    def engine(self, operators: Operators, time_step: float) -> time_loop.StepByStep:
-        """Return the stepper with its supervisor; impulses act through the mass of the stepper."""
-        n, e = operators.n_pairs, self.restitution
-        if self.name == "moreau":
-            moreau = MoreauJean(operators, time_step, theta=self.theta)
-            return time_loop.StepByStep(
-                moreau, MoreauImpacts(moreau.compliance, n_pairs=n, restitution=e)
-            )
-        stepper = Newmark(operators, time_step, coupled_impulses=True, spring=self.spring)
-        if self.name == "penalty":
-            return time_loop.StepByStep(stepper, PenaltySprings(n))
-        threshold = self.threshold_velocity if self.name == "newton-penalty" else None
-        impacts = Impacts(
-            stepper.compliance,
-            n_pairs=n,
-            restitution=e,
-            coupled=True,
-            threshold_velocity=threshold,
+    @property
+    def contact(self) -> laws.Law:
+        """The contact law."""
+        return laws.Law(
+            self.name.partition("@")[0],  # type: ignore[arg-type]
+            restitution=self.restitution,
+            penalty_stiffness=self.spring[0],
+            penalty_damping=self.spring[1],
+            threshold_velocity=self.threshold_velocity,
         )
-        return time_loop.StepByStep(stepper, impacts)
+
+    @property
+    def scheme(self) -> Scheme:
+        """The time integration."""
+        name = self.name.partition("@")[2] or "newmark"
+        return replace(SCHEMES[name], theta=self.theta)
+
+
+@dataclass(frozen=True)
+class Prescribed:
+    """A motion of the base from a function of time."""
+
+    states: Motion
 
 
 @dataclass(frozen=True)
@@ -123,27 +124,24 @@ def simulate(
     keep_frames: bool = False,
 ) -> Motions:
     """Run a problem from its initial displacements and velocities, in one stretch."""
-    engine = law.engine(operators, time_step)
-    recorder = Recorder(
-        operators.base,
+    found = solve(
+        operators,
+        law.contact,
+        law.scheme,
+        Prescribed(motion),
         time_step=time_step,
         steps_per_period=n_steps,
-        n_periods=1,
-        n_observed=operators.observed.size,
-        window_periods=1,
+        periods=1,
         frames_per_period=n_steps if keep_frames else 0,
         limit=UNBOUNDED,
+        initial=State(
+            np.array([*initial, np.zeros(operators.n_dofs)]),
+            np.zeros(operators.n_pairs, dtype=np.bool_),
+        ),
+        engine="petsc",
     )
-    times = time_step * np.arange(n_steps + 1)
-    base_states = motion(times)
-    stepper = engine.stepper
-    stepper.base_states = base_states.tolist()
-    stepper.restore(np.array([*initial, np.zeros(operators.n_dofs)]))
-    stepper.renew_acceleration()
-    outcome = time_loop.simulate(engine, recorder, lambda _: base_states)
-    assert outcome == "completed"
-    state = stepper.state()[:2]
-    stepper.destroy()
+    assert found.outcome == "completed"
+    recorder, times, state = found.recorder, found.time, found.state.motion[:2]
     (record,) = recorder.window
     hits = [
         (times[step], pair, p, rate, energy)

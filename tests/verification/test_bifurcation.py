@@ -10,8 +10,8 @@ import pytest
 from problems import Law, oscillator
 from test_impact_oscillator import forcing, impact_phase, orbit
 
-from delam_fem.simulation.loop import set_initial, simulate
-from delam_fem.simulation.recorder import Recorder
+from delam_fem.engines.session import session
+from delam_fem.simulation.span import Span
 from delam_fem.studies.lyapunov import largest_exponent
 from delam_fem.studies.sweeps.grid import sweep_of
 from delam_fem.studies.sweeps.run import run_sweep
@@ -70,30 +70,21 @@ def exponent(omega: float, s: float, e: float, *, n_steps: int, perturbation: fl
     """Return the largest exponent of the impact oscillator as the program finds it."""
     T = 2.0 * math.pi / omega
     operators, dt = oscillator(s), T / n_steps
-    engine = Law("newton", restitution=e).engine(operators, dt)
-    recorder = Recorder(
-        operators.base,
-        time_step=dt,
-        steps_per_period=n_steps,
-        n_periods=SETTLE,
-        n_observed=1,
-        window_periods=1,
-        frames_per_period=0,
-        limit=1e6,
-    )
+    span = Span(dt, n_steps, SETTLE, limit=1e6)
     table = forcing(omega, 0.0)(dt * np.arange(n_steps + 1))
-    set_initial(engine, None, table[0])
-    assert simulate(engine, recorder, lambda period: table) == "completed"
-    return largest_exponent(
-        engine,
-        operators,
-        recorder,
-        lambda period: table,
-        direction=np.ones(1),
-        period=T,
-        periods=FOLLOW,
-        perturbation=perturbation,
-    )
+    law = Law("newton", restitution=e)
+    with session(
+        operators, law.contact, law.scheme, lambda period: table, span, engine="petsc"
+    ) as opened:
+        assert opened.run() == "completed"
+        return largest_exponent(
+            opened,
+            operators,
+            direction=np.ones(1),
+            period=T,
+            periods=FOLLOW,
+            perturbation=perturbation,
+        )
 
 
 @pytest.mark.parametrize(("omega", "s", "e"), [(1.8, 0.2, 0.5), (2.2, 0.0, 0.5), (2.5, 0.0, 0.5)])

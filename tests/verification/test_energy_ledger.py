@@ -77,9 +77,9 @@ LAWS: list[dict[str, object]] = [
     {"contact.law": "newton-penalty", "contact.impulse": "consistent"},
     {"contact.law": "penalty"},
     {"contact.law": "penalty", "contact.penalty_stiffness": 1e4, "contact.penalty_damping": 0.5},
-    {"contact.law": "moreau"},
-    {"contact.law": "moreau", "contact.restitution": 0.5},
-    {"contact.law": "moreau-recovery"},
+    {"contact.law": "newton@moreau-jean"},
+    {"contact.law": "newton@moreau-jean", "contact.restitution": 0.5},
+    {"contact.law": "recovery@moreau-jean"},
 ]
 
 
@@ -109,7 +109,7 @@ DISSIPATIVE: list[dict[str, object]] = [
     {"contact.law": "newton-penalty", "contact.impulse": "consistent", "time.mass": "consistent"},
     {"contact.law": "newton", "contact.impulse": "lumped", "time.mass": "lumped"},
     {"contact.law": "newton-penalty", "contact.impulse": "lumped", "time.mass": "lumped"},
-    {"contact.law": "moreau-recovery"},
+    {"contact.law": "recovery@moreau-jean"},
 ]
 MESHES = [20, 50, 80, 160]
 
@@ -132,7 +132,11 @@ def test_moreau_gains_only_from_pairs_that_part_already(damping: str, elements: 
     That is a loss for a pair that approaches. The scheme also pushes a pair whose predicted gap is
     closed although it parts (U̇⁻ > 0), where it would turn round within the step, and gains by it.
     """
-    settings = {"mesh.elements": elements, "damping.rayleigh": damping, "contact.law": "moreau"}
+    settings = {
+        "mesh.elements": elements,
+        "damping.rayleigh": damping,
+        "contact.law": "newton@moreau-jean",
+    }
     impacts = Instants.of(compute(settings, 4, "compiled"))
     approaching = impacts.largest_rate <= 0.0
     assert approaching.sum() > 30

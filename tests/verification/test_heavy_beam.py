@@ -65,7 +65,7 @@ def lift(beam: HeavyBeam, n: int, delta: float) -> Lifted:
         return np.stack([height, 0.0 * times, np.full_like(times, beam.gravity)], axis=-1)
 
     at_rest = np.zeros(2 * n + 1), np.zeros(2 * n + 1)
-    law = Law("moreau", restitution=0.0, theta=1.0)
+    law = Law("newton@moreau-jean", restitution=0.0, theta=1.0)
     motions = simulate(operators, law, at_rest, time_step=dt, n_steps=STEPS, motion=motion)
     force = np.zeros(n + 1)
     now = motions.impact_time > motions.time[-1] - 0.5 * dt

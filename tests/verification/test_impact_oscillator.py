@@ -96,7 +96,7 @@ def steady_motion(
     slope = orbit(omega, e, phase + SLOPE)[1] - orbit(omega, e, phase - SLOPE)[1]
     late = 0.5 * V / (omega * slope / (2.0 * SLOPE))
     V, start = orbit(omega, e, phase + omega * late * dt)
-    to_grid = 0.5 if law.name == "moreau" else 0.0
+    to_grid = 0.5 if law.name == "newton@moreau-jean" else 0.0
     motions = simulate(
         oscillator(s),
         law,
@@ -124,7 +124,7 @@ def test_orbit_fulfils_the_published_equation(
     assert stop**2 + ((1.0 - e) * V / (2.0 * omega)) ** 2 == pytest.approx(G**2, rel=1e-9)
 
 
-@pytest.mark.parametrize("name", ["newton", "moreau"])
+@pytest.mark.parametrize("name", ["newton", "newton@moreau-jean"])
 @pytest.mark.parametrize(("omega", "s", "e", "V", "order"), ROWS)
 def test_impact_speed(name: str, omega: float, s: float, e: float, V: float, order: int) -> None:
     law = Law(name, e)
@@ -145,7 +145,7 @@ def test_impact_speed(name: str, omega: float, s: float, e: float, V: float, ord
     assert table[0] == pytest.approx(V, rel=EXTRAPOLATED)
 
 
-@pytest.mark.parametrize("name", ["newton", "moreau"])
+@pytest.mark.parametrize("name", ["newton", "newton@moreau-jean"])
 def test_orbit_attracts(name: str) -> None:
     """A start that is off by 5 % ends in the same motion."""
     omega, s, e = ROWS[2][:3]

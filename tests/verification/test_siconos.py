@@ -1,4 +1,4 @@
-"""Siconos as an independent judge of the law "moreau": the same matrices, another program.
+"""Siconos as an independent judge of newton@moreau-jean: the same matrices, another program.
 
 Siconos has its own Moreau–Jean scheme, activation of contacts and complementarity solver. Matrices
 and base motion are given to it as arrays, from the closed-form reference.
@@ -88,7 +88,7 @@ def pair(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
         "paper",
         {
             "excitation.frequency": request.param,
-            "contact.law": "moreau",
+            "contact.law": "newton@moreau-jean",
             "time.periods": periods,
             "output.window_periods": periods,
             "output.fields_per_period": 0,

@@ -11,7 +11,8 @@ import pytest
 from problems import Law, simulate
 
 from delam_fem.case.files import preset
-from delam_fem.contact.decision import Impacts
+from delam_fem.contact.decision import Setting
+from delam_fem.contact.newton import Impacts
 from delam_fem.engines.petsc.newmark import Newmark
 from delam_fem.model import closed_form
 from delam_fem.model.operators import Operators
@@ -52,10 +53,9 @@ def test_energy_of_a_single_impact(impulse: str, e: float, pair: int) -> None:
     v = rng.normal(size=o.n_dofs)
     v -= o.gap_matrix[pair].toarray().ravel() * (abs(o.gap_matrix[pair] @ v) + 0.5)  # approaching
     stepper = Newmark(o, SHORT, coupled_impulses=impulse == "consistent")
-    law = Impacts(
-        stepper.compliance, n_pairs=o.n_pairs, restitution=e, coupled=impulse == "consistent"
-    )
-    stepper.base_states = [[0.0, 0.0, 0.0]] * 2
+    setting = Setting(o.n_pairs, stepper.compliance, SHORT)
+    law = Impacts(setting, restitution=e, coupled=impulse == "consistent")
+    stepper.begin(np.zeros((2, 3)))
     stepper.restore(np.array([0.0 * v, v, 0.0 * v]))
     stepper.advance()
     before, rate = stepper.energies(), stepper.gap_rate()[pair]
@@ -84,8 +84,9 @@ def test_lumped_impulse_on_a_consistent_mass_does_not_lose_that() -> None:
         v = np.random.default_rng(seed).normal(scale=5.0, size=o.n_dofs)
         v[[4, 14]] = 1.0, -1.0  # u of node 3 of both laminae
         stepper = Newmark(o, SHORT)
-        law = Impacts(stepper.compliance, n_pairs=o.n_pairs, restitution=0.1, coupled=False)
-        stepper.base_states = [[0.0, 0.0, 0.0]] * 2
+        setting = Setting(o.n_pairs, stepper.compliance, SHORT)
+        law = Impacts(setting, restitution=0.1, coupled=False)
+        stepper.begin(np.zeros((2, 3)))
         stepper.restore(np.array([0.0 * v, v, 0.0 * v]))
         stepper.advance()
         decision = law.examine(stepper)
@@ -131,7 +132,7 @@ def test_moreau_tends_to_the_same_loss() -> None:
     errors = []
     for dt in (1e-6, 5e-7, 2.5e-7):
         initial = (0.0 * v, v)
-        motions = simulate(o, Law("moreau", e), initial, time_step=dt, n_steps=1)
+        motions = simulate(o, Law("newton@moreau-jean", e), initial, time_step=dt, n_steps=1)
         assert motions.impact_pair.tolist() == [pair]
         assert motions.rate_pre[0] == pytest.approx(-2.0)
         assert motions.energy_residual < ROUND_OFF

@@ -1,6 +1,6 @@
 """Contact in compiled code: who is hit, who rests on a spring, and what that changes.
 
-The decisions are those of supervisor.py, their execution that of newmark.py and moreau.py, in the
+The decisions are those of the laws in contact/, their execution is that of engines/petsc, in the
 same order. They happen in few steps; the code is scalar and runs over sparse rows.
 """
 
@@ -101,15 +101,15 @@ def _apply_impulses(system, law, memory, n):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def examine_impacts(system, law, memory, log, step):  # type: ignore[no-untyped-def]
-    """Release open springs, hit closed approaching pairs, rest slow ones (supervisor.Impacts)."""
-    X, permanent = memory.X, memory.permanent
+    """Release open springs, hit closed approaching pairs, rest slow ones (newton.Impacts)."""
+    X, resting = memory.X, memory.resting
     n, is_same = 0, True
     for k in range(system.n_pairs):
         gap = system.gap0[k] + row_product(system.gap_rows, k, X, 0)
-        if permanent[k] and not gap <= 0.0:
+        if resting[k] and not gap <= 0.0:
             is_same = False
         memory.gap[k] = gap
-        if gap <= 0.0 and not permanent[k]:
+        if gap <= 0.0 and not resting[k]:
             rate = row_product(system.gap_rows, k, X, system.size)
             if rate < 0.0:
                 memory.hit[n], memory.rate_pre[n] = k, rate
@@ -134,9 +134,9 @@ def examine_impacts(system, law, memory, log, step):  # type: ignore[no-untyped-
         memory.totals[RELEASED] -= spring_energy(system, law, memory)
         for k in range(system.n_pairs):
             if not memory.gap[k] <= 0.0:
-                permanent[k] = 0
+                resting[k] = 0
         for j in range(n):
-            permanent[memory.hit[j]] = 1 if memory.rate_post[j] < law.threshold else 0
+            resting[memory.hit[j]] = 1 if memory.rate_post[j] < law.threshold else 0
         list_springs(system, memory)
         memory.totals[RELEASED] += spring_energy(system, law, memory)
     if not system.is_chained:
@@ -146,16 +146,16 @@ def examine_impacts(system, law, memory, log, step):  # type: ignore[no-untyped-
 
 @numba.njit(cache=True)
 def examine_penalty(system, law, memory):  # type: ignore[no-untyped-def]
-    """Put springs on the closed pairs and no others (supervisor.PenaltySprings)."""
+    """Put springs on the closed pairs and no others (penalty.PenaltySprings)."""
     is_same = True
     for k in range(system.n_pairs):
         memory.gap[k] = system.gap0[k] + row_product(system.gap_rows, k, memory.X, 0)
-        is_same &= (memory.gap[k] <= 0.0) == (memory.permanent[k] != 0)
+        is_same &= (memory.gap[k] <= 0.0) == (memory.resting[k] != 0)
     if is_same:
         return
     memory.totals[RELEASED] -= spring_energy(system, law, memory)
     for k in range(system.n_pairs):
-        memory.permanent[k] = 1 if memory.gap[k] <= 0.0 else 0
+        memory.resting[k] = 1 if memory.gap[k] <= 0.0 else 0
     list_springs(system, memory)
     memory.totals[RELEASED] += spring_energy(system, law, memory)
     if not system.is_chained:
@@ -185,14 +185,14 @@ def _push_within_step(system, law, memory, log, step, n):  # type: ignore[no-unt
     for j in range(n_pushed):
         energy += memory.impulse[j] * 0.5 * (memory.rate_pre[j] + memory.rate_post[j])
         if memory.rate_pre[j] > -law.threshold:
-            memory.permanent[memory.hit[j]] = 1
+            memory.resting[memory.hit[j]] = 1
             memory.counts[N_RESTING] += 1
     _note(memory, log, step, n_pushed, energy)
 
 
 @numba.njit(cache=True)
 def examine_moreau(system, law, memory, log, step):  # type: ignore[no-untyped-def]
-    """Add the impulses of the pairs whose predicted gap is closed (supervisor.MoreauImpacts).
+    """Add the impulses of the pairs whose predicted gap is closed (moreau.StepImpacts).
 
     `memory.gap` and `memory.rate` are those at the start of the step.
     """
@@ -263,7 +263,7 @@ def _join(system, memory, n, tolerance):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def examine_recovery(system, law, memory, log, step):  # type: ignore[no-untyped-def]
-    """Hold every gap rate above its floor (supervisor.MoreauRecovery)."""
+    """Hold every gap rate above its floor (recovery.Recovery)."""
     tolerance = -ROUND_OFF * _lacking(system, law, memory)
     lacking, free, n, n_before = memory.direction, memory.forces, 0, 0
     for k in range(system.n_pairs):

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from delam_fem.case.definition import Case
+from delam_fem.contact.laws import LAWS, ContactLaw, Law, combination
 from delam_fem.engines.compiled import contact, loop, state
 from delam_fem.engines.compiled.state import (
     IMPACT,
@@ -18,14 +18,14 @@ from delam_fem.engines.compiled.state import (
     N_FRAMES,
     N_HITS,
     RELEASED,
-    Law,
+    LawNumbers,
     Log,
 )
 from delam_fem.engines.compiled.stepper import CompiledStepper
-from delam_fem.engines.compiled.system import Scheme
-from delam_fem.model import stability
+from delam_fem.engines.compiled.system import StepNumbers
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.schemes import Scheme
 from delam_fem.simulation.impacts import Columns
 from delam_fem.simulation.loop import State
 from delam_fem.simulation.recorder import PeriodRecord
@@ -34,58 +34,53 @@ EVENTS, HITS_PER_PAIR = 256, 16
 """Impacts, and hits per pair, after which the loop returns to have its buffers emptied."""
 
 
-def compiled_engine(case: Case, operators: Operators) -> Compiled:
-    """Return the engine that runs a case in compiled code.
+def compiled_engine(
+    operators: Operators, law: ContactLaw, scheme: Scheme, time_step: float
+) -> Compiled:
+    """Return the engine that runs a problem in compiled code.
 
     Args:
-        case: law, scheme and their numbers.
         operators: the semi-discrete problem.
+        law: one of the table `contact.laws.LAWS`.
+        scheme: the time integration.
+        time_step: Δt [s].
 
     Raises:
-        CaseError: the time step is beyond the stability limit of the scheme.
+        ValueError: the law is not one of the table, or does not go with the scheme.
     """
-    law = law_of(case)
-    if law.kind >= state.MOREAU:
-        return Compiled(operators, Scheme.moreau_jean(case.time_step), law)
-    beta = 0.25
-    if case.time.scheme == "central-difference":
-        stability.require_stable(operators, case.time_step, law.stiffness)
-        beta = 0.0
-    return Compiled(operators, Scheme.newmark(case.time_step, beta), law)
+    return Compiled(operators, step_numbers(scheme, time_step), law_numbers(law, scheme))
 
 
-def law_of(case: Case) -> Law:
-    """Return the contact law of a case as compiled code knows it."""
-    contact = case.contact
-    return law_named(
-        contact.law,
-        is_coupled=contact.impulse == "consistent",
-        restitution=contact.restitution,
-        stiffness=contact.penalty_stiffness,
-        damping=contact.penalty_damping,
-        threshold=contact.threshold_velocity,
-    )
+def step_numbers(scheme: Scheme, time_step: float) -> StepNumbers:
+    """Return a scheme as compiled code reads it."""
+    if scheme.has_impulses_within:
+        return StepNumbers.moreau_jean(time_step, scheme.theta)
+    return StepNumbers.newmark(time_step, scheme.beta, scheme.gamma)
 
 
-def law_named(
-    name: str,
-    *,
-    is_coupled: bool,
-    restitution: float,
-    stiffness: float,
-    damping: float,
-    threshold: float,
-) -> Law:
-    """Return a contact law by its name in case files, with those of the numbers that it needs."""
-    e = restitution
+def law_numbers(law: ContactLaw, scheme: Scheme) -> LawNumbers:
+    """Return a contact law as compiled code reads it.
+
+    Raises:
+        ValueError: the law is not one of the table, or does not go with the scheme.
+    """
+    if not isinstance(law, Law):
+        raise ValueError(
+            f'engine "compiled": expected one of the laws {", ".join(LAWS)}, given {law.name!r}; '
+            'laws of your own need engine "petsc"'
+        )
+    combination(law.name, scheme.name)
+    e, (stiffness, damping), slow = law.restitution, law.spring, law.threshold_velocity
+    within = scheme.has_impulses_within
     return {
-        "none": Law(state.NONE),
-        "newton": Law(state.IMPACTS, is_coupled, e),
-        "newton-penalty": Law(state.IMPACTS, is_coupled, e, stiffness, threshold=threshold),
-        "penalty": Law(state.PENALTY, stiffness=stiffness, damping=damping),
-        "moreau": Law(state.MOREAU, True, e, threshold=threshold),
-        "moreau-recovery": Law(state.RECOVERY, True, e, threshold=threshold),
-    }[name]
+        "none": LawNumbers(state.NONE),
+        "newton": LawNumbers(state.MOREAU, True, e, threshold=slow)
+        if within
+        else LawNumbers(state.IMPACTS, law.is_coupled, e),
+        "newton-penalty": LawNumbers(state.IMPACTS, law.is_coupled, e, stiffness, threshold=slow),
+        "penalty": LawNumbers(state.PENALTY, stiffness=stiffness, damping=damping),
+        "recovery": LawNumbers(state.RECOVERY, True, e, threshold=slow),
+    }[law.name]
 
 
 class Compiled:
@@ -96,7 +91,7 @@ class Compiled:
         stepper: the state, as a recorder reads it.
     """
 
-    def __init__(self, operators: Operators, scheme: Scheme, law: Law) -> None:
+    def __init__(self, operators: Operators, scheme: StepNumbers, law: LawNumbers) -> None:
         """Factorise; the state is at rest.
 
         Args:
@@ -106,11 +101,11 @@ class Compiled:
 
         Raises:
             ArithmeticError: a matrix is singular.
-            ValueError: law "moreau-recovery" with θ = 1, where a step does not tell its start.
+            ValueError: law "recovery" with θ = 1, where the start of a step is forgotten.
         """
         if law.kind == state.RECOVERY and scheme.rho == 0.0:
             raise ValueError(
-                f'law "moreau-recovery": expected θ < 1, given {scheme.theta}: use the law "moreau"'
+                f'law "recovery": expected θ < 1, given {scheme.theta}: use the law "newton"'
             )
         self.operators = operators
         self.stepper = CompiledStepper(operators, scheme, law)
@@ -119,12 +114,12 @@ class Compiled:
     def state(self) -> State:
         """Return the present state."""
         s = self.stepper
-        return State(s.state(), s.permanent, (s.dissipated, s.contact_damped))
+        return State(s.state(), s.resting, (s.dissipated, s.contact_damped))
 
     def restore(self, state: State, base_state: FloatArray) -> None:
         """Take over a state as it is; see `simulate.Engine`."""
         self.stepper.memory.base[:] = base_state
-        self.stepper.restore(state.motion, state.permanent)
+        self.stepper.restore(state.motion, state.resting)
         self.stepper.dissipated, self.stepper.contact_damped = state.losses
 
     def destroy(self) -> None:

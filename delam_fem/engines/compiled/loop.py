@@ -31,8 +31,8 @@ from delam_fem.engines.compiled.state import (
 
 COMPLETED, DIVERGED, FULL = 0, 1, 2
 """How the loop ended, besides the failures of compiled_contact.py."""
-OPEN, HIT, PERMANENT = (np.int8(k) for k in range(3))
-"""Contact states of a frame."""
+OPEN, HIT, RESTING = (np.int8(k) for k in range(3))
+"""Contact states of a frame; see simulation/recorder.py."""
 
 
 @numba.njit(cache=True)
@@ -103,7 +103,7 @@ def _look_ahead(system, law, memory):  # type: ignore[no-untyped-def]
     if memory.counts[N_RESTING]:
         memory.counts[N_RESTING] = 0
         for k in range(system.n_pairs):
-            memory.permanent[k] = 0
+            memory.resting[k] = 0
     if law.kind != MOREAU:
         return np.inf
     ahead = system.scheme.gap_ahead
@@ -190,11 +190,11 @@ def _keep_frame(system, memory, log, step):  # type: ignore[no-untyped-def]
         log.frames[(2 * n + 1) * size + i] = memory.X[size + i]
     first = n * system.n_pairs
     for k in range(system.n_pairs):
-        log.contact[first + k] = PERMANENT if memory.permanent[k] else OPEN
+        log.contact[first + k] = RESTING if memory.resting[k] else OPEN
     event, last = memory.counts[N_EVENTS] - 1, memory.counts[N_HITS]
     if event >= 0 and log.event_step[event] == step:
         for j in range(last - log.event_size[event], last):
-            if not memory.permanent[log.hit[j]]:
+            if not memory.resting[log.hit[j]]:
                 log.contact[first + log.hit[j]] = HIT
     memory.counts[N_FRAMES] = n + 1
 
@@ -284,7 +284,7 @@ def renew(system, law, memory):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def list_springs(system, memory):  # type: ignore[no-untyped-def]
-    """Bring the list of spring pairs in line with `permanent`."""
+    """Bring the list of spring pairs in line with `resting`."""
     springs.list_springs(pointers(system), pointers(memory))
 
 

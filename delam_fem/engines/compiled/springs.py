@@ -1,4 +1,4 @@
-"""The springs of permanent contact in compiled code, and the acceleration that they cause.
+"""The springs of resting pairs in compiled code, and the acceleration that they cause.
 
 A step is first made without springs and then corrected by their forces (newmark.py, N2).
 """
@@ -124,10 +124,10 @@ def push_springs(system, law, memory):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def list_springs(system, memory):  # type: ignore[no-untyped-def]
-    """Bring the list of spring pairs in line with `permanent`."""
+    """Bring the list of spring pairs in line with `resting`."""
     n = 0
     for k in range(system.n_pairs):
-        if memory.permanent[k]:
+        if memory.resting[k]:
             memory.pairs[n] = k
             n += 1
     memory.counts[N_SPRINGS] = n

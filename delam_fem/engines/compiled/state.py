@@ -1,4 +1,4 @@
-"""What compiled code changes while it runs, and the law by which it decides.
+"""What compiled code changes while it runs, and the contact law as numbers.
 
 Arrays are made once; compiled functions get them as members of these tuples.
 """
@@ -24,8 +24,8 @@ N_SPRINGS, N_EVENTS, N_HITS, N_FRAMES, N_RESTING = range(5)
 """Places in `Memory.counts`."""
 
 
-class Law(NamedTuple):
-    """A contact law.
+class LawNumbers(NamedTuple):
+    """A contact law as compiled code reads it.
 
     Attributes:
         kind: NONE, IMPACTS, PENALTY, MOREAU or RECOVERY.
@@ -55,8 +55,8 @@ class Memory(NamedTuple):
         stored: kinetic, strain and spring energy of the free dofs [J], m_b·v and k_b·u when last
             asked for, or when a period ended.
         counts: springs, what is filled of the event buffers, pairs at rest under the θ-scheme.
-        permanent: pairs that carry a spring, shape (n_pairs,).
-        pairs: the same pairs as a list, its first counts[N_SPRINGS].
+        resting: pairs at rest; they carry a spring but under the θ-scheme, shape (n_pairs,).
+        pairs: those with a spring as a list, its first counts[N_SPRINGS].
         compliance: W = H B⁻¹ Hᵀ, columns as far as known, shape (n_pairs, n_pairs).
         is_known: which, shape (n_pairs,).
         gap, rate: of all pairs at the examined instant, each of shape (n_pairs,).
@@ -71,7 +71,7 @@ class Memory(NamedTuple):
     totals: FloatArray
     stored: FloatArray
     counts: IntArray
-    permanent: npt.NDArray[np.uint8]
+    resting: npt.NDArray[np.uint8]
     pairs: IntArray
     compliance: FloatArray
     is_known: npt.NDArray[np.uint8]
@@ -100,7 +100,7 @@ class Log(NamedTuple):
         v: observed v, shape (N + 1, n_observed).
         frame_steps: steps whose state is kept.
         frames: u and v of these in internal order, shape (n_frames, 2, size).
-        contact: 0 open, 1 hit, 2 permanent, shape (n_frames, n_pairs).
+        contact: 0 open, 1 hit, 2 resting, shape (n_frames, n_pairs).
         event_step, event_size, event_energy: step, number of hits, energy change of each impact.
         hit, impulse, rate_pre, rate_post: of the hits of all impacts one after the other.
     """
@@ -132,7 +132,7 @@ def memory(size: int, n_pairs: int) -> Memory:
         totals=np.zeros(4),
         stored=np.zeros(5),
         counts=np.zeros(5, dtype=np.int64),
-        permanent=np.zeros(n_pairs, dtype=np.uint8),
+        resting=np.zeros(n_pairs, dtype=np.uint8),
         pairs=np.zeros(n_pairs, dtype=np.int64),
         compliance=np.zeros((n_pairs, n_pairs)),
         is_known=np.zeros(n_pairs, dtype=np.uint8),

@@ -6,8 +6,8 @@ import numpy as np
 
 from delam_fem.engines.compiled import lane_kernels as lk
 from delam_fem.engines.compiled import loop, state, system
-from delam_fem.engines.compiled.state import CONTACT_DAMPED, DISSIPATED, Law
-from delam_fem.engines.compiled.system import Scheme
+from delam_fem.engines.compiled.state import CONTACT_DAMPED, DISSIPATED, LawNumbers
+from delam_fem.engines.compiled.system import StepNumbers
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.arrays import BoolArray, FloatArray
 from delam_fem.simulation.energy import Energies
@@ -23,9 +23,9 @@ class CompiledStepper:
         seen_v: observed v likewise.
     """
 
-    def __init__(self, operators: Operators, scheme: Scheme, law: Law) -> None:
+    def __init__(self, operators: Operators, scheme: StepNumbers, law: LawNumbers) -> None:
         """Factorise; the state is at rest."""
-        self.law = law
+        self.law, self._has_acceleration = law, scheme.has_acceleration
         self.system, self.order = system.build(operators, scheme)
         self.memory = state.memory(self.system.size, operators.n_pairs)
         self.seen_u: FloatArray = np.zeros(3 + operators.observed.size)
@@ -51,9 +51,9 @@ class CompiledStepper:
         self.memory.totals[CONTACT_DAMPED] = value
 
     @property
-    def permanent(self) -> BoolArray:
-        """Pairs that carry a spring now, shape (n_pairs,)."""
-        return self.memory.permanent.astype(np.bool_)
+    def resting(self) -> BoolArray:
+        """Pairs at rest on one another, shape (n_pairs,)."""
+        return self.memory.resting.astype(np.bool_)
 
     def observe(self) -> None:
         """Bring `seen_u` and `seen_v` up to date."""
@@ -81,17 +81,17 @@ class CompiledStepper:
         self.renew_acceleration()
         return np.asarray(self._fields()[:, self.order])
 
-    def restore(self, motion: FloatArray, permanent: BoolArray) -> None:
-        """Take over (u, v, a), shape (3, n), and the pairs that carry a spring."""
+    def restore(self, motion: FloatArray, resting: BoolArray) -> None:
+        """Take over (u, v, a), shape (3, n), and the pairs at rest."""
         self.memory.X[:] = 0.0
         self._fields()[:, self.order] = motion
-        self.memory.permanent[:] = permanent
-        if self.law.kind < state.MOREAU:  # which has no springs
+        self.memory.resting[:] = resting
+        if self._has_acceleration:  # the θ-scheme has no springs
             loop.list_springs(self.system, self.memory)
 
     def renew_acceleration(self) -> None:
-        """Compute a from the equation of motion; the θ-scheme knows none."""
-        if self.law.kind < state.MOREAU:
+        """Compute a from the equation of motion; the θ-scheme has none."""
+        if self._has_acceleration:
             loop.renew(self.system, self.law, self.memory)
 
     def _fields(self) -> FloatArray:

@@ -32,8 +32,8 @@ from delam_fem.model.operators import Operators
 from delam_fem.numerics.arrays import FloatArray, IntArray
 
 
-class Scheme(NamedTuple):
-    """Numbers of a time integration; see the module.
+class StepNumbers(NamedTuple):
+    """A scheme with its time step as compiled code reads it; see the module.
 
     Attributes:
         time_step: Δt [s].
@@ -59,7 +59,7 @@ class Scheme(NamedTuple):
     is_midpoint: bool
 
     @classmethod
-    def newmark(cls, time_step: float, beta: float = 0.25, gamma: float = 0.5) -> Scheme:
+    def newmark(cls, time_step: float, beta: float = 0.25, gamma: float = 0.5) -> StepNumbers:
         """Return Newmark's scheme; β = 0 is the central difference."""
         dt = time_step
         p, q = gamma * dt, beta * dt**2
@@ -69,7 +69,7 @@ class Scheme(NamedTuple):
         )  # fmt: skip
 
     @classmethod
-    def moreau_jean(cls, time_step: float, theta: float = 0.5) -> Scheme:
+    def moreau_jean(cls, time_step: float, theta: float = 0.5) -> StepNumbers:
         """Return the θ-scheme."""
         dt, p = time_step, theta * time_step
         return cls(
@@ -77,10 +77,15 @@ class Scheme(NamedTuple):
             theta * p, theta, 0.5 * dt, True,
         )  # fmt: skip
 
-    def as_theta(self) -> Scheme:
+    @property
+    def has_acceleration(self) -> bool:
+        """Whether a step needs the acceleration at its start; the θ-scheme has none."""
+        return self.gap_ahead == 0.0
+
+    def as_theta(self) -> StepNumbers:
         """Return the same motion as a θ-scheme, where `is_midpoint`."""
         theta = self.p / self.time_step
-        return Scheme.moreau_jean(self.time_step, theta)._replace(gap_ahead=self.gap_ahead)
+        return StepNumbers.moreau_jean(self.time_step, theta)._replace(gap_ahead=self.gap_ahead)
 
 
 class System(NamedTuple):
@@ -110,7 +115,7 @@ class System(NamedTuple):
     n_observed: int
     is_chained: bool
     is_diagonal_load: bool
-    scheme: Scheme
+    scheme: StepNumbers
     coefficients: FloatArray
     load_tape: FloatArray
     solution: FloatArray
@@ -130,7 +135,7 @@ class System(NamedTuple):
     observed: IntArray
 
 
-_KEPT: deque[tuple[Operators, Scheme, tuple[System, IntArray]]] = deque(maxlen=4)
+_KEPT: deque[tuple[Operators, StepNumbers, tuple[System, IntArray]]] = deque(maxlen=4)
 """Of the last calls of `build`; nothing of a system is ever written to."""
 _NO_BAND = Band(0, np.zeros((0, 1)))
 _NOTHING = np.zeros(0)
@@ -147,7 +152,7 @@ class _Tapes:
     rest: FloatArray
 
 
-def build(operators: Operators, scheme: Scheme) -> tuple[System, IntArray]:
+def build(operators: Operators, scheme: StepNumbers) -> tuple[System, IntArray]:
     """Return a problem for compiled code, and where it keeps each dof, shape (n,).
 
     The last ones are kept: the points of a sweep mostly share operators and scheme, and making a
@@ -164,7 +169,7 @@ def build(operators: Operators, scheme: Scheme) -> tuple[System, IntArray]:
     return built
 
 
-def _built(o: Operators, scheme: Scheme) -> tuple[System, IntArray]:
+def _built(o: Operators, scheme: StepNumbers) -> tuple[System, IntArray]:
     if scheme.is_midpoint and o.n_dofs and o.n_dofs % 4 == 0:
         order = lanes.lane_order(o.n_dofs // 4)
         tapes = _tapes(o, scheme.as_theta(), order)
@@ -176,7 +181,7 @@ def _built(o: Operators, scheme: Scheme) -> tuple[System, IntArray]:
 
 
 def _system(
-    o: Operators, scheme: Scheme, places: tuple[IntArray, int], tapes: _Tapes | None
+    o: Operators, scheme: StepNumbers, places: tuple[IntArray, int], tapes: _Tapes | None
 ) -> System:
     order, size = places
     to = sp.csr_matrix((np.ones(o.n_dofs), (order, np.arange(o.n_dofs))), (size, o.n_dofs))
@@ -214,7 +219,7 @@ def _system(
     )
 
 
-def _tapes(o: Operators, scheme: Scheme, order: IntArray) -> _Tapes | None:
+def _tapes(o: Operators, scheme: StepNumbers, order: IntArray) -> _Tapes | None:
     """Return what the lane kernels read, None where the operators are not two such laminae."""
     M, C, K = (lanes.chains(matrix, order) for matrix in (o.mass, o.damping, o.stiffness))
     damping, rest = lanes.rayleigh(o), _rest(o, order)

@@ -18,31 +18,29 @@ class Responding(Protocol):
     operators: Operators
 
     def response(self, factor: linear_algebra.Factor, pair: int) -> FloatArray:
-        """Return the gaps that a unit load on a pair makes, shape (n_pairs,)."""
+        """Return H x for what the factor gives of a unit load on a pair, shape (n_pairs,)."""
 
 
 class LazyCompliance:
     """H B^-1 H^T of a factorised matrix B, a column per pair, computed when first asked for."""
 
-    def __init__(
-        self, dynamics: Responding, factor: linear_algebra.Factor, scale: float = 1.0
-    ) -> None:
+    def __init__(self, dynamics: Responding, factor: linear_algebra.Factor) -> None:
         """Keep what is needed to compute columns.
 
         Args:
             dynamics: owner of H.
-            factor: factor of B times `scale`.
-            scale: the same number.
+            factor: factor of B.
         """
         n = dynamics.operators.n_pairs
-        self._dynamics, self._factor, self._scale = dynamics, factor, scale
+        self._dynamics, self._factor = dynamics, factor
         self._values = np.zeros((n, n))
         self._is_known = np.zeros(n, dtype=np.bool_)
 
     def _require(self, pairs: IntArray) -> None:
         if not self._is_known[pairs].all():
             for k in pairs[~self._is_known[pairs]]:
-                self._values[:, k] = self._scale * self._dynamics.response(self._factor, int(k))
+                response = self._dynamics.response(self._factor, int(k))
+                self._values[:, k] = self._factor.scale * response
                 self._is_known[k] = True
 
     def diagonal(self, pairs: IntArray) -> FloatArray:
@@ -77,3 +75,7 @@ class LumpedCompliance:
     def block(self, pairs: IntArray) -> FloatArray:
         """Return the rows and columns of some pairs, shape (k, k) [1/kg]."""
         return np.asarray(self._W[pairs][:, pairs].toarray())
+
+    def columns(self, pairs: IntArray) -> FloatArray:
+        """Return the columns of some pairs, shape (n_pairs, k) [1/kg]."""
+        return np.asarray(self._W[:, pairs].toarray())

@@ -1,4 +1,4 @@
-"""The PETSc state that every stepper shares: matrices, vectors, gaps, energies.
+"""The PETSc state that every stepper shares: matrices, vectors, gaps, resting pairs, energies.
 
 A stepper adds the time integration. All vectors are made once; the time loop only fills them.
 """
@@ -20,7 +20,10 @@ class Dynamics:
 
     Attributes:
         operators: what was given.
-        base_states: q, q', q'' of the base at each step of the period, rows of three floats.
+        u, v, a: displacements, velocities and accelerations of the free dofs.
+        resting: pairs at rest on one another, shape (n_pairs,); replaced, never written to.
+        is_resting: whether there is any.
+        spring_stiffness: of the spring that a resting pair carries [N/m]; 0: none.
         dissipated: energy that damping has taken from the free dofs so far [J].
         contact_damped: energy that contact dampers have taken so far [J].
     """
@@ -32,7 +35,7 @@ class Dynamics:
         self._M, self._C, self._K, self._H = (
             linear_algebra.matrix(m, comm) for m in (o.mass, o.damping, o.stiffness, o.gap_matrix)
         )
-        self.u, self.v, self.a, self._r, self._w, self._z = (
+        self.u, self.v, self.a, self._residual, self._load, self._response = (
             self._M.createVecRight() for _ in range(6)
         )
         self._base_mass, self._base_damping, self._base_stiffness = (
@@ -45,11 +48,24 @@ class Dynamics:
             linear_algebra.Shared(self._H.createVecLeft()) for _ in range(4)
         )
         self._make_observation()
-        self.base_states: list[list[float]] = [[0.0, 0.0, 0.0]]
-        self.base_index = 0
+        self._base_states: list[list[float]] = [[0.0, 0.0, 0.0]]
+        self._step = 0
         self.dissipated = self.contact_damped = 0.0
-        self.permanent: BoolArray = np.zeros(o.n_pairs, dtype=np.bool_)
+        self.resting: BoolArray = np.zeros(o.n_pairs, dtype=np.bool_)
+        self.is_resting = False
         self.spring_stiffness = 0.0
+
+    def begin(self, base_states: FloatArray) -> None:
+        """Begin a period.
+
+        Args:
+            base_states: q, q', q'' of the base at its start and at its steps, shape (k, 3).
+        """
+        self._base_states, self._step = base_states.tolist(), 0
+
+    def rest(self, pairs: BoolArray) -> None:
+        """Take over which pairs rest, shape (n_pairs,)."""
+        self.resting, self.is_resting = pairs, bool(pairs.any())
 
     def _make_observation(self) -> None:
         """Make the selectors of recorded quantities."""
@@ -74,7 +90,7 @@ class Dynamics:
         self._set(result, values)
         return result
 
-    # -- what a supervisor sees ---------------------------------------------------------------
+    # -- what a contact law sees -----------------------------------------------------------------
 
     @property
     def gap(self) -> FloatArray:
@@ -87,16 +103,15 @@ class Dynamics:
         return self._rate.gather()
 
     def response(self, factor: linear_algebra.Factor, pair: int) -> FloatArray:
-        """Return the gaps H B^-1 H^T e_k that a unit load on pair k makes, shape (n_pairs,)."""
+        """Return H x for what the factor gives of a unit load on a pair, shape (n_pairs,)."""
         self._impulse.values[:] = 0.0
         self._impulse.values[pair] = 1.0
         self._impulse.spread()
-        self._H.multTranspose(self._impulse.vector, self._r)
-        factor.solve(self._r, self._w)
-        gaps = linear_algebra.Shared(
-            self._H.createVecLeft()
-        )  # a law may be looking at the usual ones
-        self._H.mult(self._w, gaps.vector)
+        self._H.multTranspose(self._impulse.vector, self._load)
+        factor.solve(self._load, self._response)
+        # new vectors: a law may be looking at the usual gaps
+        gaps = linear_algebra.Shared(self._H.createVecLeft())
+        self._H.mult(self._response, gaps.vector)
         result = gaps.gather().copy()
         gaps.destroy()
         return result
@@ -113,16 +128,16 @@ class Dynamics:
     def energies(self) -> Energies:
         """Return the energies of the whole system, base included, in the fixed frame [J]."""
         base = self.operators.base
-        q, dq, _ = self.base_states[self.base_index]
-        self._M.mult(self.v, self._r)
+        q, dq, _ = self._base_states[self._step]
+        self._M.mult(self.v, self._load)
         momentum = self._base_mass.dot(self.v)
-        kinetic = 0.5 * self._r.dot(self.v) + dq * momentum
-        self._K.mult(self.u, self._r)
-        strain = 0.5 * self._r.dot(self.u) + q * self._base_stiffness.dot(self.u)
+        kinetic = 0.5 * self._load.dot(self.v) + dq * momentum
+        self._K.mult(self.u, self._load)
+        strain = 0.5 * self._load.dot(self.u) + q * self._base_stiffness.dot(self.u)
         return Energies(
             kinetic + 0.5 * base.corner[0] * dq * dq,
             strain + 0.5 * base.corner[2] * q * q,
-            self.spring_energy(self.permanent),
+            self.spring_energy(self.resting),
             momentum,
         )
 
@@ -177,9 +192,9 @@ class Dynamics:
             self.u,
             self.v,
             self.a,
-            self._r,
-            self._w,
-            self._z,
+            self._residual,
+            self._load,
+            self._response,
             self._gap0,
             self._inverse_lumped,
             self._base_mass,

@@ -48,20 +48,27 @@ def _first_of(size: int, comm: PETSc.Comm) -> int:
 
 
 class Factor:
-    """A factorised matrix; `solve(b, x)` is PETSc's MatSolve on preallocated vectors."""
+    """A factorised matrix B; `solve(b, x)` is PETSc's MatSolve on preallocated vectors.
 
-    def __init__(self, csr: sp.spmatrix, comm: PETSc.Comm, prefix: str) -> None:
-        """Factorise.
+    Attributes:
+        scale: s; what is factorised is s B, so that `solve` gives x = B⁻¹ b / s. Steppers choose s
+            so that a residual needs no further factor.
+    """
+
+    def __init__(self, csr: sp.spmatrix, comm: PETSc.Comm, prefix: str, scale: float = 1.0) -> None:
+        """Factorise s B.
 
         Args:
-            csr: the whole square matrix, the same on every rank.
+            csr: B, the whole square matrix, the same on every rank.
             comm: PETSc communicator.
             prefix: options prefix, ends in `_` and names the owner.
+            scale: s.
 
         Raises:
             PETSc.Error: the matrix is singular.
         """
-        self._matrix = matrix(csr, comm)
+        self.scale = scale
+        self._matrix = matrix(scale * csr, comm)
         self._solver = PETSc.KSP().create(comm)
         self._solver.setOptionsPrefix(prefix)
         self._solver.setType(PETSc.KSP.Type.PREONLY)

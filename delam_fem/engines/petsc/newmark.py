@@ -1,4 +1,4 @@
-"""Newmark's scheme in PETSc, with the springs of permanent contact as a Woodbury correction.
+"""Newmark's scheme in PETSc, with the springs of resting pairs as a Woodbury correction.
 
     A a⁺ = f - C v* - K u*,   A = M + γ Δt C + β Δt² K                                        (N1)
     u* = u + Δt v + (1/2 - β) Δt² a,   v* = v + (1 - γ) Δt a
@@ -54,24 +54,26 @@ class Newmark(Dynamics):
             gamma: Newmark's γ (the paper's β_N).
             coupled_impulses: impulses act through M⁻¹ ("consistent") rather than through the lumped
                 mass alone.
-            spring: stiffness [N/m] and damping [N s/m] of a permanent contact.
+            spring: stiffness [N/m] and damping [N s/m] that a resting pair has.
             comm: PETSc communicator.
         """
         super().__init__(operators, time_step, comm)
         o = operators
         self._to_u, self._to_v = beta * time_step**2, gamma * time_step
         self._keep_u, self._keep_v = (0.5 - beta) * time_step**2, (1.0 - gamma) * time_step
-        negative_A = -(o.mass + self._to_v * o.damping + self._to_u * o.stiffness)
-        self._A = linear_algebra.Factor(negative_A, comm, "newmark_")
-        self._M_factor = linear_algebra.Factor(-o.mass, comm, "newmark_mass_")
+        A = o.mass + self._to_v * o.damping + self._to_u * o.stiffness
+        # scale -1: a solve with the residual K u + C v - f gives an acceleration
+        self._A = linear_algebra.Factor(A, comm, "newmark_", scale=-1.0)
+        self._M_factor = linear_algebra.Factor(o.mass, comm, "newmark_mass_", scale=-1.0)
+        self._velocities = self._M.createVecRight()
         self._coupled = coupled_impulses
         self.compliance: Compliance = (
-            LazyCompliance(self, self._M_factor, -1.0) if coupled_impulses else LumpedCompliance(o)
+            LazyCompliance(self, self._M_factor) if coupled_impulses else LumpedCompliance(o)
         )
         self.spring_stiffness, self._spring_damping = spring
         self._softness = self.spring_stiffness * self._to_u + self._spring_damping * self._to_v
-        self._S = LazyCompliance(self, self._A, -1.0)
-        self._pairs = np.flatnonzero(self.permanent)
+        self._S = LazyCompliance(self, self._A)
+        self._pairs = np.flatnonzero(self.resting)
         self._resistance: FloatArray | None = None
 
     def rate_pre(self) -> FloatArray:
@@ -82,32 +84,32 @@ class Newmark(Dynamics):
 
     def advance(self) -> float:
         """Make the candidate state of the next step; return its smallest gap [m]."""
-        u, v, a, r, w = self.u, self.v, self.a, self._r, self._w
-        self.base_index += 1
-        v.copy(w)
+        u, v, a, both = self.u, self.v, self.a, self._velocities
+        self._step += 1
+        v.copy(both)
         u.axpy(self.time_step, v)
         u.axpy(self._keep_u, a)
         v.axpy(self._keep_v, a)
-        self._load()
-        self._A.solve(r, a)
+        self._find_residual()
+        self._A.solve(self._residual, a)
         u.axpy(self._to_u, a)
         v.axpy(self._to_v, a)
         if self._pairs.size:
             self._push_springs()
-        w.axpy(1.0, v)  # w / 2 is the mean velocity of the step
-        self._C.mult(w, r)
-        self.dissipated += 0.25 * self.time_step * r.dot(w)
+        both.axpy(1.0, v)  # twice the mean velocity of the step
+        self._C.mult(both, self._load)
+        self.dissipated += 0.25 * self.time_step * self._load.dot(both)
         if self._spring_damping and self._pairs.size:
-            self._H.mult(w, self._rate.vector)
+            self._H.mult(both, self._rate.vector)
             rate = self._rate.gather()[self._pairs]
             self.contact_damped += 0.25 * self.time_step * self._spring_damping * float(rate @ rate)
         self._H.multAdd(u, self._gap0, self._gap.vector)
         return float(self._gap.vector.min()[1])
 
-    def _load(self) -> None:
-        """Write r = K u + C v + base terms, the negative right-hand side of N1."""
-        q, dq, ddq = self.base_states[self.base_index]
-        r = self._r
+    def _find_residual(self) -> None:
+        """Write the residual K u + C v - f, the negative right-hand side of N1."""
+        q, dq, ddq = self._base_states[self._step]
+        r = self._residual
         self._K.mult(self.u, r)
         self._C.multAdd(self.v, r, r)
         r.axpy(ddq, self._base_mass)
@@ -128,16 +130,16 @@ class Newmark(Dynamics):
         else:
             forces = self._iterate_springs(drive)
         self._push(forces)
-        self._A.solve(self._r, self._z)
-        self.a.axpy(1.0, self._z)
-        self.u.axpy(self._to_u, self._z)
-        self.v.axpy(self._to_v, self._z)
+        self._A.solve(self._load, self._response)
+        self.a.axpy(1.0, self._response)
+        self.u.axpy(self._to_u, self._response)
+        self.v.axpy(self._to_v, self._response)
 
     def _push(self, forces: FloatArray) -> None:
-        """Write r = H^T λ for forces on the spring pairs."""
+        """Write the load H^T λ of forces on the spring pairs."""
         self._force.values[self._pairs] = forces
         self._force.spread()
-        self._H.multTranspose(self._force.vector, self._r)
+        self._H.multTranspose(self._force.vector, self._load)
 
     def _iterate_springs(self, drive: FloatArray) -> FloatArray:
         """Solve N2 by conjugate gradients; each product with S_PP is one solve with A."""
@@ -149,8 +151,8 @@ class Newmark(Dynamics):
             if square <= goal:
                 break
             self._push(direction)
-            self._A.solve(self._r, self._z)
-            self._H.mult(self._z, self._rate.vector)
+            self._A.solve(self._load, self._response)
+            self._H.mult(self._response, self._rate.vector)
             image = direction - self._softness * self._rate.gather()[self._pairs]
             length = square / float(direction @ image)
             forces += length * direction
@@ -159,11 +161,11 @@ class Newmark(Dynamics):
             direction = residual + square / previous * direction
         return forces
 
-    def _set_springs(self, permanent: BoolArray) -> None:
-        """Take over the set of spring pairs and prepare N2 for it."""
-        self.permanent = permanent
+    def rest(self, pairs: BoolArray) -> None:
+        """Take over which pairs rest and so carry a spring, and prepare N2 for them."""
+        super().rest(pairs)
         self._force.values[:] = 0.0
-        self._pairs = np.flatnonzero(permanent)
+        self._pairs = np.flatnonzero(pairs)
         self._resistance = None
         if 0 < self._pairs.size <= DIRECT_PAIRS:
             matrix = self._softness * self._S.block(self._pairs)
@@ -183,10 +185,10 @@ class Newmark(Dynamics):
         """
         impact = self._impact(decision) if decision.hit.size else 0.0
         switched = 0.0
-        if decision.permanent is not None:
-            switched -= self.spring_energy(self.permanent)
-            self._set_springs(decision.permanent)
-            switched += self.spring_energy(self.permanent)
+        if decision.resting is not None:
+            switched -= self.spring_energy(self.resting)
+            self.rest(decision.resting)
+            switched += self.spring_energy(self.resting)
         self.renew_acceleration()
         return impact, switched
 
@@ -195,38 +197,33 @@ class Newmark(Dynamics):
         self._impulse.values[:] = 0.0
         self._impulse.values[decision.hit] = decision.impulses
         self._impulse.spread()
-        r, w, z = self._r, self._w, self._z
-        self._H.multTranspose(self._impulse.vector, r)
+        load, change, mean = self._load, self._response, self._velocities
+        self._H.multTranspose(self._impulse.vector, load)
         if self._coupled:
-            self._M_factor.solve(r, z)
-            z.scale(-1.0)
+            self._M_factor.solve(load, change)
+            change.scale(self._M_factor.scale)
         else:
-            z.pointwiseMult(r, self._inverse_lumped)
-        w.waxpy(0.5, z, self.v)  # mean of the velocities before and after
-        self._M.mult(z, r)
-        self.v.axpy(1.0, z)
-        return float(r.dot(w))
+            change.pointwiseMult(load, self._inverse_lumped)
+        mean.waxpy(0.5, change, self.v)  # of the velocities before and after
+        self._M.mult(change, load)
+        self.v.axpy(1.0, change)
+        return float(load.dot(mean))
 
     def renew_acceleration(self) -> None:
         """Compute a from M a = f - C v - K u - H^T λ at the present state."""
-        self._load()
+        self._find_residual()
         if self._pairs.size:
-            load = self._r
-            load.copy(self._z)
             self._H.multAdd(self.u, self._gap0, self._gap.vector)
             forces = self.spring_stiffness * self._gap.gather()[self._pairs]
             if self._spring_damping:
                 forces += self._spring_damping * self.gap_rate()[self._pairs]
             self._push(forces)
-            load.axpy(1.0, self._z)
-        self._M_factor.solve(self._r, self.a)
-
-    def restore_springs(self, permanent: BoolArray) -> None:
-        """Take over the springs of an earlier run."""
-        self._set_springs(permanent.copy())
+            self._residual.axpy(1.0, self._load)
+        self._M_factor.solve(self._residual, self.a)
 
     def destroy(self) -> None:
         """Free all PETSc objects."""
+        self._velocities.destroy()
         self._A.destroy()
         self._M_factor.destroy()
         super().destroy()

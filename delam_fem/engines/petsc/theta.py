@@ -17,7 +17,7 @@ from delam_fem.engines.petsc import linear_algebra
 from delam_fem.engines.petsc.compliance import LazyCompliance
 from delam_fem.engines.petsc.dynamics import Dynamics
 from delam_fem.model.operators import Operators
-from delam_fem.numerics.arrays import BoolArray, FloatArray
+from delam_fem.numerics.arrays import FloatArray
 
 
 class MoreauJean(Dynamics):
@@ -45,12 +45,12 @@ class MoreauJean(Dynamics):
         super().__init__(operators, time_step, comm)
         o, self._theta, self._anticipates = operators, theta, anticipates
         to = theta * time_step
-        # divided by -Δt, so that a solve with the right-hand side of _load gives v⁺ - v
-        self._A = linear_algebra.Factor(
-            -(o.mass + to * o.damping + to**2 * o.stiffness) / time_step, comm, "moreau_"
-        )
-        self.compliance = LazyCompliance(self, self._A, -1.0 / time_step)
-        self._start = self._M.createVecRight()
+        A = o.mass + to * o.damping + to**2 * o.stiffness
+        # scale -1/Δt: a solve with the residual of J1 gives v⁺ - v
+        self._A = linear_algebra.Factor(A, comm, "moreau_", scale=-1.0 / time_step)
+        self.compliance = LazyCompliance(self, self._A)
+        self._start, self._point = (self._M.createVecRight() for _ in range(2))
+        self._none_resting = self.resting
         self._is_unaccounted = False
         self._predicted = linear_algebra.Shared(self._H.createVecLeft())
         self._rate_start = linear_algebra.Shared(self._H.createVecLeft())
@@ -73,23 +73,26 @@ class MoreauJean(Dynamics):
 
     def advance(self) -> float:
         """Make the free motion of the next step; return the smallest predicted gap [m]."""
-        u, v, r, w, dt, theta = self.u, self.v, self._r, self._w, self.time_step, self._theta
+        u, v, dt, theta = self.u, self.v, self.time_step, self._theta
+        residual, point = self._residual, self._point
         predicted, rate = self._predicted.vector, self._rate_start.vector
         self._H.multAdd(u, self._gap0, self._gap.vector)
         self._H.mult(v, rate)
         predicted.waxpy(0.5 * dt, rate, self._gap.vector)
+        if self.is_resting:
+            self.rest(self._none_resting)
         v.copy(self._start)
-        w.waxpy(theta * dt, v, u)
-        self._K.mult(w, r)
-        self._C.multAdd(v, r, r)
-        before, after = self.base_states[self.base_index : self.base_index + 2]
-        self.base_index += 1
+        point.waxpy(theta * dt, v, u)  # where the stiffness acts: u + θ Δt v
+        self._K.mult(point, residual)
+        self._C.multAdd(v, residual, residual)
+        before, after = self._base_states[self._step : self._step + 2]
+        self._step += 1
         self._is_unaccounted = True
         columns = (self._base_stiffness, self._base_damping, self._base_mass)
         for column, old, new in zip(columns, before, after, strict=True):
-            r.axpy(theta * new + (1.0 - theta) * old, column)
-        self._A.solve(r, w)
-        v.axpy(1.0, w)
+            residual.axpy(theta * new + (1.0 - theta) * old, column)
+        self._A.solve(residual, self._response)
+        v.axpy(1.0, self._response)
         u.axpy(dt * (1.0 - theta), self._start)
         u.axpy(dt * theta, v)
         if self._anticipates:
@@ -106,11 +109,12 @@ class MoreauJean(Dynamics):
         self._impulse.values[:] = 0.0
         self._impulse.values[decision.hit] = decision.impulses
         self._impulse.spread()
-        r, w = self._r, self._w
-        self._H.multTranspose(self._impulse.vector, r)
-        self._A.solve(r, w)
-        self.v.axpy(-1.0 / self.time_step, w)
-        self.u.axpy(-self._theta, w)
+        self._H.multTranspose(self._impulse.vector, self._load)
+        self._A.solve(self._load, self._response)
+        self.v.axpy(self._A.scale, self._response)
+        self.u.axpy(-self._theta, self._response)
+        if decision.resting is not None:
+            self.rest(decision.resting)
         mean_rate = 0.5 * (decision.rate_pre + decision.rate_post)
         return float(decision.impulses @ mean_rate), 0.0
 
@@ -120,22 +124,19 @@ class MoreauJean(Dynamics):
         if not self._is_unaccounted:
             return
         self._is_unaccounted = False
-        w, r, theta = self._w, self._r, self._theta
-        w.waxpy((1.0 - theta) / theta, self._start, self.v)
-        self._C.mult(w, r)
-        self.dissipated += theta**2 * self.time_step * r.dot(w)
+        mean, theta = self._point, self._theta
+        mean.waxpy((1.0 - theta) / theta, self._start, self.v)  # v_θ / θ
+        self._C.mult(mean, self._load)
+        self.dissipated += theta**2 * self.time_step * self._load.dot(mean)
 
     def renew_acceleration(self) -> None:
         """Do nothing: the scheme has no acceleration."""
-
-    def restore_springs(self, permanent: BoolArray) -> None:
-        """Take over which pairs rest on one another; the scheme has no springs."""
-        self.permanent = permanent.copy()
 
     def destroy(self) -> None:
         """Free all PETSc objects."""
         self._A.destroy()
         self._start.destroy()
+        self._point.destroy()
         self._predicted.destroy()
         self._rate_start.destroy()
         super().destroy()

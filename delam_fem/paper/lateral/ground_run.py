@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
-from delam_fem.engines.compiled import state
-from delam_fem.engines.compiled.engine import Compiled, law_named
-from delam_fem.engines.compiled.system import Scheme
+from delam_fem.contact.laws import Law, LawName
+from delam_fem.engines.session import session
 from delam_fem.model.operators import Operators
-from delam_fem.numerics.arrays import FloatArray, IntArray
-from delam_fem.simulation.loop import Outcome, State, set_initial, simulate
-from delam_fem.simulation.recorder import LEDGER, N_BASE, PeriodRecord, Recorder
-
-LawName = Literal["none", "newton", "newton-penalty", "penalty", "moreau", "moreau-recovery"]
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.schemes import SCHEMES, SchemeName
+from delam_fem.simulation.base_states import at_rest
+from delam_fem.simulation.loop import Outcome, State
+from delam_fem.simulation.recorder import LEDGER, PeriodRecord, Recorder
+from delam_fem.simulation.solution import ImpactTable
+from delam_fem.simulation.span import Span
 
 LIFT = 0.050
 """Height of the tip before the release [m]."""
@@ -35,47 +35,28 @@ class GroundLaw:
     """What happens where a node meets the ground; impulses are consistent (through M⁻¹).
 
     Attributes:
-        name: as in case files.
+        name: of the contact law, as in case files.
         restitution: e [-].
         stiffness: of the springs of newton-penalty and penalty, per node [N/m].
         threshold_velocity: γ [m/s].
+        scheme: time integration, as in case files.
     """
 
     name: LawName
     restitution: float = 0.0
     stiffness: float = 0.0
     threshold_velocity: float = 0.5e-3
+    scheme: SchemeName = "newmark"
 
-    def engine(self, operators: Operators, time_step: float) -> Compiled:
-        """Return what computes the steps: average acceleration, or Moreau–Jean with θ = 1/2."""
-        law = law_named(
+    @property
+    def law(self) -> Law:
+        """The contact law."""
+        return Law(
             self.name,
-            is_coupled=True,
             restitution=self.restitution,
-            stiffness=self.stiffness,
-            damping=0.0,
-            threshold=self.threshold_velocity,
+            penalty_stiffness=self.stiffness,
+            threshold_velocity=self.threshold_velocity,
         )
-        is_moreau = law.kind >= state.MOREAU
-        scheme = Scheme.moreau_jean(time_step) if is_moreau else Scheme.newmark(time_step)
-        return Compiled(operators, scheme, law)
-
-
-@dataclass(frozen=True)
-class Impulses:
-    """Impulses of a run, one row per push on a node.
-
-    Attributes:
-        time: end of the step, shape (k,) [s].
-        pair: contact pair, shape (k,).
-        impulse: [N s].
-        rate_pre: velocity of the node before, downwards negative [m/s].
-    """
-
-    time: FloatArray
-    pair: IntArray
-    impulse: FloatArray
-    rate_pre: FloatArray
 
 
 @dataclass(frozen=True)
@@ -108,7 +89,7 @@ class GroundRun:
         u: observed displacements, shape (k, n_observed) [m].
         v: observed velocities likewise [m/s].
         frames: (u, v) of all dofs at `energy.time` without the start, shape (m - 1, 2, n).
-        impulses: all pushes.
+        impulses: all pushes; `rate_pre` is the velocity of the node, downwards negative.
         energy: the ledger.
         state: at the end.
         outcome: how it ended.
@@ -118,7 +99,7 @@ class GroundRun:
     u: FloatArray
     v: FloatArray
     frames: FloatArray
-    impulses: Impulses
+    impulses: ImpactTable
     energy: Energy
     state: State
     outcome: Outcome
@@ -154,53 +135,25 @@ def run(
     Returns:
         All of it; what there is, where the motion diverges or `stop` ends it.
     """
-    engine = law.engine(operators, time_step)
-    recorder = Recorder(
-        operators.base,
-        time_step=time_step,
-        steps_per_period=steps_per_stretch,
-        n_periods=n_stretches,
-        n_observed=operators.observed.size,
-        window_periods=n_stretches,
-        frames_per_period=1,
-        limit=UNBOUNDED,
-    )
-    at_rest = np.zeros((steps_per_stretch + 1, 3))
-    set_initial(engine, start, at_rest[0])
-    outcome = simulate(
-        engine,
-        recorder,
-        lambda _: at_rest,
-        stop=lambda done: stop(*recorder.strobe[done - 1, :, 0].tolist()),
-    )
-    records = list(recorder.window)
-    n_steps = [record.n_steps for record in records]
-    parts = list(zip(records, n_steps, strict=True))
-    first = records[0]
+
+    def ends(done: int) -> bool:
+        return stop(*opened.recorder.strobe[done - 1, :, 0].tolist())
+
+    span = Span(time_step, steps_per_stretch, n_stretches, n_stretches, 1, UNBOUNDED)
+    with session(
+        operators, law.law, SCHEMES[law.scheme], at_rest(span), span, initial=start
+    ) as opened:
+        found = opened.solution(opened.run(ends))
     return GroundRun(
-        time=time_step * np.arange(sum(n_steps) + 1),
-        u=np.concatenate([first.u[:1], *(r.u[1 : k + 1] for r, k in parts)])[:, N_BASE:],
-        v=np.concatenate([first.v[:1], *(r.v[1 : k + 1] for r, k in parts)]),
-        frames=np.array([frame for r in records for frame in r.frames]),
-        impulses=_impulses(records, time_step),
-        energy=_energy(recorder, records, time_step),
-        state=engine.state(),
-        outcome=outcome,
+        time=found.time,
+        u=found.displacement,
+        v=found.velocity,
+        frames=found.frames,
+        impulses=found.impacts,
+        energy=_energy(found.recorder, found.records, time_step),
+        state=found.state,
+        outcome=found.outcome,
     )
-
-
-def _impulses(records: list[PeriodRecord], time_step: float) -> Impulses:
-    """Return the pushes of all records in one table."""
-    rows, steps_before = [], 0
-    for record in records:
-        for step, decision, _ in record.jumps:
-            instant = np.full(decision.hit.size, (steps_before + step) * time_step)
-            rows.append(
-                np.array([instant, decision.hit, decision.impulses, decision.rate_pre], dtype=float)
-            )
-        steps_before += record.n_steps
-    table = np.concatenate([np.zeros((4, 0)), *rows], axis=1)
-    return Impulses(table[0], table[1].astype(np.int64), table[2], table[3])
 
 
 def _energy(recorder: Recorder, records: list[PeriodRecord], time_step: float) -> Energy:

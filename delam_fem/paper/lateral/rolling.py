@@ -15,7 +15,8 @@ from delam_fem.case.sections import Lamina
 from delam_fem.model import ground
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.paper.lateral import ground_run
-from delam_fem.paper.lateral.ground_run import LIFT, Energy, GroundLaw, Impulses
+from delam_fem.paper.lateral.ground_run import LIFT, Energy, GroundLaw
+from delam_fem.simulation.solution import ImpactTable
 
 FRONT_FROM = 0.25
 """The contact line is followed from this part of the length on: nodes nearer the clamp hardly
@@ -57,7 +58,7 @@ class Rolling:
     time: FloatArray
     tip: FloatArray
     top: FloatArray
-    impulses: Impulses
+    impulses: ImpactTable
     energy: Energy
     outcome: str
 
@@ -173,7 +174,7 @@ def rolling(
         ValueError: a part of the strip would not be lifted.
     """
     lamina = lamina or thin_strip()
-    law = law or GroundLaw("moreau", 0.1)
+    law = law or GroundLaw("newton", 0.1, scheme="moreau-jean")
     operators = ground.on_ground(lamina, n_elements, "everywhere", gravity=gravity)
     shape = ground.lifted(lamina, n_elements, height, lift, gravity=gravity)
     out = ground_run.run(

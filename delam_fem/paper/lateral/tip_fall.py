@@ -55,7 +55,7 @@ def tip_block(
     laws = {
         "free": GroundLaw("none"),
         "spring": GroundLaw("penalty", stiffness=stiffness),
-        "rigid": GroundLaw("moreau", restitution=0.0),
+        "rigid": GroundLaw("newton", restitution=0.0, scheme="moreau-jean"),
     }
     outs = {
         name: ground_run.run(

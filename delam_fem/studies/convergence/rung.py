@@ -1,6 +1,6 @@
 """One rung of a ladder in a worker: run it, and reduce it to a few numbers.
 
-With contact every rung starts on the same motion, which the law "moreau" reaches from rest with
+With contact every rung starts on the same motion, which newton@moreau-jean reaches from rest with
 `SPIN_UP_STEPS` steps per period; it then settles to its own. Without contact it starts on the exact
 periodic motion of its mesh and settles until the rest of that has died away.
 """
@@ -11,7 +11,7 @@ import logging
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
@@ -19,14 +19,14 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from delam_fem.case.definition import Case
+from delam_fem.engines.session import session_of
 from delam_fem.model import closed_form
 from delam_fem.model.mesh import node_coordinates
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.simulation.initial import first_mode
-from delam_fem.simulation.loop import Engine, State, set_initial, simulate
+from delam_fem.simulation.loop import State
 from delam_fem.simulation.recorder import N_BASE, Recorder
-from delam_fem.simulation.setup import motion_of, recorder_of
 from delam_fem.studies.convergence.ladder import FREE, RIGID, EngineName, Rung
 from delam_fem.studies.convergence.statistics import PeriodRow, Statistics, row_of, statistics
 
@@ -209,16 +209,11 @@ def _run(
     case: Case, operators: Operators, engine: EngineName, initial: State | None, last: int
 ) -> _Run:
     """Run a case and reduce its `last` periods as they come."""
-    computing = _engine(case, operators, engine)
-    try:
-        recorder, motion = recorder_of(case, operators), motion_of(case)
-        set_initial(computing, initial, motion(0)[0])
-        watch = _Watch(recorder, motion, last)
-        outcome = simulate(computing, recorder, watch.motion, stop=watch.collect)
+    with session_of(case, operators, initial=initial, engine=engine) as opened:
+        watch = _Watch(opened.recorder, opened.motion, last)
+        outcome = replace(opened, motion=watch.motion).run(watch.collect)
         seconds = float(np.median(watch.seconds)) if watch.seconds else math.nan
-        return _Run(outcome, watch.rows, recorder, computing.state(), seconds)
-    finally:
-        computing.destroy()
+        return _Run(outcome, watch.rows, opened.recorder, opened.engine.state(), seconds)
 
 
 @dataclass
@@ -258,16 +253,3 @@ def _operators(case: Case) -> Operators:
     """Assemble a case in closed form, which is dolfinx's to round-off and starts at once."""
     x = node_coordinates(case) if case.mesh.file is not None else None
     return closed_form.assemble(case, x).operators
-
-
-def _engine(case: Case, operators: Operators, name: EngineName) -> Engine:
-    """Return the engine of a name."""
-    if name == "compiled":
-        from delam_fem.engines.compiled.engine import compiled_engine
-
-        return compiled_engine(case, operators)
-    from mpi4py import MPI
-
-    from delam_fem.engines.petsc.engine import petsc_engine
-
-    return petsc_engine(case, operators, MPI.COMM_SELF)

@@ -27,7 +27,7 @@ _SCHEMA = """
         number INTEGER PRIMARY KEY, outcome TEXT NOT NULL, error TEXT NOT NULL, row BLOB
     );
     CREATE TABLE track (
-        number INTEGER PRIMARY KEY, motion BLOB NOT NULL, permanent BLOB NOT NULL
+        number INTEGER PRIMARY KEY, motion BLOB NOT NULL, resting BLOB NOT NULL
     );
 """
 
@@ -141,7 +141,7 @@ class Journal:
     def state(self, track: int) -> State | None:
         """Return the state from which a track goes on, None if it has none."""
         found = self._connection.execute(
-            "SELECT motion, permanent FROM track WHERE number = ?", (track,)
+            "SELECT motion, resting FROM track WHERE number = ?", (track,)
         ).fetchone()
         if found is None:
             return None
@@ -172,4 +172,4 @@ def _entry(point: Point) -> tuple[int, str, str, bytes | None]:
 
 
 def _packed(state: State) -> tuple[bytes, bytes]:
-    return np.ascontiguousarray(state.motion).tobytes(), state.permanent.tobytes()
+    return np.ascontiguousarray(state.motion).tobytes(), state.resting.tobytes()

@@ -17,14 +17,14 @@ import numpy as np
 
 from delam_fem.case.definition import Case
 from delam_fem.case.toml import CaseError
+from delam_fem.engines.choose import initialise_petsc_alone
+from delam_fem.engines.session import session_of
 from delam_fem.model import closed_form
 from delam_fem.model.layout import Model
-from delam_fem.model.operators import Operators
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.simulation.initial import first_mode, initial_state
-from delam_fem.simulation.loop import Engine, State, set_initial, simulate
+from delam_fem.simulation.loop import State
 from delam_fem.simulation.recorder import Recorder
-from delam_fem.simulation.setup import motion_of, recorder_of
 from delam_fem.studies.lyapunov import largest_exponent
 from delam_fem.studies.sweeps.grid import Sweep
 from delam_fem.studies.sweeps.quantities import Quantity, quantities, row_of
@@ -140,28 +140,22 @@ class PointRunner:
         operators = model.operators
         if carried is None:
             carried = initial_state(case, operators, self.sweep.initial(index))
-        engine = _engine(case, operators, self.sweep.file.engine)
-        try:
-            recorder, motion = recorder_of(case, operators), motion_of(case)
-            set_initial(engine, carried, motion(0)[0])
-            outcome = simulate(engine, recorder, motion)
+        engine = self.sweep.file.engine
+        with session_of(case, operators, initial=carried, engine=engine) as opened:
+            recorder, outcome = opened.recorder, opened.run()
             if outcome != "completed":
                 return Point(index, outcome, _where(recorder, case), None), None
-            state = engine.state()
+            state = opened.engine.state()
             extra = {}
             if record.lyapunov:
                 extra["lyapunov_exponent"] = largest_exponent(
-                    engine,
+                    opened,
                     operators,
-                    recorder,
-                    motion,
                     direction=first_mode(operators, 0) + first_mode(operators, 1),
                     period=case.period,
                     periods=record.lyapunov,
                     perturbation=record.perturbation,
                 )
-        finally:
-            engine.destroy()
         wanted = self.quantities(model.x.size)
         row = row_of(wanted, case, recorder, operators.gap0, extra)
         return Point(index, outcome, "", row), state
@@ -197,35 +191,10 @@ def _assemble(case: Case, operators: str) -> Model:
     """Assemble a case; the closed form needs no dolfinx and is equal to round-off."""
     if operators == "closed-form":
         return closed_form.assemble(case)
-    _initialise_petsc()
+    initialise_petsc_alone()
     from delam_fem.model import beam
 
     return beam.assemble(case)
-
-
-def _engine(case: Case, operators: Operators, name: str) -> Engine:
-    """Return the engine of a name."""
-    if name == "compiled":
-        from delam_fem.engines.compiled.engine import compiled_engine
-
-        return compiled_engine(case, operators)
-    _initialise_petsc()
-    from mpi4py import MPI
-
-    from delam_fem.engines.petsc.engine import petsc_engine
-
-    return petsc_engine(case, operators, MPI.COMM_SELF)
-
-
-def _initialise_petsc() -> None:
-    """Initialise PETSc for this process alone.
-
-    By itself it does so with all ranks together, and a worker would wait for the others forever.
-    """
-    import petsc4py
-    from mpi4py import MPI
-
-    petsc4py.init(comm=MPI.COMM_SELF)
 
 
 def _where(recorder: Recorder, case: Case) -> str:

@@ -12,16 +12,18 @@ import scipy.sparse as sp
 from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
 from delam_fem.case.toml import CaseError
+from delam_fem.engines.choose import engine_of, law_of, scheme_of
 from delam_fem.engines.compiled import banded, contact, lane_kernels, lanes, simd
 from delam_fem.engines.compiled import engine as engine_module
 from delam_fem.engines.compiled.engine import Compiled, compiled_engine
-from delam_fem.engines.compiled.state import IMPACTS, MOREAU, PENALTY, RECOVERY, Law
-from delam_fem.engines.compiled.system import Scheme, build
+from delam_fem.engines.compiled.state import IMPACTS, MOREAU, PENALTY, RECOVERY, LawNumbers
+from delam_fem.engines.compiled.system import StepNumbers, build
 from delam_fem.model import closed_form
 from delam_fem.model.operators import BaseCoupling, Operators
+from delam_fem.simulation.base_states import motion_of
 from delam_fem.simulation.loop import State, set_initial, simulate
 from delam_fem.simulation.recorder import Recorder
-from delam_fem.simulation.setup import motion_of, recorder_of
+from delam_fem.simulation.span import Span
 
 ROUND_OFF = 1e-11
 """Relative, of a few hundred operations on matrices of condition 1e6 and less."""
@@ -140,14 +142,14 @@ def test_rayleigh_damping_is_recognised() -> None:
 def test_the_right_path_is_taken() -> None:
     o = operators_of(5)
     step = 1e-4
-    assert build(o, Scheme.newmark(step))[0].is_chained
-    assert build(o, Scheme.moreau_jean(step, 0.7))[0].is_chained
-    assert not build(o, Scheme.newmark(step))[0].is_diagonal_load
-    assert build(operators_of(5, "lumped"), Scheme.newmark(step))[0].is_diagonal_load
-    assert not build(operators_of(5, "lumped"), Scheme.newmark(1e-9))[0].is_diagonal_load
-    assert not build(o, Scheme.newmark(step, beta=0.0))[0].is_chained
+    assert build(o, StepNumbers.newmark(step))[0].is_chained
+    assert build(o, StepNumbers.moreau_jean(step, 0.7))[0].is_chained
+    assert not build(o, StepNumbers.newmark(step))[0].is_diagonal_load
+    assert build(operators_of(5, "lumped"), StepNumbers.newmark(step))[0].is_diagonal_load
+    assert not build(operators_of(5, "lumped"), StepNumbers.newmark(1e-9))[0].is_diagonal_load
+    assert not build(o, StepNumbers.newmark(step, beta=0.0))[0].is_chained
     shifted = dataclasses.replace(o, gap_matrix=2.0 * o.gap_matrix)
-    assert not build(shifted, Scheme.newmark(step))[0].is_chained
+    assert not build(shifted, StepNumbers.newmark(step))[0].is_chained
 
 
 # -- bands ------------------------------------------------------------------------------------
@@ -195,20 +197,11 @@ def ball() -> Operators:
     )
 
 
-def drop(law: Law, scheme: Scheme, n_steps: int) -> Recorder:
+def drop(law: LawNumbers, scheme: StepNumbers, n_steps: int) -> Recorder:
     """Drop the ball from 1 m."""
     o = ball()
     engine = Compiled(o, scheme, law)
-    recorder = Recorder(
-        o.base,
-        time_step=scheme.time_step,
-        steps_per_period=n_steps,
-        n_periods=1,
-        n_observed=1,
-        window_periods=1,
-        frames_per_period=1,
-        limit=10.0,
-    )
+    recorder = Recorder(o.base, Span(scheme.time_step, n_steps, 1, 1, 1, 10.0), n_probes=1)
     states = np.tile([0.0, 0.0, G], (n_steps + 1, 1))
     set_initial(engine, State(np.array([[1.0], [0.0], [0.0]]), np.zeros(1, dtype=bool)), states[0])
     assert simulate(engine, recorder, lambda _: states) == "completed"
@@ -218,7 +211,7 @@ def drop(law: Law, scheme: Scheme, n_steps: int) -> Recorder:
 @pytest.mark.parametrize("is_coupled", [False, True])
 def test_ball_rebounds_by_restitution(is_coupled: bool) -> None:
     e, step = 0.5, 1e-4
-    recorder = drop(Law(IMPACTS, is_coupled, e), Scheme.newmark(step), 8000)
+    recorder = drop(LawNumbers(IMPACTS, is_coupled, e), StepNumbers.newmark(step), 8000)
     (at, decision, energy), *_ = recorder.window[0].jumps
     speed = np.sqrt(2.0 * G)
     assert at * step == pytest.approx(np.sqrt(2.0 / G), abs=step)
@@ -230,14 +223,16 @@ def test_ball_rebounds_by_restitution(is_coupled: bool) -> None:
 
 
 def test_ball_rebounds_under_moreau() -> None:
-    recorder = drop(Law(MOREAU, True, 0.5, threshold=1e-3), Scheme.moreau_jean(1e-4), 8000)
+    recorder = drop(
+        LawNumbers(MOREAU, True, 0.5, threshold=1e-3), StepNumbers.moreau_jean(1e-4), 8000
+    )
     at = next(iter(recorder.window[0].jumps))[0]
     assert recorder.window[0].u[at:, 3].max() == pytest.approx(0.25, rel=2e-3)
 
 
 def test_ball_on_a_spring() -> None:
     k = 2.0e5
-    recorder = drop(Law(PENALTY, stiffness=k), Scheme.newmark(2e-6), 260000)
+    recorder = drop(LawNumbers(PENALTY, stiffness=k), StepNumbers.newmark(2e-6), 260000)
     below = recorder.window[0].u[:, 3] < 0.0
     omega = np.sqrt(k / 2.0)
     duration = (np.pi + 2.0 * np.arctan(np.sqrt(G / 2.0) / omega)) / omega
@@ -250,12 +245,21 @@ def test_ball_on_a_spring() -> None:
 
 def start(case: Case) -> tuple[Compiled, Recorder]:
     operators = closed_form.assemble(case).operators
-    engine, recorder = compiled_engine(case, operators), recorder_of(case, operators)
+    engine = compiled_engine(operators, law_of(case), scheme_of(case), case.time_step)
+    recorder = Recorder(operators.base, Span.of(case), operators.n_probes)
     set_initial(engine, None, motion_of(case)(0)[0])
     return engine, recorder
 
 
-LAWS = ("none", "newton", "newton-penalty", "penalty", "moreau", "moreau-recovery")
+LAWS = (
+    "none",
+    "none@moreau-jean",
+    "newton",
+    "newton-penalty",
+    "penalty",
+    "newton@moreau-jean",
+    "recovery@moreau-jean",
+)
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -326,7 +330,7 @@ def test_velocities_that_are_no_numbers_are_told() -> None:
     engine, recorder = start(paper(**{"contact.impulse": "consistent"}))
     s, motion = engine.stepper, np.zeros((3, engine.operators.n_dofs))
     motion[0, 0], motion[1, 0] = 1.0, np.inf  # node 1 of lamina 1 far beyond lamina 2
-    engine.restore(State(motion, s.permanent), np.zeros(3))
+    engine.restore(State(motion, s.resting), np.zeros(3))
     log = engine._log(recorder.open(s, np.zeros((2, 3))))
     ending = examine(s.system, s.law, s.memory, log)
     assert ending == contact.NOT_FINITE
@@ -339,9 +343,15 @@ def test_velocities_that_are_no_numbers_are_told() -> None:
 def test_unstable_central_difference_is_refused() -> None:
     case = paper(**{"time.scheme": "central-difference"})
     with pytest.raises(CaseError, match="central difference needs a time step"):
-        compiled_engine(case, closed_form.assemble(case).operators)
+        engine_of(
+            closed_form.assemble(case).operators, law_of(case), scheme_of(case), case.time_step
+        )
 
 
 def test_recovery_needs_the_start_of_a_step() -> None:
     with pytest.raises(ValueError, match=r"expected θ < 1, given 1\.0"):
-        Compiled(operators_of(5), Scheme.moreau_jean(1e-4, theta=1.0), Law(RECOVERY, True, 0.1))
+        Compiled(
+            operators_of(5),
+            StepNumbers.moreau_jean(1e-4, theta=1.0),
+            LawNumbers(RECOVERY, True, 0.1),
+        )

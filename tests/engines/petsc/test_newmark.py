@@ -22,15 +22,13 @@ def problem(elements: int = 6) -> Operators:
     return closed_form.assemble(preset("paper", {"mesh.elements": elements})).operators
 
 
-def shaken(n_steps: int) -> list[list[float]]:
+def shaken(n_steps: int) -> np.ndarray:
     t = DT * np.arange(n_steps + 1)
     A, w = 0.0025, 20.0
-    return (A * np.array([np.sin(w * t), w * np.cos(w * t), -(w**2) * np.sin(w * t)])).T.tolist()
+    return (A * np.array([np.sin(w * t), w * np.cos(w * t), -(w**2) * np.sin(w * t)])).T
 
 
-def dense_step(
-    o: Operators, state: np.ndarray, base: list[float], spring: np.ndarray
-) -> np.ndarray:
+def dense_step(o: Operators, state: np.ndarray, base: np.ndarray, spring: np.ndarray) -> np.ndarray:
     """Take one average-acceleration step with springs in the matrix."""
     H = o.gap_matrix.toarray()
     K = o.stiffness.toarray() + H.T @ (spring[:, None] * H)
@@ -52,13 +50,14 @@ def test_springs_are_those_of_a_stiffer_matrix(
     monkeypatch.setattr(newmark, "DIRECT_PAIRS", direct_pairs)
     o = problem()
     stepper = Newmark(o, DT, spring=(stiffness, 0.0))
-    stepper.base_states = shaken(50)
-    permanent = np.array([True, False, True, True, False, False])
-    stepper.jump(Decision(NO_PAIRS, NO_VALUES, NO_VALUES, NO_VALUES, permanent))
+    base_states = shaken(50)
+    stepper.begin(base_states)
+    resting = np.array([True, False, True, True, False, False])
+    stepper.jump(Decision(NO_PAIRS, NO_VALUES, NO_VALUES, NO_VALUES, resting))
     state = stepper.state()
-    for base in stepper.base_states[1:]:
+    for base in base_states[1:]:
         stepper.advance()
-        state = dense_step(o, state, base, stiffness * permanent)
+        state = dense_step(o, state, base, stiffness * resting)
     for given, expected in zip(stepper.state(), state, strict=True):
         assert np.abs(given - expected).max() <= ROUND_OFF * np.abs(expected).max()
     stepper.destroy()
@@ -67,16 +66,17 @@ def test_springs_are_those_of_a_stiffer_matrix(
 def test_renewed_acceleration_fulfils_the_equation_of_motion() -> None:
     o = problem()
     stepper = Newmark(o, DT, spring=(1e4, 3.0))
-    stepper.base_states = shaken(20)
+    base_states = shaken(20)
+    stepper.begin(base_states)
     stepper.renew_acceleration()
     for _ in range(20):
         stepper.advance()
-    permanent = np.arange(o.n_pairs) < 3
+    resting = np.arange(o.n_pairs) < 3
     hit = np.array([4])
-    stepper.jump(Decision(hit, np.array([1e-4]), NO_VALUES, NO_VALUES, permanent))
+    stepper.jump(Decision(hit, np.array([1e-4]), NO_VALUES, NO_VALUES, resting))
     u, v, a = stepper.state()
-    q, dq, ddq = stepper.base_states[20]
-    force = np.where(permanent, 1e4 * (o.gap_matrix @ u + o.gap0) + 3.0 * (o.gap_matrix @ v), 0.0)
+    q, dq, ddq = base_states[20]
+    force = np.where(resting, 1e4 * (o.gap_matrix @ u + o.gap0) + 3.0 * (o.gap_matrix @ v), 0.0)
     terms = [
         o.mass @ a,
         o.damping @ v,
@@ -124,7 +124,8 @@ def test_compliance_is_that_of_the_mass(coupled: bool) -> None:
 def test_moreau_step_against_its_equations(theta: float) -> None:
     o = problem()
     stepper = MoreauJean(o, DT, theta=theta)
-    stepper.base_states = shaken(10)
+    base_states = shaken(10)
+    stepper.begin(base_states)
     for _ in range(9):
         stepper.advance()
     u, v, _ = stepper.state()
@@ -136,9 +137,7 @@ def test_moreau_step_against_its_equations(theta: float) -> None:
     u_new, v_new, _ = stepper.state()
     v_mean, p = theta * v_new + (1 - theta) * v, np.zeros(o.n_pairs)
     p[hit] = impulses
-    q, dq, ddq = (1 - theta) * np.array(stepper.base_states[9]) + theta * np.array(
-        stepper.base_states[10]
-    )
+    q, dq, ddq = (1 - theta) * base_states[9] + theta * base_states[10]
     load = -(o.base.mass * ddq + o.base.damping * dq + o.base.stiffness * q)
     u_theta = u + theta * (u_new - u)
     force = load - o.damping @ v_mean - o.stiffness @ u_theta

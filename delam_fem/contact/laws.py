@@ -1,0 +1,234 @@
+"""The table of contact laws, and the table of the schemes that each goes with.
+
+A new law needs its own file, a row in `LAWS`, a row in `COMBINATIONS` for each scheme, and a kernel
+of the compiled engine. Supervisors are imported when they are set up: reading a case stays fast.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Literal, Protocol
+
+from delam_fem.contact.decision import Setting, Supervisor
+from delam_fem.numerics.schemes import SCHEMES, Scheme
+
+LawName = Literal["none", "newton", "newton-penalty", "penalty", "recovery"]
+Impulse = Literal["lumped", "consistent"]
+
+
+class ContactLaw(Protocol):
+    """What an engine asks of a contact law; `Law`, or one of your own.
+
+    Steps in PETSc take any. The compiled engine knows the laws of the table alone.
+    """
+
+    @property
+    def name(self) -> str:
+        """Name for messages."""
+
+    @property
+    def spring(self) -> tuple[float, float]:
+        """Stiffness [N/m] and damping [N s/m] of a resting pair's spring; (0, 0) without."""
+
+    @property
+    def is_coupled(self) -> bool:
+        """Whether impulses act through the mass matrix of the scheme, not through nodal masses."""
+
+    @property
+    def anticipates(self) -> bool:
+        """Whether the law looks at every gap before it closes; Moreau–Jean only."""
+
+    def supervisor(self, scheme: Scheme, setting: Setting) -> Supervisor:
+        """Set the law up for a problem.
+
+        Raises:
+            ValueError: the law does not go with the scheme.
+        """
+
+
+@dataclass(frozen=True)
+class Law:
+    """A contact law of the table with its numbers; a law ignores those that it does not read.
+
+    Attributes:
+        name: as in case files.
+        restitution: e [-].
+        impulse: "lumped" acts on the hit nodes alone, "consistent" through the mass matrix.
+        penalty_stiffness: k_con of a pair's spring [N/m].
+        penalty_damping: c of a pair's spring [N s/m].
+        threshold_velocity: γ [m/s]. Newmark: pairs that leave slower get a spring. Moreau–Jean:
+            pairs that approach slower are reported as resting.
+    """
+
+    name: LawName
+    restitution: float = 0.0
+    impulse: Impulse = "consistent"
+    penalty_stiffness: float = 0.0
+    penalty_damping: float = 0.0
+    threshold_velocity: float = 0.0
+
+    @property
+    def spring(self) -> tuple[float, float]:
+        """Stiffness [N/m] and damping [N s/m] of a resting pair's spring; (0, 0) without."""
+        reads = LAWS[self.name].spring
+        stiffness = self.penalty_stiffness if "penalty_stiffness" in reads else 0.0
+        damping = self.penalty_damping if "penalty_damping" in reads else 0.0
+        return stiffness, damping
+
+    @property
+    def is_coupled(self) -> bool:
+        """Whether impulses act through the mass matrix of the scheme, not through nodal masses."""
+        return self.impulse == "consistent"
+
+    @property
+    def anticipates(self) -> bool:
+        """Whether the law looks at every gap before it closes."""
+        return LAWS[self.name].anticipates
+
+    def supervisor(self, scheme: Scheme, setting: Setting) -> Supervisor:
+        """Set the law up for a problem.
+
+        Raises:
+            ValueError: the law does not go with the scheme.
+        """
+        return combination(self.name, scheme.name).supervisor(self, setting)
+
+
+@dataclass(frozen=True)
+class LawRow:
+    """What the package knows of a law.
+
+    Attributes:
+        meaning: what happens at a closed pair.
+        spring: numbers of `Law` that its springs have.
+        anticipates: whether it looks at every gap before it closes.
+    """
+
+    meaning: str
+    spring: tuple[str, ...] = ()
+    anticipates: bool = False
+
+
+LAWS: Mapping[str, LawRow] = MappingProxyType(
+    {
+        "none": LawRow("nothing: the laminae pass through one another"),
+        "newton": LawRow("Newton's impact law: the pair leaves with -e times its gap rate"),
+        "newton-penalty": LawRow(
+            "Newton's impact law, and a spring while a pair that left slowly stays closed",
+            ("penalty_stiffness",),
+        ),
+        "penalty": LawRow(
+            "a spring and a damper while the gap is closed",
+            ("penalty_stiffness", "penalty_damping"),
+        ),
+        "recovery": LawRow(
+            "a floor under the gap rate of every pair: contact starts when the gap closes, and "
+            "penetration is taken back as far as that needs no energy",
+            anticipates=True,
+        ),
+    }
+)
+"""The laws by their names in case files."""
+
+
+@dataclass(frozen=True)
+class Combination:
+    """A law under a scheme.
+
+    Attributes:
+        supervisor: sets the law up.
+        reads: keys of the section `[contact]` that matter.
+    """
+
+    supervisor: Callable[[Law, Setting], Supervisor]
+    reads: tuple[str, ...] = ()
+
+
+def _no_contact(law: Law, setting: Setting) -> Supervisor:
+    from delam_fem.contact.penalty import NoContact
+
+    return NoContact()
+
+
+def _impacts(law: Law, setting: Setting) -> Supervisor:
+    from delam_fem.contact.newton import Impacts
+
+    return Impacts(setting, restitution=law.restitution, coupled=law.is_coupled)
+
+
+def _impacts_with_springs(law: Law, setting: Setting) -> Supervisor:
+    from delam_fem.contact.newton import Impacts
+
+    return Impacts(
+        setting,
+        restitution=law.restitution,
+        coupled=law.is_coupled,
+        threshold_velocity=law.threshold_velocity,
+    )
+
+
+def _springs(law: Law, setting: Setting) -> Supervisor:
+    from delam_fem.contact.penalty import PenaltySprings
+
+    return PenaltySprings()
+
+
+def _step_impacts(law: Law, setting: Setting) -> Supervisor:
+    from delam_fem.contact.moreau import StepImpacts
+
+    return StepImpacts(
+        setting, restitution=law.restitution, resting_velocity=law.threshold_velocity
+    )
+
+
+def _recovery(law: Law, setting: Setting) -> Supervisor:
+    from delam_fem.contact.recovery import Recovery
+
+    return Recovery(setting, restitution=law.restitution, resting_velocity=law.threshold_velocity)
+
+
+_NONE = Combination(_no_contact)
+_NEWTON = Combination(_impacts, ("restitution", "impulse"))
+_STEP_NEWTON = Combination(_step_impacts, ("restitution", "threshold_velocity"))
+_NEWTON_PENALTY = Combination(
+    _impacts_with_springs, ("restitution", "impulse", "penalty_stiffness", "threshold_velocity")
+)
+_PENALTY = Combination(_springs, ("penalty_stiffness", "penalty_damping"))
+
+COMBINATIONS: Mapping[tuple[str, str], Combination] = MappingProxyType(
+    {
+        ("none", "newmark"): _NONE,
+        ("none", "central-difference"): _NONE,
+        ("none", "moreau-jean"): _NONE,
+        ("newton", "newmark"): _NEWTON,
+        ("newton", "central-difference"): _NEWTON,
+        ("newton", "moreau-jean"): _STEP_NEWTON,
+        ("newton-penalty", "newmark"): _NEWTON_PENALTY,
+        ("newton-penalty", "central-difference"): _NEWTON_PENALTY,
+        ("penalty", "newmark"): _PENALTY,
+        ("penalty", "central-difference"): _PENALTY,
+        ("recovery", "moreau-jean"): Combination(_recovery, ("restitution", "threshold_velocity")),
+    }
+)
+"""The laws with the schemes that they go with."""
+
+
+def combination(law: str, scheme: str) -> Combination:
+    """Return a law under a scheme.
+
+    Raises:
+        ValueError: they do not go together; the message says what does.
+    """
+    if (law, scheme) not in COMBINATIONS:
+        fitting = [f'"{name}"' for name in SCHEMES if (law, name) in COMBINATIONS]
+        raise ValueError(
+            f'the law "{law}" goes with the scheme {" or ".join(fitting)}, given "{scheme}"'
+        )
+    return COMBINATIONS[law, scheme]
+
+
+def combined_name(law: str, scheme: str) -> str:
+    """Return how tables and sweeps call a law under a scheme: `newton@moreau-jean`."""
+    return f"{law}@{scheme}"

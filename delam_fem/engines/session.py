@@ -1,0 +1,192 @@
+"""A problem, an engine and a recorder put together: the one place where a run is set up.
+
+`solve` needs no case: operators, a law, a scheme and a motion of the base are enough.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from delam_fem.case.definition import Case
+from delam_fem.case.excitation import HarmonicMotion
+from delam_fem.case.toml import CaseError
+from delam_fem.contact.laws import ContactLaw
+from delam_fem.engines.choose import EngineName, engine_of, law_of, scheme_of
+from delam_fem.model.operators import Operators
+from delam_fem.numerics.schemes import Scheme
+from delam_fem.simulation.base_states import BaseStates, Prescribed, at_rest, by_period, motion_of
+from delam_fem.simulation.loop import Engine, Outcome, State, set_initial, simulate
+from delam_fem.simulation.recorder import Recorder
+from delam_fem.simulation.solution import Solution
+from delam_fem.simulation.span import Span
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+Stop = Callable[[int], bool]
+"""Asked after each period with the number of periods done; True ends the run."""
+
+
+@dataclass(frozen=True)
+class Session:
+    """A run that is set up.
+
+    Attributes:
+        engine: holds the state and computes the steps.
+        recorder: keeps what is asked for.
+        motion: of the base, period by period.
+    """
+
+    engine: Engine
+    recorder: Recorder
+    motion: BaseStates
+
+    def run(self, stop: Stop = lambda period: False) -> Outcome:
+        """Run from the last closed period to the end; return how it ended."""
+        return simulate(self.engine, self.recorder, self.motion, stop=stop)
+
+    def solution(self, outcome: Outcome) -> Solution:
+        """Return what was computed."""
+        return Solution(outcome, self.recorder, self.engine.state())
+
+
+@contextmanager
+def session(
+    operators: Operators,
+    law: ContactLaw,
+    scheme: Scheme,
+    motion: BaseStates,
+    span: Span,
+    *,
+    initial: State | None = None,
+    engine: EngineName = "compiled",
+    comm: MPI.Intracomm | None = None,
+) -> Iterator[Session]:
+    """Set a run up, and free its engine at the end of the context.
+
+    Args:
+        operators: the semi-discrete problem.
+        law: of contact.
+        scheme: the time integration.
+        motion: of the base, period by period.
+        span: how long the run is and what is kept.
+        initial: state at the start, its accelerations are renewed; None: at rest.
+        engine: what computes the steps.
+        comm: communicator that shares the work of "petsc"; None: this process alone.
+
+    Raises:
+        CaseError: see `engine_of`.
+    """
+    computing = engine_of(operators, law, scheme, span.time_step, name=engine, comm=comm)
+    try:
+        set_initial(computing, initial, motion(0)[0])
+        recorder = Recorder(operators.base, span, operators.n_probes)
+        yield Session(computing, recorder, motion)
+    finally:
+        computing.destroy()
+
+
+@contextmanager
+def session_of(
+    case: Case,
+    operators: Operators,
+    *,
+    initial: State | None = None,
+    engine: EngineName = "compiled",
+    comm: MPI.Intracomm | None = None,
+) -> Iterator[Session]:
+    """Set the run of a case up; see `session`.
+
+    Raises:
+        CaseError: see `engine_of`.
+    """
+    with session(
+        operators,
+        law_of(case),
+        scheme_of(case),
+        motion_of(case),
+        Span.of(case),
+        initial=initial,
+        engine=engine,
+        comm=comm,
+    ) as opened:
+        yield opened
+
+
+def solve(
+    operators: Operators,
+    law: ContactLaw,
+    scheme: Scheme,
+    motion: Prescribed | None = None,
+    *,
+    steps_per_period: int,
+    periods: int,
+    time_step: float | None = None,
+    window_periods: int | None = None,
+    frames_per_period: int = 0,
+    limit: float = float("inf"),
+    initial: State | None = None,
+    engine: EngineName = "petsc",
+    stop: Stop = lambda period: False,
+    comm: MPI.Intracomm | None = None,
+) -> Solution:
+    """Integrate M a + C v + K u = f(t) + Hᵀ λ with contact on the gaps H u + g0.
+
+    Args:
+        operators: the semi-discrete problem, whatever made it.
+        law: of contact: `Law`, or one of your own (`contact.laws.ContactLaw`).
+        scheme: one of `SCHEMES`, or a `Scheme` with other numbers.
+        motion: of the base; None: the base does not move.
+        steps_per_period: N; a period is any stretch of N steps.
+        periods: to compute.
+        time_step: Δt [s]; None: 1/(N f) of a harmonic motion.
+        window_periods: how many of the last are recorded at every step; None: all.
+        frames_per_period: states of all dofs kept per period of the window.
+        limit: gap or displacement beyond which a motion counts as diverged [m].
+        initial: state at the start; None: at rest.
+        engine: "petsc" or "compiled"; a law of your own needs "petsc".
+        stop: asked after each period; True ends the run.
+        comm: communicator that shares the work of "petsc"; None: this process alone.
+
+    Returns:
+        Histories of the probes, impacts, energies and the state at the end.
+
+    Raises:
+        CaseError: the law does not go with the scheme or the engine, the time step is missing or
+            beyond the stability limit.
+    """
+    window = periods if window_periods is None else window_periods
+    span = Span(
+        _time_step(time_step, motion, steps_per_period),
+        steps_per_period,
+        periods,
+        window,
+        frames_per_period,
+        limit,
+    )
+    states = at_rest(span) if motion is None else _states(motion, span)
+    with session(
+        operators, law, scheme, states, span, initial=initial, engine=engine, comm=comm
+    ) as opened:
+        return opened.solution(opened.run(stop))
+
+
+def _time_step(given: float | None, motion: Prescribed | None, steps_per_period: int) -> float:
+    """Return the time step [s], from the motion where it is not given."""
+    if given is not None:
+        return given
+    if not isinstance(motion, HarmonicMotion):
+        raise CaseError(
+            "time_step: missing; only a harmonic motion of the base has a period to take it from"
+        )
+    return 1.0 / (steps_per_period * motion.frequency)
+
+
+def _states(motion: Prescribed, span: Span) -> BaseStates:
+    """Return a motion of the base, one table for all periods where it repeats after each."""
+    period = span.steps_per_period * span.time_step
+    turns = motion.frequency * period if isinstance(motion, HarmonicMotion) else 0.5
+    return by_period(motion, span, is_periodic=abs(turns - round(turns)) < 1e-12 and turns > 0.5)

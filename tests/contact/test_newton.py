@@ -1,0 +1,110 @@
+"""Decisions of Newton's impact law, pair by pair, in the order of the method."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from stand_ins import Seen, seen, setting
+
+from delam_fem.contact.newton import Impacts
+
+E = 0.25
+GAMMA = 1e-2
+ROUND_OFF = 1e-12
+
+
+def law(n: int = 3, *, coupled: bool = False, threshold: float | None = GAMMA) -> Impacts:
+    W = np.diag(np.arange(1.0, n + 1)) + 0.5 * coupled
+    return Impacts(setting(W), restitution=E, coupled=coupled, threshold_velocity=threshold)
+
+
+def test_only_closed_approaching_pairs_are_hit() -> None:
+    decision = law().examine(seen([-1e-6, 1e-6, -1e-6], [-1.0, -1.0, 0.5]))
+    assert decision is not None
+    assert decision.hit.tolist() == [0]
+    assert decision.rate_post == pytest.approx([E])
+    assert decision.impulses == pytest.approx([(1 + E) / 1.0])
+    assert decision.resting is None
+
+
+def test_a_gap_of_exactly_zero_is_closed() -> None:
+    decision = law().examine(seen([0.0, 1.0, 1.0], [-1.0, 0.0, 0.0]))
+    assert decision is not None
+    assert decision.hit.tolist() == [0]
+
+
+def test_slow_pairs_stay_on_a_spring_and_are_not_hit_again() -> None:
+    slow = -0.5 * GAMMA / E
+    first = law().examine(seen([-1e-6, -1e-6, 1.0], [slow, -1.0, 0.0]))
+    assert first is not None
+    assert first.resting is not None
+    assert first.resting.tolist() == [True, False, False]
+    second = law().examine(seen([-2e-6, 1.0, 1.0], [-1.0, 0.0, 0.0], [True, False, False]))
+    assert second is None
+
+
+def test_an_opened_pair_is_released_and_may_be_hit_later() -> None:
+    decision = law().examine(seen([1e-9, -1e-9, 1.0], [1.0, -3.0, 0.0], [True, True, False]))
+    assert decision is not None
+    assert decision.hit.size == 0
+    assert decision.resting is not None
+    assert decision.resting.tolist() == [False, True, False]
+    again = law().examine(seen([-1e-9, -1e-9, 1.0], [-1.0, -3.0, 0.0], [False, True, False]))
+    assert again is not None
+    assert again.hit.tolist() == [0]
+
+
+def test_release_and_impact_happen_in_one_step() -> None:
+    decision = law().examine(seen([1e-9, -1e-9, 1.0], [1.0, -1e-3, 0.0], [True, False, False]))
+    assert decision is not None
+    assert decision.hit.tolist() == [1]
+    assert decision.resting is not None
+    assert decision.resting.tolist() == [False, True, False]
+
+
+def test_a_decision_leaves_the_present_set_as_it_is() -> None:
+    now = seen([1e-9, -1e-9, 1.0], [1.0, -1e-3, 0.0], [True, False, False])
+    law().examine(now)
+    assert now.resting.tolist() == [True, False, False]
+
+
+def test_the_threshold_is_compared_with_the_velocity_after_the_impact() -> None:
+    at_threshold = -GAMMA / E
+    decision = law().examine(seen([-1e-9, 1.0, 1.0], [at_threshold, 0.0, 0.0]))
+    assert decision is not None
+    assert decision.resting is None  # U̇⁺ = γ is not below γ
+
+
+def test_without_a_threshold_no_pair_rests() -> None:
+    decision = law(threshold=None).examine(seen([-1e-9, 1.0, 1.0], [-1e-9, 0.0, 0.0]))
+    assert decision is not None
+    assert decision.resting is None
+
+
+@settings(max_examples=60, derandomize=True, deadline=None)
+@given(
+    rates=st.lists(st.floats(-2.0, 2.0), min_size=4, max_size=4),
+    closed=st.lists(st.booleans(), min_size=4, max_size=4),
+    factor=st.lists(st.floats(-1.0, 1.0), min_size=16, max_size=16),
+)
+def test_coupled_impulses_fulfil_the_law(
+    rates: list[float], closed: list[bool], factor: list[float]
+) -> None:
+    B = np.reshape(factor, (4, 4)) + 2.0 * np.eye(4)
+    supervisor = Impacts(setting(B @ B.T), restitution=E, coupled=True)
+    given_rates, none = np.array(rates), np.zeros(4, dtype=bool)
+    decision = supervisor.examine(Seen(np.where(closed, -1.0, 1.0), given_rates, none))
+    expected_hit = np.flatnonzero(np.array(closed) & (given_rates < 0.0))
+    if not expected_hit.size:
+        assert decision is None
+        return
+    assert decision is not None
+    assert np.array_equal(decision.hit, expected_hit)
+    p, pre, post = decision.impulses, decision.rate_pre, decision.rate_post
+    slack, scale = post + E * pre, np.abs(pre).max()
+    assert (p >= 0.0).all()
+    assert (slack >= -ROUND_OFF * scale).all()
+    assert np.abs(p * slack).max() <= ROUND_OFF * scale * np.abs(p).max()
+    assert p @ (pre + post) / 2 <= ROUND_OFF * scale**2  # energy never grows

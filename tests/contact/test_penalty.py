@@ -1,0 +1,22 @@
+"""The laws without impacts."""
+
+from stand_ins import seen
+
+from delam_fem.contact.penalty import NoContact, PenaltySprings
+
+
+def test_law_none_sees_nothing() -> None:
+    assert NoContact().examine(seen([-1.0], [-1.0])) is None
+
+
+def test_penalty_puts_a_spring_on_every_closed_pair() -> None:
+    decision = PenaltySprings().examine(seen([-1.0, 1.0, -1.0], [1.0, 0.0, -1.0]))
+    assert decision is not None
+    assert decision.hit.size == 0
+    assert decision.resting is not None
+    assert decision.resting.tolist() == [True, False, True]
+
+
+def test_penalty_says_nothing_while_the_same_pairs_are_closed() -> None:
+    same = seen([-1.0, 1.0, -1.0], [1.0, 0.0, -1.0], [True, False, True])
+    assert PenaltySprings().examine(same) is None

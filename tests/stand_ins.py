@@ -1,0 +1,57 @@
+"""Candidate states and compliances given by hand, for tests of contact laws."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from delam_fem.contact.decision import Setting
+
+
+@dataclass
+class Seen:
+    """Kinematics given by hand."""
+
+    gap: np.ndarray
+    rate: np.ndarray
+    resting: np.ndarray
+    free: np.ndarray | None = None
+
+    def rate_pre(self) -> np.ndarray:
+        return self.rate
+
+    def rate_free(self) -> np.ndarray:
+        return self.rate if self.free is None else self.free
+
+
+@dataclass
+class Matrix:
+    """A compliance given by hand."""
+
+    W: np.ndarray
+
+    def diagonal(self, pairs: np.ndarray) -> np.ndarray:
+        return self.W[pairs, pairs]
+
+    def block(self, pairs: np.ndarray) -> np.ndarray:
+        return self.W[np.ix_(pairs, pairs)]
+
+    def columns(self, pairs: np.ndarray) -> np.ndarray:
+        return self.W[:, pairs]
+
+
+def seen(
+    gap: list[float],
+    rate: list[float],
+    resting: list[bool] | None = None,
+    free: list[float] | None = None,
+) -> Seen:
+    """Return a candidate state; no pair rests unless given."""
+    pairs = np.zeros(len(gap), dtype=bool) if resting is None else np.array(resting)
+    return Seen(np.array(gap), np.array(rate), pairs, None if free is None else np.array(free))
+
+
+def setting(W: np.ndarray, time_step: float = 1e-3) -> Setting:
+    """Return the setting of a law for a compliance."""
+    return Setting(W.shape[0], Matrix(W), time_step)
