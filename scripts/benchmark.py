@@ -149,7 +149,9 @@ def plain_loop(case: df.Case, repeats: int) -> float:
     """Return the time of a step of the plain NumPy and SciPy loop of the reference [µs]."""
     model = closed_form.assemble(case)
     steps = case.n_periods * case.time.steps_per_period
-    loop = fastest(lambda: simulate_reference(model, case, periods=case.n_periods), repeats)
+    loop = fastest(
+        lambda: simulate_reference(model.operators, case, periods=case.n_periods), repeats
+    )
     return loop / steps
 
 

@@ -1,8 +1,7 @@
-"""The independent reference: two laminae from closed-form beam element matrices.
+"""Two laminae from closed-form beam element matrices, without dolfinx.
 
-NumPy and SciPy only; nothing is shared with the weak forms, so that the two check each other. The
-case, the gap at rest and the motion of the base are inputs to both. How the model moves is in
-`reference_loop.py`.
+NumPy and SciPy only, so that sweeps and ladders start fast. The matrices equal those of the weak
+forms in `beam.py` to round-off. `reference/matrices.py` judges both.
 """
 
 from __future__ import annotations
@@ -144,7 +143,7 @@ def _nodes(case: Case, x: npt.ArrayLike | None) -> FloatArray:
     if x is None:
         if case.mesh.elements is None:
             raise CaseError(
-                "mesh.file: the reference reads no mesh files; expected mesh.elements, or the "
+                "mesh.file: the closed form reads no mesh files; expected mesh.elements, or the "
                 f"positions of the nodes as x; given {case.mesh.file}"
             )
         return np.linspace(0.0, length, case.mesh.elements + 1)
