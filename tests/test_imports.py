@@ -67,6 +67,9 @@ PART_OF = {  # modules that another distribution pins and brings
     "llvmlite": "numba",
     "pydantic_core": "pydantic",
 }
+RENAMING = {"rename", "renames", "write_text", "write_bytes"}
+WRITING = {"savefig", "to_netcdf", "savez", "screenshot", "copyfile", "write_vtx"}
+"""Methods that only case/atomic.py may call; functions that write to its temporaries."""
 NAMELESS = {"utils", "util", "helpers", "helper", "common", "misc"}
 MACHINE_PATH = re.compile(r"(?<![\w./-])/(?:work|root|home|Users|mnt)/")
 TEXT_FILES = {".py", ".sh", ".md", ".toml", ".txt", ".cfg", ".yml", ".yaml", ".html", ".csv", ""}
@@ -236,6 +239,18 @@ def test_no_private_name_of_dolfinx_is_used(module: str) -> None:
 def test_nothing_is_printed(module: str) -> None:
     calls = [node for node in ast.walk(tree(module)) if isinstance(node, ast.Call)]
     assert [call.lineno for call in calls if ast.unparse(call.func) == "print"] == []
+
+
+@pytest.mark.parametrize("module", sorted(set(SOURCES) - {"case.atomic"}))
+def test_files_are_written_under_temporary_names(module: str) -> None:
+    calls = [node for node in ast.walk(tree(module)) if isinstance(node, ast.Call)]
+    for call in calls:
+        function = ast.unparse(call.func)
+        *owner, name = function.rsplit(".", 1)
+        is_renaming = function == "os.replace" or (owner and name in RENAMING)
+        assert not is_renaming, f"line {call.lineno}"
+        if name in WRITING:
+            assert "temporary" in ast.unparse(call), f"line {call.lineno}"
 
 
 def test_no_file_is_named_after_nothing() -> None:

@@ -6,13 +6,13 @@ All of it is made from the figNN.json files of a folder; nothing is computed her
 from __future__ import annotations
 
 import json
-import os
 import shutil
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any
 
+from delam_fem.case.atomic import atomic, write_text
 from delam_fem.paper.claims import HEADING, Claim, markdown_table
 
 PAPER = (
@@ -94,7 +94,7 @@ def write_page(directory: Path, figures: Sequence[Entry]) -> Path:
         + "\n".join(parts)
         + "\n</body>\n</html>\n"
     )
-    return write_whole(directory / "index.html", text)
+    return write_text(directory / "index.html", text)
 
 
 def tally(claims: Sequence[Claim]) -> str:
@@ -131,15 +131,16 @@ def write_docs(directory: Path, root: Path, figures: Sequence[Entry]) -> list[Pa
         lines += [f"## {_heading(figure)}", "", figure["caption"], ""]
         for name in _pictures(figure):
             paths.append(pictures / f"paper_{name}")
-            shutil.copyfile(directory / name, paths[-1])
+            with atomic(paths[-1]) as temporary:
+                shutil.copyfile(directory / name, temporary)
             lines += [f"![{figure['title']}](figures/{paths[-1].name})", ""]
     readme = root / "README.md"
     short = markdown_table([c for c in claims if c.is_headline], with_source=False)
     text = between(
         readme.read_text("utf-8"), README_MARKS, f"\n{tally(claims)} The main ones:\n\n{short}"
     )
-    page = write_whole(root / "docs" / "paper.md", "\n".join(lines).rstrip() + "\n")
-    return [page, write_whole(readme, text), *paths]
+    page = write_text(root / "docs" / "paper.md", "\n".join(lines).rstrip() + "\n")
+    return [page, write_text(readme, text), *paths]
 
 
 def between(text: str, marks: tuple[str, str], content: str) -> str:
@@ -178,12 +179,3 @@ def _table(claims: Sequence[Claim], figures: Sequence[Entry]) -> str:
         rows.append(f'<tr class="{_ROW_CLASS[claim.verdict]}">{body}</tr>')
     body = "\n".join(rows)
     return f"<table>\n<thead><tr>{head}</tr></thead>\n<tbody>\n{body}\n</tbody></table>"
-
-
-def write_whole(path: Path, text: str) -> Path:
-    """Write a text; the file appears when it is complete."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_suffix(f"{path.suffix}.part")
-    temporary.write_text(text, "utf-8")
-    os.replace(temporary, path)
-    return path

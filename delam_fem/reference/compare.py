@@ -10,6 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 from matplotlib.figure import Figure
 
+from delam_fem.case.atomic import atomic, write_text
 from delam_fem.case.definition import Case
 from delam_fem.case.toml import CaseError
 from delam_fem.model.layout import Model
@@ -105,8 +106,9 @@ class Comparison:
             "end_time_s": float(self.times[-1]),
             "impacts": {"dolfinx": self.impacts[0], "reference": self.impacts[1]},
         }
-        table.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
-        self.figure().savefig(picture, dpi=150)
+        write_text(table, json.dumps(content, indent=2) + "\n")
+        with atomic(picture) as temporary:
+            self.figure().savefig(temporary, dpi=150)
         return [table, picture]
 
     def figure(self) -> Figure:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import os
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from delam_fem.case.atomic import write_text
 from delam_fem.case.definition import Case
 from delam_fem.results.contact_figures import FLOWS
 from delam_fem.results.style import title
@@ -66,11 +66,8 @@ def write_report(
     """
     directory = Path(directory)
     directory.mkdir(parents=True, exist_ok=True)
-    path = directory / "report.html"
-    temporary = path.with_suffix(".html.part")
-    temporary.write_text(page(history, summary, case, directory / "figures"), "utf-8")
-    os.replace(temporary, path)
-    return path
+    text = page(history, summary, case, directory / "figures")
+    return write_text(directory / "report.html", text)
 
 
 def page(history: xr.Dataset, summary: Mapping[str, Any], case: Case, figures: Path) -> str:
