@@ -9,7 +9,7 @@ import pytest
 from delam_fem.results import html
 from delam_fem.results.html import Figure, Link, Paragraph, Preformatted, Section, Table
 
-NASTY = "<b>\"it's\" & 1 < 2</b>"
+NASTY = '<b>"it\'s" & 1 < 2</b>'
 
 
 class Tags(HTMLParser):
