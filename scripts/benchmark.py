@@ -24,6 +24,7 @@ from typing import Any
 
 import numba
 import numpy as np
+from delam_fem.simulation.setup import motion_of, recorder_of
 from matplotlib.figure import Figure
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -37,7 +38,6 @@ from delam_fem.engines.petsc.engine import petsc_engine
 from delam_fem.model import closed_form
 from delam_fem.reference.loop import simulate_reference
 from delam_fem.simulation.loop import set_initial, simulate
-from delam_fem.simulation.setup import motion_of, recorder_of
 
 COMM = PETSc.COMM_SELF
 SCHEMES: dict[str, dict[str, Any]] = {
@@ -149,7 +149,9 @@ def plain_loop(case: df.Case, repeats: int) -> float:
     """Return the time of a step of the plain NumPy and SciPy loop of the reference [µs]."""
     model = closed_form.assemble(case)
     steps = case.n_periods * case.time.steps_per_period
-    loop = fastest(lambda: simulate_reference(model, case, periods=case.n_periods), repeats)
+    loop = fastest(
+        lambda: simulate_reference(model.operators, case, periods=case.n_periods), repeats
+    )
     return loop / steps
 
 

@@ -26,6 +26,7 @@ from delam_fem.case.sections import (
 )
 from delam_fem.case.toml import CaseError, Data, message, toml_text
 from delam_fem.contact.laws import combination
+from delam_fem.numerics import rayleigh
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.numerics.cantilever import transmissibility
 
@@ -140,22 +141,16 @@ class Case(Section):
     def rayleigh(self, i: int) -> tuple[float, float]:
         """Return the coefficients of C = alpha M + beta K of one lamina.
 
-        D_k = (alpha / omega_k + beta omega_k) / 2 equals the damping ratio at k = 1 ("stiffness":
-        alpha = 0; "mass": beta = 0) or at k = 1 and 2 ("two-mode").
-
         Args:
             i: index of the lamina, 0 or 1.
 
         Returns:
             alpha [1/s], beta [s].
         """
-        D = self.lamina[i].damping_ratio
-        first, second = (float(omega) for omega in self.lamina[i].angular_frequencies(2))
-        if self.damping.rayleigh == "stiffness":
-            return 0.0, 2.0 * D / first
-        if self.damping.rayleigh == "mass":
-            return 2.0 * D * first, 0.0
-        return 2.0 * D * first * second / (first + second), 2.0 * D / (first + second)
+        first, second = self.lamina[i].angular_frequencies(2).tolist()
+        return rayleigh.coefficients(
+            self.lamina[i].damping_ratio, first, second, self.damping.rayleigh
+        )
 
     def linear_amplitude(self, i: int, frequency: FloatArray) -> FloatArray:
         """Return the tip amplitude of one lamina alone on the moving base, exact.

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
 
+from delam_fem.case.atomic import atomic, write_text
 from delam_fem.case.definition import Case
 from delam_fem.case.overrides import apply_overrides
 from delam_fem.case.toml import CaseError, Data, read_toml, toml_text
@@ -98,17 +99,12 @@ def save_case(case: Case, directory: str | Path) -> Path:
             heavy = file.with_suffix(".h5")
             if file.suffix == ".xdmf" and heavy.is_file():  # XDMF keeps its numbers beside it
                 _copy(heavy, directory / heavy.name)
-    path = directory / "case.toml"
-    unfinished = path.with_suffix(".toml.part")
-    unfinished.write_text(toml_text(data), encoding="utf-8")
-    unfinished.replace(path)
-    return path
+    return write_text(directory / "case.toml", toml_text(data))
 
 
 def _copy(source: Path, target: Path) -> None:
     """Copy a file so that the target is never half written."""
     if target.exists() and target.samefile(source):
         return
-    unfinished = target.with_name(f"{target.name}.part")
-    shutil.copyfile(source, unfinished)
-    unfinished.replace(target)
+    with atomic(target) as temporary:
+        shutil.copyfile(source, temporary)

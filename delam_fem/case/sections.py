@@ -30,6 +30,7 @@ from delam_fem.case.fields import (
 from delam_fem.contact.laws import Impulse, LawName
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.numerics.cantilever import cantilever_roots
+from delam_fem.numerics.rayleigh import Kind
 from delam_fem.numerics.schemes import SchemeName
 
 
@@ -152,7 +153,7 @@ class Damping(Section):
         rayleigh: "two-mode" (D at modes 1 and 2), "stiffness" or "mass" (D at mode 1).
     """
 
-    rayleigh: Literal["two-mode", "stiffness", "mass"] = "two-mode"
+    rayleigh: Kind = "two-mode"
 
 
 class HarmonicExcitation(Section):

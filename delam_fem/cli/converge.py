@@ -136,13 +136,14 @@ def _tell(found: Convergence, directory: Path, quiet: bool) -> None:
     """Write tables and figures, and show what matters of them."""
     from rich.markup import escape
 
+    from delam_fem.case.atomic import write_text
     from delam_fem.studies.convergence.figures import save_figures
     from delam_fem.studies.convergence.run import RESULT
     from delam_fem.studies.convergence.tables import overview, tables
 
     path = directory / "tables.md"
     text = "\n".join(entry.markdown() for entry in tables(found))
-    path.write_text(f"# Convergence of case {found.ladder.case.name}\n\n{text}", "utf-8")
+    write_text(path, f"# Convergence of case {found.ladder.case.name}\n\n{text}")
     written = [directory / RESULT, path, *save_figures(found, directory / "figures")]
     if not quiet:
         for entry in overview(found):

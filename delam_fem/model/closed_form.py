@@ -1,8 +1,7 @@
-"""The independent reference: two laminae from closed-form beam element matrices.
+"""Two laminae from closed-form beam element matrices, without dolfinx.
 
-NumPy and SciPy only; nothing is shared with the weak forms, so that the two check each other. The
-case, the gap at rest and the motion of the base are inputs to both. How the model moves is in
-`reference_loop.py`.
+NumPy and SciPy only, so that sweeps and ladders start fast. The matrices equal those of the weak
+forms in `beam.py` to round-off. `reference/matrices.py` judges both.
 """
 
 from __future__ import annotations
@@ -39,7 +38,7 @@ def assemble(case: Case, x: npt.ArrayLike | None = None) -> Model:
         CaseError: the mesh is a file and x is not given, or x does not run from 0 to the length.
     """
     x = _nodes(case, x)
-    beams = [_Beam.of(lamina, x) for lamina in case.lamina]
+    beams = [Beam.of(lamina, np.diff(x)) for lamina in case.lamina]
     damping = [case.rayleigh(i) for i in range(2)]
     is_lumped = case.time.mass == "lumped"
     M = [sp.diags(beam.lumped_mass, format="csr") if is_lumped else beam.mass for beam in beams]
@@ -130,6 +129,43 @@ def element_lumped_mass(mass_per_length: npt.ArrayLike, h: npt.ArrayLike) -> Flo
     return np.stack([m * h / 2.0, m * h**3 / 78.0] * 2, axis=-1)
 
 
+@dataclass(frozen=True)
+class Beam:
+    """One lamina before partition, clamped dofs included; N = 2 n_nodes dofs."""
+
+    flexural_rigidity: FloatArray  # (n,) [N m2]
+    mass_per_length: FloatArray  # (n,) [kg/m]
+    mass: sp.csr_matrix  # (N, N)
+    stiffness: sp.csr_matrix  # (N, N)
+    lumped_mass: FloatArray  # (N,)
+
+    @classmethod
+    def of(cls, lamina: Lamina, h: FloatArray) -> Beam:
+        """Assemble a lamina from elements of the lengths h, shape (n,) [m]."""
+        rigidity = np.full(h.size, lamina.flexural_rigidity)
+        mass_per_length = np.full(h.size, lamina.mass_per_length)
+        ends = element_lumped_mass(mass_per_length, h)
+        lumped = np.zeros(2 * h.size + 2)
+        lumped[:-2] += ends[:, :2].ravel()
+        lumped[2:] += ends[:, 2:].ravel()
+        return cls(
+            flexural_rigidity=rigidity,
+            mass_per_length=mass_per_length,
+            mass=sum_elements(element_mass(mass_per_length, h)),
+            stiffness=sum_elements(element_stiffness(rigidity, h)),
+            lumped_mass=lumped,
+        )
+
+
+def sum_elements(elements: FloatArray) -> sp.csr_matrix:
+    """Add up elements (n, 4, 4) in a row into a matrix of 2 (n + 1) dofs."""
+    n = len(elements)
+    dofs = 2 * np.arange(n)[:, None] + np.arange(4)  # (n, 4)
+    rows, columns = np.repeat(dofs, 4, axis=1), np.tile(dofs, 4)
+    entries = elements.reshape(n, 16)
+    return sp.csr_matrix((entries.ravel(), (rows.ravel(), columns.ravel())), shape=(2 * n + 2,) * 2)
+
+
 def gap_matrix(n: int) -> sp.csr_matrix:
     """Return H of n node pairs: gap = g0 + u2 - u1, shape (n, 4 n)."""
     pair = np.arange(n)
@@ -144,7 +180,7 @@ def _nodes(case: Case, x: npt.ArrayLike | None) -> FloatArray:
     if x is None:
         if case.mesh.elements is None:
             raise CaseError(
-                "mesh.file: the reference reads no mesh files; expected mesh.elements, or the "
+                "mesh.file: the closed form reads no mesh files; expected mesh.elements, or the "
                 f"positions of the nodes as x; given {case.mesh.file}"
             )
         return np.linspace(0.0, length, case.mesh.elements + 1)
@@ -165,42 +201,6 @@ def _scaled(numbers: FloatArray, factor: FloatArray, h: npt.ArrayLike) -> FloatA
         factor[..., None, None] * numbers * units[..., :, None] * units[..., None, :]
     )
     return scaled
-
-
-@dataclass(frozen=True)
-class _Beam:
-    """One lamina before partition, clamped dofs included; N = 2 n_nodes dofs."""
-
-    flexural_rigidity: FloatArray  # (n,) [N m2]
-    mass_per_length: FloatArray  # (n,) [kg/m]
-    mass: sp.csr_matrix  # (N, N)
-    stiffness: sp.csr_matrix  # (N, N)
-    lumped_mass: FloatArray  # (N,)
-
-    @classmethod
-    def of(cls, lamina: Lamina, x: FloatArray) -> _Beam:
-        h = np.diff(x)
-        rigidity = np.full(h.size, lamina.flexural_rigidity)
-        mass_per_length = np.full(h.size, lamina.mass_per_length)
-        lumped = np.zeros(2 * x.size)
-        for cell, ends in enumerate(element_lumped_mass(mass_per_length, h)):
-            lumped[2 * cell : 2 * cell + 4] += ends
-        return cls(
-            flexural_rigidity=rigidity,
-            mass_per_length=mass_per_length,
-            mass=_sum_elements(element_mass(mass_per_length, h)),
-            stiffness=_sum_elements(element_stiffness(rigidity, h)),
-            lumped_mass=lumped,
-        )
-
-
-def _sum_elements(elements: FloatArray) -> sp.csr_matrix:
-    """Add up elements (n, 4, 4) in a row into a matrix of 2 (n + 1) dofs."""
-    n = len(elements)
-    dofs = 2 * np.arange(n)[:, None] + np.arange(4)  # (n, 4)
-    rows, columns = np.repeat(dofs, 4, axis=1), np.tile(dofs, 4)
-    entries = elements.reshape(n, 16)
-    return sp.csr_matrix((entries.ravel(), (rows.ravel(), columns.ravel())), shape=(2 * n + 2,) * 2)
 
 
 def _free_block(laminae: list[sp.csr_matrix]) -> sp.csr_matrix:

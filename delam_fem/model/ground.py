@@ -18,8 +18,9 @@ import numpy.typing as npt
 import scipy.sparse as sp
 
 from delam_fem.case.sections import Lamina
-from delam_fem.model.closed_form import element_lumped_mass, element_mass, element_stiffness
+from delam_fem.model.closed_form import Beam
 from delam_fem.model.operators import BaseCoupling, Operators
+from delam_fem.numerics import rayleigh
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.numerics.cantilever import cantilever_mode, cantilever_roots
 
@@ -110,20 +111,17 @@ def on_ground(
     """
     if n < 2:
         raise ValueError(f"lamina over ground: expected at least 2 elements, given {n}")
-    h = np.full(n, lamina.length / n)
-    EI, rhoA = np.full(n, lamina.flexural_rigidity), np.full(n, lamina.mass_per_length)
-    M, K = _sum_elements(element_mass(rhoA, h)), _sum_elements(element_stiffness(EI, h))
-    lumped = np.zeros(2 * n + 2)
-    for cell, ends in enumerate(element_lumped_mass(rhoA, h)):
-        lumped[2 * cell : 2 * cell + 4] += ends
-    alpha, beta = _two_mode_damping(lamina)
+    beam = Beam.of(lamina, np.full(n, lamina.length / n))
+    M, K = (matrix[N_CLAMP:, N_CLAMP:].tocsr() for matrix in (beam.mass, beam.stiffness))
+    first, second = lamina.angular_frequencies(2).tolist()
+    alpha, beta = rayleigh.coefficients(lamina.damping_ratio, first, second)
     pairs = np.arange(n) if touching == "everywhere" else np.array([n - 1])
     entries = np.ones(pairs.size), (np.arange(pairs.size), 2 * pairs)
     return Operators(
         mass=M,
         damping=sp.csr_matrix(alpha * M + beta * K),
         stiffness=K,
-        lumped_mass=lumped[N_CLAMP:],
+        lumped_mass=beam.lumped_mass[N_CLAMP:],
         base=BaseCoupling.none(2 * n),
         gap_matrix=sp.csr_matrix(entries, shape=(pairs.size, 2 * n)),
         gap0=-lying(lamina, n, gravity)[2 * pairs],
@@ -201,20 +199,3 @@ def strain_rows(lamina: Lamina, n: int, gauges: npt.ArrayLike) -> sp.csr_matrix:
         weights = [12.0 * X - 6.0, h * (6.0 * X - 4.0), 6.0 - 12.0 * X, h * (6.0 * X - 2.0)]
         rows[row, 2 * cell : 2 * cell + 4] = half / h**2 * np.array(weights)
     return rows.tocsr()[:, N_CLAMP:]
-
-
-def _two_mode_damping(lamina: Lamina) -> tuple[float, float]:
-    """Return (α [1/s], β [s]) that give modes 1 and 2 the damping ratio D."""
-    first, second = lamina.angular_frequencies(2)
-    beta = 2.0 * lamina.damping_ratio / (first + second)
-    return float(beta * first * second), float(beta)
-
-
-def _sum_elements(elements: FloatArray) -> sp.csr_matrix:
-    """Add up elements (n, 4, 4) in a row into the matrix of the free dofs, (2 n, 2 n)."""
-    n = len(elements)
-    dofs = 2 * np.arange(n)[:, None] + np.arange(4)
-    rows, columns = np.repeat(dofs, 4, axis=1), np.tile(dofs, 4)
-    places = (rows.ravel(), columns.ravel())
-    whole = sp.csr_matrix((elements.ravel(), places), shape=(2 * n + 2,) * 2)
-    return sp.csr_matrix(whole[N_CLAMP:, N_CLAMP:])

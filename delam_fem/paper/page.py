@@ -6,14 +6,15 @@ All of it is made from the figNN.json files of a folder; nothing is computed her
 from __future__ import annotations
 
 import json
-import os
 import shutil
 from collections.abc import Iterable, Mapping, Sequence
-from html import escape
 from pathlib import Path
 from typing import Any
 
+from delam_fem.case.atomic import atomic, write_text
 from delam_fem.paper.claims import HEADING, Claim, markdown_table
+from delam_fem.results import html
+from delam_fem.results.html import Block, Figure, Link, Paragraph, Section, Table
 
 PAPER = (
     'I. Müller, "Clapping in Delaminated Sandwich-beams due to Forced Oscillations", '
@@ -29,14 +30,11 @@ ABOUT = (
 README_MARKS = ("<!-- paper claims: begin -->", "<!-- paper claims: end -->")
 """Between them README has the short table."""
 _STYLE = """
-body { font: 16px/1.5 system-ui, sans-serif; color: #222; background: #fff; max-width: 64rem;
-       margin: 2rem auto; padding: 0 1rem; }
-h1 { font-size: 1.6rem; } h2 { font-size: 1.25rem; margin-top: 3rem; }
-table { border-collapse: collapse; font-size: .9rem; } td, th { padding: .3rem .8rem .3rem 0;
-        text-align: left; vertical-align: top; border-bottom: 1px solid #ddd; }
+body { max-width: 64rem; } h2 { font-size: 1.25rem; margin-top: 3rem; }
+table { font-size: .9rem; } td, th { padding: .3rem .8rem .3rem 0; vertical-align: top; }
 td:last-child { white-space: nowrap; font-weight: 600; }
 .holds td:last-child { color: #0072B2; } .no td:last-child { color: #D55E00; }
-figure { margin: 1rem 0; } img { max-width: 100%; } figcaption, .about { color: #555; }
+figure { margin: 1rem 0; } .about { color: #555; }
 """
 _ROW_CLASS = {"holds": "holds", "does not hold": "no", "open": "open"}
 
@@ -69,32 +67,15 @@ def write_page(directory: Path, figures: Sequence[Entry]) -> Path:
     Raises:
         OSError: the file cannot be written.
     """
-    parts = [
-        "<h1>The paper, figure by figure</h1>",
-        f"<p>{escape(PAPER)}</p>",
-        f'<p class="about">{escape(ABOUT)}</p>',
-        "<h2>What the paper says and what came out</h2>",
-        f"<p>{escape(tally(claims_of(figures)))}</p>",
-        _table(claims_of(figures), figures),
-    ]
-    for figure in figures:
-        stem, title = figure["stem"], escape(_heading(figure))
-        parts.append(f'<h2 id="{stem}">{title}</h2>')
-        images = "".join(f'<img src="{name}" alt="{title}">' for name in _pictures(figure))
-        parts.append(
-            f"<figure>{images}<figcaption>{escape(figure['caption'])} "
-            f'<a href="{stem}.json">Numbers</a>.</figcaption></figure>'
-        )
-        if figure["claims"]:
-            parts.append(_table(claims_of([figure]), figures))
-    text = (
-        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>The paper, figure by figure</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n"
-        + "\n".join(parts)
-        + "\n</body>\n</html>\n"
+    about = Section("", [Paragraph(PAPER), Paragraph(ABOUT, "about")])
+    claims = claims_of(figures)
+    overview = Section(
+        "What the paper says and what came out",
+        [Paragraph(tally(claims)), _table(claims, figures)],
     )
-    return write_whole(directory / "index.html", text)
+    sections = [about, overview, *(_section(figure, figures) for figure in figures)]
+    text = html.page("The paper, figure by figure", sections, style=_STYLE)
+    return write_text(directory / "index.html", text)
 
 
 def tally(claims: Sequence[Claim]) -> str:
@@ -131,15 +112,16 @@ def write_docs(directory: Path, root: Path, figures: Sequence[Entry]) -> list[Pa
         lines += [f"## {_heading(figure)}", "", figure["caption"], ""]
         for name in _pictures(figure):
             paths.append(pictures / f"paper_{name}")
-            shutil.copyfile(directory / name, paths[-1])
+            with atomic(paths[-1]) as temporary:
+                shutil.copyfile(directory / name, temporary)
             lines += [f"![{figure['title']}](figures/{paths[-1].name})", ""]
     readme = root / "README.md"
     short = markdown_table([c for c in claims if c.is_headline], with_source=False)
     text = between(
         readme.read_text("utf-8"), README_MARKS, f"\n{tally(claims)} The main ones:\n\n{short}"
     )
-    page = write_whole(root / "docs" / "paper.md", "\n".join(lines).rstrip() + "\n")
-    return [page, write_whole(readme, text), *paths]
+    page = write_text(root / "docs" / "paper.md", "\n".join(lines).rstrip() + "\n")
+    return [page, write_text(readme, text), *paths]
 
 
 def between(text: str, marks: tuple[str, str], content: str) -> str:
@@ -166,24 +148,17 @@ def _heading(figure: Entry) -> str:
     return f"Fig. {name}: {figure['title']}" if name[0].isdigit() else str(figure["title"])
 
 
-def _table(claims: Sequence[Claim], figures: Sequence[Entry]) -> str:
-    """Return claims as a table of HTML, their figures as links."""
+def _section(figure: Entry, figures: Sequence[Entry]) -> Section:
+    """Return a figure with its caption and its claims."""
+    caption = (f"{figure['caption']} ", Link("Numbers", f"{figure['stem']}.json"), ".")
+    blocks: list[Block] = [Figure(_pictures(figure), _heading(figure), caption)]
+    if figure["claims"]:
+        blocks.append(_table(claims_of([figure]), figures))
+    return Section(_heading(figure), blocks, anchor=figure["stem"])
+
+
+def _table(claims: Sequence[Claim], figures: Sequence[Entry]) -> Table:
+    """Return claims as a table with links to their figures."""
     stems = {figure["name"]: figure["stem"] for figure in figures}
-    head = "".join(f"<th>{escape(text)}</th>" for text in HEADING)
-    rows = []
-    for claim in claims:
-        link = f'<a href="#{stems[claim.figure]}">{escape(claim.figure)}</a>'
-        cells = [link, *(escape(text) for text in claim.row[1:])]
-        body = "".join(f"<td>{cell}</td>" for cell in cells)
-        rows.append(f'<tr class="{_ROW_CLASS[claim.verdict]}">{body}</tr>')
-    body = "\n".join(rows)
-    return f"<table>\n<thead><tr>{head}</tr></thead>\n<tbody>\n{body}\n</tbody></table>"
-
-
-def write_whole(path: Path, text: str) -> Path:
-    """Write a text; the file appears when it is complete."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_suffix(f"{path.suffix}.part")
-    temporary.write_text(text, "utf-8")
-    os.replace(temporary, path)
-    return path
+    rows = [(Link(c.figure, f"#{stems[c.figure]}"), *c.row[1:]) for c in claims]
+    return Table(HEADING, rows, [_ROW_CLASS[claim.verdict] for claim in claims])

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import logging
-import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
@@ -17,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from delam_fem.case.atomic import atomic, write_text
 from delam_fem.case.toml import CaseError
 from delam_fem.paper.claims import Piece
 from delam_fem.paper.figures import (
@@ -35,7 +35,6 @@ from delam_fem.paper.figures import (
     threshold,
 )
 from delam_fem.paper.lab import Laboratory
-from delam_fem.paper.page import write_whole
 from delam_fem.results.style import styled
 
 FIGURES: dict[str, Callable[[Laboratory], Piece]] = {
@@ -115,15 +114,13 @@ def reproduce(lab: Laboratory, directory: Path, names: Sequence[str]) -> list[Pa
 def _written(piece: Piece, directory: Path, begin: float) -> list[Path]:
     """Write a piece; files appear under their names when complete."""
     picture, numbers = (directory / f"{file_stem(piece.name)}.{end}" for end in ("png", "json"))
-    temporary = picture.with_suffix(".png.part")
-    piece.figure.savefig(temporary, format="png")
-    os.replace(temporary, picture)
+    with atomic(picture) as temporary:
+        piece.figure.savefig(temporary, format="png")
     paths = [picture, numbers]
     if piece.animation is not None:
         film = picture.with_suffix(".gif")
-        temporary = picture.with_suffix(".part.gif")
-        piece.animation(temporary)
-        os.replace(temporary, film)
+        with atomic(film) as temporary:
+            piece.animation(temporary)
         paths.append(film)
     content = {
         "name": piece.name,
@@ -134,7 +131,7 @@ def _written(piece: Piece, directory: Path, begin: float) -> list[Path]:
         "seconds": round(time.perf_counter() - begin, 2),
         "numbers": plain(piece.numbers),
     }
-    write_whole(numbers, json.dumps(content, indent=1, ensure_ascii=False) + "\n")
+    write_text(numbers, json.dumps(content, indent=1, ensure_ascii=False) + "\n")
     return paths
 
 

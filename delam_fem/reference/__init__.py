@@ -1,1 +1,1 @@
-"""The judge: its own loop and contact, and the comparison with it."""
+"""The judge: its own matrices, loop and contact, and the comparison with it."""

@@ -16,7 +16,6 @@ from scipy.sparse.linalg import splu
 from delam_fem.case.definition import Case
 from delam_fem.case.excitation import base_motion
 from delam_fem.case.toml import CaseError
-from delam_fem.model.layout import Model
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.arrays import BoolArray, FloatArray
 from delam_fem.reference.contact import decide
@@ -76,12 +75,12 @@ class ReferenceRun:
 
 
 def simulate_reference(
-    model: Model | Operators, case: Case, *, periods: int, initial: State | None = None
+    operators: Operators, case: Case, *, periods: int, initial: State | None = None
 ) -> ReferenceRun:
     """Integrate the case for some periods at constant time step.
 
     Args:
-        model: what moves; its matrices may come from anywhere.
+        operators: what moves; its matrices may come from anywhere.
         case: excitation, contact law and time step.
         periods: number of periods to do.
         initial: where to start; default at rest at t = 0.
@@ -93,7 +92,6 @@ def simulate_reference(
         CaseError: the reference does not have the scheme or the contact law of the case.
     """
     _require_supported(case)
-    operators = model.operators if isinstance(model, Model) else model
     state = initial or State.at_rest(operators)
     N, dt = case.time.steps_per_period, case.time_step
     steps = np.arange(state.step, state.step + periods * N + 1)

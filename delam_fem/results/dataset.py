@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -14,6 +13,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from delam_fem.case.atomic import atomic, write_text
 from delam_fem.case.definition import Case
 from delam_fem.case.files import save_case
 from delam_fem.model import fields
@@ -84,15 +84,11 @@ class Result:
         directory = Path(directory)
         written = [save_case(self.case, directory)]
         path = directory / "result.nc"
-        temporary = path.with_suffix(".nc.part")
-        self.history.to_netcdf(temporary, engine="h5netcdf")
-        os.replace(temporary, path)
+        with atomic(path) as temporary:
+            self.history.to_netcdf(temporary, engine="h5netcdf")
         written.append(path)
-        path = directory / "summary.json"
-        temporary = path.with_suffix(".json.part")
-        temporary.write_text(json.dumps(self.summary, indent=2, allow_nan=False) + "\n", "utf-8")
-        os.replace(temporary, path)
-        return [*written, path]
+        text = json.dumps(self.summary, indent=2, allow_nan=False) + "\n"
+        return [*written, write_text(directory / "summary.json", text)]
 
 
 def history(

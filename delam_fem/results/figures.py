@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from pathlib import Path
 
 import xarray as xr
 from matplotlib.figure import Figure
 
+from delam_fem.case.atomic import atomic
 from delam_fem.case.definition import Case
 from delam_fem.results import contact_figures, motion_figures
 from delam_fem.results.style import styled
@@ -52,13 +52,11 @@ def save_figures(history: xr.Dataset, case: Case, directory: str | Path) -> list
 def save_figure(
     draw: Callable[[xr.Dataset, Case], Figure], history: xr.Dataset, case: Case, path: Path
 ) -> Path:
-    """Draw one figure and write it under a temporary name that is replaced when complete.
+    """Draw one figure and write it as PNG.
 
     Raises:
         OSError: the file cannot be written.
     """
-    temporary = path.with_suffix(".png.part")
-    with styled():
+    with styled(), atomic(path) as temporary:
         draw(history, case).savefig(temporary, format="png")
-    os.replace(temporary, path)
     return path

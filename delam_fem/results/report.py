@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import base64
-import os
-from collections.abc import Iterable, Mapping, Sequence
-from html import escape
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
+from delam_fem.case.atomic import write_text
 from delam_fem.case.definition import Case
+from delam_fem.results import html
 from delam_fem.results.contact_figures import FLOWS
+from delam_fem.results.html import Figure, Paragraph, Preformatted, Section, Table, embedded
 from delam_fem.results.style import title
 
 CAPTIONS = {
@@ -36,16 +36,6 @@ UNITS = {
 ORIGIN = ("delam_fem", "dolfinx", "petsc", "numpy", "engine", "outcome")
 """Attributes of the history that say what made it."""
 
-_STYLE = """
-body { font: 16px/1.5 system-ui, sans-serif; color: #222; background: #fff; max-width: 60rem;
-       margin: 2rem auto; padding: 0 1rem; }
-h1 { font-size: 1.6rem; } h2 { font-size: 1.2rem; margin-top: 2.5rem; }
-table { border-collapse: collapse; } td, th { padding: .2rem .9rem .2rem 0; text-align: left;
-        border-bottom: 1px solid #ddd; }
-figure { margin: 1.5rem 0; } img { max-width: 100%; } figcaption { color: #555; }
-pre { background: #f4f4f4; padding: 1rem; overflow-x: auto; font-size: .85rem; }
-"""
-
 
 def write_report(
     history: xr.Dataset, summary: Mapping[str, Any], case: Case, directory: str | Path
@@ -66,39 +56,25 @@ def write_report(
     """
     directory = Path(directory)
     directory.mkdir(parents=True, exist_ok=True)
-    path = directory / "report.html"
-    temporary = path.with_suffix(".html.part")
-    temporary.write_text(page(history, summary, case, directory / "figures"), "utf-8")
-    os.replace(temporary, path)
-    return path
+    text = page(history, summary, case, directory / "figures")
+    return write_text(directory / "report.html", text)
 
 
 def page(history: xr.Dataset, summary: Mapping[str, Any], case: Case, figures: Path) -> str:
     """Return the page as HTML."""
-    heading = escape(title(case))
+    names = ", ".join(str(name) for name in history["lamina"].to_numpy())
+    about = f"Over the window of the last periods; laminae in the order {names}."
+    flows = "What changed the stored energy, added up over the run and in the last period."
+    energy = Table(("", "whole run [J]", "last period [J]"), energy_rows(history))
     origin = [(name, str(history.attrs[name]), "") for name in ORIGIN if name in history.attrs]
-    parts = [
-        f"<h1>{heading}</h1>",
-        "<h2>Summary</h2>",
-        f"<p>Over the window of the last periods; laminae in the order {_names(history)}.</p>",
-        _table(("", "value", "unit"), summary_rows(summary)),
-        "<h2>Figures</h2>",
-        *_figures(figures),
-        "<h2>Energy</h2>",
-        "<p>What changed the stored energy, added up over the run and in the last period.</p>",
-        _table(("", "whole run [J]", "last period [J]"), energy_rows(history)),
-        "<h2>Case</h2>",
-        f"<pre>{escape(case.to_toml())}</pre>",
-        "<h2>Made by</h2>",
-        _table(("", "version", ""), origin),
+    sections = [
+        Section("Summary", [Paragraph(about), Table(("", "value", "unit"), summary_rows(summary))]),
+        Section("Figures", _figures(figures)),
+        Section("Energy", [Paragraph(flows), energy]),
+        Section("Case", [Preformatted(case.to_toml())]),
+        Section("Made by", [Table(("", "version", ""), origin)]),
     ]
-    return (
-        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{heading}</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n"
-        + "\n".join(parts)
-        + "\n</body>\n</html>\n"
-    )
+    return html.page(title(case), sections)
 
 
 def summary_rows(summary: Mapping[str, Any]) -> list[tuple[str, str, str]]:
@@ -119,10 +95,6 @@ def energy_rows(history: xr.Dataset) -> list[tuple[str, str, str]]:
     return [*rows, ("not accounted for", f"{residual.sum():+.1e}", f"{residual[-1]:+.1e}")]
 
 
-def _names(history: xr.Dataset) -> str:
-    return escape(", ".join(str(name) for name in history["lamina"].to_numpy()))
-
-
 def _shown(value: Any) -> str:
     """Return a value of the summary as text."""
     if isinstance(value, (list, tuple, np.ndarray)):
@@ -132,23 +104,11 @@ def _shown(value: Any) -> str:
     return "–" if value is None else str(value)
 
 
-def _figures(directory: Path) -> Iterable[str]:
-    """Yield the figures that are there, embedded."""
-    for name, caption in CAPTIONS.items():
-        path = directory / f"{name}.png"
-        if path.is_file():
-            data = base64.b64encode(path.read_bytes()).decode("ascii")
-            text = escape(caption, quote=True)
-            yield (
-                f'<figure><img alt="{text}" src="data:image/png;base64,{data}">'
-                f"<figcaption>{text}</figcaption></figure>"
-            )
-
-
-def _table(heading: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Return a table as HTML; all entries are escaped."""
-    head = "".join(f"<th>{escape(text)}</th>" for text in heading)
-    body = "\n".join(
-        "<tr>" + "".join(f"<td>{escape(text)}</td>" for text in row) + "</tr>" for row in rows
-    )
-    return f"<table>\n<thead><tr>{head}</tr></thead>\n<tbody>\n{body}\n</tbody>\n</table>"
+def _figures(directory: Path) -> list[Figure]:
+    """Return the figures that are there, embedded."""
+    found = {directory / f"{name}.png": caption for name, caption in CAPTIONS.items()}
+    return [
+        Figure([embedded(path)], caption, caption)
+        for path, caption in found.items()
+        if path.is_file()
+    ]

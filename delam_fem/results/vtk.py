@@ -5,13 +5,13 @@ What the files show is made in ribbons.py (the grids) and in snapshots.py (the s
 
 from __future__ import annotations
 
-import os
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import pyvista as pv
 import xarray as xr
 
+from delam_fem.case.atomic import atomic
 from delam_fem.case.definition import Case
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.results import ribbons, snapshots
@@ -43,11 +43,8 @@ def write_fields(history: xr.Dataset, case: Case, directory: str | Path) -> Path
     names = [f"fields_{k:0{digits}d}.vtu" for k in range(n_frames)]
     rest = ribbons.rest_points(history, case)
     for k, name in enumerate(names):
-        temporary = directory / f"part-{name}"
-        ribbons.grid(history, case, k, rest=rest).save(temporary)
-        if not temporary.is_file():
-            raise OSError(f"{temporary}: could not be written; is the disk full?")
-        os.replace(temporary, directory / name)
+        with atomic(directory / name) as temporary:
+            ribbons.grid(history, case, k, rest=rest).save(temporary)
     for path in set(directory.glob("fields_*.vtu")) - {directory / name for name in names}:
         path.unlink()
     return _write_collection(directory / "fields.pvd", history["frame"].to_numpy(), names)
@@ -72,14 +69,13 @@ def render(history: xr.Dataset, case: Case, path: str | Path) -> Path | None:
         return None
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f"part-{path.name}")
-    with pv.vtk_verbosity("error"):  # without a display, VTK warns before it takes EGL or Mesa
+    # without a display, VTK warns before it takes EGL or Mesa
+    with pv.vtk_verbosity("error"), atomic(path) as temporary:
         plotter = snapshots.draw(history, case)
         try:
             plotter.screenshot(temporary)
         finally:
             plotter.close()
-    os.replace(temporary, path)
     return path
 
 
@@ -92,7 +88,6 @@ def _write_collection(path: Path, times: FloatArray, names: list[str]) -> Path:
             collection, "DataSet", timestep=repr(float(time)), group="", part="0", file=name
         )
     ET.indent(root)
-    temporary = path.with_suffix(".pvd.part")
-    ET.ElementTree(root).write(temporary, encoding="utf-8", xml_declaration=True)
-    os.replace(temporary, path)
+    with atomic(path) as temporary:
+        ET.ElementTree(root).write(temporary, encoding="utf-8", xml_declaration=True)
     return path

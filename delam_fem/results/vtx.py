@@ -7,14 +7,13 @@ along y shows the motion. fields.pvd (vtk.py) holds the same on bodies, and need
 
 from __future__ import annotations
 
-import os
-import shutil
 from pathlib import Path
 
 import numpy as np
 import xarray as xr
 from mpi4py import MPI
 
+from delam_fem.case.atomic import atomic
 from delam_fem.model import _dolfinx
 from delam_fem.numerics.arrays import FloatArray, IntArray
 
@@ -40,11 +39,8 @@ def write_lines(history: xr.Dataset, directory: str | Path) -> Path | None:
     state = history["contact_state"].to_numpy().astype(np.float64)
     fields["contact_state"] = np.hstack([state, state])
     path = Path(directory) / "fields.bp"
-    temporary = path.with_name("part-fields.bp")
-    _dolfinx.write_vtx(str(temporary), mesh, history["frame"].to_numpy(), fields)
-    if path.exists():
-        shutil.rmtree(path)
-    os.replace(temporary, path)
+    with atomic(path) as temporary:
+        _dolfinx.write_vtx(str(temporary), mesh, history["frame"].to_numpy(), fields)
     return path
 
 

@@ -5,13 +5,13 @@ Contact history is part of it: which pairs rest on springs, and the records of t
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from delam_fem.case.atomic import atomic
 from delam_fem.case.definition import Case
 from delam_fem.case.toml import CaseError
 from delam_fem.numerics.arrays import FloatArray
@@ -53,9 +53,8 @@ def save(
         arrays |= {f"window_{j}_{name}": values for name, values in _flatten(record).items()}
     if not writes:
         return
-    temporary = path.with_suffix(".part.npz")
-    np.savez(temporary, **arrays)
-    os.replace(temporary, path)
+    with atomic(path) as temporary:
+        np.savez(temporary, **arrays)
 
 
 def load(

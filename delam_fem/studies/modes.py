@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from scipy.linalg import eigh
 from scipy.sparse.linalg import eigsh
 
+from delam_fem.case.atomic import atomic, write_text
 from delam_fem.case.definition import Case
 from delam_fem.case.toml import CaseError
 from delam_fem.model.layout import Model
@@ -82,8 +83,9 @@ class Modes:
             "exact_hz": self.exact.tolist(),
             "relative_difference": self.relative_differences.tolist(),
         }
-        table.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
-        self.figure().savefig(picture, dpi=150)
+        write_text(table, json.dumps(content, indent=2) + "\n")
+        with atomic(picture) as temporary:
+            self.figure().savefig(temporary, dpi=150)
         return [table, picture]
 
     def figure(self) -> Figure:

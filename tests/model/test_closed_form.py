@@ -1,4 +1,4 @@
-"""Element and system matrices of the reference, from what they must do rather than from numbers."""
+"""Element and system matrices in closed form, from what they must do rather than from numbers."""
 
 from pathlib import Path
 

@@ -62,7 +62,7 @@ def test_the_page_is_well_formed_and_loads_nothing(case: Case, tmp_path: Path) -
         assert image["alt"]
         data = str(image["src"]).removeprefix("data:image/png;base64,")
         assert base64.b64decode(data, validate=True).startswith(b"\x89PNG")
-    assert not list(tmp_path.glob("*.part"))
+    assert not list(tmp_path.glob("part-*"))
 
 
 def test_every_figure_has_a_caption() -> None:

@@ -15,7 +15,7 @@ import scipy.sparse as sp
 
 from delam_fem.contact import laws
 from delam_fem.engines.session import solve
-from delam_fem.model.closed_form import element_mass, element_stiffness
+from delam_fem.model.closed_form import element_mass, element_stiffness, sum_elements
 from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.numerics.schemes import SCHEMES, Scheme
@@ -310,8 +310,8 @@ class HeavyBeam:
             damping_rate: α [1/s].
         """
         h = np.full(n, self.length / n)
-        M = _sum_elements(element_mass(np.full(n, self.mass_per_length), h))
-        K = _sum_elements(element_stiffness(np.full(n, self.flexural_rigidity), h))
+        M = sum_elements(element_mass(np.full(n, self.mass_per_length), h))
+        K = sum_elements(element_stiffness(np.full(n, self.flexural_rigidity), h))
         free = slice(1, None)
         mass = sp.csr_matrix(M[free, free])
         upward = np.zeros(2 * n + 2)
@@ -328,13 +328,3 @@ class HeavyBeam:
             gap0=np.full(n, -SEATED),
             observed=np.arange(size, dtype=np.int64),
         )
-
-
-def _sum_elements(elements: FloatArray) -> sp.csr_matrix:
-    """Add up beam elements (n, 4, 4) in a row."""
-    n = len(elements)
-    result = sp.lil_matrix((2 * n + 2, 2 * n + 2))
-    for cell, element in enumerate(elements):
-        dofs = slice(2 * cell, 2 * cell + 4)
-        result[dofs, dofs] += element
-    return result.tocsr()

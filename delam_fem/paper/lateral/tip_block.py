@@ -9,8 +9,8 @@ import numpy as np
 
 from delam_fem.case.sections import Lamina
 from delam_fem.numerics.arrays import BoolArray, FloatArray
+from delam_fem.numerics.struck_beam import StruckBeam, peak_end
 from delam_fem.paper.lateral.ground_run import LIFT, Energy
-from delam_fem.paper.lateral.struck_beam import StruckBeam, peak_end
 
 PEAK_WITHIN = 1e-4
 """The first peak of the force lies within this time after the touch [s]."""
@@ -22,6 +22,11 @@ tip may have in series [N/m]."""
 FAINT = 0.3
 """Share of its largest value from which a wave counts; what comes before is faster than the peak of
 the force is short, and left the tip before that peak."""
+
+
+def exact_beam(lamina: Lamina) -> StruckBeam:
+    """Return the exact beam without length that has the section of a strip."""
+    return StruckBeam(lamina.flexural_rigidity, lamina.mass_per_length, lamina.thickness)
 
 
 @dataclass(frozen=True)
@@ -102,7 +107,7 @@ class TipBlock:
 
         Waves of twice the frequency that the peak's duration gives are the fastest that matter.
         """
-        fastest = StruckBeam.of(self.lamina).group_speed(2.0 / self.peak()[1])
+        fastest = exact_beam(self.lamina).group_speed(2.0 / self.peak()[1])
         return float((self.lamina.length + self.gauges[1]) / fastest)
 
     def half_waves(self) -> tuple[FloatArray, FloatArray]:
@@ -123,7 +128,7 @@ class TipBlock:
 
     def exact_wave(self) -> FloatArray:
         """Return the strains that `spring_force` sends to the gauges without a clamp, (2, k)."""
-        beam, since = StruckBeam.of(self.lamina), np.maximum(self.spring.time, 0.0)
+        beam, since = exact_beam(self.lamina), np.maximum(self.spring.time, 0.0)
         force = beam.spring_force(since, self.speed, self.stiffness)
         distances = self.lamina.length - self.gauges
         return np.array([beam.strain(force, self.time_step, x) for x in distances])
@@ -134,7 +139,7 @@ class TipBlock:
         Without a clamp, shape (2,): the wave that follows the peak, of a force that fades slowly,
         has the same largest strain everywhere.
         """
-        beam, step = StruckBeam.of(self.lamina), self.time_step
+        beam, step = exact_beam(self.lamina), self.time_step
         time = step * np.arange(round(SENT_WITHIN / step))
         force = beam.spring_force(time, self.speed, self.stiffness)
         force[time > self.peak()[1]] = 0.0
@@ -163,7 +168,7 @@ class TipBlock:
 
     def _peak_numbers(self) -> dict[str, Any]:
         """Return force, duration and impulse of the first peak."""
-        beam, (force, end) = StruckBeam.of(self.lamina), self.peak()
+        beam, (force, end) = exact_beam(self.lamina), self.peak()
         exact = beam.spring_force(np.linspace(0.0, end, 400), self.speed, self.stiffness)
         velocity = _at(end, self.spring, self.spring.tip_velocity)
         return {
@@ -182,7 +187,7 @@ class TipBlock:
 
     def _wave_numbers(self) -> dict[str, Any]:
         """Return sizes and speeds of the wave before the clamp sends it back."""
-        beam, (middle, frequency) = StruckBeam.of(self.lamina), self.half_waves()
+        beam, (middle, frequency) = exact_beam(self.lamina), self.half_waves()
         distance = self.lamina.length - self.gauges[1]
         early = self.spring.time < self.undisturbed()
         wave, exact = self.wave(self.spring)[:, early], self.exact_wave()[:, early]

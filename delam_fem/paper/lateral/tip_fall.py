@@ -14,8 +14,7 @@ from delam_fem.model.operators import Operators
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.paper.lateral import ground_run
 from delam_fem.paper.lateral.ground_run import LIFT, STRETCH, GroundLaw, GroundRun
-from delam_fem.paper.lateral.struck_beam import StruckBeam
-from delam_fem.paper.lateral.tip_block import TipBlock, TipMotion
+from delam_fem.paper.lateral.tip_block import TipBlock, TipMotion, exact_beam
 from delam_fem.simulation.loop import State
 
 DAMPING_RATIO = 2e-5
@@ -44,7 +43,7 @@ def tip_block(
         peak_duration: of the force; the block's stiffness follows from it by the exact beam [s].
     """
     lamina = lamina or ground.steel_strip(damping_ratio=DAMPING_RATIO)
-    stiffness = StruckBeam.of(lamina).stiffness_for(peak_duration)
+    stiffness = exact_beam(lamina).stiffness_for(peak_duration)
     places = np.array(gauges or (0.020, 0.5 * lamina.length))
     rows = ground.strain_rows(lamina, n_elements, places)
     dofs = np.unique(rows.indices)

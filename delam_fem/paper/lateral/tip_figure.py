@@ -6,8 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from delam_fem.paper.lateral.struck_beam import StruckBeam
-from delam_fem.paper.lateral.tip_block import TipBlock
+from delam_fem.paper.lateral.tip_block import TipBlock, exact_beam
 from delam_fem.results.style import (
     BASE_COLOUR,
     BLACK,
@@ -85,7 +84,7 @@ def _draw_dispersion(axes: Axes, block: TipBlock) -> None:
     middle, frequency = block.half_waves()
     distance = float(block.lamina.length - block.gauges[1])
     shown = np.geomspace(0.5 * frequency.min(), 1.3 * frequency.max(), 100)
-    arrival = distance / StruckBeam.of(block.lamina).group_speed(shown)
+    arrival = distance / exact_beam(block.lamina).group_speed(shown)
     rod = distance / float(np.sqrt(block.lamina.young_modulus / block.lamina.density))
     axes.plot(1e6 * arrival, 1e-3 * shown, color=BLACK, label="distance / $c_g$ (bending)")
     axes.axvline(1e6 * rod, color=PURPLE, linestyle="--", label="distance / $c_0$ (longitudinal)")
@@ -101,7 +100,7 @@ def _draw_peak(axes: Axes, block: TipBlock) -> None:
     """Draw the first peak of the force, and the impulse of the rigid block."""
     time = 1e6 * block.spring.time
     exact_time = np.linspace(0.0, 1e-4, 300)
-    beam = StruckBeam.of(block.lamina)
+    beam = exact_beam(block.lamina)
     exact = beam.spring_force(exact_time, block.speed, block.stiffness)
     axes.plot(time, 1e-3 * block.force, color=BLACK, label="force")
     axes.plot(1e6 * exact_time, 1e-3 * exact, color=ORANGE, linestyle="--", label="exact")

@@ -12,6 +12,7 @@ from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
+from delam_fem.case.atomic import atomic
 from delam_fem.results.style import (
     BASE_COLOUR,
     BLACK,
@@ -74,7 +75,8 @@ def save_figures(found: Convergence, directory: str | Path) -> list[Path]:
     with styled():
         for name, make in makers.items():
             path = directory / f"{name}.png"
-            make(found).savefig(path)
+            with atomic(path) as temporary:
+                make(found).savefig(temporary)
             written.append(path)
     return written
 

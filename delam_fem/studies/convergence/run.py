@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import asdict, dataclass
@@ -22,6 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
+from delam_fem.case.atomic import write_text
 from delam_fem.case.definition import Case
 from delam_fem.case.toml import CaseError
 from delam_fem.numerics import extrapolation
@@ -244,9 +244,4 @@ def _write(path: Path, found: Convergence) -> None:
         "identity": found.ladder.identity,
         "rungs": entries,
     }
-    temporary = path.with_suffix(".json.part")
-    with temporary.open("w", encoding="utf-8") as file:
-        json.dump(content, file, indent=1, allow_nan=False)
-        file.flush()
-        os.fsync(file.fileno())
-    os.replace(temporary, path)
+    write_text(path, json.dumps(content, indent=1, allow_nan=False))

@@ -6,7 +6,6 @@ It is written slab by slab, so that memory stays that of a slab however many poi
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Iterator, Mapping
 from importlib.metadata import version
 from pathlib import Path
@@ -16,6 +15,7 @@ import h5py
 import numpy as np
 import numpy.typing as npt
 
+from delam_fem.case.atomic import atomic
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.studies.sweeps.grid import DIRECTIONS, Dimension, Sweep
 from delam_fem.studies.sweeps.journal import Journal
@@ -49,8 +49,7 @@ def write(
     Raises:
         OSError: it cannot be written.
     """
-    temporary = path.with_suffix(".nc.part")
-    with h5netcdf.File(temporary, "w") as file:
+    with atomic(path) as temporary, h5netcdf.File(temporary, "w") as file:
         sizes = _dimensions(file, sweep, wanted, x)
         grid = tuple(sweep.sizes)
         for quantity in wanted:
@@ -70,7 +69,6 @@ def write(
             numpy=np.__version__,
             **attributes,
         )
-    os.replace(temporary, path)
 
 
 def _dimensions(

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from matplotlib.figure import Figure
 
+from delam_fem.case.atomic import atomic
 from delam_fem.results.style import styled
 from delam_fem.studies.sweeps import line_diagrams, map_diagrams
 
@@ -42,7 +42,7 @@ def diagram(kind: DiagramName, data: xr.Dataset) -> Figure:
 
 
 def save_diagram(kind: DiagramName, data: xr.Dataset, path: str | Path) -> Path:
-    """Draw a diagram and write it as PNG under a temporary name that is replaced when complete.
+    """Draw a diagram and write it as PNG.
 
     Returns:
         The path.
@@ -53,9 +53,7 @@ def save_diagram(kind: DiagramName, data: xr.Dataset, path: str | Path) -> Path:
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_suffix(".png.part")
     figure = diagram(kind, data)
-    with styled():
+    with styled(), atomic(path) as temporary:
         figure.savefig(temporary, format="png")
-    os.replace(temporary, path)
     return path

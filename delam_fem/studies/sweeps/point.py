@@ -10,6 +10,7 @@ import logging
 import pickle
 import threading
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 
@@ -32,6 +33,14 @@ from delam_fem.studies.sweeps.quantities import Quantity, quantities, row_of
 KEPT_MODELS = 16
 """Models a worker keeps; neighbouring points mostly share one."""
 _KEPT_SWEEPS = 4
+NOT_ASSEMBLED: Mapping[str, bool | set[str]] = {
+    "name": True,
+    "excitation": True,
+    "contact": True,
+    "output": True,
+    "time": {"scheme", "steps_per_period", "periods"},
+}
+"""Sections and keys of a case that do not enter the assembly, in the notation of pydantic."""
 
 _log = logging.getLogger(__name__)
 _thread = threading.local()
@@ -97,7 +106,7 @@ class PointRunner:
     """
 
     sweep: Sweep
-    _models: dict[object, Model] = field(default_factory=dict)
+    _models: dict[str, Model] = field(default_factory=dict)
 
     def quantities(self, n_nodes: int) -> tuple[Quantity, ...]:
         """Return the layout of a row."""
@@ -123,7 +132,7 @@ class PointRunner:
 
     def model(self, case: Case) -> Model:
         """Return the discretised case, made once for the cases that share it."""
-        key = (case.lamina, case.gap, case.mesh, case.damping, case.time.mass)
+        key = assembly_key(case)
         if key not in self._models:
             while len(self._models) >= KEPT_MODELS:
                 del self._models[next(iter(self._models))]
@@ -159,6 +168,14 @@ class PointRunner:
         wanted = self.quantities(model.x.size)
         row = row_of(wanted, case, recorder, operators.gap0, extra)
         return Point(index, outcome, "", row), state
+
+
+def assembly_key(case: Case) -> str:
+    """Return a text that is the same for two cases only if they have the same model.
+
+    It contains the whole case without `NOT_ASSEMBLED`, so a new section or key counts by itself.
+    """
+    return case.model_dump_json(exclude=NOT_ASSEMBLED)
 
 
 def compute(packed: bytes, chunk: Chunk) -> Done:

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from delam_fem.case.atomic import write_text
 from delam_fem.case.files import save_case
 from delam_fem.case.toml import CaseError
 from delam_fem.simulation.interrupts import stop_signals
@@ -83,7 +84,7 @@ def run_sweep(
     wanted = quantities(sweep.file.record, first.x.size)
     with Journal(directory / JOURNAL, sweep.identity, resume=resume) as journal:
         save_case(sweep.base, directory)
-        (directory / "sweep.toml").write_text(sweep.to_toml("case.toml"), encoding="utf-8")
+        write_text(directory / "sweep.toml", sweep.to_toml("case.toml"))
         begin = time.perf_counter()
         with _schedule(sweep, journal, executor, workers) as schedule:
             has_all = _computed(sweep, journal, schedule, progress)

@@ -13,13 +13,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize import minimize_scalar
 
-from delam_fem.case.sections import Lamina
 from delam_fem.numerics.arrays import FloatArray
 
 _LOG_RATES = np.linspace(-40.0, 8.0, 241)
@@ -36,20 +34,19 @@ class StruckBeam:
     """A semi-infinite beam.
 
     Attributes:
-        kappa: κ = sqrt(EI/ρA) [m2/s].
+        flexural_rigidity: EI [N m2].
         mass_per_length: ρA [kg/m].
-        half_thickness: distance of the surface from the neutral axis [m].
+        thickness: twice the distance of the surface from the neutral axis [m].
     """
 
-    kappa: float
+    flexural_rigidity: float
     mass_per_length: float
-    half_thickness: float
+    thickness: float
 
-    @classmethod
-    def of(cls, lamina: Lamina) -> Self:
-        """Return the beam with the section of a lamina."""
-        kappa = math.sqrt(lamina.flexural_rigidity / lamina.mass_per_length)
-        return cls(kappa, lamina.mass_per_length, 0.5 * lamina.thickness)
+    @property
+    def kappa(self) -> float:
+        """κ = sqrt(EI/ρA) [m2/s]."""
+        return math.sqrt(self.flexural_rigidity / self.mass_per_length)
 
     @property
     def impedance(self) -> float:
@@ -127,7 +124,7 @@ class StruckBeam:
         phase = distance**2 / (4.0 * self.kappa * r)
         resolved = np.clip(2.0 - phase / r * time_step / _RESOLVED, 0.0, 1.0)
         chirp = np.sin(0.5 * np.pi * resolved) ** 2 * np.sin(phase) / np.sqrt(np.pi * r)
-        scale = self.half_thickness / (self.kappa * self.impedance) * time_step
+        scale = 0.5 * self.thickness / (self.kappa * self.impedance) * time_step
         middle = 0.5 * (force + np.concatenate([[0.0], force[:-1]]))
         size = 2 * force.size
         product = np.fft.rfft(middle, size) * np.fft.rfft(chirp, size)

@@ -1,0 +1,33 @@
+"""Rayleigh damping: the coefficients of C = alpha M + beta K that give modes a damping ratio.
+
+D_k = (alpha / omega_k + beta omega_k) / 2
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+Kind = Literal["two-mode", "stiffness", "mass"]
+"""Which terms there are: both (ratio at modes 1 and 2), or one (ratio at mode 1)."""
+
+
+def coefficients(
+    damping_ratio: float, first: float, second: float, kind: Kind = "two-mode"
+) -> tuple[float, float]:
+    """Return alpha [1/s] and beta [s].
+
+    >>> coefficients(0.1, 1.0, 3.0)
+    (0.15000000000000002, 0.05)
+
+    Args:
+        damping_ratio: D of the modes that the kind names [-].
+        first: angular frequency of mode 1 [rad/s].
+        second: angular frequency of mode 2 [rad/s].
+        kind: of damping.
+    """
+    D = damping_ratio
+    if kind == "stiffness":
+        return 0.0, 2.0 * D / first
+    if kind == "mass":
+        return 2.0 * D * first, 0.0
+    return 2.0 * D * first * second / (first + second), 2.0 * D / (first + second)

@@ -1,0 +1,226 @@
+"""The judge's own matrices of two clamped laminae, by a derivation of its own.
+
+Cubic shape functions follow from their end conditions, element matrices from integrals of products
+of polynomials, the lumped mass from the consistent one, damping from roots of cos B cosh B = -1.
+The case is the only input that the judge shares with what it judges.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse as sp
+from numpy.polynomial import Polynomial
+from scipy.interpolate import PchipInterpolator
+from scipy.linalg import eigh
+from scipy.optimize import brentq
+
+from delam_fem.case.definition import Case
+from delam_fem.case.sections import Gap, Lamina
+from delam_fem.model.operators import BaseCoupling, Operators
+from delam_fem.numerics.arrays import FloatArray
+
+DOFS = 2
+"""Dofs of a node, u and phi."""
+_ROOT_TOLERANCE = 1e-15
+"""Absolute tolerance of the roots B, which are of order 1."""
+
+
+def assemble(case: Case, x: npt.ArrayLike) -> Operators:
+    """Assemble both laminae over the same nodes, free dofs of lamina 1 before those of lamina 2.
+
+    Args:
+        case: the case; its mesh is not read.
+        x: positions of the nodes from 0 to the length, shape (n_nodes,) [m].
+
+    Returns:
+        The operators; the gap opens where u2 exceeds u1.
+    """
+    x = np.asarray(x, dtype=np.float64)
+    laminae = [_lamina(case, lamina, x) for lamina in case.lamina]
+    free, clamps = _partition(x.size)
+    whole = [sp.block_diag(matrices) for matrices in zip(*laminae, strict=True)]
+    M, C, K, lumped = (sp.csr_matrix(free.T @ matrix @ free) for matrix in whole)
+    m, c, k = (free.T @ (matrix @ clamps) for matrix in whole[:3])
+    m_aa, c_aa, k_aa = (float(clamps @ (matrix @ clamps)) for matrix in whole[:3])
+    n = x.size - 1
+    u = np.arange(0, 2 * n * DOFS, DOFS)  # dofs of displacements, lamina 1 and lamina 2
+    eye = sp.identity(2 * n * DOFS, format="csr")
+    return Operators(
+        mass=M,
+        damping=C,
+        stiffness=K,
+        lumped_mass=lumped.diagonal(),
+        base=BaseCoupling(m, c, k, corner=(m_aa, c_aa, k_aa)),
+        gap_matrix=sp.csr_matrix(eye[u[n:]] - eye[u[:n]]),
+        gap0=gap_at_rest(case.gap, x, case.lamina[0].length)[1:],
+        observed=u[[n - 1, 2 * n - 1]],
+    )
+
+
+def natural_frequencies(operators: Operators, n: int) -> FloatArray:
+    """Return the lowest natural frequencies of each lamina, shape (2, n) [Hz].
+
+    Args:
+        operators: as `assemble` returns them.
+        n: how many, at most the dofs of a lamina.
+    """
+    half = operators.n_dofs // 2
+    found = []
+    for own in (slice(0, half), slice(half, None)):
+        M, K = (m[own, own].toarray() for m in (operators.mass, operators.stiffness))
+        # 1/omega^2 from above: the lowest frequencies would drown in the round-off of the highest
+        squares = eigh(M, K, eigvals_only=True, subset_by_index=(half - n, half - 1))
+        found.append(1.0 / (2.0 * np.pi * np.sqrt(squares[::-1])))
+    return np.array(found)
+
+
+def section(lamina: Lamina) -> tuple[float, float]:
+    """Return the mass per length rho A [kg/m] and the bending stiffness EI [N m2] of a lamina."""
+    area = lamina.width * lamina.thickness
+    inertia = area * lamina.thickness**2 / 12.0
+    given = lamina.bending_stiffness
+    return lamina.density * area, lamina.young_modulus * inertia if given is None else given
+
+
+def shape_functions(h: float) -> list[Polynomial]:
+    """Return the four cubics N of an element.
+
+    Each is 1 in one of the end conditions w(0), w'(0), w(h), w'(h) and 0 in the other three.
+
+    Args:
+        h: length of the element [m].
+    """
+    powers = [_cubic(unit, h) for unit in np.eye(4)]
+    ends = np.array([[end for s in (0.0, h) for end in _value_and_slope(p, s)] for p in powers])
+    return [_cubic(coefficients, h) for coefficients in np.linalg.inv(ends)]
+
+
+def element_mass(mass_per_length: float, h: float) -> FloatArray:
+    """Return the consistent mass, the integral of rho A N_i N_j over an element, shape (4, 4)."""
+    return mass_per_length * _products(shape_functions(h), h)
+
+
+def element_stiffness(flexural_rigidity: float, h: float) -> FloatArray:
+    """Return the stiffness, the integral of EI N_i'' N_j'' over an element, shape (4, 4)."""
+    return flexural_rigidity * _products([_derivative(N, 2) for N in shape_functions(h)], h)
+
+
+def lumped_mass(mass_per_length: float, h: float) -> FloatArray:
+    """Return the diagonal of the lumped mass of an element, shape (4,) [kg, kg m2].
+
+    The diagonal of the consistent mass is scaled such that both displacements together have the
+    mass of the element.
+
+    Source: E. Hinton, T. Rock, O. Zienkiewicz, "A note on mass lumping and related processes in
+    the finite element method", Earthquake Eng. Struct. Dyn. 4 (1976).
+    """
+    diagonal = np.diag(element_mass(mass_per_length, h))
+    scaled: FloatArray = diagonal * (mass_per_length * h / diagonal[::DOFS].sum())
+    return scaled
+
+
+def wave_numbers(n: int) -> list[float]:
+    """Return the first n roots of cos B cosh B = -1, the k-th between (k - 1) pi and k pi."""
+
+    def equation(B: float) -> float:
+        return float(np.cos(B) + 1.0 / np.cosh(B))
+
+    return [
+        float(brentq(equation, k * np.pi, (k + 1) * np.pi, xtol=_ROOT_TOLERANCE)) for k in range(n)
+    ]
+
+
+def rayleigh(case: Case, lamina: Lamina) -> tuple[float, float]:
+    """Return alpha [1/s] and beta [s] from the damping ratios alpha/(2 omega) + beta omega/2 = D.
+
+    Args:
+        case: names the modes that have the ratio.
+        lamina: one of its laminae.
+    """
+    D = lamina.damping_ratio
+    rhoA, EI = section(lamina)
+    omega = np.array([(B / lamina.length) ** 2 * np.sqrt(EI / rhoA) for B in wave_numbers(2)])
+    ratios = np.column_stack([0.5 / omega, 0.5 * omega])  # of modes 1 and 2 per alpha and beta
+    if case.damping.rayleigh == "stiffness":
+        return 0.0, float(D / ratios[0, 1])
+    if case.damping.rayleigh == "mass":
+        return float(D / ratios[0, 0]), 0.0
+    alpha, beta = np.linalg.solve(ratios, [D, D])
+    return float(alpha), float(beta)
+
+
+def gap_at_rest(gap: Gap, x: FloatArray, length: float) -> FloatArray:
+    """Return the gap at the nodes [m]: a power of x, the first mode, or a table with PCHIP.
+
+    Args:
+        gap: the section of the case.
+        x: positions of the nodes, shape (n_nodes,) [m].
+        length: of the laminae [m].
+    """
+    if gap.file is not None:
+        table = np.genfromtxt(gap.file, delimiter=",", encoding="utf-8-sig")
+        places, heights = table[~np.isnan(table).any(axis=1)].T  # a heading is read as NaN
+        places[0] = heights[0] = 0.0  # the table may miss the clamp by round-off
+        return np.asarray(PchipInterpolator(places, heights)(np.minimum(x, places[-1])))
+    assert gap.tip is not None  # a case has a table or the gap at the tip
+    if gap.exponent is not None:
+        return np.asarray(gap.tip * (x / length) ** gap.exponent)
+    (B,) = wave_numbers(1)
+    z = B * np.append(x / length, 1.0)
+    slope = (np.sinh(B) - np.sin(B)) / (np.cosh(B) + np.cos(B))
+    mode = np.cosh(z) - np.cos(z) - slope * (np.sinh(z) - np.sin(z))
+    return np.asarray(gap.tip * mode[:-1] / mode[-1])
+
+
+def _cubic(coefficients: FloatArray, h: float) -> Polynomial:
+    """Return the polynomial in s/h with these coefficients, as a function of s [m]."""
+    return Polynomial(coefficients, domain=[0.0, h], window=[0.0, 1.0])
+
+
+def _derivative(f: Polynomial, times: int) -> Polynomial:
+    """Return a derivative of a polynomial."""
+    derived: Polynomial = f.deriv(times)  # type: ignore[no-untyped-call]
+    return derived
+
+
+def _value_and_slope(f: Polynomial, s: float) -> tuple[float, float]:
+    """Return f(s) and f'(s)."""
+    return float(f(s)), float(_derivative(f, 1)(s))
+
+
+def _products(functions: list[Polynomial], h: float) -> FloatArray:
+    """Return the integrals of f_i f_j from 0 to h, shape (4, 4)."""
+    return np.array([[(f * g).integ(lbnd=0.0)(h) for g in functions] for f in functions])
+
+
+def _lamina(case: Case, lamina: Lamina, x: FloatArray) -> list[sp.csr_matrix]:
+    """Return M, C, K and the lumped mass of one lamina, clamped dofs included."""
+    rhoA, EI = section(lamina)
+    lengths = np.diff(x).tolist()
+    lumped = _sum([np.diag(lumped_mass(rhoA, h)) for h in lengths])
+    is_lumped = case.time.mass == "lumped"
+    M = lumped if is_lumped else _sum([element_mass(rhoA, h) for h in lengths])
+    K = _sum([element_stiffness(EI, h) for h in lengths])
+    alpha, beta = rayleigh(case, lamina)
+    return [M, sp.csr_matrix(alpha * M + beta * K), K, lumped]
+
+
+def _sum(elements: list[FloatArray]) -> sp.csr_matrix:
+    """Add up the matrices of a row of elements."""
+    matrix = sp.lil_matrix((DOFS * (len(elements) + 1),) * 2)
+    for k, element in enumerate(elements):
+        own = slice(DOFS * k, DOFS * (k + 2))
+        matrix[own, own] = matrix[own, own] + element
+    return matrix.tocsr()
+
+
+def _partition(n_nodes: int) -> tuple[sp.csr_matrix, FloatArray]:
+    """Return R and e of q = R q_free + e q_base, where q holds all dofs of both laminae.
+
+    The clamps share the displacement of the base, and their slopes are 0.
+    """
+    dofs = np.arange(2 * n_nodes * DOFS)
+    node = dofs // DOFS % n_nodes
+    clamps = ((node == 0) & (dofs % DOFS == 0)).astype(np.float64)
+    return sp.identity(dofs.size, format="csc")[:, node > 0].tocsr(), clamps

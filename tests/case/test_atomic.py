@@ -1,0 +1,74 @@
+"""Files and folders appear under their names when they are complete, or not at all."""
+
+from pathlib import Path
+
+import pytest
+
+from delam_fem.case.atomic import atomic, write_text
+
+
+def names(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir()}
+
+
+def test_file_appears_when_the_block_ends(tmp_path: Path) -> None:
+    path = tmp_path / "numbers.npz"
+    with atomic(path) as temporary:
+        temporary.write_text("new")
+        assert not path.exists()
+        assert (temporary.parent, temporary.suffix) == (tmp_path, ".npz")
+    assert path.read_text() == "new"
+    assert names(tmp_path) == {"numbers.npz"}
+
+
+@pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt])
+def test_a_failure_keeps_the_earlier_file_and_leaves_no_other(
+    error: type[BaseException], tmp_path: Path
+) -> None:
+    path = write_text(tmp_path / "table.csv", "earlier")
+    with pytest.raises(error), atomic(path) as temporary:
+        temporary.write_text("half")
+        raise error
+    assert path.read_text() == "earlier"
+    assert names(tmp_path) == {"table.csv"}
+
+
+def test_a_folder_replaces_an_earlier_one(tmp_path: Path) -> None:
+    path = tmp_path / "fields.bp"
+    for name in ("first", "second"):
+        with atomic(path) as temporary:
+            temporary.mkdir()
+            (temporary / name).touch()
+    assert names(path) == {"second"}
+    assert names(tmp_path) == {"fields.bp"}
+
+
+def test_a_folder_of_a_block_that_fails_is_removed(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="no"), atomic(tmp_path / "fields.bp") as temporary:
+        temporary.mkdir()
+        (temporary / "half").touch()
+        raise ValueError("no")
+    assert names(tmp_path) == set()
+
+
+def test_what_a_killed_process_left_is_overwritten(tmp_path: Path) -> None:
+    with atomic(tmp_path / "fields.bp") as temporary:
+        temporary.mkdir()
+    left = temporary
+    left.mkdir()
+    (left / "half").touch()
+    with atomic(tmp_path / "fields.bp") as temporary:
+        temporary.mkdir()
+    assert names(tmp_path / "fields.bp") == set()
+
+
+def test_a_block_that_writes_nothing_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(OSError, match=r"x\.vtu: could not be written"), atomic(tmp_path / "x.vtu"):
+        pass
+
+
+def test_text_is_utf8_and_its_folder_must_exist(tmp_path: Path) -> None:
+    path = write_text(tmp_path / "a.txt", "µ\n")
+    assert path.read_bytes() == b"\xc2\xb5\n"
+    with pytest.raises(FileNotFoundError, match="missing"):
+        write_text(tmp_path / "missing" / "a.txt", "")

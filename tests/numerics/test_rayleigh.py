@@ -1,0 +1,22 @@
+"""Rayleigh coefficients give the modes that their kind names the damping ratio."""
+
+import pytest
+
+from delam_fem.numerics.rayleigh import Kind, coefficients
+
+D, OMEGA = 0.008, (19.9, 124.6)
+ROUND_OFF = 1e-14
+
+
+@pytest.mark.parametrize(
+    ("kind", "damped"), [("two-mode", OMEGA), ("stiffness", OMEGA[:1]), ("mass", OMEGA[:1])]
+)
+def test_named_modes_have_the_ratio(kind: Kind, damped: tuple[float, ...]) -> None:
+    alpha, beta = coefficients(D, *OMEGA, kind)
+    for omega in damped:
+        assert 0.5 * (alpha / omega + beta * omega) == pytest.approx(D, rel=ROUND_OFF)
+    assert (alpha > 0.0, beta > 0.0) == (kind != "stiffness", kind != "mass")
+
+
+def test_two_modes_are_the_default() -> None:
+    assert coefficients(D, *OMEGA) == coefficients(D, *OMEGA, "two-mode")

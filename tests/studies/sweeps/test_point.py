@@ -1,0 +1,81 @@
+"""Cases share a model exactly if nothing differs that enters the assembly."""
+
+import numpy as np
+import pytest
+
+from delam_fem.case.definition import Case
+from delam_fem.case.fields import Section
+from delam_fem.case.files import preset
+from delam_fem.studies.sweeps.grid import sweep_of
+from delam_fem.studies.sweeps.point import PointRunner, assembly_key
+
+SMALL = {"mesh.elements": 3}
+SHARED: list[dict[str, object]] = [
+    {"name": "another"},
+    {"excitation.frequency": 2.0, "excitation.amplitude": 0.001},
+    {"contact.law": "penalty", "contact.penalty_stiffness": 7.0, "contact.penalty_damping": 1.0},
+    {"contact.law": "newton", "contact.restitution": 0.5, "contact.impulse": "consistent"},
+    {"time.steps_per_period": 77, "time.periods": 3, "output.fields_per_period": 0},
+    {"time.scheme": "central-difference", "output.window_periods": 2},
+]
+OWN: list[dict[str, object]] = [
+    {"lamina.thick.density": 1000.0},
+    {"lamina.thin.damping_ratio": 0.1},
+    {"gap.tip": 0.02},
+    {"gap.exponent": 3.0},
+    {"gap.shape": "mode"},
+    {"mesh.elements": 4},
+    {"damping.rayleigh": "mass"},
+    {"time.mass": "lumped"},
+]
+
+
+@pytest.fixture
+def runner() -> PointRunner:
+    axis = {"key": "excitation.frequency", "values": [3.0]}
+    return PointRunner(sweep_of({"name": "s", "base": "paper", "set": SMALL, "axis": [axis]}))
+
+
+@pytest.mark.parametrize("keys", SHARED)
+def test_what_does_not_enter_the_assembly_shares_the_model(
+    runner: PointRunner, keys: dict[str, object]
+) -> None:
+    case = preset("paper", SMALL)
+    other = case.with_overrides(keys)
+    model = runner.model(case)
+    assert runner.model(other) is model
+    for name in ("mass", "damping", "stiffness"):  # and it is right to share it
+        own = PointRunner(runner.sweep).model(other).operators
+        difference = getattr(own, name) - getattr(model.operators, name)
+        assert abs(difference).max() == 0.0
+        np.testing.assert_array_equal(own.gap0, model.operators.gap0)
+
+
+@pytest.mark.parametrize("keys", OWN)
+def test_what_enters_the_assembly_has_a_model_of_its_own(
+    runner: PointRunner, keys: dict[str, object]
+) -> None:
+    case = preset("paper", SMALL)
+    assert runner.model(case.with_overrides(keys)) is not runner.model(case)
+
+
+class Bond(Section):
+    """A section that cases may have one day."""
+
+    length: float = 0.0
+
+
+class BondedCase(Case):
+    """A case with one more section."""
+
+    bond: Bond = Bond()
+
+
+def test_a_new_section_never_shares_models() -> None:
+    data = preset("paper", SMALL).model_dump(exclude_none=True)
+    plain, none, some = (
+        Case.model_validate(data),
+        BondedCase.model_validate(data),
+        BondedCase.model_validate({**data, "bond": {"length": 0.1}}),
+    )
+    assert len({assembly_key(case) for case in (plain, none, some)}) == 3
