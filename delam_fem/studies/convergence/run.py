@@ -1,10 +1,10 @@
-"""Compute a ladder: rungs to an executor, each finished one into one file, all of it comparable.
+"""Compute a ladder: an executor computes the rungs, and each finished one is written to a file.
 
 In Python:
 
     import delam_fem as df
-    from delam_fem.studies.convergence.ladder import Ladder, scheme
-    ladder = Ladder(df.preset("default"), (scheme("moreau"),), (10, 20, 40), (1000, 2000, 4000))
+    from delam_fem.studies.convergence.ladder import Ladder, method
+    ladder = Ladder(df.preset("default"), (method("moreau"),), (10, 20, 40), (1000, 2000, 4000))
     found = run_ladder(ladder, "runs/ladder", workers=2)
     found.error(ladder.rungs()[-1])
 """
@@ -84,9 +84,12 @@ class Convergence:
 
         Returns:
             The largest difference of the four extremes, each in half peak-to-peak displacements of
-            its tip in the limit [-]; NaN where either is missing.
+            its tip in the limit [-]; NaN where either is missing, or the ladder has no limit.
         """
-        reference = reference or self.ladder.limit_of(rung.mesh)
+        if reference is None:
+            if not self.ladder.has_limit:
+                return math.nan
+            reference = self.ladder.limit_of(rung.mesh)
         exact = np.array([self.value(reference, q.name) for q in EXTREMA])
         found = np.array([self.value(rung, q.name) for q in EXTREMA])
         half = np.repeat((exact[1::2] - exact[0::2]) / 2.0, 2)

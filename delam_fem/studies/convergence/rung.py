@@ -72,7 +72,7 @@ def compute(rung: Rung, engine: EngineName) -> RungResult:
     """Compute a rung; whatever goes wrong is part of the result."""
     try:
         with np.errstate(all="ignore"):  # a diverged motion is told by its outcome
-            computed = _free if rung.scheme == FREE.name else _clapping
+            computed = _free if rung.method == FREE.name else _clapping
             return computed(rung, engine)
     except Exception as error:
         _log.debug("rung %s", rung.key, exc_info=True)

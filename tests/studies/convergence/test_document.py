@@ -32,13 +32,13 @@ def scripts(monkeypatch: pytest.MonkeyPatch) -> dict[str, ModuleType]:
 
 def made_up(rung: Rung) -> RungResult:
     """Return extremes that approach a limit as the square root of the time step."""
-    if rung.scheme == FREE.name:
+    if rung.method == FREE.name:
         return RungResult(rung.key, "completed", "", {}, 0.3, 100)
     excess = 1.0 + 1.0 / math.sqrt(rung.steps)
     found = {name: (excess * value, 1e-9) for name, value in LIMITS.items()}
     found |= {"blocks": (30.0, 0.0), "periodicity": (1.0, 0.0), "impact_gain": (1e-5, 0.0)}
     found |= {"contact_work": (9.9e-4, 1e-9)}
-    if rung.scheme == "newton/lumped" and rung.elements == 160:
+    if rung.method == "newton/lumped" and rung.elements == 160:
         return RungResult(rung.key, "diverged", "diverged in period 77", {}, 0.3, 77)
     return RungResult(rung.key, "completed", "", found, 0.3, 60)
 

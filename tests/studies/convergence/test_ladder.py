@@ -11,7 +11,7 @@ from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
 from delam_fem.case.toml import CaseError
 from delam_fem.numerics.extrapolation import orders_of_errors
-from delam_fem.studies.convergence.ladder import FREE, LIMIT, Ladder, Rung, scheme, whole_numbers
+from delam_fem.studies.convergence.ladder import FREE, LIMIT, Ladder, Rung, method, whole_numbers
 from delam_fem.studies.convergence.run import Convergence
 from delam_fem.studies.convergence.rung import compute, fitted_frequency
 from delam_fem.studies.convergence.statistics import PeriodRow, statistics
@@ -29,8 +29,8 @@ SPECIFIED, SPECIFIED_COARSE = 0.02, 0.05
 
 def ladder(case: Case = CASE, laws: str = "moreau", **settings: object) -> Ladder:
     given: dict[str, object] = {"meshes": (10,), "steps": (1000,), "limit_steps": 0, "periods": 4}
-    schemes = tuple(scheme(law) for law in laws.split(","))
-    return Ladder(case, schemes, **(given | settings))  # type: ignore[arg-type]
+    methods = tuple(method(law) for law in laws.split(","))
+    return Ladder(case, methods, **(given | settings))  # type: ignore[arg-type]
 
 
 def computed(rungs: list[Rung], on: Ladder) -> Convergence:
@@ -66,7 +66,7 @@ def test_swept_excitation_is_refused() -> None:
 @pytest.mark.parametrize("text", ["none", "newton/soft", "coulomb", "moreau/"])
 def test_unknown_laws_are_refused(text: str) -> None:
     with pytest.raises(CaseError, match=r"laws: expected newton, .* given"):
-        scheme(text)
+        method(text)
 
 
 @pytest.mark.parametrize("text", ["", "10,,20", "0", "a", "-5", "1.5"])
@@ -80,8 +80,8 @@ def test_rungs_of_a_ladder() -> None:
     on = ladder(laws="newton/lumped,moreau", meshes=(10, 20), steps=(500, 1000), limit_steps=4000)
     rungs = on.rungs()
     assert len(rungs) == len({rung.key for rung in rungs}) == 3 * 4 + 2
-    assert [rung.scheme for rung in rungs[:4]] == ["none"] * 4
-    assert {rung.steps for rung in rungs if rung.scheme == LIMIT.name} == {4000}
+    assert [rung.method for rung in rungs[:4]] == ["none"] * 4
+    assert {rung.steps for rung in rungs if rung.method == LIMIT.name} == {4000}
     assert all(rung.case.n_periods == 2 * rung.periods == 8 for rung in rungs)
     by_key = {rung.key: rung.case for rung in rungs}
     literal = by_key["newton/lumped 20 500"]
@@ -105,7 +105,7 @@ def test_mesh_files() -> None:
     assert found[0] == pytest.approx(found[1], rel=1e-9)
 
 
-def test_identity_ignores_sizes_and_schemes_alone() -> None:
+def test_identity_ignores_sizes_and_methods_alone() -> None:
     assert ladder().identity == ladder(laws="newton", meshes=(20,), steps=(500,)).identity
     assert ladder().identity != ladder(periods=5).identity
     assert ladder().identity != ladder(preset("default")).identity

@@ -15,7 +15,7 @@ from delam_fem.case.toml import CaseError
 from delam_fem.cli.app import app
 from delam_fem.studies.convergence import run as run_module
 from delam_fem.studies.convergence.figures import save_figures
-from delam_fem.studies.convergence.ladder import FREE, LIMIT, EngineName, Ladder, Rung, scheme
+from delam_fem.studies.convergence.ladder import FREE, LIMIT, EngineName, Ladder, Rung, method
 from delam_fem.studies.convergence.run import (
     RESULT,
     Convergence,
@@ -36,21 +36,21 @@ def ladder(**settings: object) -> Ladder:
     given: dict[str, object] = {"meshes": MESHES, "steps": STEPS, "limit_steps": 64000}
     laws = settings.pop("laws", "moreau,newton")
     assert isinstance(laws, str)
-    schemes = tuple(scheme(law) for law in laws.split(","))
-    return Ladder(CASE, schemes, **(given | settings))  # type: ignore[arg-type]
+    methods = tuple(method(law) for law in laws.split(","))
+    return Ladder(CASE, methods, **(given | settings))  # type: ignore[arg-type]
 
 
 def synthetic(rung: Rung, engine: EngineName) -> RungResult:
     """Return values that converge in order 1/2 in Δt and 1 in h, and 2 and 4 without contact."""
-    if rung.scheme == FREE.name:
+    if rung.method == FREE.name:
         frequencies, amplitudes = exact_free_motion(rung.case)
         error = 4.0 / rung.steps**2 + 3.0 / rung.elements**4
         found = {f"frequency_{i + 1}": (f * (1.0 + error), 0.0) for i, f in enumerate(frequencies)}
         found |= {f"amplitude_{i + 1}": (a * (1 - error), 0.0) for i, a in enumerate(amplitudes)}
         return RungResult(rung.key, "completed", "", found, 0.5, 100)
-    if rung.scheme == "newton" and rung.elements == 40:
+    if rung.method == "newton" and rung.elements == 40:
         return RungResult(rung.key, "diverged", "diverged in period 7", {}, 0.5, 7)
-    in_time = 0.0 if rung.scheme == LIMIT.name else 3.0 / math.sqrt(rung.steps)
+    in_time = 0.0 if rung.method == LIMIT.name else 3.0 / math.sqrt(rung.steps)
     values = {q.name: 1e-3 * (1.0 + in_time) for q in CONVERGING}
     values |= {
         name: value * (1.0 + in_time + 0.5 / rung.elements) for name, value in LIMITS.items()
@@ -79,7 +79,7 @@ def whole(on: Ladder) -> Convergence:
 
 def test_order_and_limit_of_a_ladder() -> None:
     found = whole(ladder())
-    rungs = found.ladder.along_steps(found.ladder.schemes[0], 20)
+    rungs = found.ladder.along_steps(found.ladder.methods[0], 20)
     told = found.limit(rungs, "tip_min_1")
     assert told.reason == "Richardson"
     assert told.orders == pytest.approx([0.5, 0.5], abs=1e-3)
@@ -92,7 +92,7 @@ def test_order_and_limit_of_a_ladder() -> None:
 
 def test_error_is_relative_to_half_the_range_of_the_limit() -> None:
     found = whole(ladder())
-    rung = found.ladder.rung(found.ladder.schemes[0], 20, 1000)
+    rung = found.ladder.rung(found.ladder.methods[0], 20, 1000)
     excess = 3.0 / math.sqrt(1000)
     both = {1: 0.02 / (0.035 / 2.0), 2: 0.032 / (0.030 / 2.0)}
     assert found.error(rung) == pytest.approx(excess / 1.025 * both[2], rel=1e-9)
@@ -101,7 +101,7 @@ def test_error_is_relative_to_half_the_range_of_the_limit() -> None:
 
 def test_missing_and_diverged_rungs_are_no_numbers() -> None:
     found = whole(ladder())
-    diverged = found.ladder.rung(found.ladder.schemes[1], 40, 1000)
+    diverged = found.ladder.rung(found.ladder.methods[1], 40, 1000)
     assert math.isnan(found.error(diverged))
     assert math.isnan(found.standard_error(diverged, "tip_min_1"))
     del found.results[diverged.key]
@@ -124,7 +124,7 @@ def test_tables_tell_orders_limits_and_failures() -> None:
         assert {len(row) for row in table.rows} == {len(table.heading)}
 
 
-def test_overview_shows_all_schemes_side_by_side() -> None:
+def test_overview_shows_all_methods_side_by_side() -> None:
     found = whole(ladder(meshes=(20, 40), steps=(1000, 2000)))
     shown = {table.title: table for table in overview(found)}
     title = "error of the tip extremes against the rigid limit of the mesh [%], 40 elements"
