@@ -205,7 +205,8 @@ def _free(
         if np.isfinite(errors[0]).any():
             start = 0.4 * np.nanmin(errors[0])
             axes.loglog(n, start * (n / n[0]) ** slope, ":", color=BLACK, label=f"order {-slope:g}")
-    axes.set_ylim(bottom=max(0.3 * float(np.nanmin(errors)), FREE_FLOOR))
+    if np.isfinite(errors).any():
+        axes.set_ylim(bottom=max(0.3 * float(np.nanmin(errors)), FREE_FLOOR))
     axes.set(xlabel=label, ylabel="relative error")
     _plain(axes, n.astype(int).tolist())
     axes.legend()

@@ -1,4 +1,4 @@
-"""Ladders as a whole: durable, resumable, analysed on sequences with known limits; the command."""
+"""Ladders as a whole: durable, resumable, analysed on sequences with known limits."""
 
 from __future__ import annotations
 
@@ -8,11 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from delam_fem.case.files import preset
 from delam_fem.case.toml import CaseError
-from delam_fem.cli.app import app
 from delam_fem.studies.convergence import run as run_module
 from delam_fem.studies.convergence.figures import save_figures
 from delam_fem.studies.convergence.ladder import FREE, LIMIT, EngineName, Ladder, Rung, method
@@ -25,7 +23,7 @@ from delam_fem.studies.convergence.run import (
 )
 from delam_fem.studies.convergence.rung import RungResult
 from delam_fem.studies.convergence.statistics import CONVERGING, EXTREMA
-from delam_fem.studies.convergence.tables import overview, tables
+from delam_fem.studies.convergence.tables import NO_LIMIT, overview, page, tables
 
 CASE = preset("default")
 STEPS, MESHES = (500, 1000, 2000, 4000), (5, 10, 20, 40)
@@ -141,7 +139,26 @@ def test_figures_of_a_ladder(tmp_path: Path) -> None:
     }
     assert all((tmp_path / name).stat().st_size > 10_000 for name in names)
     one = whole(ladder(meshes=(20,), limit_steps=0))
-    assert [path.name for path in save_figures(one, tmp_path)] == ["free_steps.png"]
+    names = {path.name for path in save_figures(one, tmp_path)}
+    assert names == {"free_steps.png", "work_over_steps.png"}
+
+
+def test_figures_of_an_interrupted_ladder(tmp_path: Path) -> None:
+    on = ladder(meshes=(20, 40), steps=(1000, 2000))
+    first = on.rungs()[0]
+    found = Convergence(on, {first.key: synthetic(first, "compiled")})
+    assert len(save_figures(found, tmp_path)) == 6
+
+
+def test_without_a_limit_nothing_is_compared_with_it() -> None:
+    found = whole(ladder(limit_steps=0))
+    assert math.isnan(found.error(found.ladder.rungs()[-1]))
+    for table in (*tables(found), *overview(found)):
+        assert "error [%]" not in table.heading
+        assert "rigid limit" not in table.title
+        assert {len(row) for row in table.rows} == {len(table.heading)}
+    assert page(found).startswith(f"# Convergence of case default\n\n{NO_LIMIT}\n\n**without")
+    assert NO_LIMIT not in page(whole(ladder()))
 
 
 def test_every_finished_rung_is_kept(tmp_path: Path, counted: list[str]) -> None:
@@ -208,47 +225,6 @@ def test_processes_compute_a_ladder(tmp_path: Path) -> None:
     assert np.isfinite(found.error(on.rungs()[-2]))
     assert found.error(on.limit_of(5)) == 0.0
     assert all(found.cost(rung) > 0.0 for rung in on.rungs())
-
-
-def invoke(*arguments: str | Path) -> tuple[int, str, str]:
-    result = CliRunner().invoke(app, ["converge", *(str(argument) for argument in arguments)])
-    return result.exit_code, result.stdout, result.output
-
-
-SMALL = ("default", "--laws", "moreau", "-j", "1", "--periods", "2", "--limit-steps", "1000")
-
-
-def test_the_command(tmp_path: Path) -> None:
-    sizes = ("--in", "both", "--elements", "5,10", "--steps", "250,500")
-    status, out, _ = invoke(*SMALL, *sizes, "-o", tmp_path)
-    assert status == 0
-    assert "relative errors without contact, 10 elements" in " ".join(out.split())
-    assert "y1 min [mm]" in out
-    text = (tmp_path / "tables.md").read_text("utf-8")
-    assert text.startswith("# Convergence of case default\n\n**without contact, 5 elements")
-    assert len(load_results(tmp_path)) == 2 * 2 * 2 + 2
-    assert (tmp_path / "figures" / "error_over_cost.png").is_file()
-    status, _, output = invoke(*SMALL, *sizes, "-o", tmp_path)
-    assert status == 2
-    assert "go on with --resume" in output
-    status, _, _ = invoke(*SMALL, *sizes, "-o", tmp_path, "--resume", "-q")
-    assert status == 0
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("--laws", "coulomb"), "laws: expected"),
-        (("--elements", "20,10", "--in", "elements"), "elements: expected increasing numbers"),
-        (("--elements", "20", "--meshes", "a.msh"), "expected --elements or --meshes, given both"),
-        (("--meshes", "a.msh"), "mesh.file: no such file"),
-        (("--steps", "ten"), "steps: expected whole numbers such as 5,10,20, given 'ten'"),
-    ],
-)
-def test_bad_input_of_the_command(tmp_path: Path, arguments: tuple[str, ...], message: str) -> None:
-    status, _, output = invoke("default", *arguments, "-o", tmp_path)
-    assert status == 2
-    assert message in output
 
 
 def test_extremes_have_a_pair_for_each_tip() -> None:
