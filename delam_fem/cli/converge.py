@@ -11,8 +11,8 @@ from delam_fem.cli.terminal import INTERRUPTED, fail, reported, say_files, table
 
 if TYPE_CHECKING:
     from delam_fem.case.definition import Case
+    from delam_fem.studies.convergence.analysis import Convergence
     from delam_fem.studies.convergence.ladder import Ladder, MeshChoice, Method
-    from delam_fem.studies.convergence.run import Convergence
 
 CaseArgument = Annotated[
     str, typer.Argument(metavar="CASE", help="A preset by name, or a case file (.toml).")
@@ -159,8 +159,9 @@ def _tell(found: Convergence, directory: Path, quiet: bool) -> None:
     from rich.markup import escape
 
     from delam_fem.studies.convergence.figures import save_figures
+    from delam_fem.studies.convergence.overview import overview
     from delam_fem.studies.convergence.run import RESULT
-    from delam_fem.studies.convergence.tables import NO_LIMIT, overview, page
+    from delam_fem.studies.convergence.tables import NO_LIMIT, page
 
     path = directory / "tables.md"
     path.write_text(page(found), "utf-8")

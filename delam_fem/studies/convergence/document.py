@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from delam_fem.case.files import preset
 from delam_fem.model import closed_form
 from delam_fem.results.style import BLACK, BLUE, GREEN, VERMILLION, WIDTH
+from delam_fem.studies.convergence.analysis import Convergence
 from delam_fem.studies.convergence.document_tables import document_tables
 from delam_fem.studies.convergence.figures import (
     error_over_cost,
@@ -22,7 +23,6 @@ from delam_fem.studies.convergence.figures import (
     limit_over_elements,
     work_over_steps,
 )
-from delam_fem.studies.convergence.run import Convergence
 from delam_fem.studies.convergence.study import DAMPINGS
 from delam_fem.studies.convergence.tables import Table
 

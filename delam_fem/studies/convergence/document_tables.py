@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from delam_fem.numerics.extrapolation import Limit
+from delam_fem.studies.convergence.analysis import Convergence
 from delam_fem.studies.convergence.ladder import Rung
-from delam_fem.studies.convergence.run import Convergence
 from delam_fem.studies.convergence.statistics import EXTREMA, WORK
 from delam_fem.studies.convergence.study import (
     DAMPINGS,

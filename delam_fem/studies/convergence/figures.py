@@ -26,8 +26,8 @@ from delam_fem.results.style import (
     legend_above,
     styled,
 )
+from delam_fem.studies.convergence.analysis import Convergence
 from delam_fem.studies.convergence.ladder import FREE, LIMIT, Rung
-from delam_fem.studies.convergence.run import Convergence
 from delam_fem.studies.convergence.statistics import EXTREMA, WORK
 
 Value = Callable[[Rung], float]
@@ -40,7 +40,7 @@ STYLES = (
 PANELS = 3
 """Panels side by side."""
 LONG_RANGE = 100.0
-"""Axes over more than this have ticks at the powers of ten alone."""
+"""Axes with a larger ratio of their ends have ticks at powers of ten only."""
 FREE_FLOOR = 1e-13
 """Errors without contact below are round-off and not drawn."""
 
@@ -83,14 +83,14 @@ def save_figures(found: Convergence, directory: str | Path) -> list[Path]:
 
 
 def error_over_steps(found: Convergence) -> Figure:
-    """Draw the distance from the rigid limit of the mesh over steps per period, mesh by mesh."""
+    """Draw the distance from the rigid limit of each mesh over steps per period."""
     figure = _panels(found, lambda rung: rung.steps, lambda rung: 100.0 * found.error(rung))
     _finish(figure, found, "steps per period", "error of the tip extremes [%]")
     return figure
 
 
 def error_over_cost(found: Convergence) -> Figure:
-    """Draw the distance from the rigid limit of the mesh over what a period costs."""
+    """Draw the distance from the rigid limit of each mesh over the processor time of a period."""
     figure = _panels(
         found, lambda rung: 1e6 * found.cost(rung), lambda rung: 100.0 * found.error(rung)
     )
@@ -148,7 +148,7 @@ def limit_over_elements(found: Convergence) -> Figure:
 
 
 def _panels(found: Convergence, abscissa: Value, ordinate: Value) -> Figure:
-    """Draw all methods over a quantity, a panel per mesh."""
+    """Draw the lines of all methods, one panel per mesh."""
     meshes = found.ladder.meshes
     columns = min(PANELS, len(meshes))
     rows = math.ceil(len(meshes) / columns)

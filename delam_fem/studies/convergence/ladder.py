@@ -103,10 +103,10 @@ class Rung:
 
 @dataclass(frozen=True)
 class Ladder:
-    """What to compute.
+    """The runs of one case by several methods, on several meshes, with several numbers of steps.
 
     Attributes:
-        case: the base; its period and lengths hold for all rungs.
+        case: the base of all rungs.
         methods: with contact.
         meshes: from coarse to fine.
         steps: N per period, increasing.

@@ -11,9 +11,9 @@ from matplotlib.figure import Figure
 from project import ROOT, script
 
 from delam_fem.studies.convergence import document as document_module
+from delam_fem.studies.convergence.analysis import Convergence, exact_free_motion
 from delam_fem.studies.convergence.document import document, fill
 from delam_fem.studies.convergence.ladder import FREE, Ladder, Rung
-from delam_fem.studies.convergence.run import Convergence, exact_free_motion
 from delam_fem.studies.convergence.rung import RungResult
 from delam_fem.studies.convergence.statistics import EXTREMA
 from delam_fem.studies.convergence.study import ladders

@@ -11,8 +11,8 @@ from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
 from delam_fem.case.toml import CaseError
 from delam_fem.numerics.extrapolation import orders_of_errors
+from delam_fem.studies.convergence.analysis import Convergence
 from delam_fem.studies.convergence.ladder import FREE, LIMIT, Ladder, Rung, method, whole_numbers
-from delam_fem.studies.convergence.run import Convergence
 from delam_fem.studies.convergence.rung import compute, fitted_frequency
 from delam_fem.studies.convergence.statistics import PeriodRow, statistics
 
