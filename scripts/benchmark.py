@@ -18,13 +18,13 @@ import tempfile
 import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 import numba
 import numpy as np
-from delam_fem.simulation.setup import motion_of, recorder_of
 from matplotlib.figure import Figure
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -32,19 +32,18 @@ from rich.console import Console
 from rich.table import Table
 
 import delam_fem as df
-from delam_fem.engines.compiled.engine import compiled_engine
+from delam_fem.engines.choose import EngineName
 from delam_fem.engines.petsc import linear_algebra
-from delam_fem.engines.petsc.engine import petsc_engine
+from delam_fem.engines.session import session_of
 from delam_fem.model import closed_form
 from delam_fem.reference.loop import simulate_reference
-from delam_fem.simulation.loop import set_initial, simulate
 
 COMM = PETSc.COMM_SELF
 SCHEMES: dict[str, dict[str, Any]] = {
     "newton-penalty, lumped mass and impulses": {"time.mass": "lumped"},
     "newton-penalty, consistent mass and impulses": {"contact.impulse": "consistent"},
-    "moreau": {"contact.law": "moreau", "contact.impulse": "consistent"},
-    "moreau-recovery": {"contact.law": "moreau-recovery", "contact.impulse": "consistent"},
+    "newton@moreau-jean": {"contact.law": "newton@moreau-jean"},
+    "recovery@moreau-jean": {"contact.law": "recovery@moreau-jean"},
     "no contact, lumped mass": {"contact.law": "none", "time.mass": "lumped"},
 }
 BASELINE = "newton-penalty, lumped mass and impulses"
@@ -95,27 +94,18 @@ def case_of(elements: int, periods: int, **settings: Any) -> df.Case:
     return df.preset("paper", keys | settings)
 
 
-def make_engine(name: str, case: df.Case, operators: Any) -> Any:
-    """Return an engine by its name."""
-    if name == "petsc":
-        return petsc_engine(case, operators, MPI.COMM_SELF)
-    return compiled_engine(case, operators)
-
-
-def step(case: df.Case, repeats: int, engine: str) -> dict[str, float]:
+def step(case: df.Case, repeats: int, engine: EngineName) -> dict[str, float]:
     """Return the time of a step with all that a run does in it, and in the engine alone [µs]."""
     operators = closed_form.assemble(case).operators
     whole, inner = [], []
     for _ in range(repeats):
-        computing = make_engine(engine, case, operators)
-        recorder, motion = recorder_of(case, operators), motion_of(case)
-        set_initial(computing, None, motion(0)[0])
-        within = Stopwatch(computing.run_period)
-        begin = time.perf_counter()
-        outcome = simulate(Timed(computing, within), recorder, motion)
-        whole.append(time.perf_counter() - begin)
-        inner.append(within.seconds)
-        computing.destroy()
+        with session_of(case, operators, engine=engine, comm=MPI.COMM_SELF) as opened:
+            within = Stopwatch(opened.engine.run_period)
+            timed = replace(opened, engine=Timed(opened.engine, within))
+            begin = time.perf_counter()
+            outcome = timed.run()
+            whole.append(time.perf_counter() - begin)
+            inner.append(within.seconds)
         if outcome != "completed":
             raise RuntimeError(f"{case.name} with {case.mesh.elements} elements {outcome}")
     steps = case.n_periods * case.time.steps_per_period
@@ -159,10 +149,8 @@ def _one_run(periods: int) -> int:
     """Compute so many periods in a worker; return the steps."""
     case = case_of(20, periods, **SCHEMES[BASELINE])
     operators = closed_form.assemble(case).operators
-    engine = compiled_engine(case, operators)
-    recorder, motion = recorder_of(case, operators), motion_of(case)
-    set_initial(engine, None, motion(0)[0])
-    simulate(engine, recorder, motion)
+    with session_of(case, operators) as opened:
+        opened.run()
     return periods * case.time.steps_per_period
 
 

@@ -1,4 +1,4 @@
-"""The command `delam-fem converge`: one case under refinement, all schemes side by side."""
+"""Define the command `delam-fem converge`: refine one case by several methods side by side."""
 
 from __future__ import annotations
 
@@ -11,9 +11,20 @@ from delam_fem.cli.terminal import INTERRUPTED, fail, reported, say_files, table
 
 if TYPE_CHECKING:
     from delam_fem.case.definition import Case
-    from delam_fem.studies.convergence.ladder import MeshChoice
-    from delam_fem.studies.convergence.run import Convergence
+    from delam_fem.studies.convergence.analysis import Convergence
+    from delam_fem.studies.convergence.ladder import Ladder, MeshChoice, Method
 
+CaseArgument = Annotated[
+    str, typer.Argument(metavar="CASE", help="A preset by name, or a case file (.toml).")
+]
+Folder = Annotated[
+    Path | None,
+    typer.Option("-o", "--output", metavar="DIR", help="Folder (runs/NAME-converge)."),
+]
+Overrides = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="Override a key of the case; repeatable."),
+]
 Direction = Annotated[
     Literal["elements", "steps", "both"],
     typer.Option("--in", help="What is refined; both: every mesh with every number of steps."),
@@ -22,9 +33,35 @@ Laws = Annotated[
     str | None,
     typer.Option(
         metavar="LAW,…",
-        help="Contact laws, each alone or as LAW/lumped or LAW/consistent; all of them.",
+        help="Contact laws with their schemes, e.g. newton@moreau-jean, maybe with "
+        "/lumped or /consistent; five of them.",
     ),
 ]
+Elements = Annotated[
+    str | None, typer.Option(metavar="N,…", help="Elements per lamina; 5,10,…,160.")
+]
+MeshFiles = Annotated[
+    str | None, typer.Option(metavar="FILE,…", help="Mesh files instead, coarse first.")
+]
+Steps = Annotated[
+    str | None, typer.Option(metavar="N,…", help="Steps per period; 250,500,…,16000.")
+]
+Periods = Annotated[int | None, typer.Option(min=1, help="Periods of the statistics; 60.")]
+LimitSteps = Annotated[
+    int | None,
+    typer.Option(min=0, help="Steps per period that stand for the limit; 64000. 0: none."),
+]
+EngineOption = Annotated[
+    Literal["petsc", "compiled"], typer.Option(help="What computes the steps.")
+]
+Workers = Annotated[
+    int | None,
+    typer.Option("-j", "--workers", min=1, metavar="N", help="Processes; one per core."),
+]
+Resume = Annotated[
+    bool, typer.Option("--resume", help="Go on with an interrupted ladder, or extend one.")
+]
+Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="No progress, no table.")]
 
 
 def register(app: typer.Typer) -> None:
@@ -33,61 +70,31 @@ def register(app: typer.Typer) -> None:
 
 
 def converge_command(
-    case_name: Annotated[
-        str, typer.Argument(metavar="CASE", help="A preset by name, or a case file (.toml).")
-    ],
-    output: Annotated[
-        Path | None,
-        typer.Option("-o", "--output", metavar="DIR", help="Folder (runs/NAME-converge)."),
-    ] = None,
-    overrides: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="Override a key of the case; repeatable."),
-    ] = None,
+    case_name: CaseArgument,
+    output: Folder = None,
+    overrides: Overrides = None,
     *,
     direction: Direction = "steps",
     laws: Laws = None,
-    elements: Annotated[
-        str | None, typer.Option(metavar="N,…", help="Elements per lamina; 5,10,…,160.")
-    ] = None,
-    meshes: Annotated[
-        str | None, typer.Option(metavar="FILE,…", help="Mesh files instead, coarse first.")
-    ] = None,
-    steps: Annotated[
-        str | None, typer.Option(metavar="N,…", help="Steps per period; 250,500,…,16000.")
-    ] = None,
-    periods: Annotated[
-        int | None, typer.Option(min=1, help="Periods of the statistics; 60.")
-    ] = None,
-    limit_steps: Annotated[
-        int | None,
-        typer.Option(min=0, help="Steps per period that stand for the limit; 64000. 0: none."),
-    ] = None,
-    engine: Annotated[
-        Literal["petsc", "compiled"], typer.Option(help="What computes the steps.")
-    ] = "compiled",
-    workers: Annotated[
-        int | None,
-        typer.Option("-j", "--workers", min=1, metavar="N", help="Processes; one per core."),
-    ] = None,
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Go on with an interrupted ladder, or extend one.")
-    ] = False,
-    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="No progress, no table.")] = False,
+    elements: Elements = None,
+    meshes: MeshFiles = None,
+    steps: Steps = None,
+    periods: Periods = None,
+    limit_steps: LimitSteps = None,
+    engine: EngineOption = "compiled",
+    workers: Workers = None,
+    resume: Resume = False,
+    quiet: Quiet = False,
 ) -> None:
-    """Refine a case: what each scheme converges to, how fast and at what cost."""
+    """Refine a case: what each method converges to, how fast and at what cost."""
     with reported(quiet):
-        from rich.console import Console
-
         from delam_fem.cli.inputs import case_of, writable
-        from delam_fem.cli.progress import progress
-        from delam_fem.studies.convergence.ladder import LAWS, LIMIT_STEPS, PERIODS, Ladder, scheme
-        from delam_fem.studies.convergence.run import run_ladder
+        from delam_fem.studies.convergence.ladder import LIMIT_STEPS, PERIODS, Ladder
 
         case = case_of(case_name, overrides)
         ladder = Ladder(
             case,
-            tuple(scheme(law.strip()) for law in (laws or ",".join(LAWS)).split(",")),
+            _methods(laws),
             _meshes(case, direction, elements, meshes),
             _steps(case, direction, steps),
             PERIODS if periods is None else periods,
@@ -95,12 +102,28 @@ def converge_command(
             engine,
         )
         directory = writable(output or Path("runs") / f"{case.name}-converge")
-        with progress(Console(stderr=True, quiet=quiet)) as report:
-            found = run_ladder(ladder, directory, workers=workers, resume=resume, progress=report)
-        _tell(found, directory, quiet)
-        if not found.is_complete:
-            left = sum(rung.key not in found.results for rung in ladder.rungs())
-            fail(f"interrupted with {left} rungs left; --resume goes on", INTERRUPTED)
+        _tell(_computed(ladder, directory, workers, resume, quiet), directory, quiet)
+
+
+def _computed(
+    ladder: Ladder, directory: Path, workers: int | None, resume: bool, quiet: bool
+) -> Convergence:
+    """Compute a ladder and show the progress."""
+    from rich.console import Console
+
+    from delam_fem.cli.progress import progress
+    from delam_fem.studies.convergence.run import run_ladder
+
+    with progress(Console(stderr=True, quiet=quiet)) as report:
+        return run_ladder(ladder, directory, workers=workers, resume=resume, progress=report)
+
+
+def _methods(laws: str | None) -> tuple[Method, ...]:
+    """Return the methods of the ladder, by default one for each law."""
+    from delam_fem.studies.convergence.ladder import METHODS, method
+
+    names = METHODS if laws is None else laws.split(",")
+    return tuple(method(name.strip()) for name in names)
 
 
 def _meshes(
@@ -133,19 +156,24 @@ def _steps(case: Case, direction: str, steps: str | None) -> tuple[int, ...]:
 
 
 def _tell(found: Convergence, directory: Path, quiet: bool) -> None:
-    """Write tables and figures, and show what matters of them."""
+    """Write tables and figures, show the main tables, and fail if the ladder is incomplete."""
     from rich.markup import escape
 
     from delam_fem.case.atomic import write_text
     from delam_fem.studies.convergence.figures import save_figures
+    from delam_fem.studies.convergence.overview import overview
     from delam_fem.studies.convergence.run import RESULT
-    from delam_fem.studies.convergence.tables import overview, tables
+    from delam_fem.studies.convergence.tables import NO_LIMIT, page
 
     path = directory / "tables.md"
-    text = "\n".join(entry.markdown() for entry in tables(found))
-    write_text(path, f"# Convergence of case {found.ladder.case.name}\n\n{text}")
+    write_text(path, page(found))
     written = [directory / RESULT, path, *save_figures(found, directory / "figures")]
     if not quiet:
         for entry in overview(found):
             table(escape(entry.title), [escape(text) for text in entry.heading], entry.rows)
+        if not found.ladder.has_limit:
+            typer.echo(NO_LIMIT, err=True)
         say_files(written)
+    if not found.is_complete:
+        left = sum(rung.key not in found.results for rung in found.ladder.rungs())
+        fail(f"interrupted with {left} rungs left; --resume goes on", INTERRUPTED)

@@ -1,12 +1,12 @@
-"""The linear complementarity problem of simultaneous impacts, solved exactly.
+"""Solve the linear complementarity problem of simultaneous impacts exactly.
 
     0 <= p,   W p + q >= 0,   p^T (W p + q) = 0
 
-with W = H M^-1 H^T symmetric and positive semidefinite and q in its range. It is the optimality
-condition of the non-negative least-squares problem min 1/2 |L^T p + L^-1 q|^2 with W = L L^T, and
-is solved by Lawson and Hanson's active set on W itself. A redundant pair has no residual left once
-the pairs that span it are active, hence is never added: p is then one of several solutions, H^T p
-is unique.
+W = H M^-1 H^T is symmetric and positive semidefinite, and q lies in its range. The problem is the
+optimality condition of the non-negative least-squares problem min 1/2 |L^T p + L^-1 q|^2 with
+W = L L^T. Lawson and Hanson's active-set method solves it on W itself. A redundant pair has no
+residual once the pairs that span it are active, so the method never adds it: p is then one of
+several solutions, but H^T p is unique.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ import numpy as np
 from delam_fem.numerics.arrays import FloatArray
 
 TOLERANCE = 1e-13
-"""Residual that counts as none, relative to the largest |q|: round-off of a few dozen pairs."""
+"""A residual below this times the largest |q| is round-off (of a few dozen pairs)."""
 
 UNSOLVABLE = 1e-4
-"""Residual that no round-off explains, relative likewise: nearly alike pairs reach 1e-6."""
+"""A residual above this times the largest |q| is no round-off; nearly alike pairs reach 1e-6."""
 
 
 @numba.njit(cache=True)
@@ -53,7 +53,7 @@ def _solve_active(W, q, active, n_active, out):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def _solve_all(W, q, p):  # type: ignore[no-untyped-def]
-    """Try the guess that every pair is active, which most impacts fulfil."""
+    """Solve with all pairs active, as in most impacts; return whether no impulse is negative."""
     n = q.size
     if not _solve_active(W, q, np.arange(n), n, p):
         return False
@@ -61,6 +61,44 @@ def _solve_all(W, q, p):  # type: ignore[no-untyped-def]
         if p[k] < 0.0:
             return False
     return True
+
+
+@numba.njit(cache=True, forceinline=True)
+def _most_violated(W, q, p, active, n_active, is_barred, limit):  # type: ignore[no-untyped-def]
+    """Return the idle pair with the smallest residual below -limit; -1 if there is none."""
+    best, chosen = -limit, -1
+    for k in range(q.size):
+        if p[k] == 0.0 and not is_barred[k]:
+            residual = q[k]
+            for i in range(n_active):
+                residual += W[k, active[i]] * p[active[i]]
+            if residual < best:
+                best, chosen = residual, k
+    return chosen
+
+
+@numba.njit(cache=True, forceinline=True)
+def _feasible_step(p, trial, active, n_active):  # type: ignore[no-untyped-def]
+    """Return the largest fraction of the way from p to trial on which no impulse gets negative."""
+    step = 1.0
+    for i in range(n_active):
+        if trial[i] <= 0.0:
+            old = p[active[i]]
+            step = min(step, old / (old - trial[i])) if old > trial[i] else 0.0
+    return step
+
+
+@numba.njit(cache=True, forceinline=True)
+def _drop_pulled(p, trial, active, n_active):  # type: ignore[no-untyped-def]
+    """Remove the pairs whose impulse has come down to zero; return how many stay active."""
+    kept = 0
+    for i in range(n_active):
+        if trial[i] <= 0.0 and p[active[i]] <= 1e-14 * abs(trial[i]):
+            p[active[i]] = 0.0
+        else:
+            active[kept] = active[i]
+            kept += 1
+    return kept
 
 
 @numba.njit(cache=True)
@@ -73,51 +111,30 @@ def _active_set(W, q, p, limit):  # type: ignore[no-untyped-def]
     n_active, solves = 0, 0
     p[:] = 0.0
     while solves <= 3 * n + 10:
-        best, chosen = -limit, -1
-        for k in range(n):
-            if p[k] == 0.0 and not is_barred[k]:
-                residual = q[k]
-                for i in range(n_active):
-                    residual += W[k, active[i]] * p[active[i]]
-                if residual < best:
-                    best, chosen = residual, k
+        chosen = _most_violated(W, q, p, active, n_active, is_barred, limit)
         if chosen < 0:
             return solves
         active[n_active] = chosen
         n_active += 1
-        while True:
+        while n_active > 0:
             solves += 1
             if not _solve_active(W, q, active, n_active, trial):
                 n_active -= 1  # the new pair depends on the others: leave it to them
                 is_barred[chosen] = True
                 break
-            step = 1.0
-            for i in range(n_active):
-                if trial[i] <= 0.0:
-                    old = p[active[i]]
-                    step = min(step, old / (old - trial[i])) if old > trial[i] else 0.0
+            step = _feasible_step(p, trial, active, n_active)
             for i in range(n_active):
                 p[active[i]] += step * (trial[i] - p[active[i]])
             if step == 1.0:
-                for k in range(n):
-                    is_barred[k] = False
+                is_barred[:] = False
                 break
-            kept = 0
-            for i in range(n_active):
-                if trial[i] <= 0.0 and p[active[i]] <= 1e-14 * abs(trial[i]):
-                    p[active[i]] = 0.0
-                else:
-                    active[kept] = active[i]
-                    kept += 1
-            n_active = kept
-            if n_active == 0:
-                break
+            n_active = _drop_pulled(p, trial, active, n_active)
     return -solves
 
 
 @numba.njit(cache=True)
 def solve_into(W, q, p):  # type: ignore[no-untyped-def]
-    """Write the solution into p; return whether the iteration ended (compiled callers)."""
+    """Write the solution into p; return whether one was found (for compiled callers)."""
     if q.size == 1:
         p[0] = max(0.0, -q[0] / W[0, 0])
         return True
@@ -137,8 +154,8 @@ def solve(W: FloatArray, q: FloatArray) -> FloatArray:
         p, shape (k,), e.g. impulses [N s].
 
     Raises:
-        ArithmeticError: W or q is not finite, q is not in the range of W, or the active set does
-            not settle.
+        ArithmeticError: W or q is not finite, q is not in the range of W, or the iteration does
+            not end.
 
     Source:
         spec of consistent impulses; C. L. Lawson, R. J. Hanson, Solving Least Squares Problems,

@@ -65,7 +65,7 @@ def floor_impulses(lacking: FloatArray, compliance: FloatArray) -> FloatArray:
 def recovery_floor(
     gap: FloatArray, rate_pre: FloatArray, restitution: float, time_step: float
 ) -> FloatArray:
-    """Return the gap rate below which no pair may end a step (law "moreau-recovery").
+    """Return the gap rate below which no pair may end a step (law "recovery").
 
         U̇⁺ >= min(-U/Δt - e min(U̇, 0) [U <= 0],  -U̇)
 

@@ -1,4 +1,4 @@
-"""Log–log figures of a ladder: errors over steps, elements and cost; work of the contact."""
+"""Draw a ladder in log–log figures: errors over steps, elements and cost; work of the contact."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ from delam_fem.results.style import (
     legend_above,
     styled,
 )
+from delam_fem.studies.convergence.analysis import Convergence
 from delam_fem.studies.convergence.ladder import FREE, LIMIT, Rung
-from delam_fem.studies.convergence.run import Convergence
 from delam_fem.studies.convergence.statistics import EXTREMA, WORK
 
 Value = Callable[[Rung], float]
@@ -37,17 +37,19 @@ STYLES = (
     (BLUE, "o"), (VERMILLION, "s"), (GREEN, "^"), (ORANGE, "v"), (PURPLE, "D"), (SKY, "P"),
     (BLACK, "X"),
 )  # fmt: skip
-"""Colours and markers of the schemes, in their order."""
+"""Colours and markers of the methods, in their order."""
 PANELS = 3
 """Panels side by side."""
 LONG_RANGE = 100.0
-"""Axes over more than this have ticks at the powers of ten alone."""
+"""Axes with a larger ratio of their ends have ticks at powers of ten only."""
 FREE_FLOOR = 1e-13
 """Errors without contact below are round-off and not drawn."""
 
 
 def save_figures(found: Convergence, directory: str | Path) -> list[Path]:
     """Draw all figures of a ladder that its rungs allow.
+
+    Without a limit, the figures of errors against it are left out; that of the work stays.
 
     Args:
         found: the ladder.
@@ -64,11 +66,12 @@ def save_figures(found: Convergence, directory: str | Path) -> list[Path]:
         makers["free_steps"] = free_over_steps
     if len(ladder.meshes) > 1:
         makers["free_elements"] = free_over_elements
-    if ladder.limit_steps and ladder.schemes:
+    if ladder.methods and len(ladder.steps) > 1:
+        makers["work_over_steps"] = work_over_steps
+    if ladder.methods and ladder.has_limit:
         makers["error_over_cost"] = error_over_cost
         if len(ladder.steps) > 1:
             makers["error_over_steps"] = error_over_steps
-            makers["work_over_steps"] = work_over_steps
         if len(ladder.meshes) > 1:
             makers["limit_over_elements"] = limit_over_elements
     written = []
@@ -82,14 +85,14 @@ def save_figures(found: Convergence, directory: str | Path) -> list[Path]:
 
 
 def error_over_steps(found: Convergence) -> Figure:
-    """Draw the distance from the rigid limit of the mesh over steps per period, mesh by mesh."""
+    """Draw the distance from the rigid limit of each mesh over steps per period."""
     figure = _panels(found, lambda rung: rung.steps, lambda rung: 100.0 * found.error(rung))
     _finish(figure, found, "steps per period", "error of the tip extremes [%]")
     return figure
 
 
 def error_over_cost(found: Convergence) -> Figure:
-    """Draw the distance from the rigid limit of the mesh over what a period costs."""
+    """Draw the distance from the rigid limit of each mesh over the processor time of a period."""
     figure = _panels(
         found, lambda rung: 1e6 * found.cost(rung), lambda rung: 100.0 * found.error(rung)
     )
@@ -98,11 +101,11 @@ def error_over_cost(found: Convergence) -> Figure:
 
 
 def work_over_steps(found: Convergence) -> Figure:
-    """Draw what goes in contact in a period over steps per period; dashed: the rigid limit."""
+    """Draw the contact work per period over steps per period; dashed: the rigid limit, if any."""
     figure = _panels(
         found, lambda rung: rung.steps, lambda rung: WORK.factor * found.value(rung, WORK.name)
     )
-    if found.ladder.limit_steps:
+    if found.ladder.has_limit:
         for axes, mesh in zip(figure.axes, found.ladder.meshes, strict=True):
             level = WORK.factor * found.value(found.ladder.limit_of(mesh), WORK.name)
             if level > 0.0:
@@ -142,12 +145,14 @@ def limit_over_elements(found: Convergence) -> Figure:
     for axes in (left, right):
         _plain(axes, n)
         axes.set_xlabel("elements per lamina")
-    figure.suptitle(_title(found) + f", moreau, {found.ladder.limit_steps} steps per period")
+    figure.suptitle(
+        _title(found) + f", newton@moreau-jean, {found.ladder.limit_steps} steps per period"
+    )
     return figure
 
 
 def _panels(found: Convergence, abscissa: Value, ordinate: Value) -> Figure:
-    """Draw all schemes over a quantity, a panel per mesh."""
+    """Draw the lines of all methods, one panel per mesh."""
     meshes = found.ladder.meshes
     columns = min(PANELS, len(meshes))
     rows = math.ceil(len(meshes) / columns)
@@ -156,11 +161,11 @@ def _panels(found: Convergence, abscissa: Value, ordinate: Value) -> Figure:
     for axes in grid[len(meshes) :]:
         axes.remove()
     for axes, mesh in zip(grid, meshes, strict=False):
-        for scheme, (colour, marker) in zip(found.ladder.schemes, _styles(found), strict=True):
-            rungs = found.ladder.along_steps(scheme, mesh)
+        for method, (colour, marker) in zip(found.ladder.methods, _styles(found), strict=True):
+            rungs = found.ladder.along_steps(method, mesh)
             points = np.array([(abscissa(rung), ordinate(rung)) for rung in rungs])
             drawn = points[np.isfinite(points).all(axis=1) & (points > 0.0).all(axis=1)]
-            axes.loglog(*drawn.T, marker=marker, color=colour, label=scheme.name, markersize=5)
+            axes.loglog(*drawn.T, marker=marker, color=colour, label=method.name, markersize=5)
         axes.set_title(f"{rungs[0].elements} elements", loc="left")
     return figure
 
@@ -204,7 +209,8 @@ def _free(
         if np.isfinite(errors[0]).any():
             start = 0.4 * np.nanmin(errors[0])
             axes.loglog(n, start * (n / n[0]) ** slope, ":", color=BLACK, label=f"order {-slope:g}")
-    axes.set_ylim(bottom=max(0.3 * float(np.nanmin(errors)), FREE_FLOOR))
+    if np.isfinite(errors).any():
+        axes.set_ylim(bottom=max(0.3 * float(np.nanmin(errors)), FREE_FLOOR))
     axes.set(xlabel=label, ylabel="relative error")
     _plain(axes, n.astype(int).tolist())
     axes.legend()
@@ -215,7 +221,7 @@ def _free(
 
 
 def _styles(found: Convergence) -> list[tuple[str, str]]:
-    return [STYLES[k % len(STYLES)] for k in range(len(found.ladder.schemes))]
+    return [STYLES[k % len(STYLES)] for k in range(len(found.ladder.methods))]
 
 
 def _plain(axes: Axes, ticks: Sequence[int]) -> None:

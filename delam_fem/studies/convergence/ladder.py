@@ -1,6 +1,6 @@
-"""A ladder: one case under several schemes, on finer and finer meshes and with smaller steps.
+"""Describe a ladder: one case by several methods, on finer meshes and with smaller steps.
 
-What a rung is stands here; `ladder_rung.py` computes one, `convergence.py` all of them.
+This module says what a rung is; `rung.py` computes one, `run.py` computes all of them.
 """
 
 from __future__ import annotations
@@ -11,36 +11,41 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
-from typing import Literal, TypeAlias
+from typing import TypeAlias, get_args
 
 from delam_fem.case.definition import Case
 from delam_fem.case.toml import CaseError
+from delam_fem.contact.laws import COMBINATIONS, LAWS, Impulse, combined_name
+from delam_fem.engines.choose import EngineName
 from delam_fem.model.mesh import node_coordinates
 
 MeshChoice: TypeAlias = int | Path
 """Elements per lamina of equal length, or a mesh file."""
-EngineName = Literal["petsc", "compiled"]
 
+IMPULSES = get_args(Impulse)
 ELEMENTS = (5, 10, 20, 40, 80, 160)
 STEPS = (250, 500, 1000, 2000, 4000, 8000, 16000)
 LIMIT_STEPS = 64000
 PERIODS, SETTLING = 60, 30
-"""Periods of the statistics, and those before them."""
+"""Periods of the statistics, and periods before them."""
 MANY_STEPS, FEW_PERIODS = 16000, 10
-"""With more steps per period than that cycles scatter so little that few of them tell."""
-LAWS = ("newton", "newton-penalty", "penalty", "moreau", "moreau-recovery")
-RIGID: dict[str, object] = {
-    "contact.law": "moreau",
-    "contact.impulse": "consistent",
-    "time.scheme": "newmark",
-}
-"""The law whose limit for small steps is that of rigid contact on a mesh: newton and moreau tend to
-the same, and moreau from less far."""
+"""With more than MANY_STEPS per period the cycles scatter little, so FEW_PERIODS are enough."""
+METHODS = (
+    "newton@newmark",
+    "newton-penalty@newmark",
+    "penalty@newmark",
+    "newton@moreau-jean",
+    "recovery@moreau-jean",
+)
+"""What is compared unless methods are named."""
+RIGID: dict[str, object] = {"contact.law": "newton@moreau-jean"}
+"""The law and scheme whose small steps stand for rigid contact on a mesh: Newton's law has the same
+limit with Newmark, and is closer to it with Moreau–Jean."""
 
 
 @dataclass(frozen=True)
-class Scheme:
-    """A way to compute a case.
+class Method:
+    """What a ladder compares: a law with its scheme, maybe the kind of impulse, and other keys.
 
     Attributes:
         name: in tables and figures.
@@ -51,28 +56,34 @@ class Scheme:
     overrides: tuple[tuple[str, object], ...]
 
 
-FREE = Scheme("none", (("contact.law", "none"),))
+FREE = Method("none", (("contact.law", "none@newmark"),))
 """Without contact; there an exact solution is known."""
-LIMIT = Scheme("limit", tuple(RIGID.items()))
+LIMIT = Method("limit", tuple(RIGID.items()))
 """Stands for the rigid limit of a mesh."""
 
 
-def scheme(text: str) -> Scheme:
-    """Return the scheme that a law, or LAW/lumped or LAW/consistent, names.
+def method(text: str) -> Method:
+    """Return the method of a text: LAW or LAW@SCHEME, alone or with /lumped or /consistent.
+
+    A law alone takes the first scheme that it goes with. The name has the scheme in any case.
 
     Raises:
-        CaseError: the text is none of these.
+        CaseError: the text has another form, or names what does not go together.
     """
-    law, slash, impulse = text.partition("/")
-    if law not in LAWS or (slash and impulse not in ("lumped", "consistent")):
+    pair, slash, impulse = text.partition("/")
+    law, at, scheme = pair.partition("@")
+    schemes = [name for known, name in COMBINATIONS if known == law and law != "none"]
+    if (at and scheme not in schemes) or not schemes or (slash and impulse not in IMPULSES):
+        laws = [name for name in LAWS if name != "none"]
         raise CaseError(
-            f"laws: expected {', '.join(LAWS)}, each alone or with the impulse as "
-            f"LAW/lumped or LAW/consistent, given {text!r}"
+            f"laws: expected one of {', '.join(laws)}, with its scheme as in {METHODS[0]}, and "
+            f"with the impulse as in {METHODS[0]}/lumped where that matters, given {text!r}"
         )
-    chosen: list[tuple[str, object]] = [("contact.law", law)]
+    name = combined_name(law, scheme or schemes[0])
+    chosen: list[tuple[str, object]] = [("contact.law", name)]
     if slash:
         chosen.append(("contact.impulse", impulse))
-    return Scheme(text, tuple(chosen))
+    return Method(name + slash + impulse, tuple(chosen))
 
 
 @dataclass(frozen=True)
@@ -80,15 +91,15 @@ class Rung:
     """One run of a ladder.
 
     Attributes:
-        scheme: its name.
+        method: the name of its method.
         mesh: elements of equal length, or the file.
         elements: per lamina.
         steps: N, per period.
-        periods: the last ones, of which statistics are taken.
+        periods: number of last periods of which statistics are taken.
         case: what is computed.
     """
 
-    scheme: str
+    method: str
     mesh: MeshChoice
     elements: int
     steps: int
@@ -98,25 +109,25 @@ class Rung:
     @property
     def key(self) -> str:
         """Name of the rung within its ladder."""
-        return _key(self.scheme, self.mesh, self.steps)
+        return _key(self.method, self.mesh, self.steps)
 
 
 @dataclass(frozen=True)
 class Ladder:
-    """What to compute.
+    """The runs of one case by several methods, on several meshes, with several numbers of steps.
 
     Attributes:
-        case: the base; its period and lengths hold for all rungs.
-        schemes: with contact.
+        case: the base of all rungs.
+        methods: with contact.
         meshes: from coarse to fine.
         steps: N per period, increasing.
-        periods: that statistics are taken of, after as many but at most `SETTLING`.
+        periods: of the statistics, after as many periods of settling but at most `SETTLING`.
         limit_steps: N of the runs that stand for the rigid limit; 0: none.
         engine: what computes the steps.
     """
 
     case: Case
-    schemes: tuple[Scheme, ...]
+    methods: tuple[Method, ...]
     meshes: tuple[MeshChoice, ...]
     steps: tuple[int, ...]
     periods: int = PERIODS
@@ -124,10 +135,10 @@ class Ladder:
     engine: EngineName = "compiled"
 
     def __post_init__(self) -> None:
-        """Check what can be checked before anything runs.
+        """Check everything that can be checked before a rung is computed.
 
         Raises:
-            CaseError: a rung would be no case, or the ladder does not refine.
+            CaseError: a rung would be an invalid case, or the ladder does not refine.
         """
         if self.case.excitation.kind != "harmonic":
             raise CaseError(
@@ -143,42 +154,47 @@ class Ladder:
         _require_rising("elements", [rung.elements for rung in free])
 
     def rungs(self) -> list[Rung]:
-        """Return all rungs, without contact first, cheap ones before dear ones."""
+        """Return all rungs, without contact first, cheap ones first."""
         rungs = [
-            self.rung(scheme, mesh, steps)
-            for scheme in (FREE, *self.schemes)
+            self.rung(method, mesh, steps)
+            for method in (FREE, *self.methods)
             for mesh in self.meshes
             for steps in self.steps
         ]
-        if self.limit_steps:
+        if self.has_limit:
             rungs += self.along_meshes(LIMIT, self.limit_steps)
-        return sorted(rungs, key=lambda rung: (rung.scheme != FREE.name, rung.steps))
+        return sorted(rungs, key=lambda rung: (rung.method != FREE.name, rung.steps))
 
-    def rung(self, scheme: Scheme, mesh: MeshChoice, steps: int) -> Rung:
+    def rung(self, method: Method, mesh: MeshChoice, steps: int) -> Rung:
         """Return a rung."""
-        key = _key(scheme.name, mesh, steps)
+        key = _key(method.name, mesh, steps)
         if key not in self._made:
-            self._made[key] = self._new(scheme, mesh, steps)
+            self._made[key] = self._new(method, mesh, steps)
         return self._made[key]
 
-    def along_steps(self, scheme: Scheme, mesh: MeshChoice) -> list[Rung]:
-        """Return the rungs of a scheme on one mesh."""
-        return [self.rung(scheme, mesh, steps) for steps in self.steps]
+    def along_steps(self, method: Method, mesh: MeshChoice) -> list[Rung]:
+        """Return the rungs of a method on one mesh."""
+        return [self.rung(method, mesh, steps) for steps in self.steps]
 
-    def along_meshes(self, scheme: Scheme, steps: int) -> list[Rung]:
-        """Return the rungs of a scheme over all meshes."""
-        return [self.rung(scheme, mesh, steps) for mesh in self.meshes]
+    def along_meshes(self, method: Method, steps: int) -> list[Rung]:
+        """Return the rungs of a method over all meshes."""
+        return [self.rung(method, mesh, steps) for mesh in self.meshes]
 
     def limit_of(self, mesh: MeshChoice) -> Rung:
-        """Return the rung that stands for the rigid limit of a mesh."""
+        """Return the rung that stands for the rigid limit of a mesh; see `has_limit`."""
         return self.rung(LIMIT, mesh, self.limit_steps)
 
     @property
+    def has_limit(self) -> bool:
+        """Whether the ladder has rungs that stand for the rigid limit."""
+        return self.limit_steps > 0
+
+    @property
     def identity(self) -> str:
-        """Text that is the same for ladders that may share rungs, whatever schemes and sizes."""
+        """Text that is equal for ladders that may share rungs; methods and sizes may differ."""
         sizes = {"mesh.elements": 1, "time.steps_per_period": 1000, "time.periods": 1}
         kept = {"output.fields_per_period": 0, "output.window_periods": 1}
-        case = self.case.with_overrides({**sizes, **kept, "contact.law": "none"})
+        case = self.case.with_overrides({**sizes, **kept, "contact.law": "none@newmark"})
         return f"periods = {self.periods}\n{case.to_toml()}"
 
     @cached_property
@@ -186,7 +202,7 @@ class Ladder:
         """Rungs that were asked for, by key: a case takes milliseconds to check."""
         return {}
 
-    def _new(self, scheme: Scheme, mesh: MeshChoice, steps: int) -> Rung:
+    def _new(self, method: Method, mesh: MeshChoice, steps: int) -> Rung:
         is_file, periods = isinstance(mesh, Path), self.periods
         if steps > MANY_STEPS:
             periods = min(periods, FEW_PERIODS)
@@ -197,23 +213,23 @@ class Ladder:
                 "output.window_periods": 1,
                 "time.steps_per_period": steps,
                 "time.periods": min(self.periods, SETTLING) + periods,
-                **dict(scheme.overrides),
+                **dict(method.overrides),
             }
         )
         elements = mesh if isinstance(mesh, int) else node_coordinates(case).size - 1
-        return Rung(scheme.name, mesh, elements, steps, periods, case)
+        return Rung(method.name, mesh, elements, steps, periods, case)
 
 
-def _key(scheme: str, mesh: MeshChoice, steps: int) -> str:
+def _key(method: str, mesh: MeshChoice, steps: int) -> str:
     """Return the name of a rung within its ladder."""
-    return f"{scheme} {mesh} {steps}"
+    return f"{method} {mesh} {steps}"
 
 
 def whole_numbers(text: str, what: str) -> tuple[int, ...]:
     """Return the numbers of a list such as "5,10,20".
 
     Raises:
-        CaseError: it is none.
+        CaseError: the text is no such list.
     """
     if not re.fullmatch(r"\s*[1-9]\d*\s*(,\s*[1-9]\d*\s*)*", text):
         raise CaseError(f"{what}: expected whole numbers such as 5,10,20, given {text!r}")

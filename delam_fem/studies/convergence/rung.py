@@ -19,6 +19,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from delam_fem.case.definition import Case
+from delam_fem.engines.choose import EngineName
 from delam_fem.engines.session import session_of
 from delam_fem.model import closed_form
 from delam_fem.model.mesh import node_coordinates
@@ -27,7 +28,7 @@ from delam_fem.numerics.arrays import FloatArray
 from delam_fem.simulation.initial import first_mode
 from delam_fem.simulation.loop import State
 from delam_fem.simulation.recorder import N_BASE, Recorder
-from delam_fem.studies.convergence.ladder import FREE, RIGID, EngineName, Rung
+from delam_fem.studies.convergence.ladder import FREE, RIGID, Rung
 from delam_fem.studies.convergence.statistics import PeriodRow, Statistics, row_of, statistics
 
 SPIN_UP_STEPS, SPIN_UP_TIME = 2000, 30.0
@@ -72,7 +73,7 @@ def compute(rung: Rung, engine: EngineName) -> RungResult:
     """Compute a rung; whatever goes wrong is part of the result."""
     try:
         with np.errstate(all="ignore"):  # a diverged motion is told by its outcome
-            computed = _free if rung.scheme == FREE.name else _clapping
+            computed = _free if rung.method == FREE.name else _clapping
             return computed(rung, engine)
     except Exception as error:
         _log.debug("rung %s", rung.key, exc_info=True)

@@ -1,26 +1,26 @@
-"""Tables of a ladder, for a terminal and as Markdown."""
+"""Make the tables of a ladder; `overview.py` makes the shorter ones for a terminal."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 from delam_fem.numerics.extrapolation import Limit, orders_of_errors
-from delam_fem.studies.convergence.ladder import FREE, LIMIT, Ladder, Rung, Scheme
-from delam_fem.studies.convergence.run import Convergence
+from delam_fem.studies.convergence.analysis import Convergence
+from delam_fem.studies.convergence.ladder import FREE, LIMIT, Ladder, Method, Rung
 from delam_fem.studies.convergence.statistics import (
     AMPLITUDES,
     CONVERGING,
     EXTREMA,
     GENERAL,
-    WORK,
     Quantity,
 )
 
 Direction = Literal["steps", "elements"]
 NOTHING = "–"
+NO_LIMIT = "The ladder has no limit (0 steps): errors against the rigid limit are left out."
 _FREE_NAMES = ("f1 of 1", "amplitude 1", "f1 of 2", "amplitude 2")
 
 
@@ -45,35 +45,44 @@ class Table:
         return f"**{self.title}**\n\n{body}\n"
 
 
+def page(found: Convergence) -> str:
+    """Return all tables of a ladder as a page of Markdown."""
+    parts = [f"# Convergence of case {found.ladder.case.name}\n"]
+    if not found.ladder.has_limit:
+        parts.append(f"{NO_LIMIT}\n")
+    return "\n".join([*parts, *(table.markdown() for table in tables(found))])
+
+
 def tables(found: Convergence) -> Iterator[Table]:
-    """Yield all tables of a ladder: without contact, every line of rungs, what they tend to."""
+    """Yield all tables of a ladder: without contact, then every line of rungs, then limits."""
     for direction, where, rungs in lines(found.ladder, (FREE,)):
         yield free_table(found, rungs, direction, where)
-    for direction, where, rungs in lines(found.ladder, found.ladder.schemes):
-        title = f"{rungs[0].scheme}, {where}"
+    for direction, where, rungs in lines(found.ladder, found.ladder.methods):
+        title = f"{rungs[0].method}, {where}"
         yield contact_table(found, rungs, direction, title, (*EXTREMA, *GENERAL))
         yield contact_table(found, rungs, direction, f"{title}: harmonics", AMPLITUDES)
-    if found.ladder.limit_steps:
+    if found.ladder.has_limit:
         rungs = found.ladder.along_meshes(LIMIT, found.ladder.limit_steps)
-        title = f"rigid limit of each mesh: moreau with {found.ladder.limit_steps} steps per period"
+        steps = f"{found.ladder.limit_steps} steps per period"
+        title = f"rigid limit of each mesh: newton@moreau-jean with {steps}"
         yield contact_table(found, rungs, "elements", title, (*EXTREMA, *GENERAL))
         yield contact_table(found, rungs, "elements", f"{title}: harmonics", AMPLITUDES)
     yield from limit_tables(found)
 
 
-def lines(ladder: Ladder, schemes: Sequence[Scheme]) -> Iterator[tuple[Direction, str, list[Rung]]]:
-    """Yield the rungs of each scheme that refine in one direction, with where they stand."""
-    for scheme in schemes:
+def lines(ladder: Ladder, methods: Sequence[Method]) -> Iterator[tuple[Direction, str, list[Rung]]]:
+    """Yield each line of rungs that refines in one direction, with its direction and place."""
+    for method in methods:
         if len(ladder.steps) > 1 or len(ladder.meshes) == 1:
             for mesh in ladder.meshes:
-                rungs = ladder.along_steps(scheme, mesh)
+                rungs = ladder.along_steps(method, mesh)
                 yield "steps", f"{rungs[0].elements} elements", rungs
         if len(ladder.meshes) > 1:
             for steps in ladder.steps:
                 yield (
                     "elements",
                     f"{steps} steps per period",
-                    ladder.along_meshes(scheme, steps),
+                    ladder.along_meshes(method, steps),
                 )
 
 
@@ -98,19 +107,6 @@ def free_table(found: Convergence, rungs: list[Rung], direction: Direction, wher
     )
 
 
-def _brief_free_table(
-    found: Convergence, rungs: list[Rung], direction: Direction, where: str
-) -> Table:
-    """Return the larger errors of both laminae without contact."""
-    rows = []
-    for rung in rungs:
-        errors = abs(found.free_errors(rung)).reshape(2, 2).max(axis=0)
-        cells = (number(error, ".1e") for error in errors)
-        rows.append((str(getattr(rung, direction)), *cells, cost(found, rung)))
-    heading = (direction, "frequency", "amplitude", "µs/step")
-    return Table(f"relative errors without contact, {where}", heading, tuple(rows))
-
-
 def contact_table(
     found: Convergence,
     rungs: list[Rung],
@@ -118,15 +114,10 @@ def contact_table(
     title: str,
     quantities: Sequence[Quantity],
 ) -> Table:
-    """Return the statistics of a line of rungs with error and cost."""
-    heading = (
-        direction,
-        *(q.heading for q in quantities),
-        "P",
-        "error [%]",
-        "µs/step",
-        "ms/period",
-    )
+    """Return the statistics of a line of rungs with cost, and error if the ladder has a limit."""
+    has_limit = found.ladder.has_limit
+    error = ["error [%]"] if has_limit else []
+    heading = (direction, *(q.heading for q in quantities), "P", *error, "µs/step", "ms/period")
     rows = []
     for rung in rungs:
         result = found.results.get(rung.key)
@@ -140,7 +131,7 @@ def contact_table(
                 str(getattr(rung, direction)),
                 *(mean_and_scatter(found, rung, q) for q in quantities),
                 f"{period:.0f}" if period else NOTHING,
-                number(100.0 * found.error(rung), ".1f"),
+                *([number(100.0 * found.error(rung), ".1f")] if has_limit else []),
                 cost(found, rung),
                 number(1e3 * found.cost(rung), ".2f"),
             )
@@ -148,59 +139,13 @@ def contact_table(
     return Table(title, heading, tuple(rows))
 
 
-def overview(found: Convergence) -> Iterator[Table]:
-    """Yield what a terminal shows: errors, contact work and limits of all schemes side by side."""
-    ladder = found.ladder
-    refined = list(lines(ladder, (FREE,)))
-    last_steps = ladder.steps[-1]
-    for direction, where, rungs in refined:
-        if direction == "elements" and rungs[0].steps != last_steps:
-            continue
-        yield _brief_free_table(found, rungs, direction, where)
-        if ladder.limit_steps:
-            text = f"error of the tip extremes against the rigid limit of the mesh [%], {where}"
-            yield _side_by_side(
-                found, rungs, direction, text, lambda rung: 100.0 * found.error(rung)
-            )
-        for q in (EXTREMA[0], WORK):
-            yield _side_by_side(
-                found,
-                rungs,
-                direction,
-                f"{q.heading}, {where}",
-                lambda rung, q=q: q.factor * found.value(rung, q.name),  # type: ignore[misc]
-            )
-
-
-def _side_by_side(
-    found: Convergence,
-    line: list[Rung],
-    direction: Direction,
-    title: str,
-    value: Callable[[Rung], float],
-) -> Table:
-    """Return one number of every scheme along a line of sizes."""
-    ladder = found.ladder
-    rows = []
-    for place in line:
-        row = [str(getattr(place, direction))]
-        for scheme in ladder.schemes:
-            rung = ladder.rung(scheme, place.mesh, place.steps)
-            result = found.results.get(rung.key)
-            is_there = result is not None and result.outcome == "completed"
-            said = NOTHING if result is None else result.outcome
-            row.append(number(value(rung), ".2f") if is_there else said)
-        rows.append(tuple(row))
-    return Table(title, (direction, *(scheme.name for scheme in ladder.schemes)), tuple(rows))
-
-
 def limit_tables(found: Convergence) -> Iterator[Table]:
-    """Yield what every scheme tends to, as far as it can be told."""
+    """Yield the limits of all methods in every direction with at least three sizes."""
     ladder = found.ladder
-    for direction, where, rungs in lines(ladder, ladder.schemes):
+    for direction, where, rungs in lines(ladder, ladder.methods):
         if len(rungs) > 2:
-            yield limit_table(found, rungs, direction, f"{rungs[0].scheme}, {where}")
-    if ladder.limit_steps and len(ladder.meshes) > 2:
+            yield limit_table(found, rungs, direction, f"{rungs[0].method}, {where}")
+    if ladder.has_limit and len(ladder.meshes) > 2:
         rungs = ladder.along_meshes(LIMIT, ladder.limit_steps)
         yield limit_table(found, rungs, "elements", "rigid limit over meshes")
 
@@ -239,5 +184,5 @@ def cost(found: Convergence, rung: Rung) -> str:
 
 
 def number(value: float, form: str) -> str:
-    """Return a number as text, a dash for what is none."""
+    """Return a number as text, a dash if it is not finite."""
     return format(value, form) if math.isfinite(value) else NOTHING

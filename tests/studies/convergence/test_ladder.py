@@ -11,8 +11,8 @@ from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
 from delam_fem.case.toml import CaseError
 from delam_fem.numerics.extrapolation import orders_of_errors
-from delam_fem.studies.convergence.ladder import FREE, LIMIT, Ladder, Rung, scheme, whole_numbers
-from delam_fem.studies.convergence.run import Convergence
+from delam_fem.studies.convergence.analysis import Convergence
+from delam_fem.studies.convergence.ladder import FREE, LIMIT, Ladder, Rung, method, whole_numbers
 from delam_fem.studies.convergence.rung import compute, fitted_frequency
 from delam_fem.studies.convergence.statistics import PeriodRow, statistics
 
@@ -27,10 +27,10 @@ SPECIFIED, SPECIFIED_COARSE = 0.02, 0.05
 """Relative, from N = 4000 on, and at N = 1000, where cycles scatter."""
 
 
-def ladder(case: Case = CASE, laws: str = "moreau", **settings: object) -> Ladder:
+def ladder(case: Case = CASE, laws: str = "newton@moreau-jean", **settings: object) -> Ladder:
     given: dict[str, object] = {"meshes": (10,), "steps": (1000,), "limit_steps": 0, "periods": 4}
-    schemes = tuple(scheme(law) for law in laws.split(","))
-    return Ladder(case, schemes, **(given | settings))  # type: ignore[arg-type]
+    methods = tuple(method(law) for law in laws.split(","))
+    return Ladder(case, methods, **(given | settings))  # type: ignore[arg-type]
 
 
 def computed(rungs: list[Rung], on: Ladder) -> Convergence:
@@ -63,10 +63,12 @@ def test_swept_excitation_is_refused() -> None:
         ladder(CASE.with_overrides(keys))
 
 
-@pytest.mark.parametrize("text", ["none", "newton/soft", "coulomb", "moreau/"])
+@pytest.mark.parametrize(
+    "text", ["none", "newton/soft", "coulomb", "newton/", "newton@euler", "recovery@newmark"]
+)
 def test_unknown_laws_are_refused(text: str) -> None:
     with pytest.raises(CaseError, match=r"laws: expected newton, .* given"):
-        scheme(text)
+        method(text)
 
 
 @pytest.mark.parametrize("text", ["", "10,,20", "0", "a", "-5", "1.5"])
@@ -77,17 +79,22 @@ def test_lists_of_numbers(text: str) -> None:
 
 
 def test_rungs_of_a_ladder() -> None:
-    on = ladder(laws="newton/lumped,moreau", meshes=(10, 20), steps=(500, 1000), limit_steps=4000)
+    on = ladder(
+        laws="newton/lumped,newton@moreau-jean",
+        meshes=(10, 20),
+        steps=(500, 1000),
+        limit_steps=4000,
+    )
     rungs = on.rungs()
     assert len(rungs) == len({rung.key for rung in rungs}) == 3 * 4 + 2
-    assert [rung.scheme for rung in rungs[:4]] == ["none"] * 4
-    assert {rung.steps for rung in rungs if rung.scheme == LIMIT.name} == {4000}
+    assert [rung.method for rung in rungs[:4]] == ["none"] * 4
+    assert {rung.steps for rung in rungs if rung.method == LIMIT.name} == {4000}
     assert all(rung.case.n_periods == 2 * rung.periods == 8 for rung in rungs)
     by_key = {rung.key: rung.case for rung in rungs}
     literal = by_key["newton/lumped 20 500"]
     assert (literal.contact.law, literal.contact.impulse) == ("newton", "lumped")
     assert (literal.mesh.elements, literal.time.steps_per_period) == (20, 500)
-    assert by_key["moreau 20 500"].contact.impulse == "consistent"
+    assert by_key["newton@moreau-jean 20 500"].time.scheme == "moreau-jean"
 
 
 def test_few_periods_are_enough_with_many_steps() -> None:
@@ -105,7 +112,7 @@ def test_mesh_files() -> None:
     assert found[0] == pytest.approx(found[1], rel=1e-9)
 
 
-def test_identity_ignores_sizes_and_schemes_alone() -> None:
+def test_identity_ignores_sizes_and_methods_alone() -> None:
     assert ladder().identity == ladder(laws="newton", meshes=(20,), steps=(500,)).identity
     assert ladder().identity != ladder(periods=5).identity
     assert ladder().identity != ladder(preset("default")).identity
@@ -133,7 +140,7 @@ def test_order_in_space_without_contact() -> None:
     assert np.abs(errors[-1]).max() < 1e-4
 
 
-@pytest.mark.parametrize("law", ["newton", "moreau-recovery"])
+@pytest.mark.parametrize("law", ["newton", "recovery"])
 def test_engines_agree_before_they_scatter(law: str) -> None:
     gentle = CASE.with_overrides({"excitation.frequency": 1.25})
     on = ladder(gentle, laws=law, meshes=(5,), steps=(500,), periods=2)
@@ -146,10 +153,10 @@ def test_engines_agree_before_they_scatter(law: str) -> None:
 @pytest.mark.parametrize(
     ("law", "steps", "expected"),
     [
-        ("moreau", 1000, -21.9),
-        ("moreau", 4000, -20.3),
-        ("moreau", 16000, -20.1),
-        pytest.param("moreau", 64000, -19.8, marks=pytest.mark.slow),
+        ("newton@moreau-jean", 1000, -21.9),
+        ("newton@moreau-jean", 4000, -20.3),
+        ("newton@moreau-jean", 16000, -20.1),
+        pytest.param("newton@moreau-jean", 64000, -19.8, marks=pytest.mark.slow),
         ("newton-penalty", 1000, -22.7),
         ("newton-penalty", 4000, -21.5),
         ("newton-penalty", 16000, -20.5),

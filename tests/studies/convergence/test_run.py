@@ -1,4 +1,4 @@
-"""Ladders as a whole: durable, resumable, analysed on sequences with known limits; the command."""
+"""Ladders as a whole: durable, resumable, analysed on sequences with known limits."""
 
 from __future__ import annotations
 
@@ -8,24 +8,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from delam_fem.case.files import preset
 from delam_fem.case.toml import CaseError
-from delam_fem.cli.app import app
 from delam_fem.studies.convergence import run as run_module
+from delam_fem.studies.convergence.analysis import Convergence, exact_free_motion
 from delam_fem.studies.convergence.figures import save_figures
-from delam_fem.studies.convergence.ladder import FREE, LIMIT, EngineName, Ladder, Rung, scheme
-from delam_fem.studies.convergence.run import (
-    RESULT,
-    Convergence,
-    exact_free_motion,
-    load_results,
-    run_ladder,
-)
+from delam_fem.studies.convergence.ladder import FREE, LIMIT, EngineName, Ladder, Rung, method
+from delam_fem.studies.convergence.overview import overview
+from delam_fem.studies.convergence.run import RESULT, load_results, run_ladder
 from delam_fem.studies.convergence.rung import RungResult
 from delam_fem.studies.convergence.statistics import CONVERGING, EXTREMA
-from delam_fem.studies.convergence.tables import overview, tables
+from delam_fem.studies.convergence.tables import NO_LIMIT, page, tables
 
 CASE = preset("default")
 STEPS, MESHES = (500, 1000, 2000, 4000), (5, 10, 20, 40)
@@ -34,23 +28,23 @@ LIMITS = {"tip_min_1": -0.02, "tip_max_1": 0.015, "tip_min_2": 0.002, "tip_max_2
 
 def ladder(**settings: object) -> Ladder:
     given: dict[str, object] = {"meshes": MESHES, "steps": STEPS, "limit_steps": 64000}
-    laws = settings.pop("laws", "moreau,newton")
+    laws = settings.pop("laws", "newton@moreau-jean,newton")
     assert isinstance(laws, str)
-    schemes = tuple(scheme(law) for law in laws.split(","))
-    return Ladder(CASE, schemes, **(given | settings))  # type: ignore[arg-type]
+    methods = tuple(method(law) for law in laws.split(","))
+    return Ladder(CASE, methods, **(given | settings))  # type: ignore[arg-type]
 
 
 def synthetic(rung: Rung, engine: EngineName) -> RungResult:
     """Return values that converge in order 1/2 in Δt and 1 in h, and 2 and 4 without contact."""
-    if rung.scheme == FREE.name:
+    if rung.method == FREE.name:
         frequencies, amplitudes = exact_free_motion(rung.case)
         error = 4.0 / rung.steps**2 + 3.0 / rung.elements**4
         found = {f"frequency_{i + 1}": (f * (1.0 + error), 0.0) for i, f in enumerate(frequencies)}
         found |= {f"amplitude_{i + 1}": (a * (1 - error), 0.0) for i, a in enumerate(amplitudes)}
         return RungResult(rung.key, "completed", "", found, 0.5, 100)
-    if rung.scheme == "newton" and rung.elements == 40:
+    if rung.method == "newton" and rung.elements == 40:
         return RungResult(rung.key, "diverged", "diverged in period 7", {}, 0.5, 7)
-    in_time = 0.0 if rung.scheme == LIMIT.name else 3.0 / math.sqrt(rung.steps)
+    in_time = 0.0 if rung.method == LIMIT.name else 3.0 / math.sqrt(rung.steps)
     values = {q.name: 1e-3 * (1.0 + in_time) for q in CONVERGING}
     values |= {
         name: value * (1.0 + in_time + 0.5 / rung.elements) for name, value in LIMITS.items()
@@ -79,7 +73,7 @@ def whole(on: Ladder) -> Convergence:
 
 def test_order_and_limit_of_a_ladder() -> None:
     found = whole(ladder())
-    rungs = found.ladder.along_steps(found.ladder.schemes[0], 20)
+    rungs = found.ladder.along_steps(found.ladder.methods[0], 20)
     told = found.limit(rungs, "tip_min_1")
     assert told.reason == "Richardson"
     assert told.orders == pytest.approx([0.5, 0.5], abs=1e-3)
@@ -92,7 +86,7 @@ def test_order_and_limit_of_a_ladder() -> None:
 
 def test_error_is_relative_to_half_the_range_of_the_limit() -> None:
     found = whole(ladder())
-    rung = found.ladder.rung(found.ladder.schemes[0], 20, 1000)
+    rung = found.ladder.rung(found.ladder.methods[0], 20, 1000)
     excess = 3.0 / math.sqrt(1000)
     both = {1: 0.02 / (0.035 / 2.0), 2: 0.032 / (0.030 / 2.0)}
     assert found.error(rung) == pytest.approx(excess / 1.025 * both[2], rel=1e-9)
@@ -101,7 +95,7 @@ def test_error_is_relative_to_half_the_range_of_the_limit() -> None:
 
 def test_missing_and_diverged_rungs_are_no_numbers() -> None:
     found = whole(ladder())
-    diverged = found.ladder.rung(found.ladder.schemes[1], 40, 1000)
+    diverged = found.ladder.rung(found.ladder.methods[1], 40, 1000)
     assert math.isnan(found.error(diverged))
     assert math.isnan(found.standard_error(diverged, "tip_min_1"))
     del found.results[diverged.key]
@@ -114,7 +108,7 @@ def test_tables_tell_orders_limits_and_failures() -> None:
     texts = {table.title: table.markdown() for table in tables(found)}
     free = texts["without contact, 20 elements: relative errors against the exact cantilever"]
     assert free.count("| 500 |") == 1
-    steps = texts["moreau, 20 elements: what it tends to in steps"]
+    steps = texts["newton@moreau-jean, 20 elements: what it tends to in steps"]
     assert "| y1 min [mm] | -21.45 | 0.50, 0.50 | -20.5 ± " in steps
     assert "diverged in period 7" in texts["newton, 40 elements"]
     assert "members are missing" in texts["newton, 40 elements: what it tends to in steps"]
@@ -124,11 +118,11 @@ def test_tables_tell_orders_limits_and_failures() -> None:
         assert {len(row) for row in table.rows} == {len(table.heading)}
 
 
-def test_overview_shows_all_schemes_side_by_side() -> None:
+def test_overview_shows_all_methods_side_by_side() -> None:
     found = whole(ladder(meshes=(20, 40), steps=(1000, 2000)))
     shown = {table.title: table for table in overview(found)}
     title = "error of the tip extremes against the rigid limit of the mesh [%], 40 elements"
-    assert shown[title].heading == ("steps", "moreau", "newton")
+    assert shown[title].heading == ("steps", "newton@moreau-jean", "newton@newmark")
     assert shown[title].rows[0][2] == "diverged"
     assert shown["y1 min [mm], 20 elements"].rows[1][1] == f"{-20.0 * (1.025 + 3 / 2000**0.5):.2f}"
 
@@ -141,7 +135,26 @@ def test_figures_of_a_ladder(tmp_path: Path) -> None:
     }
     assert all((tmp_path / name).stat().st_size > 10_000 for name in names)
     one = whole(ladder(meshes=(20,), limit_steps=0))
-    assert [path.name for path in save_figures(one, tmp_path)] == ["free_steps.png"]
+    names = {path.name for path in save_figures(one, tmp_path)}
+    assert names == {"free_steps.png", "work_over_steps.png"}
+
+
+def test_figures_of_an_interrupted_ladder(tmp_path: Path) -> None:
+    on = ladder(meshes=(20, 40), steps=(1000, 2000))
+    first = on.rungs()[0]
+    found = Convergence(on, {first.key: synthetic(first, "compiled")})
+    assert len(save_figures(found, tmp_path)) == 6
+
+
+def test_without_a_limit_nothing_is_compared_with_it() -> None:
+    found = whole(ladder(limit_steps=0))
+    assert math.isnan(found.error(found.ladder.rungs()[-1]))
+    for table in (*tables(found), *overview(found)):
+        assert "error [%]" not in table.heading
+        assert "rigid limit" not in table.title
+        assert {len(row) for row in table.rows} == {len(table.heading)}
+    assert page(found).startswith(f"# Convergence of case default\n\n{NO_LIMIT}\n\n**without")
+    assert NO_LIMIT not in page(whole(ladder()))
 
 
 def test_every_finished_rung_is_kept(tmp_path: Path, counted: list[str]) -> None:
@@ -162,14 +175,19 @@ def test_every_finished_rung_is_kept(tmp_path: Path, counted: list[str]) -> None
 
 
 def test_a_ladder_goes_on_and_grows(tmp_path: Path, counted: list[str]) -> None:
-    run_ladder(ladder(meshes=(20,), steps=(1000,), laws="moreau"), tmp_path, workers=1)
+    run_ladder(ladder(meshes=(20,), steps=(1000,), laws="newton@moreau-jean"), tmp_path, workers=1)
     assert len(counted) == 3
     counted.clear()
-    grown = ladder(meshes=(20,), steps=(1000, 2000), laws="moreau,newton")
+    grown = ladder(meshes=(20,), steps=(1000, 2000), laws="newton@moreau-jean,newton")
     with pytest.raises(CaseError, match="holds 3 rungs of a ladder; go on with --resume"):
         run_ladder(grown, tmp_path, workers=1)
     found = run_ladder(grown, tmp_path, workers=1, resume=True)
-    assert sorted(counted) == ["moreau 20 2000", "newton 20 1000", "newton 20 2000", "none 20 2000"]
+    assert sorted(counted) == [
+        "newton@moreau-jean 20 2000",
+        "newton@newmark 20 1000",
+        "newton@newmark 20 2000",
+        "none 20 2000",
+    ]
     assert found.is_complete
     other = ladder(meshes=(20,), steps=(1000,), periods=7)
     with pytest.raises(CaseError, match="belongs to another case or number of periods"):
@@ -202,53 +220,14 @@ def test_an_interrupted_ladder_keeps_what_is_done(
 
 
 def test_processes_compute_a_ladder(tmp_path: Path) -> None:
-    on = ladder(meshes=(5,), steps=(250, 500), laws="moreau", limit_steps=1000, periods=2)
+    on = ladder(
+        meshes=(5,), steps=(250, 500), laws="newton@moreau-jean", limit_steps=1000, periods=2
+    )
     found = run_ladder(on, tmp_path, workers=2)
     assert {result.outcome for result in found.results.values()} == {"completed"}
     assert np.isfinite(found.error(on.rungs()[-2]))
     assert found.error(on.limit_of(5)) == 0.0
     assert all(found.cost(rung) > 0.0 for rung in on.rungs())
-
-
-def invoke(*arguments: str | Path) -> tuple[int, str, str]:
-    result = CliRunner().invoke(app, ["converge", *(str(argument) for argument in arguments)])
-    return result.exit_code, result.stdout, result.output
-
-
-SMALL = ("default", "--laws", "moreau", "-j", "1", "--periods", "2", "--limit-steps", "1000")
-
-
-def test_the_command(tmp_path: Path) -> None:
-    sizes = ("--in", "both", "--elements", "5,10", "--steps", "250,500")
-    status, out, _ = invoke(*SMALL, *sizes, "-o", tmp_path)
-    assert status == 0
-    assert "relative errors without contact, 10 elements" in " ".join(out.split())
-    assert "y1 min [mm]" in out
-    text = (tmp_path / "tables.md").read_text("utf-8")
-    assert text.startswith("# Convergence of case default\n\n**without contact, 5 elements")
-    assert len(load_results(tmp_path)) == 2 * 2 * 2 + 2
-    assert (tmp_path / "figures" / "error_over_cost.png").is_file()
-    status, _, output = invoke(*SMALL, *sizes, "-o", tmp_path)
-    assert status == 2
-    assert "go on with --resume" in output
-    status, _, _ = invoke(*SMALL, *sizes, "-o", tmp_path, "--resume", "-q")
-    assert status == 0
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("--laws", "coulomb"), "laws: expected"),
-        (("--elements", "20,10", "--in", "elements"), "elements: expected increasing numbers"),
-        (("--elements", "20", "--meshes", "a.msh"), "expected --elements or --meshes, given both"),
-        (("--meshes", "a.msh"), "mesh.file: no such file"),
-        (("--steps", "ten"), "steps: expected whole numbers such as 5,10,20, given 'ten'"),
-    ],
-)
-def test_bad_input_of_the_command(tmp_path: Path, arguments: tuple[str, ...], message: str) -> None:
-    status, _, output = invoke("default", *arguments, "-o", tmp_path)
-    assert status == 2
-    assert message in output
 
 
 def test_extremes_have_a_pair_for_each_tip() -> None:

@@ -1,126 +1,27 @@
-"""Ways to step through contact that were tried beside the package's, on dense matrices.
+"""Make the steps of the schemes that were tried beside the package's, in compiled code.
 
-Each function makes one step of a small problem from (u, v, a) in place. The base enters as the load
-f = -(m_b q'' + c_b q' + k_b q). Contact is asked for velocities, H v⁺ >= floor, or for gaps.
+Each step function makes one step of a small dense problem from (u, v, a) in place. The base enters
+as the load f = -(m_b q'' + c_b q' + k_b q). Contact constrains velocities, H v⁺ >= floor, or gaps.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numba
 import numpy as np
-from scipy.linalg import expm
 
 from delam_fem.contact.complementarity import solve_into
-from delam_fem.model.operators import Operators
-from delam_fem.numerics.arrays import FloatArray
-
-LAWS = ("moreau", "closed gaps", "end gaps", "recovery", "bounded recovery")
-"""Constraints on the gap rate at the end of a step: Moreau's with the gap half a step ahead, or the
-gap at the start; Stewart and Trinkle's with e = 0; the recovery of penetrations without the bound
-on work and with it, which is the law "moreau-recovery"."""
-MOREAU, CLOSED, END, RECOVERY, BOUNDED = range(5)
-
-
-class Problem(NamedTuple):
-    """A problem on dense matrices.
-
-    Attributes:
-        M, C, K: shape (n, n).
-        H, gap0: gap = H u + gap0.
-        base: columns of M, C and K that belong to the base, shape (3, n).
-    """
-
-    M: FloatArray
-    C: FloatArray
-    K: FloatArray
-    H: FloatArray
-    gap0: FloatArray
-    base: FloatArray
-
-    @classmethod
-    def of(cls, o: Operators) -> Problem:
-        """Return the same problem."""
-        M, C, K, H = (A.toarray() for A in (o.mass, o.damping, o.stiffness, o.gap_matrix))
-        return cls(M, C, K, H, o.gap0, np.stack([o.base.mass, o.base.damping, o.base.stiffness]))
-
-
-class Scheme(NamedTuple):
-    """A problem and what the steps of a scheme multiply by.
-
-    Attributes:
-        of: the problem.
-        inverse: of what the scheme solves with, shape (n, n).
-        push: velocities by unit impulses on the pairs, shape (n, n_pairs).
-        shift: displacements likewise.
-        numbers: of the scheme.
-    """
-
-    of: Problem
-    inverse: FloatArray
-    push: FloatArray
-    shift: FloatArray
-    numbers: FloatArray
-
-
-def scheme(
-    d: Problem, inverse: FloatArray, push: FloatArray, shift: FloatArray, *numbers: float
-) -> Scheme:
-    """Return a scheme whose arrays lie in memory as compiled code wants them."""
-    parts = (inverse, push, shift, np.array(numbers, dtype=np.float64))
-    return Scheme(d, *(np.ascontiguousarray(part) for part in parts))
-
-
-def theta_matrices(d: Problem, dt: float, law: int, restitution: float) -> Scheme:
-    """Return what `theta_step` needs, θ = 1/2."""
-    inverse = np.linalg.inv(d.M + dt / 2 * d.C + dt**2 / 4 * d.K)
-    push = inverse @ d.H.T
-    return scheme(d, inverse, push, dt / 2 * push, dt, law, restitution)
-
-
-def exact_matrices(d: Problem, dt: float, restitution: float, is_spread: bool) -> Scheme:
-    """Return what `exact_step` needs: the propagator of (u, v) under a load linear in the step."""
-    n = len(d.M)
-    inverse_mass = np.linalg.inv(d.M)
-    A = np.zeros((4 * n, 4 * n))
-    A[:n, n : 2 * n] = np.eye(n)
-    A[n : 2 * n, :n], A[n : 2 * n, n : 2 * n] = -inverse_mass @ d.K, -inverse_mass @ d.C
-    A[n : 2 * n, 2 * n : 3 * n] = inverse_mass
-    A[2 * n : 3 * n, 3 * n :] = np.eye(n) / dt
-    E = expm(A * dt)[: 2 * n]
-    push, shift = inverse_mass @ d.H.T, np.zeros((n, len(d.gap0)))
-    if is_spread:
-        constant = E[:, 2 * n : 3 * n] @ d.H.T / dt
-        shift, push = constant[:n], constant[n:]
-    return scheme(d, E, push, shift, dt, MOREAU, restitution)
-
-
-def alpha_matrices(d: Problem, dt: float, restitution: float, radius: float) -> Scheme:
-    """Return what `alpha_step` needs: generalised-α of Chung and Hulbert by its spectral radius."""
-    am, af = (2 * radius - 1) / (radius + 1), radius / (radius + 1)
-    gamma = 0.5 + af - am
-    beta = 0.25 * (gamma + 0.5) ** 2
-    A = (1 - am) * d.M + (1 - af) * (gamma * dt * d.C + beta * dt**2 * d.K)
-    push = np.linalg.inv(d.M) @ d.H.T
-    numbers = (dt, restitution, am, af, gamma, beta)
-    return scheme(d, np.linalg.inv(A), push, dt / 2 * push, *numbers)
-
-
-def implicit_matrices(d: Problem, dt: float, is_stabilised: bool) -> Scheme:
-    """Return what `implicit_step` needs; `shift` is that of the prediction."""
-    inverse = np.linalg.inv(2 / dt * d.M + d.C + dt / 2 * d.K)
-    return scheme(d, inverse, dt * inverse @ d.H.T, np.linalg.inv(d.M) @ d.H.T, dt, is_stabilised)
+from delam_fem.studies.convergence.trial_schemes import BOUNDED, CLOSED, END, MOREAU
 
 
 @numba.njit(cache=True)
 def _load(m, base):  # type: ignore[no-untyped-def]
+    """Return the load of a base with displacement, velocity and acceleration `base`."""
     return -(m.of.base[0] * base[2] + m.of.base[1] * base[1] + m.of.base[2] * base[0])
 
 
 @numba.njit(cache=True)
 def _floors(m, gap, rate):  # type: ignore[no-untyped-def]
-    """Return the least gap rates at the end of a step, -inf where there is none; see `LAWS`."""
+    """Return the least gap rates at the end of a step, -inf for pairs without one; see `LAWS`."""
     dt, law, e = m.numbers[0], int(m.numbers[1]), m.numbers[2]
     floors = np.full(gap.size, -np.inf)
     for k in range(gap.size):
@@ -223,7 +124,7 @@ def envelopes(step, m, bases, n_periods, observed):  # type: ignore[no-untyped-d
 
     Args:
         step: one of the functions above.
-        m: its scheme.
+        m: the matrices of its scheme.
         bases: (q, q', q'') of the base at the steps of a period, shape (N + 1, 3).
         n_periods: to compute.
         observed: dofs.

@@ -1,39 +1,45 @@
-"""The tables and figures of docs/convergence.md, from the ladders of convergence_study.py."""
+"""Make the tables of docs/convergence.md from the ladders of `study.py`, by name."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Sequence
 
 import numpy as np
-from convergence_ladders import DAMPINGS, FEW, FREQUENCIES, LAWS, LITERAL, MESHES, RESTITUTIONS
-from matplotlib.figure import Figure
 
-import delam_fem as df
-from delam_fem.model import closed_form
 from delam_fem.numerics.extrapolation import Limit
-from delam_fem.pipeline import run
-from delam_fem.results.style import BLACK, BLUE, GREEN, VERMILLION, WIDTH
-from delam_fem.studies.convergence.figures import (
-    error_over_cost,
-    error_over_steps,
-    free_over_elements,
-    free_over_steps,
-    limit_over_elements,
-    work_over_steps,
-)
+from delam_fem.studies.convergence.analysis import Convergence
 from delam_fem.studies.convergence.ladder import Rung
-from delam_fem.studies.convergence.run import Convergence
 from delam_fem.studies.convergence.statistics import EXTREMA, WORK
+from delam_fem.studies.convergence.study import (
+    DAMPINGS,
+    FEW,
+    FREQUENCIES,
+    LAWS,
+    LITERAL,
+    MESHES,
+    RESTITUTIONS,
+)
 from delam_fem.studies.convergence.tables import Table, limit_text, number
 
-SHOWN_PERIODS = 240
-"""Of the figure of the literal scheme."""
 DEFAULT_STEPS = (1000, 2000, 4000)
-"""At which the laws are compared for use."""
+"""Steps per period of practical runs, at which the laws are compared."""
 Y1 = EXTREMA[0]
+
+
+def document_tables(found: dict[str, Convergence]) -> dict[str, Table]:
+    """Return all tables of the document by name, from the computed ladders by name."""
+    tables = {
+        "what converges": what_converges(found),
+        "motions": motions(found),
+        "motion errors": motion_errors(found),
+        "restitutions": restitutions(found),
+        "literal": literal(found),
+        "default": default_errors(found),
+    }
+    for damping in DAMPINGS:
+        tables[f"errors {damping}"] = errors(found, damping)
+        tables[f"meshes {damping}"] = meshes(found, damping)
+    return tables
 
 
 def mm(found: Convergence, rung: Rung, digits: int = 2) -> str:
@@ -46,8 +52,8 @@ def mm(found: Convergence, rung: Rung, digits: int = 2) -> str:
 def limit_row(found: Convergence, rungs: Sequence[Rung], others: Sequence[Rung]) -> list[str]:
     """Return extremes and contact work of the last rung, with an estimate of their errors.
 
-    That is the largest of what the last refinement has changed, of twice the standard error and of
-    the distance to the last of the other law's rungs.
+    The estimate is the largest of three: the change by the last refinement, twice the standard
+    error, and the distance to the last rung of the other law.
     """
     last, before = rungs[-1], rungs[-2]
     cells = []
@@ -63,7 +69,7 @@ def what_converges(all_found: dict[str, Convergence]) -> Table:
     """Return the smallest y1 of every law over steps per period."""
     found = all_found["laws"]
     rows = []
-    for entry in found.ladder.schemes:
+    for entry in found.ladder.methods:
         rungs = found.ladder.along_steps(entry, 20)
         rows.append((entry.name, *(mm(found, rung) for rung in rungs)))
     return Table("", ("law", *(f"N = {n}" for n in FEW)), tuple(rows))
@@ -89,10 +95,10 @@ def errors(all_found: dict[str, Convergence], damping: str) -> Table:
 def meshes(all_found: dict[str, Convergence], damping: str) -> Table:
     """Return the rigid limit of each mesh."""
     found = all_found[damping]
-    ladder, moreau, recovery = found.ladder, LAWS[2], LAWS[3]
+    ladder, rigid, recovery = found.ladder, LAWS[2], LAWS[3]
     rows = []
     for mesh in MESHES:
-        rungs = [ladder.rung(moreau, mesh, ladder.steps[-1]), ladder.limit_of(mesh)]
+        rungs = [ladder.rung(rigid, mesh, ladder.steps[-1]), ladder.limit_of(mesh)]
         others = [ladder.rung(recovery, mesh, ladder.steps[-1])]
         rows.append((str(mesh), *limit_row(found, rungs, others)))
     return Table("", ("elements", *(q.heading for q in (*EXTREMA, WORK))), tuple(rows))
@@ -103,7 +109,7 @@ def motions(all_found: dict[str, Convergence]) -> Table:
     rows = []
     for f in FREQUENCIES:
         found = all_found[f"{f:.2f} Hz"]
-        rigid, recovery = found.ladder.schemes[0], found.ladder.schemes[-1]
+        rigid, recovery = found.ladder.methods[0], found.ladder.methods[-1]
         rungs, others = (found.ladder.along_steps(law, 20) for law in (rigid, recovery))
         rows.append((f"{f:.2f}", *limit_row(found, rungs, others)))
     return Table("", ("f [Hz]", *(q.heading for q in (*EXTREMA, WORK))), tuple(rows))
@@ -111,12 +117,16 @@ def motions(all_found: dict[str, Convergence]) -> Table:
 
 def motion_errors(all_found: dict[str, Convergence]) -> Table:
     """Return the errors of two laws at few steps for the four motions."""
-    chosen = [(law, n) for law in ("moreau e = 0.1", "moreau-recovery") for n in DEFAULT_STEPS]
+    chosen = [
+        (law, n)
+        for law in ("newton@moreau-jean e = 0.1", "recovery@moreau-jean")
+        for n in DEFAULT_STEPS
+    ]
     rows = []
     for f in FREQUENCIES:
         found = all_found[f"{f:.2f} Hz"]
-        schemes = {entry.name: entry for entry in found.ladder.schemes}
-        rungs = [found.ladder.rung(schemes[name], 20, steps) for name, steps in chosen]
+        methods = {entry.name: entry for entry in found.ladder.methods}
+        rungs = [found.ladder.rung(methods[name], 20, steps) for name, steps in chosen]
         rows.append((f"{f:.2f}", *(number(100.0 * found.error(rung), ".1f") for rung in rungs)))
     heading = (f"{name.split()[0]}, N = {steps} [%]" for name, steps in chosen)
     return Table("", ("f [Hz]", *heading), tuple(rows))
@@ -129,14 +139,14 @@ def restitutions(all_found: dict[str, Convergence]) -> Table:
         (f"{f:.2f} Hz", f"{f:.2f}, two-mode") for f in FREQUENCIES
     ]:
         found = all_found[name]
-        for entry in found.ladder.schemes[: len(RESTITUTIONS)]:
+        for entry in found.ladder.methods[: len(RESTITUTIONS)]:
             rungs = [found.ladder.rung(entry, 20, steps) for steps in FEW]
             rows.append((where, entry.name.split(" = ")[1], *(mm(found, r) for r in rungs)))
     return Table("", ("f [Hz], damping", "e", *(f"N = {n}" for n in FEW)), tuple(rows))
 
 
 def literal(all_found: dict[str, Convergence]) -> Table:
-    """Return what becomes of the literal scheme: energy that impacts add, or when it diverges."""
+    """Return how much energy the impacts of the literal scheme add, or when it diverges."""
     rows = []
     for damping in ("mass", *DAMPINGS):
         found = all_found[f"literal {damping}"]
@@ -168,71 +178,3 @@ def default_errors(all_found: dict[str, Convergence]) -> Table:
                 cells = (number(100.0 * found.error(rung), ".1f") for rung in rungs)
                 rows.append((damping, entry.name, str(steps), *cells))
     return Table("", ("damping", "law", "N", *(f"{n} elements [%]" for n in MESHES)), tuple(rows))
-
-
-def literal_figure() -> Figure:
-    """Draw how the tips of the literal scheme move beside those of a dissipative one."""
-    figure = Figure(figsize=(WIDTH, 4.4), layout="constrained")
-    axes = figure.subplots()
-    runs = (("mass", 20, VERMILLION), ("stiffness", 50, BLUE), ("two-mode", 80, GREEN))
-    for damping, elements, colour in runs:
-        for impulse, line in (("lumped", "-"), ("consistent", "--")):
-            keys = {"contact.law": "newton", "contact.impulse": impulse, "mesh.elements": elements}
-            few = {"time.periods": SHOWN_PERIODS, "time.steps_per_period": 1000}
-            chosen = df.preset("paper", {**keys, **few, "damping.rayleigh": damping})
-            found = run(chosen, "compiled", model=closed_form.assemble(chosen)).history
-            y1 = 1e3 * np.abs(found.envelope_min.values[0])
-            label = f"{damping}, {elements} elements, {impulse} impulses"
-            axes.semilogy(np.arange(1, y1.size + 1), y1, line, color=colour, label=label)
-    axes.axhline(1e3 * chosen.lamina[0].length, color=BLACK, linestyle=":", label="length")
-    axes.set(xlabel="period of the excitation", ylabel="largest −y1 in the period [mm]")
-    axes.legend()
-    figure.suptitle("3.25 Hz, newton, consistent mass, T/1000")
-    return figure
-
-
-@dataclass(frozen=True)
-class Document:
-    """The tables and figures of the document, by name."""
-
-    tables: dict[str, Table]
-    figures: dict[str, Callable[[], Figure]]
-
-
-def document(found: dict[str, Convergence]) -> Document:
-    """Return what the document shows."""
-    tables = {
-        "what converges": what_converges(found),
-        "motions": motions(found),
-        "motion errors": motion_errors(found),
-        "restitutions": restitutions(found),
-        "literal": literal(found),
-        "default": default_errors(found),
-    }
-    figures: dict[str, Callable[[], Figure]] = {"literal": literal_figure}
-    for damping in DAMPINGS:
-        tables[f"errors {damping}"] = errors(found, damping)
-        tables[f"meshes {damping}"] = meshes(found, damping)
-        name = damping.replace("-", "_")
-        figures[f"steps_{name}"] = partial(error_over_steps, found[damping])
-        figures[f"cost_{name}"] = partial(error_over_cost, found[damping])
-        figures[f"work_{name}"] = partial(work_over_steps, found[damping])
-        figures[f"meshes_{name}"] = partial(limit_over_elements, found[damping])
-    figures["free_steps"] = partial(free_over_steps, found["two-mode"])
-    figures["free_elements"] = partial(free_over_elements, found["two-mode"])
-    return Document(tables, figures)
-
-
-def fill(text: str, tables: dict[str, Table]) -> str:
-    """Return the document with these of its tables replaced.
-
-    Raises:
-        KeyError: the document has no place for a table.
-    """
-    for name, table in tables.items():
-        pattern = re.compile(rf"(<!-- table {re.escape(name)} -->\n).*?(<!-- end -->)", re.DOTALL)
-        body = table.markdown().split("\n\n", 1)[1]
-        text, places = pattern.subn(lambda match, body=body: match[1] + body + match[2], text)
-        if places != 1:
-            raise KeyError(f"table {name}: expected one place in the document, found {places}")
-    return text

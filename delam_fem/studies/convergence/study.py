@@ -1,9 +1,10 @@
-"""The ladders behind docs/convergence.md."""
+"""Define the ladders behind docs/convergence.md."""
 
 from __future__ import annotations
 
-import delam_fem as df
-from delam_fem.studies.convergence.ladder import Ladder, Scheme, scheme
+from delam_fem.case.definition import Case
+from delam_fem.case.files import preset
+from delam_fem.studies.convergence.ladder import Ladder, Method, method
 
 MESHES = (10, 20, 40, 80, 160)
 FEW = (1000, 4000, 16000, 64000, 256000)
@@ -12,20 +13,20 @@ DAMPINGS = ("stiffness", "two-mode")
 FREQUENCIES = (1.25, 1.60, 3.25, 3.65)
 RESTITUTIONS = (0.1, 0.0, 0.5)
 STIFFNESSES = (1e2, 1e3, 1e4, 1e5)
-LAWS = tuple(scheme(law) for law in ("newton", "newton-penalty", "moreau", "moreau-recovery"))
-LITERAL = tuple(scheme(f"{law}/lumped") for law in ("newton", "newton-penalty"))
+LAWS = tuple(method(law) for law in ("newton", "newton-penalty", "newton@moreau-jean", "recovery"))
+LITERAL = tuple(method(f"{law}/lumped") for law in ("newton", "newton-penalty"))
 LITERAL_PERIODS = 300
-"""What grows has grown by then."""
+"""Enough for a growing motion to grow visibly."""
 
 
-def case(damping: str, **keys: object) -> df.Case:
-    """Return the preset with a damping model and other changes."""
-    return df.preset("default", {"damping.rayleigh": damping, **keys})
+def case(damping: str, **keys: object) -> Case:
+    """Return the preset `default` with a damping model and other changes."""
+    return preset("default", {"damping.rayleigh": damping, **keys})
 
 
-def varied(law: str, label: str, **keys: object) -> Scheme:
-    """Return a scheme with a parameter of its own."""
-    return Scheme(
+def varied(law: str, label: str, **keys: object) -> Method:
+    """Return a method with a parameter of its own."""
+    return Method(
         f"{law} {label}", (("contact.law", law), *((f"contact.{k}", v) for k, v in keys.items()))
     )
 
@@ -39,16 +40,15 @@ def ladders() -> dict[str, Ladder]:
     }
     springs = (
         varied(law, f"k = {k:g} N/m", penalty_stiffness=k)
-        for law in ("newton-penalty", "penalty")
+        for law in ("newton-penalty@newmark", "penalty@newmark")
         for k in STIFFNESSES
     )
     found["laws"] = Ladder(case("stiffness"), (*LAWS, *springs), (20,), FEW, limit_steps=LAST)
-    rigid = tuple(varied("moreau", f"e = {e:g}", restitution=e) for e in RESTITUTIONS)
-    both = (*rigid, scheme("moreau-recovery"))
+    rigid = tuple(varied("newton@moreau-jean", f"e = {e:g}", restitution=e) for e in RESTITUTIONS)
+    both = (*rigid, method("recovery"))
     for f in FREQUENCIES:
         base = case("two-mode", **{"excitation.frequency": f})
-        steps = (1000, 2000, *FEW[1:])
-        found[f"{f:.2f} Hz"] = Ladder(base, both, (20,), steps, limit_steps=LAST)
+        found[f"{f:.2f} Hz"] = Ladder(base, both, (20,), (1000, 2000, *FEW[1:]), limit_steps=LAST)
     found["restitution"] = Ladder(case("stiffness"), rigid, (20,), FEW, limit_steps=0)
     for damping in ("mass", *DAMPINGS):
         found[f"literal {damping}"] = Ladder(

@@ -1,0 +1,109 @@
+"""Analyse a ladder with results: statistics, errors against limits, extrapolations, costs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from delam_fem.case.definition import Case
+from delam_fem.numerics import extrapolation
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.studies.convergence.ladder import Ladder, Rung
+from delam_fem.studies.convergence.rung import RungResult
+from delam_fem.studies.convergence.statistics import EXTREMA
+
+
+@dataclass(frozen=True)
+class Convergence:
+    """A ladder with the results of its rungs so far.
+
+    Attributes:
+        ladder: the ladder.
+        results: of its rungs, by key.
+    """
+
+    ladder: Ladder
+    results: dict[str, RungResult]
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether all rungs are there, whatever their outcome."""
+        return all(rung.key in self.results for rung in self.ladder.rungs())
+
+    def value(self, rung: Rung, name: str) -> float:
+        """Return the mean of a statistic, NaN where the rung has none."""
+        return self._entry(rung, name)[0]
+
+    def scatter(self, rung: Rung, name: str) -> float:
+        """Return the scatter of a statistic from block to block, NaN where the rung has none."""
+        return self._entry(rung, name)[1]
+
+    def standard_error(self, rung: Rung, name: str) -> float:
+        """Return the standard error of the mean of a statistic."""
+        blocks = self.value(rung, "blocks")
+        return self.scatter(rung, name) / math.sqrt(blocks) if blocks > 0.0 else math.nan
+
+    def limit(self, rungs: Sequence[Rung], name: str, *, by: str = "steps") -> extrapolation.Limit:
+        """Extrapolate a statistic along rungs that refine `by` "steps" or "elements"."""
+        sizes = [1.0 / getattr(rung, by) for rung in rungs]
+        values = [self.value(rung, name) for rung in rungs]
+        errors = [self.standard_error(rung, name) for rung in rungs]
+        return extrapolation.limit(sizes, values, errors)
+
+    def error(self, rung: Rung, reference: Rung | None = None) -> float:
+        """Return the distance of the tip extremes from the rigid limit.
+
+        Args:
+            rung: with contact.
+            reference: the rung that stands for the limit; by default the limit of the same mesh.
+
+        Returns:
+            The largest difference of the four extremes, each in half peak-to-peak displacements of
+            its tip in the limit [-]; NaN where either is missing, or the ladder has no limit.
+        """
+        if reference is None:
+            if not self.ladder.has_limit:
+                return math.nan
+            reference = self.ladder.limit_of(rung.mesh)
+        exact = np.array([self.value(reference, q.name) for q in EXTREMA])
+        found = np.array([self.value(rung, q.name) for q in EXTREMA])
+        half = np.repeat((exact[1::2] - exact[0::2]) / 2.0, 2)
+        return float(np.abs((found - exact) / half).max())
+
+    def free_errors(self, rung: Rung) -> FloatArray:
+        """Return relative errors without contact.
+
+        Returns:
+            Of frequency and amplitude of tip 1, then of tip 2, against the exact cantilever,
+            shape (4,) [-]; NaN where the rung is missing.
+        """
+        frequencies, amplitudes = exact_free_motion(rung.case)
+        return np.array(
+            [
+                self.value(rung, f"{name}_{i + 1}") / exact[i] - 1.0
+                for i in range(2)
+                for name, exact in (("frequency", frequencies), ("amplitude", amplitudes))
+            ]
+        )
+
+    def cost(self, rung: Rung) -> float:
+        """Return the processor time of a period [s], NaN where the rung is missing."""
+        result = self.results.get(rung.key)
+        return math.nan if result is None else 1e-6 * result.microseconds_per_step * rung.steps
+
+    def _entry(self, rung: Rung, name: str) -> tuple[float, float]:
+        result = self.results.get(rung.key)
+        missing = (math.nan, math.nan)
+        return missing if result is None else result.statistics.get(name, missing)
+
+
+def exact_free_motion(case: Case) -> tuple[list[float], list[float]]:
+    """Return first frequencies [Hz] and tip amplitudes [m] of both laminae without contact."""
+    frequencies, amplitudes = [], []
+    for i, lamina in enumerate(case.lamina):
+        frequencies.append(float(lamina.angular_frequencies(1)[0]) / (2.0 * math.pi))
+        amplitudes.append(float(case.linear_amplitude(i, np.asarray(1.0 / case.period))))
+    return frequencies, amplitudes

@@ -1,0 +1,101 @@
+"""Put docs/convergence.md together: its tables and figures, from the ladders of `study.py`."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from delam_fem.case.files import preset
+from delam_fem.model import closed_form
+from delam_fem.results.style import BLACK, BLUE, GREEN, VERMILLION, WIDTH
+from delam_fem.studies.convergence.analysis import Convergence
+from delam_fem.studies.convergence.document_tables import document_tables
+from delam_fem.studies.convergence.figures import (
+    error_over_cost,
+    error_over_steps,
+    free_over_elements,
+    free_over_steps,
+    limit_over_elements,
+    work_over_steps,
+)
+from delam_fem.studies.convergence.study import DAMPINGS
+from delam_fem.studies.convergence.tables import Table
+
+SHOWN_PERIODS = 240
+"""Periods in the figure of the literal scheme."""
+
+
+@dataclass(frozen=True)
+class Document:
+    """The tables of the document, and functions that draw its figures, by name."""
+
+    tables: dict[str, Table]
+    figures: dict[str, Callable[[], Figure]]
+
+
+def document(found: dict[str, Convergence]) -> Document:
+    """Return the tables and figures of the document, from the computed ladders by name."""
+    figures: dict[str, Callable[[], Figure]] = {"literal": literal_figure}
+    for damping in DAMPINGS:
+        name = damping.replace("-", "_")
+        figures[f"steps_{name}"] = partial(error_over_steps, found[damping])
+        figures[f"cost_{name}"] = partial(error_over_cost, found[damping])
+        figures[f"work_{name}"] = partial(work_over_steps, found[damping])
+        figures[f"meshes_{name}"] = partial(limit_over_elements, found[damping])
+    figures["free_steps"] = partial(free_over_steps, found["two-mode"])
+    figures["free_elements"] = partial(free_over_elements, found["two-mode"])
+    return Document(document_tables(found), figures)
+
+
+def fill(text: str, tables: dict[str, Table]) -> str:
+    """Return the text of a document in which tables are brought up to date.
+
+    A table stands between the lines `<!-- table NAME -->` and `<!-- end -->`.
+
+    Args:
+        text: of the document.
+        tables: those to replace, by name.
+
+    Raises:
+        KeyError: the document has no place for a table, or several.
+    """
+    for name, table in tables.items():
+        pattern = re.compile(rf"(<!-- table {re.escape(name)} -->\n).*?(<!-- end -->)", re.DOTALL)
+        body = table.markdown().split("\n\n", 1)[1]
+        text, places = pattern.subn(partial(_framed, body), text)
+        if places != 1:
+            raise KeyError(f"table {name}: expected one place in the document, found {places}")
+    return text
+
+
+def _framed(body: str, match: re.Match[str]) -> str:
+    """Return a text between the marks that a match has found."""
+    return match[1] + body + match[2]
+
+
+def literal_figure() -> Figure:
+    """Draw how the tips move by the literal scheme and by a dissipative one."""
+    from delam_fem.pipeline import run
+
+    figure = Figure(figsize=(WIDTH, 4.4), layout="constrained")
+    axes = figure.subplots()
+    runs = (("mass", 20, VERMILLION), ("stiffness", 50, BLUE), ("two-mode", 80, GREEN))
+    for damping, elements, colour in runs:
+        for impulse, line in (("lumped", "-"), ("consistent", "--")):
+            keys = {"contact.law": "newton", "contact.impulse": impulse, "mesh.elements": elements}
+            few = {"time.periods": SHOWN_PERIODS, "time.steps_per_period": 1000}
+            chosen = preset("paper", {**keys, **few, "damping.rayleigh": damping})
+            found = run(chosen, "compiled", model=closed_form.assemble(chosen)).history
+            y1 = 1e3 * np.abs(found.envelope_min.values[0])
+            label = f"{damping}, {elements} elements, {impulse} impulses"
+            axes.semilogy(np.arange(1, y1.size + 1), y1, line, color=colour, label=label)
+    axes.axhline(1e3 * chosen.lamina[0].length, color=BLACK, linestyle=":", label="length")
+    axes.set(xlabel="period of the excitation", ylabel="largest −y1 in the period [mm]")
+    axes.legend()
+    figure.suptitle("3.25 Hz, newton, consistent mass, T/1000")
+    return figure

@@ -1,0 +1,146 @@
+"""Run the ways to step through contact that docs/convergence.md compares, each by its name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from dataclasses import replace
+from functools import partial
+from typing import TypeAlias
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse as sp
+
+from delam_fem.case.definition import Case
+from delam_fem.engines.choose import law_of, scheme_of
+from delam_fem.engines.session import Session, session
+from delam_fem.model.operators import BaseCoupling, Operators
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.simulation.base_states import motion_of
+from delam_fem.simulation.recorder import N_BASE
+from delam_fem.simulation.span import Span
+from delam_fem.studies.convergence import trial_schemes as ts
+from delam_fem.studies.convergence import trial_steps as steps
+
+RESTITUTION = 0.1
+"""Coefficient of restitution."""
+PERIOD_OF_SPRING = 20
+"""Steps in which a pair on a spring, scaled with the step, vibrates once."""
+FIRST_STEPS = 1000
+"""Steps per period at which the threshold γ that is scaled with Δt is that of the case."""
+
+Runner: TypeAlias = Callable[[Case, Operators], FloatArray]
+"""From a case and its operators to the extremes of each period, shape (n_periods, 2, 2)."""
+
+
+LIMIT = "newton@moreau-jean"
+"""The way whose small steps stand for the rigid limit."""
+
+
+def by_engine(method: str, theta: float, case: Case, operators: Operators) -> FloatArray:
+    """Run a law of the package with its scheme in compiled code; only Moreau–Jean reads θ."""
+    with _session(case, operators, method, theta) as opened:
+        opened.run()
+        return np.asarray(opened.recorder.envelope)
+
+
+def _session(
+    case: Case, operators: Operators, method: str, theta: float = 0.5
+) -> AbstractContextManager[Session]:
+    """Set a case up with another law and scheme."""
+    other = case.with_overrides({"contact.law": method})
+    scheme = replace(scheme_of(other), theta=theta)
+    return session(operators, law_of(other), scheme, motion_of(case), Span.of(case))
+
+
+def by_modes(method: str, modes: int, case: Case, operators: Operators) -> FloatArray:
+    """Run in the lowest modes of each lamina instead of the displacements of the nodes."""
+    reduced, observed = modal(operators, modes)
+    found = np.full((case.n_periods, 2, 2), np.nan)
+
+    def collect(done: int) -> bool:  # the tips are sums of modes, which no recorder observes
+        tips = opened.recorder.window[-1].u[:, N_BASE:] @ observed.T
+        found[done - 1] = tips.min(axis=0), tips.max(axis=0)
+        return False
+
+    with _session(case, reduced, method) as opened:
+        opened.run(collect)
+    return found
+
+
+def by_scaled_springs(case: Case, operators: Operators) -> FloatArray:
+    """Run newton-penalty with a spring scaled by the mass of a pair and Δt, and γ by Δt."""
+    h = case.lamina[0].length / operators.n_pairs
+    reduced = 1.0 / sum(1.0 / (h * lamina.mass_per_length) for lamina in case.lamina)
+    stiffness = reduced * (2 * np.pi / (PERIOD_OF_SPRING * case.time_step)) ** 2
+    gamma = case.contact.threshold_velocity * FIRST_STEPS / case.time.steps_per_period
+    keys = {"contact.penalty_stiffness": stiffness, "contact.threshold_velocity": gamma}
+    return by_engine("newton-penalty@newmark", 0.5, case.with_overrides(keys), operators)
+
+
+def modal(o: Operators, modes: int) -> tuple[Operators, FloatArray]:
+    """Return a problem in its lowest modes, and the tips as sums of modes, shape (2, 2 modes)."""
+    n = o.n_dofs // 2
+    parts = []
+    for lamina in (slice(0, n), slice(n, 2 * n)):
+        K, M = (A.toarray()[lamina, lamina] for A in (o.stiffness, o.mass))
+        parts.append(scipy.linalg.eigh(K, M)[1][:, :modes])
+    Phi = scipy.linalg.block_diag(*parts)
+    M, C, K = (sp.csr_matrix(Phi.T @ (A @ Phi)) for A in (o.mass, o.damping, o.stiffness))
+    b = o.base
+    base = BaseCoupling(Phi.T @ b.mass, Phi.T @ b.damping, Phi.T @ b.stiffness, b.corner)
+    H = sp.csr_matrix(o.gap_matrix @ Phi)
+    every = np.arange(2 * modes)
+    return Operators(M, C, K, M.diagonal(), base, H, o.gap0, every), Phi[o.observed]
+
+
+def densely(
+    step: object,
+    make: Callable[..., ts.Matrices],
+    arguments: tuple[object, ...],
+    case: Case,
+    operators: Operators,
+) -> FloatArray:
+    """Run a scheme of `trial_schemes.py` on dense matrices."""
+    matrices = make(ts.Problem.of(operators), case.time_step, *arguments)
+    bases = motion_of(case)(0).copy()
+    found = steps.envelopes(step, matrices, bases, case.n_periods, operators.observed)
+    return np.asarray(found)
+
+
+def runners() -> dict[str, Runner]:
+    """Return all ways to step through contact by name; the first two are the package's."""
+    found: dict[str, Runner] = {
+        name: partial(by_engine, name, 0.5)
+        for name in ("recovery@moreau-jean", LIMIT, "newton@newmark")
+    }
+    for theta in (0.52, 0.6, 1.0):
+        found[f"{LIMIT}, θ = {theta:g}"] = partial(by_engine, LIMIT, theta)
+    found["newton-penalty@newmark, k by m/Δt², γ by Δt"] = by_scaled_springs
+    for n in (5, 10):
+        for law in (LIMIT, "recovery@moreau-jean"):
+            found[f"{law}, {n} modes of each lamina"] = partial(by_modes, law, n)
+    found["exact linear motion, impulses at the end"] = partial(
+        densely, steps.exact_step, ts.exact_matrices, (RESTITUTION, False)
+    )
+    found["exact linear motion, impulses spread over the step"] = partial(
+        densely, steps.exact_step, ts.exact_matrices, (RESTITUTION, True)
+    )
+    for radius in (0.9, 0.5):
+        found[f"non-smooth generalised-α, ρ∞ = {radius:g}"] = partial(
+            densely, steps.alpha_step, ts.alpha_matrices, (RESTITUTION, radius)
+        )
+    for is_stabilised, name in ((False, "implicit"), (True, "implicit and stabilised")):
+        found[f"Newmark, contact forces {name}"] = partial(
+            densely, steps.implicit_step, ts.implicit_matrices, (is_stabilised,)
+        )
+    for constraint, name in (
+        (ts.CLOSED, f"{LIMIT}, contact at U <= 0"),
+        (ts.END, "gaps closed by the end of the step (Stewart, Trinkle), e = 0"),
+        (ts.RECOVERY, "recovery without the bound on work"),
+    ):
+        found[name] = partial(
+            densely, steps.theta_step, ts.theta_matrices, (constraint, RESTITUTION)
+        )
+    return found

@@ -1,0 +1,54 @@
+"""Ways to step through contact: those on dense matrices and on modes beside the package's."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from delam_fem.simulation.setup import motion_of
+
+from delam_fem.model import closed_form
+from delam_fem.studies.convergence import trial_schemes as ts
+from delam_fem.studies.convergence import trial_steps as steps
+from delam_fem.studies.convergence import trials
+from delam_fem.studies.convergence.trial_runners import RESTITUTION, by_modes, densely, runners
+
+SAME = 1e-9  # m: round-off of the first periods, which impacts raise to 1e-11
+
+
+def test_dense_steps_are_those_of_the_package() -> None:
+    case = trials.case_of(250, 4)
+    operators = closed_form.assemble(case).operators
+    for law, name in ((ts.MOREAU, "moreau"), (ts.BOUNDED, "moreau-recovery")):
+        dense = densely(steps.theta_step, ts.theta_matrices, (law, RESTITUTION), case, operators)
+        own = runners()[name](case, operators)
+        np.testing.assert_allclose(dense, own, rtol=0.0, atol=SAME)
+
+
+@pytest.mark.parametrize("arguments", [(0.1, False), (0.1, True)])
+def test_exact_steps_are_exact_without_contact(arguments: tuple[float, bool]) -> None:
+    found = []
+    for n in (100, 200):
+        case = trials.case_of(n, 2)
+        operators = closed_form.assemble(case).operators
+        operators = dataclasses.replace(operators, gap0=np.full(operators.n_pairs, 5.0))
+        bases = motion_of(case)(0)
+        m = ts.exact_matrices(ts.Problem.of(operators), case.time_step, *arguments)
+        u, v, a = np.zeros((3, operators.n_dofs))
+        W = m.of.H @ m.push
+        for j in range(1, n + 1):
+            steps.exact_step(m, W, u, v, a, bases[j - 1], bases[j])
+        found.append(u)
+    np.testing.assert_allclose(*found, rtol=0.0, atol=1e-5)  # the load is linear within a step
+
+
+def test_all_modes_are_the_whole_problem() -> None:
+    case = trials.case_of(250, 2)
+    operators = closed_form.assemble(case).operators
+    np.testing.assert_allclose(
+        by_modes("moreau", operators.n_dofs // 2, case, operators),
+        runners()["moreau"](case, operators),
+        rtol=0.0,
+        atol=1e-8,
+    )

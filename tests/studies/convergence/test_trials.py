@@ -1,0 +1,54 @@
+"""Trials: errors of ways to step through contact, and the script that writes them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from project import script
+
+from delam_fem.studies.convergence import trials
+from delam_fem.studies.convergence.trial_runners import runners
+
+
+def test_errors_of_trials_are_relative_to_the_amplitude() -> None:
+    limit = np.array([[-0.02, 0.0], [0.02, 0.03]])
+    found = {"way": trials.Found({1000: limit + np.array([[0.0, 0.0], [0.0, 0.0015]])})}
+    assert trials.table(found, limit).rows == (("way", "-20.00", "10.0"),)
+
+
+@pytest.mark.slow
+def test_trials_in_a_short_form(monkeypatch: pytest.MonkeyPatch) -> None:
+    chosen = {name: runners()[name] for name in ("recovery@moreau-jean", "newton@moreau-jean")}
+    monkeypatch.setattr(trials, "runners", lambda: chosen)
+    found, limit = trials.measure((500,), 8000, 40, 1)
+    assert limit[:, 0] == pytest.approx([-0.020, 0.015], abs=0.002)
+    errors = {name: one.error(500, limit) for name, one in found.items()}
+    assert errors["recovery@moreau-jean"] < 0.5 * errors["newton@moreau-jean"]
+    figure = trials.figure(found, limit)
+    assert len(figure.axes[0].lines) == 2
+
+
+def test_the_script_writes_table_and_figure(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    contact_trials = script("contact_trials")
+    page, picture = tmp_path / "page.md", tmp_path / "trials.png"
+    limit = np.array([[-0.02, 0.0], [0.02, 0.03]])
+
+    def measure(
+        steps: tuple[int, ...], *settings: object
+    ) -> tuple[dict[str, trials.Found], object]:
+        assert settings == (256_000, 8, 1)
+        return {"way": trials.Found({n: 1.1 * limit for n in steps})}, limit
+
+    monkeypatch.setattr(contact_trials, "measure", measure)
+    monkeypatch.setattr(contact_trials, "DOCUMENT", page)
+    monkeypatch.setattr(contact_trials, "FIGURE", picture)
+    page.write_text("before\n<!-- table trials -->\nold\n<!-- end -->\nafter\n")
+    assert contact_trials.main(["--periods", "8", "--workers", "1"]) == 0
+    row = "| way | -22.00 | -22.00 | -22.00 | 20.0 | 20.0 | 20.0 |"
+    assert row in capsys.readouterr().out
+    assert page.read_text("utf-8").endswith(f"{row}\n<!-- end -->\nafter\n")
+    assert picture.stat().st_size > 10_000
