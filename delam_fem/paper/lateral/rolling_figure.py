@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
-from matplotlib.ticker import NullLocator
 
 from delam_fem.model import ground
 from delam_fem.paper.lateral.ground_run import LIFT
@@ -24,6 +22,10 @@ from delam_fem.results.style import (
     WIDTH,
 )
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
 LAW_COLOURS = {"moreau": BLUE, "moreau-recovery": SKY, "newton-penalty": ORANGE}
 MARKERS = {20: "s", 40: "^", 80: "o"}
 """Of the meshes of a ladder, by elements."""
@@ -39,6 +41,8 @@ def figure06(study: RollingStudy, block: TipBlock) -> Figure:
         study: a strip that falls on the ground along which it lies.
         block: gives the strip and the places of the gauges.
     """
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(WIDTH, 12.6), layout="constrained")
     rows = figure.subfigures(4, 1, height_ratios=(1.0, 1.35, 1.35, 1.35))
     _draw_setup(rows[0].subplots(), block)
@@ -56,6 +60,8 @@ def figure06(study: RollingStudy, block: TipBlock) -> Figure:
 
 def _draw_setup(axes: Axes, block: TipBlock) -> None:
     """Draw the strip, lifted and free of stress, with its sensors, to scale."""
+    from matplotlib.patches import Rectangle
+
     strip, n = block.lamina, 100
     x = 1e3 * np.concatenate([[0.0], ground.nodes(strip, n)])
     length, t = 1e3 * strip.length, 1e3 * strip.thickness
@@ -131,6 +137,8 @@ def _draw_energy(axes: Axes, run: Rolling) -> None:
 
 def _draw_ladder(axes: Axes, study: RollingStudy) -> None:
     """Draw the shares lost in all and at impacts over the time step; damped strip."""
+    from matplotlib.ticker import NullLocator
+
     damping_ratio = max(rung.damping_ratio for rung in study.ladder)
     for law, colour in LAW_COLOURS.items():
         for n, marker in MARKERS.items():
