@@ -250,8 +250,8 @@ def judge(numbers: Chart) -> tuple[Claim, ...]:
         Claim(
             "11", "a sudden impact marks the beginning of each contact event", "sec. 3.2",
             f"{100 * numbers.impacts_followed_by_contact:.0f} % of the impacts begin permanent "
-            f"contact, which lasts {numbers.mean_contact_steps:.1f} steps on average; no pair got a "
-            "spring unhit",
+            f"contact, which lasts {numbers.mean_contact_steps:.1f} steps on average; no pair got "
+            "a spring unhit",
             judged(numbers.violations == 0),
         ),
     )  # fmt: skip

@@ -13,7 +13,10 @@ from delam_fem.case.sections import Lamina
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.numerics.cantilever import frequency_rise
 from delam_fem.paper.claims import Claim, judged
-from delam_fem.paper.figures.swept_sine import (
+from delam_fem.paper.lab import Laboratory, motion_case
+from delam_fem.paper.motions import RESONANT
+from delam_fem.paper.piece import NOT_IN_JSON, Numbers, Piece
+from delam_fem.paper.swept_sine import (
     BAND,
     SWEEP_SECONDS,
     peak_frequency,
@@ -21,9 +24,6 @@ from delam_fem.paper.figures.swept_sine import (
     swept_envelope,
     swept_extremes,
 )
-from delam_fem.paper.lab import Laboratory, motion_case
-from delam_fem.paper.motions import RESONANT
-from delam_fem.paper.piece import NOT_IN_JSON, Numbers, Piece
 from delam_fem.results.style import (
     BASE_COLOUR,
     BLACK,

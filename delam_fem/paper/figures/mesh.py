@@ -10,7 +10,7 @@ import numpy as np
 
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.paper.claims import Claim, judged
-from delam_fem.paper.figures.portraits import Portrait, two_portraits
+from delam_fem.paper.figures.impact_portraits import Portrait, two_portraits
 from delam_fem.paper.lab import Laboratory, motion_case
 from delam_fem.paper.measures import (
     CLEARLY,

@@ -10,9 +10,9 @@ import numpy as np
 
 from delam_fem.numerics import attractors
 from delam_fem.paper.claims import Claim, judged
-from delam_fem.paper.figures.plane_measures import KINDS, Decade, Plane, best_decade, plane_of
 from delam_fem.paper.lab import Laboratory
 from delam_fem.paper.piece import Numbers, Piece
+from delam_fem.paper.plane_measures import KINDS, Decade, Plane, best_decade, plane_of
 from delam_fem.results.diagnostics import LARGEST_PERIODICITY, PERIODIC_SCATTER
 from delam_fem.results.style import BLACK, GREEN, ORANGE, SKY, VERMILLION, WIDTH
 

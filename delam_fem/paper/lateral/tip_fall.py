@@ -53,15 +53,12 @@ def tip_block(
     start = ground_run.released(ground.lifted(lamina, n_elements, LIFT, "tip force"), operators)
     fall = _fall(lamina, operators, start, FALL_STEPS * time_step)
     free, spring, rigid = (
-        ground_run.run(
-            law,
-            operators,
-            fall.state,
-            time_step=time_step,
-            steps_per_stretch=_steps(time_step),
-            n_stretches=round(2.0 * duration / STRETCH),
+        _impact(law, operators, fall.state, time_step, duration)
+        for law in (
+            GroundLaw("none"),
+            GroundLaw("penalty", stiffness=stiffness),
+            GroundLaw("moreau", restitution=0.0),
         )
-        for law in _blocks(stiffness)
     )
     touch, speed = _touch(free, round(peak_duration / time_step))
     at_gauges = rows[:, dofs]
@@ -82,12 +79,17 @@ def tip_block(
     )
 
 
-def _blocks(stiffness: float) -> tuple[GroundLaw, GroundLaw, GroundLaw]:
-    """Return no block, a block of finite stiffness [N/m] and a rigid block as laws."""
-    return (
-        GroundLaw("none"),
-        GroundLaw("penalty", stiffness=stiffness),
-        GroundLaw("moreau", restitution=0.0),
+def _impact(
+    law: GroundLaw, operators: Operators, start: State, time_step: float, duration: float
+) -> GroundRun:
+    """Run the impact on one kind of block."""
+    return ground_run.run(
+        law,
+        operators,
+        start,
+        time_step=time_step,
+        steps_per_stretch=_steps(time_step),
+        n_stretches=round(2.0 * duration / STRETCH),
     )
 
 
