@@ -6,7 +6,7 @@ from scipy.integrate import trapezoid
 from scipy.sparse.linalg import spsolve
 
 from delam_fem.model import ground
-from delam_fem.paper.figures import lateral
+from delam_fem.paper.figures import rolling_strip
 from delam_fem.paper.lateral import ground_run, rolling_figure, struck_beam, studies, tip_figure
 from delam_fem.paper.lateral.ground_run import LIFT, GroundLaw, Impulses
 from delam_fem.paper.lateral.rolling import Rolling, rolling
@@ -272,13 +272,14 @@ def test_before_the_touch_all_blocks_are_none(block: TipBlock) -> None:
     assert block.free.tip[early].min() > 0.0 > block.free.tip[~early].max() - 1e-9
 
 
-def test_rows_about_the_strip_tell_rolling_from_landing_with_the_tip() -> None:
+def test_rows_about_the_strip_tell_rolling_from_landing_with_the_tip(block: TipBlock) -> None:
     thin = rolling(n_elements=40, steps_per_period=5000)
     rung = Rung("moreau", 0.002, 40, 5000, 0.2, 0.7, 0.1, "completed")
 
     def rows(run: Rolling) -> list[str]:
         study = RollingStudy({"moreau": run}, thin, {0.05: thin}, (rung,))
-        return [claim.verdict for claim in lateral.rolling_claims(study.numbers())]
+        numbers = rolling_strip.RollingStrip.of(study, block)
+        return [claim.verdict for claim in rolling_strip.judge(numbers)]
 
     assert rows(thin) == ["holds"] * 3
     assert rows(rolling(height=0.15, n_elements=20, steps_per_period=5000))[0] == "does not hold"
