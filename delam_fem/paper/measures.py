@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from delam_fem.results.dataset import Result
 
 SMOOTH_HARMONICS = 20
-"""What a velocity has above so many harmonics of the excitation counts as roughness."""
+"""The part of a signal above so many harmonics of the excitation counts as roughness."""
 FREE_GAP = 1e-3
 """Tips farther apart than this are in free flight [m]."""
 CLEARLY = 0.8
@@ -39,7 +39,7 @@ def near_share(result: Result) -> float:
 
 
 def rough_part(values: FloatArray, n_periods: int, above: int = SMOOTH_HARMONICS) -> FloatArray:
-    """Return what a signal of whole periods has above so many harmonics, same shape."""
+    """Return the part of a signal of whole periods above so many harmonics, same shape."""
     spectrum = np.fft.rfft(values, axis=-1)
     spectrum[..., : above * n_periods + 1] = 0.0
     return np.fft.irfft(spectrum, n=values.shape[-1], axis=-1)

@@ -115,20 +115,24 @@ def contacts(result: Result) -> float:
 
 
 def _no_tip_contact(result: Result) -> bool:
+    """Say whether the tips never meet (1.25 Hz)."""
     return contacts(result) == 0.0 and result.summary["minimum_tip_gap"] > 0.0
 
 
 def _thin_beats_thick(result: Result) -> bool:
+    """Say whether the thin tip is much the faster one before a strike (1.60 Hz)."""
     thick, thin = strikes(result).mean
     return contacts(result) >= 1.0 and abs(thin) > BEATS * abs(thick)
 
 
 def _opposite_velocities(result: Result) -> bool:
+    """Say whether the tips meet once a period with opposite velocities (3.25 Hz)."""
     thick, thin = strikes(result).mean
     return contacts(result) == 1.0 and thick > 0.0 > thin
 
 
 def _one_contact_in_two(result: Result) -> bool:
+    """Say whether the tips meet once in two periods (3.65 Hz)."""
     return contacts(result) == 0.5
 
 

@@ -27,10 +27,10 @@ NOT_IN_JSON: Mapping[str, Any] = {"is_in_json": False}
 
 @dataclass(frozen=True)
 class Numbers:
-    """What a figure measures; each figure has its own subclass."""
+    """The numbers of a figure, measured once; each figure has its own subclass."""
 
     def to_json(self) -> Mapping[str, Any]:
-        """Return what figNN.json keeps: the fields by their names, except `NOT_IN_JSON`."""
+        """Return the fields by their names as figNN.json has them, without `NOT_IN_JSON`."""
         kept = [entry for entry in fields(self) if entry.metadata.get("is_in_json", True)]
         return {entry.name: getattr(self, entry.name) for entry in kept}
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from delam_fem.results.dataset import Result
 
 OPEN, SEPARATING, STRUCK, BEGUN, HELD, RELEASED = range(6)
-"""What the supervisor decides on a pair at the end of a step: U > 0 without a spring; U <= 0 but
+"""Decisions of the supervisor on a pair at the end of a step: U > 0 without a spring; U <= 0 but
 parting already; sudden impact with separation (Γₛ); impact and beginning of permanent contact
 (Γₚ₀); permanent contact goes on (Γₚₚ); the spring is taken away (eq. 21)."""
 NAMES = (
@@ -38,7 +38,7 @@ COLOURS = ("#ffffff", "#bbbbbb", VERMILLION, ORANGE, BLUE, SKY)
 
 @dataclass(frozen=True)
 class Decisions:
-    """What was decided on every pair at every step of the window.
+    """The decisions on every pair at every step of the window.
 
     Attributes:
         state: index into `NAMES`, shape (n_steps, n_pairs).

@@ -100,6 +100,7 @@ def judge(numbers: Histories) -> tuple[Claim, ...]:
 
 
 def _claims_without_tip_contact(numbers: Histories) -> tuple[Claim, Claim]:
+    """Judge the motion at 1.25 Hz."""
     low = numbers.motions[FREQUENCIES[0], "3.2"]
     d, (weak, strong) = low.distortion_factor, numbers.strongest_impulses
     reach, length = numbers.farthest_impact, numbers.length
@@ -120,6 +121,7 @@ def _claims_without_tip_contact(numbers: Histories) -> tuple[Claim, Claim]:
 
 
 def _claims_on_strikes(numbers: Histories) -> tuple[Claim, ...]:
+    """Judge the motions whose tips strike one another."""
     thin, thick, double = (numbers.motions[f, "3.2"] for f in FREQUENCIES[1:])
     speeds = numbers.approach
     return (
@@ -145,6 +147,7 @@ def _claims_on_strikes(numbers: Histories) -> tuple[Claim, ...]:
 
 
 def _claim_on_contact_phase(numbers: Histories) -> Claim:
+    """Judge how long the tips are near one another."""
     share = [numbers.motions[f, "3.2"].near_share for f in FREQUENCIES[1:]]
     return Claim(
         "3", "1.60 … 3.65 Hz: the interval of contact is relatively large", "sec. 2.2",

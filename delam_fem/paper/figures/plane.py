@@ -161,6 +161,7 @@ def judge(numbers: Planes) -> tuple[Claim, ...]:
 
 
 def _claims_on_robustness(ours: Plane) -> tuple[Claim, ...]:
+    """Judge the plane of method 3.2."""
     spread, by_e, by_k = ours.amplitude_spread, ours.amplitude_by_first, ours.amplitude_by_second
     kinds = ", ".join(f"{100 * v:.0f} % {k}" for k, v in ours.share.items() if v > 0.0)
     return (
@@ -186,6 +187,7 @@ def _claims_on_robustness(ours: Plane) -> tuple[Claim, ...]:
 
 
 def _claim_on_penalty(numbers: Planes) -> Claim:
+    """Judge the penalty law, in its best decade of damping, against method 3.2."""
     ours, penalty, best = numbers.impact, numbers.penalty, numbers.best_decade
     share = [plane.share["one-periodic"] for plane in (ours, penalty)]
     spread = [plane.amplitude_spread for plane in (ours, penalty)]

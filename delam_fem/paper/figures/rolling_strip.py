@@ -66,6 +66,7 @@ def judge(numbers: RollingStrip) -> tuple[Claim, ...]:
 
 
 def _claim_on_contact_line(numbers: RollingStrip) -> Claim:
+    """Judge which way the contact line runs."""
     main, stiff = numbers.by_law["moreau"], numbers.stiff
     direction, sag = main["front_direction"], main["sag_mm"]
     rolled = [
@@ -87,6 +88,7 @@ def _claim_on_contact_line(numbers: RollingStrip) -> Claim:
 
 
 def _claim_on_dissipation(numbers: RollingStrip) -> Claim:
+    """Judge how much of the energy is lost at the landing."""
     shares = numbers.by_law["moreau"]["shares_after_landing"]
     taken = [
         rung["impacts"]
@@ -105,6 +107,7 @@ def _claim_on_dissipation(numbers: RollingStrip) -> Claim:
 
 
 def _claim_on_lift(numbers: RollingStrip) -> Claim:
+    """Judge whether the strip lifts off again."""
     stiff = numbers.stiff
     rebounds, lift_offs = (
         [run[name] for run in numbers.by_law.values()] for name in ("rebound_of_tip", "lift_off")

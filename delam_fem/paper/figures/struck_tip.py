@@ -69,6 +69,7 @@ def judge(numbers: StruckTip) -> tuple[Claim, ...]:
 
 
 def _claim_on_peak(values: Mapping[str, Any]) -> Claim:
+    """Judge the duration of the force peak."""
     duration, blocks = values["peak_duration_us"], values["duration_of_block_us"]
     soft, hard = min(blocks, key=float), max(blocks, key=float)
     period = 1e3 * values["lowest_period_ms"]
@@ -85,6 +86,7 @@ def _claim_on_peak(values: Mapping[str, Any]) -> Claim:
 
 
 def _claims_on_rebound(values: Mapping[str, Any]) -> tuple[Claim, ...]:
+    """Judge the rebound, and the energy that the contact takes."""
     after, spring = values["restitution_after_peak"], values["spring"]
     first_mode = spring["restitution_of_first_mode"]
     return (
@@ -113,6 +115,7 @@ def _claims_on_rebound(values: Mapping[str, Any]) -> tuple[Claim, ...]:
 
 
 def _claims_on_wave(values: Mapping[str, Any]) -> tuple[Claim, ...]:
+    """Judge the strain wave that the block sends."""
     near, far = values["peak_wave_strain_max_exact"]
     whole = values["wave_strain_max"][1]
     speeds = values["mean_wave_speed_m_s"], values["longitudinal_speed_m_s"]

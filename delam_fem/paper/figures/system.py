@@ -53,7 +53,7 @@ class System(Numbers):
 
 
 def measure(lab: Laboratory) -> System:
-    """Return what the paper's case is made of; nothing is computed."""
+    """Return the properties of the paper's case; no motion is computed."""
     case = motion_case(RESONANT, lab.plan)
     thick, thin = case.lamina
     x = np.linspace(0.0, thick.length, 21)

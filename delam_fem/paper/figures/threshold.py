@@ -100,7 +100,7 @@ def _study(lab: Laboratory, frequency: float, gammas: FloatArray) -> list[Result
 
 
 def draw(numbers: Threshold) -> Figure:
-    """Draw what becomes of the motions when γ is changed."""
+    """Draw permanent contacts, amplitudes and impacts of the motions over γ."""
     from matplotlib.figure import Figure
 
     gammas = numbers.gamma_m_s
