@@ -15,9 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 import delam_fem as df
+from delam_fem.paper.motions import FREQUENCIES
 
-FREQUENCIES = (1.25, 1.60, 3.25, 3.65)
-"""Of the reference motions [Hz]."""
 IMPACTS = 20
 """Counted by pairs; all of them fall into the first period."""
 EVERY = 20

@@ -17,13 +17,6 @@ def test_reference_motions_are_those_of_the_paper(capsys: pytest.CaptureFixture[
     assert "0.50" in table  # one contact in two periods
 
 
-def test_another_motion_is_not_taken_for_the_paper_s() -> None:
-    module = script("reference_motions")
-    settings = {"time.periods": 60, "contact.law": "none"}
-    result = module.compute("paper", 1.25, **settings)
-    assert not module.MOTIONS[3].holds(result)
-
-
 @pytest.mark.slow
 def test_benchmark_measures_ratios(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(SCRIPTS))  # its worker processes import it

@@ -1,13 +1,14 @@
-"""What the paper says, what came out, and whether it holds: rows of tables and pieces of pages."""
+"""The claims of the paper, and the table that sets them beside the computation.
+
+A claim is one statement of the paper that a number can decide. It has the paper's words, what the
+computation gave, and a verdict.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any, Literal
-
-from matplotlib.figure import Figure
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Literal
 
 Verdict = Literal["holds", "does not hold", "open"]
 """`open`: the paper's text does not allow a judgement."""
@@ -44,29 +45,6 @@ class Claim:
 def judged(is_true: bool) -> Verdict:
     """Return the verdict of a test."""
     return "holds" if is_true else "does not hold"
-
-
-@dataclass(frozen=True)
-class Piece:
-    """A figure with all that belongs to it.
-
-    Attributes:
-        name: short name, "2a".
-        title: what the figure shows.
-        caption: what is compared with what.
-        figure: the picture.
-        numbers: of the picture, for JSON.
-        claims: rows of the table.
-        animation: writes a GIF to a path, if there is one.
-    """
-
-    name: str
-    title: str
-    caption: str
-    figure: Figure
-    numbers: Mapping[str, Any]
-    claims: tuple[Claim, ...] = ()
-    animation: Callable[[Path], None] | None = field(default=None, compare=False)
 
 
 def markdown_table(claims: Iterable[Claim], *, with_source: bool = True) -> str:

@@ -1,6 +1,8 @@
-"""Computes what the figures of the paper need, each case once, on all cores.
+"""Compute what the figures of the paper need, each case once, on all cores.
 
-Histories come from `run` (dolfinx assembles, compiled code steps), many points from `run_sweep`.
+A plan says how much is computed. A laboratory computes it: histories by `run` (dolfinx assembles,
+compiled code steps), many points by `run_sweep`. It remembers the histories, because several
+figures show the same motion.
 """
 
 from __future__ import annotations
@@ -16,6 +18,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
 from delam_fem.case.toml import CaseError
+from delam_fem.paper.motions import FREQUENCIES
 from delam_fem.studies import executors
 
 if TYPE_CHECKING:
@@ -29,17 +32,13 @@ _T = TypeVar("_T")
 
 LAWS: dict[Method, str] = {"3.1": "newton", "3.2": "newton-penalty"}
 """The contact laws by the section of the paper that introduces them."""
-FREQUENCIES = (1.25, 1.60, 3.25, 3.65)
-"""The four excitations of the paper [Hz]."""
-RESONANT = FREQUENCIES[2]
-"""The one of Figs. 4, 5, 8 to 11 and 13 to 15 [Hz]."""
 
 _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class Plan:
-    """How much is computed.
+    """How much is computed for all figures: lengths of histories, numbers of points.
 
     Attributes:
         periods: of a history; the paper needs "some hundred".
@@ -76,7 +75,9 @@ FAST = Plan(
 
 @dataclass
 class Laboratory:
-    """Computes histories and sweeps, and remembers the histories.
+    """Compute histories and sweeps on some processes, and remember the histories.
+
+    A figure asks its laboratory for the results it needs; it does not run cases itself.
 
     Attributes:
         plan: how much is computed.
@@ -91,13 +92,13 @@ class Laboratory:
     _begun: dict[str, Future[Any]] = field(default_factory=dict)
 
     def begin(self, name: str, function: Callable[..., _T], **given: Any) -> Future[_T]:
-        """Begin to compute anything else; what was begun under a name is not begun again."""
+        """Begin to compute a function, unless something has begun under this name before."""
         if name not in self._begun:
             self._begun[name] = self.executor.submit(function, **given)
         return self._begun[name]
 
     def motions(self, cases: Sequence[Case]) -> list[Result]:
-        """Return the results of cases, those that are new computed at the same time.
+        """Return the results of cases; compute those that are new, all at the same time.
 
         Raises:
             RuntimeError: a motion was not completed.
@@ -165,8 +166,15 @@ def motion_case(
     return preset("paper", keys | dict(overrides or {}))
 
 
+def both_methods(lab: Laboratory) -> dict[tuple[float, Method], Result]:
+    """Compute the four reference motions by both methods; keys are frequency [Hz] and method."""
+    keys: list[tuple[float, Method]] = [(f, m) for f in FREQUENCIES for m in LAWS]
+    results = lab.motions([motion_case(f, lab.plan, m) for f, m in keys])
+    return dict(zip(keys, results, strict=True))
+
+
 def _computed(case: Case, engine: EngineName) -> Result:
-    """Compute a case in a worker; that lumped impulses add energy is known of this scheme."""
+    """Compute a case in a worker, without the warning that lumped impulses can add energy."""
     from delam_fem.pipeline import run
 
     log = logging.getLogger("delam_fem.pipeline")

@@ -1,4 +1,4 @@
-"""What the claims about motions are measured by: strikes, contact phases, roughness, kinds."""
+"""Measure a motion: contact phase, roughness, settling, kind, and its last periods as numbers."""
 
 from __future__ import annotations
 
@@ -7,71 +7,30 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from delam_fem.numerics.arrays import BoolArray, FloatArray, IntArray
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.paper.motions import is_as_described, strikes
+from delam_fem.paper.piece import Numbers
 from delam_fem.results import diagnostics
+from delam_fem.results.style import HISTORY_PERIODS
 
 if TYPE_CHECKING:
     from delam_fem.results.dataset import Result
 
-
 SMOOTH_HARMONICS = 20
-"""What a velocity has above so many harmonics of the excitation counts as roughness."""
+"""The part of a signal above so many harmonics of the excitation counts as roughness."""
 FREE_GAP = 1e-3
 """Tips farther apart than this are in free flight [m]."""
-STEPS_BEFORE = 2
-"""Steps before a strike at which its velocities are read: the waves of impacts further down reach
-the tip in the very last one."""
+CLEARLY = 0.8
+"""A roughness below this share of the other counts as a distinct improvement."""
+SERIES_STEP = 4
+"""Every so many steps are kept in the numbers of a figure."""
 
 
-@dataclass(frozen=True)
-class Strikes:
-    """The strongest tip strike of each period that has one.
-
-    Attributes:
-        step: of the window, shape (n,).
-        velocity: of both tips before, shape (2, n) [m/s].
-    """
-
-    step: IntArray
-    velocity: FloatArray
-
-    @property
-    def mean(self) -> tuple[float, float]:
-        """Mean velocities of both tips before, NaN without strikes [m/s]."""
-        if not self.step.size:
-            return float("nan"), float("nan")
-        thick, thin = self.velocity.mean(axis=1)
-        return float(thick), float(thin)
-
-    @property
-    def approach(self) -> float:
-        """Mean speed of approach, 0 without strikes [m/s]."""
-        thick, thin = self.mean
-        return thick - thin if self.step.size else 0.0
-
-
-def strikes(result: Result) -> Strikes:
-    """Return the strikes of a result: of each period the tip contact that begins the fastest."""
-    history, N = result.history, result.case.time.steps_per_period
-    v = history["tip_velocity"].to_numpy()
-    closed = diagnostics.tip_closed(history)
-    begins = contact_begins(closed, N)
-    begins = begins[begins >= STEPS_BEFORE]
-    rate = v[1, begins - STEPS_BEFORE] - v[0, begins - STEPS_BEFORE]
-    period = begins // N
-    chosen = [
-        int(begins[period == k][np.argmin(rate[period == k])]) for k in np.unique(period).tolist()
-    ]
-    steps = np.array(chosen, dtype=np.int64)
-    return Strikes(steps, v[:, steps - STEPS_BEFORE])
-
-
-def contact_begins(closed: BoolArray, steps_per_period: int) -> IntArray:
-    """Return the steps at which tip contacts begin; see `diagnostics.GROUP_PERIODS`."""
-    steps = np.flatnonzero(closed)
-    apart = diagnostics.GROUP_PERIODS * steps_per_period
-    since = np.diff(steps, prepend=-np.inf if steps.size and steps[0] > apart else 0)
-    return np.asarray(steps[since >= apart], dtype=np.int64)
+def half_ranges(result: Result) -> FloatArray:
+    """Return the half peak-to-peak amplitudes of both tips, shape (2,) [m]."""
+    s = result.summary
+    half: FloatArray = 0.5 * (np.array(s["tip_max"]) - np.array(s["tip_min"]))
+    return half
 
 
 def near_share(result: Result) -> float:
@@ -80,7 +39,7 @@ def near_share(result: Result) -> float:
 
 
 def rough_part(values: FloatArray, n_periods: int, above: int = SMOOTH_HARMONICS) -> FloatArray:
-    """Return what a signal of whole periods has above so many harmonics, same shape."""
+    """Return the part of a signal of whole periods above so many harmonics, same shape."""
     spectrum = np.fft.rfft(values, axis=-1)
     spectrum[..., : above * n_periods + 1] = 0.0
     return np.fft.irfft(spectrum, n=values.shape[-1], axis=-1)
@@ -129,25 +88,6 @@ def settling(strobe: FloatArray, half_range: FloatArray, periodicity: int, withi
     return last
 
 
-def is_as_described(result: Result) -> bool:
-    """Say whether a motion is of the kind that the paper describes for its frequency.
-
-    1.25 Hz: period 1, no tip contact. 1.60 Hz: period 1, the thin lamina beats the thick one (at
-    least one strike per period, the thin tip more than twice as fast). 3.25 Hz: period 1, one
-    contact per period, opposite velocities. 3.65 Hz: period 2, one contact in two periods.
-    """
-    s, frequency = result.summary, result.case.period**-1
-    contacts = float(s["tip_contacts_per_period"])
-    thick, thin = strikes(result).mean
-    if abs(frequency - 1.25) < 0.01:
-        return bool(s["periodicity"] == 1 and contacts == 0.0 and s["minimum_tip_gap"] > 0.0)
-    if abs(frequency - 1.60) < 0.01:
-        return bool(s["periodicity"] == 1 and contacts >= 1.0 and abs(thin) > 2.0 * abs(thick))
-    if abs(frequency - 3.25) < 0.01:
-        return bool(s["periodicity"] == 1 and contacts == 1.0 and thick > 0.0 > thin)
-    return bool(s["periodicity"] == 2 and contacts == 0.5)
-
-
 def describe(result: Result) -> str:
     """Return the kind of a motion in a few words."""
     s = result.summary
@@ -155,3 +95,61 @@ def describe(result: Result) -> str:
     period = "not periodic" if s["periodicity"] is None else f"period {s['periodicity']}"
     struck = "" if np.isnan(thick) else f", {thick:+.2f} / {thin:+.2f} m/s"
     return f"{period}, {s['tip_contacts_per_period']:.2g} contacts/T{struck}"
+
+
+def tip_positions(result: Result, count: int) -> tuple[FloatArray, FloatArray]:
+    """Return t/T from 0 and the positions of both tips over the last periods, (n,), (2, n) [mm]."""
+    last = diagnostics.last_periods(result.history, result.case, count)
+    q = 1e3 * last["tip_displacement"].to_numpy()
+    gap = 1e3 * float(result.history["gap0"][diagnostics.TIP])
+    t = np.arange(1, q.shape[1] + 1) / result.case.time.steps_per_period
+    return t, q + np.array([[0.0], [gap]])
+
+
+@dataclass(frozen=True)
+class MotionNumbers(Numbers):
+    """The numbers that characterise a motion, and the positions of the tips in its last periods.
+
+    Attributes:
+        periodicity, …, energy_residual: as in the summary of a run.
+        kind: the motion in words.
+        is_as_described: whether it is what the paper describes for its frequency.
+        strike_velocities: mean velocities of thick and thin tip before a strike [m/s].
+        near_share: share of the time in which the tips are less than `FREE_GAP` apart [-].
+        t_over_T, position_mm: every `SERIES_STEP` steps, shapes (n,) and (2, n).
+    """
+
+    periodicity: int | None
+    strobe_scatter: float | None
+    tip_contacts_per_period: float
+    impacts_per_period: float
+    tip_min: list[float]
+    tip_max: list[float]
+    minimum_tip_gap: float
+    distortion_factor: list[float]
+    thd: list[float]
+    energy_residual: float
+    kind: str
+    is_as_described: bool
+    strike_velocities: tuple[float, float]
+    near_share: float
+    t_over_T: FloatArray
+    position_mm: FloatArray
+
+
+def motion_numbers(result: Result) -> MotionNumbers:
+    """Return the numbers that characterise the motion of a result."""
+    t, y = tip_positions(result, HISTORY_PERIODS)
+    names = (
+        "periodicity", "strobe_scatter", "tip_contacts_per_period", "impacts_per_period",
+        "tip_min", "tip_max", "minimum_tip_gap", "distortion_factor", "thd", "energy_residual",
+    )  # fmt: skip
+    return MotionNumbers(
+        **{name: result.summary[name] for name in names},
+        kind=describe(result),
+        is_as_described=is_as_described(result),
+        strike_velocities=strikes(result).mean,
+        near_share=near_share(result),
+        t_over_T=t[::SERIES_STEP],
+        position_mm=np.round(y[:, ::SERIES_STEP], 4),
+    )

@@ -1,7 +1,7 @@
-"""The figures of the paper by name, computed, drawn and written with their claims.
+"""Reproduce the figures of the paper: measure each once, judge it, draw it, write all of it.
 
-What each figure shows stands in the other `paper_…` modules; the page over all of them in
-`paper_page.py`.
+A figure is described by its `Piece` in one of the modules of `figures`; `page` writes the page over
+all of them.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import logging
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -18,43 +18,49 @@ import numpy as np
 
 from delam_fem.case.atomic import atomic, write_text
 from delam_fem.case.toml import CaseError
-from delam_fem.paper.claims import Piece
 from delam_fem.paper.figures import (
     chart,
     detail,
-    lateral,
+    histories,
+    impact_portraits,
     linear,
     mesh,
-    motion,
     plane,
+    portraits,
     response,
+    rolling_strip,
     shapes,
     spectra,
     strikes,
+    struck_tip,
     system,
     threshold,
 )
 from delam_fem.paper.lab import Laboratory
+from delam_fem.paper.piece import Piece
 from delam_fem.results.style import styled
 
-FIGURES: dict[str, Callable[[Laboratory], Piece]] = {
-    "1": system.system,
-    "2a": linear.without_contact,
-    "2b": response.with_contact,
-    "3": motion.histories,
-    "4": shapes.shapes,
-    "5": spectra.spectra,
-    "6": lateral.rolling_strip,
-    "7": lateral.struck_tip,
-    "8": strikes.velocities,
-    "9": detail.portrait_of_impacts,
-    "10": detail.impacts_in_detail,
-    "11": chart.chart,
-    "12": motion.portraits,
-    "13": detail.contact_in_detail,
-    "14": mesh.finer_mesh,
-    "15": plane.planes,
-    "gamma": threshold.threshold,
+FIGURES: dict[str, Piece[Any]] = {
+    piece.name: piece
+    for piece in (
+        system.SYSTEM,
+        linear.WITHOUT_CONTACT,
+        response.WITH_CONTACT,
+        histories.HISTORIES,
+        shapes.SHAPES,
+        spectra.SPECTRA,
+        rolling_strip.ROLLING_STRIP,
+        struck_tip.STRUCK_TIP,
+        strikes.VELOCITIES,
+        impact_portraits.IMPACT_PORTRAITS,
+        detail.IMPACTS,
+        chart.CHART,
+        portraits.PORTRAITS,
+        detail.CONTACT,
+        mesh.FINER_MESH,
+        plane.PLANES,
+        threshold.THRESHOLD,
+    )
 }
 """The figures by their short names, in the order of the page."""
 
@@ -87,7 +93,7 @@ def chosen(names: Sequence[str]) -> list[str]:
 
 
 def reproduce(lab: Laboratory, directory: Path, names: Sequence[str]) -> list[Path]:
-    """Compute and write figures.
+    """Compute figures and write their pictures, numbers and films.
 
     Args:
         lab: computes.
@@ -104,39 +110,38 @@ def reproduce(lab: Laboratory, directory: Path, names: Sequence[str]) -> list[Pa
     paths: list[Path] = []
     for name in names:
         begin = time.perf_counter()
-        with styled():
-            piece = FIGURES[name](lab)
-            paths += _written(piece, directory, begin)
+        paths += _write(FIGURES[name], lab, directory, begin)
         _log.info("figure %s: %.1f s", name, time.perf_counter() - begin)
     return paths
 
 
-def _written(piece: Piece, directory: Path, begin: float) -> list[Path]:
-    """Write a piece; files appear under their names when complete."""
-    picture, numbers = (directory / f"{file_stem(piece.name)}.{end}" for end in ("png", "json"))
-    with atomic(picture) as temporary:
-        piece.figure.savefig(temporary, format="png")
-    paths = [picture, numbers]
-    if piece.animation is not None:
+def _write(piece: Piece[Any], lab: Laboratory, directory: Path, begin: float) -> list[Path]:
+    """Write picture, numbers and film of a piece; files appear under their names when complete."""
+    picture, kept = (directory / f"{file_stem(piece.name)}.{end}" for end in ("png", "json"))
+    numbers = piece.measure(lab)
+    with styled(), atomic(picture) as temporary:
+        piece.draw(numbers).savefig(temporary, format="png")
+    paths = [picture, kept]
+    if piece.film is not None:
         film = picture.with_suffix(".gif")
-        with atomic(film) as temporary:
-            piece.animation(temporary)
+        with styled(), atomic(film) as temporary:
+            piece.film(numbers, temporary)
         paths.append(film)
     content = {
         "name": piece.name,
         "title": piece.title,
-        "caption": piece.caption,
-        "claims": [asdict(claim) for claim in piece.claims],
-        "animation": None if piece.animation is None else f"{file_stem(piece.name)}.gif",
+        "caption": piece.caption.format(numbers),
+        "claims": [asdict(claim) for claim in piece.judge(numbers)],
+        "animation": None if piece.film is None else f"{file_stem(piece.name)}.gif",
         "seconds": round(time.perf_counter() - begin, 2),
-        "numbers": plain(piece.numbers),
+        "numbers": plain(numbers.to_json()),
     }
-    write_text(numbers, json.dumps(content, indent=1, ensure_ascii=False) + "\n")
+    write_text(kept, json.dumps(content, indent=1, ensure_ascii=False) + "\n")
     return paths
 
 
 def plain(value: Any) -> Any:
-    """Return numbers as JSON knows them: lists, seven digits, None for what is not finite."""
+    """Return numbers as JSON has them: lists, seven digits, None instead of NaN and infinity."""
     if isinstance(value, Mapping):
         return {str(key): plain(entry) for key, entry in value.items()}
     if isinstance(value, np.ndarray | list | tuple):

@@ -14,7 +14,9 @@ from delam_fem.results.style import (
     BASE_COLOUR,
     BLACK,
     GAP_COLOUR,
+    HISTORY_PERIODS,
     LAMINA_COLOURS,
+    PORTRAIT_PERIODS,
     WIDTH,
     finite,
     legend_above,
@@ -22,10 +24,6 @@ from delam_fem.results.style import (
     title,
 )
 
-HISTORY_PERIODS = 4
-"""Periods that time histories show, as in the paper's Fig. 12."""
-PORTRAIT_PERIODS = 10
-"""Periods that phase portraits show, as in the paper's Fig. 12."""
 SHOWN_HARMONICS = 20
 """Harmonics that a spectrum shows: the amplitudes beyond are below a micrometre."""
 SPECTRUM_DECADES = 5.0

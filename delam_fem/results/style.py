@@ -1,22 +1,25 @@
 """How all figures look: colours, sizes, axes of time.
 
-Nothing here touches matplotlib's global state beyond the context that `styled` opens.
+Nothing here touches matplotlib's global state beyond the context that `styled` opens. Importing the
+module does not import matplotlib, so that whoever only measures can do without it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
-from matplotlib import rc_context
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from delam_fem.case.definition import Case
 from delam_fem.contact.laws import combination, combined_name
 from delam_fem.numerics.arrays import FloatArray
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILLION, PURPLE = (
     "#000000", "#E69F00", "#56B4E9", "#009E73", "#F0E442", "#0072B2", "#D55E00", "#CC79A7",
@@ -31,6 +34,10 @@ BASE_COLOUR = "#8a8a8a"
 DPI = 150
 WIDTH = 9.0
 """Width of a figure [in]; the fonts are readable when a page shows it about 900 pixels wide."""
+HISTORY_PERIODS = 4
+"""Periods that time histories show, as in the paper's Fig. 12."""
+PORTRAIT_PERIODS = 10
+"""Periods that phase portraits show, as in the paper's Fig. 12."""
 
 _STYLE: dict[str, object] = {
     "font.size": 10.5,
@@ -70,6 +77,8 @@ def legend_outside(
 @contextmanager
 def styled() -> Iterator[None]:
     """Draw and save within this context."""
+    from matplotlib import rc_context
+
     with rc_context(_STYLE):
         yield
 

@@ -1,4 +1,4 @@
-"""The paper's tight rows in numbers, and what its figures are measured by."""
+"""The figures of the paper: their tight numbers, their measures, and the files written of them."""
 
 import json
 import re
@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from concurrent.futures import Future
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,19 +15,12 @@ from typer.testing import CliRunner
 
 from delam_fem.case.toml import CaseError
 from delam_fem.cli.app import app
-from delam_fem.paper import reproduce
+from delam_fem.paper import plane_measures, reproduce, swept_sine
 from delam_fem.paper.claims import Claim, markdown_table
-from delam_fem.paper.figures import (
-    chart,
-    motion,
-    plane_measures,
-    response,
-    spectra,
-    swept_sine,
-)
+from delam_fem.paper.figures import chart, response, spectra, system
 from delam_fem.paper.figures import strikes as strike_figure
-from delam_fem.paper.lab import FREQUENCIES, Laboratory, Plan, laboratory, motion_case
-from delam_fem.paper.measures import contact_begins, is_as_described, rough_part, settling, strikes
+from delam_fem.paper.lab import Laboratory, Plan, laboratory, motion_case
+from delam_fem.paper.measures import rough_part, settling, tip_positions
 from delam_fem.paper.page import README_MARKS, between, entries, tally, write_docs, write_page
 from delam_fem.studies.executors import Serial
 
@@ -39,9 +31,6 @@ SHORT = Plan(periods=45, thresholds=2, gap_exponents=(1.0, 2.0))
 """For figures that are drawn, not judged."""
 THICK_HZ, THIN_HZ = 3.1649, 1.4357
 """Natural frequencies from the given EI."""
-ONE_CONTACT = 0.1 + 1e-9
-"""Contacts per period: one in the window of 10 periods, where a strike falls on its edge; when that
-is so depends on round-off."""
 PRINTED = 5e-5
 """Half of their last digit."""
 
@@ -51,15 +40,11 @@ def lab() -> Iterator[Laboratory]:
     yield Laboratory(PLAN, Serial())
 
 
-def verdicts(piece: reproduce.Piece) -> dict[str, str]:
-    return {claim.text: claim.verdict for claim in piece.claims}
-
-
 def test_natural_frequencies_and_mass_ratio(lab: Laboratory) -> None:
-    numbers = reproduce.FIGURES["1"](lab).numbers
-    first = [f[0] for f in numbers["natural_frequencies_hz"]]
+    numbers = system.measure(lab)
+    first = [f[0] for f in numbers.natural_frequencies_hz]
     assert first == pytest.approx([THICK_HZ, THIN_HZ], abs=PRINTED)
-    assert numbers["mass_ratio"] == pytest.approx(1.942, abs=5e-4)
+    assert numbers.mass_ratio == pytest.approx(1.942, abs=5e-4)
 
 
 def test_thirty_minute_sweep_peaks_where_the_paper_reads_its_frequency(lab: Laboratory) -> None:
@@ -72,35 +57,6 @@ def test_thirty_minute_sweep_peaks_where_the_paper_reads_its_frequency(lab: Labo
     exact = motion_case(3.25, PLAN).linear_amplitude(0, f)
     far = (f > 1.0) & (f < 2.5)
     assert amplitude[0, far] == pytest.approx(exact[far], rel=0.05)  # a cycle lasts 3 mHz
-
-
-@pytest.mark.parametrize("method", ["3.1", "3.2"])
-def test_four_motions_are_of_the_kind_that_the_paper_describes(
-    lab: Laboratory, method: Any
-) -> None:
-    low, thin_beats, thick_beats, doubled = lab.motions(
-        [motion_case(f, PLAN, method) for f in FREQUENCIES]
-    )
-    assert [r.summary["periodicity"] for r in (low, thin_beats, thick_beats, doubled)] == [
-        1, 1, 1, 2,
-    ]  # fmt: skip
-    assert low.summary["tip_contacts_per_period"] == 0.0
-    assert low.summary["minimum_tip_gap"] == pytest.approx(2.4e-3, abs=0.2e-3)
-    thick, thin = strikes(thin_beats).mean
-    assert abs(thin) > 2.0 * abs(thick)
-    thick, thin = strikes(thick_beats).mean
-    assert thick > 0.0 > thin
-    contacts = [one.summary["tip_contacts_per_period"] for one in (thick_beats, doubled)]
-    assert contacts == pytest.approx([1.0, 0.5], abs=ONE_CONTACT)
-    assert all(is_as_described(r) for r in (low, thin_beats, thick_beats, doubled))
-    assert strikes(thick_beats).approach == max(
-        strikes(r).approach for r in (low, thin_beats, thick_beats, doubled)
-    )
-
-
-def test_a_motion_is_not_taken_for_that_of_another_frequency(lab: Laboratory) -> None:
-    (result,) = lab.motions([motion_case(2.0, PLAN)])
-    assert not is_as_described(result)
 
 
 @pytest.mark.parametrize("name", ["3", "8", "9", "10", "11", "12", "13"])
@@ -135,58 +91,15 @@ def test_shapes_are_drawn_and_filmed_over_a_period(lab: Laboratory, tmp_path: Pa
 def test_distortion_of_the_thin_lamina_grows_with_each_derivative_at_every_node(
     lab: Laboratory,
 ) -> None:
-    numbers = spectra.spectra(lab).numbers
-    d, thd = (numbers[f"{name}_at_nodes"] for name in ("d", "thd"))
+    numbers = spectra.measure(lab)
+    d, thd = numbers.d_at_nodes, numbers.thd_at_nodes
     assert d["displacement"].shape == (2, 21)
     for order in spectra.ORDERS:
         assert np.sqrt(1.0 + thd[order][:, 1:] ** 2) - 1.0 == pytest.approx(d[order][:, 1:])
     for i, j in (("displacement", "velocity"), ("velocity", "acceleration")):
         assert (d[i][:, 1:] < d[j][:, 1:]).all()
-    assert d["displacement"][1, -1] == pytest.approx(numbers["d"]["displacement"][1], rel=0.02)
-    assert set(numbers["d_by_gap_exponent"]) == {"1", "1.5", "2", "2.5", "3"}
-
-
-def test_bands_say_whether_the_printed_value_is_inside() -> None:
-    orders = dict.fromkeys(spectra.ORDERS, np.array([0.003, 0.02]))
-    numbers = {"d": orders, "thd": orders, "d_by_gap_exponent": {
-        "1": [0.0020, 0.05], "2": [0.0034, 0.02], "3": [0.0046, 0.04],
-    }}  # fmt: skip
-    thick, thin, *_ = spectra.claims(numbers)
-    assert "0.20 … 0.46 % for gaps (x/L)^p, p = 1 … 3 (the printed value is outside" in (
-        thick.measured
-    )
-    assert "2.00 … 5.00 %" in thin.measured and "is inside" in thin.measured
-    assert thick.verdict == thin.verdict == "does not hold"
-
-
-def test_response_is_judged_by_its_numbers() -> None:
-    f = np.array([3.4, 3.5, 3.6, 3.7])
-    numbers = {
-        "frequency_hz": f, "largest_amplitude_m": np.array([0.025, 0.03]),
-        "linear_peak_m": np.array([0.25, 0.25]), "largest_amplitude_at_hz": [3.5, 3.5],
-        "hysteresis_hz": f[1:2], "jumps_up_hz": [[3.45], []], "jumps_down_hz": [[], [3.45]],
-        "periodicity_up": [1, 7, 2, 2], "periodicity_down": [1, np.nan, 2, 2],
-        "tip_contacts_per_period": np.array([[1.0, 1.4, 0.5, 0.5]] * 2),
-    }  # fmt: skip
-    rows = {claim.text: claim for claim in response.claims(numbers)}
-    assert {claim.verdict for claim in rows.values()} == {"holds"}
-    scenario = rows["a bifurcation scenario with different numbers of impacts in a period"]
-    assert scenario.measured == (
-        "periods 1, 2, 7, none up to 8 at 3.50 Hz, 0.5 to 1.4 tip contacts per period; up and "
-        "down differ at 3.50 Hz; jumps at 3.45 Hz"
-    )
-    one_motion = numbers | {"periodicity_up": [1] * 4, "periodicity_down": [1] * 4}
-    assert [claim.verdict for claim in response.claims(one_motion)] == [
-        "holds", "does not hold", "does not hold",
-    ]  # fmt: skip
-
-
-def test_what_holds_of_the_motions(lab: Laboratory) -> None:
-    found = verdicts(reproduce.FIGURES["3"](lab)) | verdicts(reproduce.FIGURES["12"](lab))
-    assert found["3.65 Hz: period doubling, one contact in two periods"] == "holds"
-    assert found["3.25 Hz gives the maximum strike of all"] == "holds"
-    assert found["all four motions with one set of parameters"] == "holds"
-    assert found["3.2 is distinctly smoother than 3.1 in free vibration"] == "does not hold"
+    assert d["displacement"][1, -1] == pytest.approx(numbers.d["displacement"][1], rel=0.02)
+    assert set(numbers.d_by_gap_exponent) == {"1", "1.5", "2", "2.5", "3"}
 
 
 def test_every_recorded_decision_follows_the_corrected_partition(lab: Laboratory) -> None:
@@ -204,9 +117,9 @@ def test_every_recorded_decision_follows_the_corrected_partition(lab: Laboratory
 
 
 def test_restitution_of_the_computed_strikes_is_near_the_given_one(lab: Laboratory) -> None:
-    numbers = reproduce.FIGURES["8"](lab).numbers
-    assert len(numbers["restitution"]) == 10
-    assert np.mean(numbers["restitution"]) == pytest.approx(0.1, abs=0.05)
+    numbers = strike_figure.measure(lab)
+    assert numbers.restitution.size == 10
+    assert numbers.restitution.mean() == pytest.approx(0.1, abs=0.05)
 
 
 def test_eq_4_as_printed_gives_the_gap_rate_times_two_plus_e() -> None:
@@ -242,10 +155,10 @@ def test_best_decade_has_the_most_one_periodic_points() -> None:
     amplitude = np.ones((7, 2, 2))
     amplitude[3, 0] = 3.0, 1.0
     best = plane_measures.best_decade(damping, kind, amplitude)
-    assert best["from"] == pytest.approx(damping[3])  # 5 of 6, as many as nowhere else
-    assert best["one_periodic"] == pytest.approx(5.0 / 6.0)
+    assert best.begin == pytest.approx(damping[3])  # 5 of 6, as many as nowhere else
+    assert best.one_periodic == pytest.approx(5.0 / 6.0)
     chosen = [3.0, 1.0, 1.0, 1.0, 1.0, 1.0]
-    assert best["amplitude_spread"] == pytest.approx([np.std(chosen) / np.mean(chosen), 0.0])
+    assert best.amplitude_spread == pytest.approx([np.std(chosen) / np.mean(chosen), 0.0])
 
 
 def test_jumps_are_told_from_slopes() -> None:
@@ -254,26 +167,10 @@ def test_jumps_are_told_from_slopes() -> None:
     assert response.jumps(f, 2.0**f) == []
 
 
-def test_doubled_window_is_the_one_about_the_frequency() -> None:
-    f = np.array([3.0, 3.2, 3.4, 3.6, 3.8, 4.0])
-    up, down = np.array([2, 1, 2, 2, 2, 1]), np.array([2, 1, 1, 2, 2, 2])
-    numbers = {"frequency_hz": f, "periodicity_up": up, "periodicity_down": down}
-    assert response.doubled_window(numbers, 3.65) == (3.6, 3.8)
-    assert response.doubled_window(numbers, 3.2) is None
-
-
 def test_rough_part_keeps_what_is_above_the_limit() -> None:
     t = np.arange(2000) / 1000.0
     low, high = np.sin(2 * np.pi * 20 * t), np.cos(2 * np.pi * 21 * t)
     assert rough_part(low + high, 2) == pytest.approx(high, abs=1e-12)
-
-
-def test_contacts_begin_after_a_pause() -> None:
-    closed = np.zeros(200, dtype=bool)
-    closed[[3, 4, 60, 62, 150]] = True
-    assert contact_begins(closed, 1000).tolist() == [60, 150]  # pauses of 50 steps; 3 is too early
-    assert contact_begins(closed, 100).tolist() == [60, 150]
-    assert contact_begins(np.zeros(10, dtype=bool), 100).tolist() == []
 
 
 def test_settling_is_the_last_period_away_from_the_cycle() -> None:
@@ -288,7 +185,7 @@ def test_settling_is_the_last_period_away_from_the_cycle() -> None:
 
 def test_positions_begin_at_the_gap(lab: Laboratory) -> None:
     (result,) = lab.motions([motion_case(1.25, PLAN)])
-    t, y = motion.tip_positions(result, 4)
+    t, y = tip_positions(result, 4)
     assert t[-1] == 4.0 and y.shape == (2, 4000)
     assert (y[1] - y[0]).min() == pytest.approx(1e3 * result.summary["minimum_tip_gap"], rel=0.2)
 
@@ -336,11 +233,6 @@ class Diverging(Serial):
 def test_a_motion_that_diverges_is_told() -> None:
     with pytest.raises(RuntimeError, match="case paper diverged; the case is"):
         Laboratory(PLAN, Diverging()).motions([motion_case(3.25, PLAN)])
-
-
-def test_tip_on_a_block_is_judged(lab: Laboratory) -> None:
-    found = verdicts(reproduce.FIGURES["7"](lab))
-    assert set(found.values()) == {"holds"} and len(found) == 6
 
 
 @pytest.fixture()

@@ -9,8 +9,8 @@ from matplotlib.image import imread
 from synthetic import AMPLITUDES, PERIODS, STEPS, SWEEP, WINDOW, small_case, synthetic_history
 
 from delam_fem import Case
-from delam_fem.results import contact_figures, figures, motion_figures
-from delam_fem.results.style import DPI, LAMINA_COLOURS, WIDTH, styled
+from delam_fem.results import contact_figures, figures
+from delam_fem.results.style import DPI, HISTORY_PERIODS, LAMINA_COLOURS, WIDTH, styled
 
 BOTH_LAMINAE = ("tip_histories", "phase_portraits", "spectra")
 
@@ -51,7 +51,7 @@ def test_tip_histories_show_positions_of_the_last_periods() -> None:
     lines = {line.get_label(): line for line in axes.lines}
     t, y_2 = lines["thin  $y_2$"].get_data()
     assert t[-1] == pytest.approx(PERIODS)
-    assert t.size == motion_figures.HISTORY_PERIODS * STEPS
+    assert t.size == HISTORY_PERIODS * STEPS
     q_2 = history["tip_displacement"].to_numpy()[1]
     np.testing.assert_allclose(y_2, 30.0 + 1e3 * q_2, rtol=1e-12)  # the gap at rest is 30 mm
     contact_times = lines["tips in contact"].get_xdata()

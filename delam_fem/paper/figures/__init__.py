@@ -1,1 +1,1 @@
-"""The figures of the paper, one group each."""
+"""The figures of the paper; each is a `Piece` of three functions: measure, draw, judge."""

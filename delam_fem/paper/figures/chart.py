@@ -2,24 +2,29 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.text import Text
 
 from delam_fem.numerics.arrays import FloatArray, IntArray
-from delam_fem.paper.claims import Claim, Piece, judged
+from delam_fem.paper.claims import Claim, judged
 from delam_fem.paper.figures.shapes import detailed_case
 from delam_fem.paper.lab import Laboratory
+from delam_fem.paper.piece import NOT_IN_JSON, Numbers, Piece
 from delam_fem.results import diagnostics
-from delam_fem.results.dataset import Result
 from delam_fem.results.style import BLACK, BLUE, ORANGE, SKY, VERMILLION, WIDTH, legend_outside
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.text import Text
+
+    from delam_fem.results.dataset import Result
+
 OPEN, SEPARATING, STRUCK, BEGUN, HELD, RELEASED = range(6)
-"""What the supervisor decides on a pair at the end of a step: U > 0 without a spring; U <= 0 but
+"""Decisions of the supervisor on a pair at the end of a step: U > 0 without a spring; U <= 0 but
 parting already; sudden impact with separation (Γₛ); impact and beginning of permanent contact
 (Γₚ₀); permanent contact goes on (Γₚₚ); the spring is taken away (eq. 21)."""
 NAMES = (
@@ -33,7 +38,7 @@ COLOURS = ("#ffffff", "#bbbbbb", VERMILLION, ORANGE, BLUE, SKY)
 
 @dataclass(frozen=True)
 class Decisions:
-    """What was decided on every pair at every step of the window.
+    """The decisions on every pair at every step of the window.
 
     Attributes:
         state: index into `NAMES`, shape (n_steps, n_pairs).
@@ -74,52 +79,45 @@ def decisions(result: Result) -> Decisions:
     return Decisions(state, int(np.count_nonzero(wrong)))
 
 
-def chart(lab: Laboratory) -> Piece:
-    """Draw the decisions of the supervisor as a chart with counts, and as a timeline of pairs."""
+@dataclass(frozen=True)
+class Chart(Numbers):
+    """How often the supervisor decides what.
+
+    Attributes:
+        states: names of the decisions.
+        pair_steps_per_period: by decision, shape (6,).
+        violations: decisions that break the partition.
+        pair_steps: number of decisions.
+        impacts_followed_by_contact: share of all impacts [-].
+        mean_contact_steps: mean length of permanent contacts.
+        decisions: all of them.
+        steps_per_period: N.
+    """
+
+    states: list[str]
+    pair_steps_per_period: FloatArray
+    violations: int
+    pair_steps: int
+    impacts_followed_by_contact: float
+    mean_contact_steps: float = field(metadata=NOT_IN_JSON)
+    decisions: Decisions = field(metadata=NOT_IN_JSON)
+    steps_per_period: int = field(metadata=NOT_IN_JSON)
+
+
+def measure(lab: Laboratory) -> Chart:
+    """Compute the motion at 3.25 Hz and count the decisions on every pair at every step."""
     (result,) = lab.motions([detailed_case(lab)])
-    found = decisions(result)
-    N = result.case.time.steps_per_period
-    periods = found.state.shape[0] / N
-    figure = Figure(figsize=(WIDTH, 9.6), layout="constrained")
-    grid = figure.add_gridspec(2, 2, height_ratios=[3, 2], width_ratios=[1, 2])
-    _flow(figure.add_subplot(grid[0, :]), found.counts / periods, found.state.shape[1] * N)
-    whole, close = (figure.add_subplot(grid[1, k]) for k in range(2))
-    last = found.state[-N:]
-    for axes in (whole, close):
-        _timeline(axes, last)
-    busy = np.flatnonzero((last != OPEN).any(axis=1)) / N
-    whole.set_ylabel("pair (1 near the clamp)")
-    close.set_xlim(busy.min(initial=1.0) - MARGIN, busy.max(initial=0.0) + MARGIN)
-    whole.set_title("one period", loc="left")
-    close.set_title("its contact phase", loc="left")
-    legend_outside(figure, close, 5, "outside lower center")
-    numbers = {
-        "states": list(NAMES),
-        "pair_steps_per_period": found.counts / periods,
-        "violations": found.violations,
-        "pair_steps": int(found.state.size),
-        "impacts_followed_by_contact": _staying(found.counts),
-    }
-    claims = (
-        Claim(
-            "11", "each closed pair is in exactly one of Γₛ, Γₚ₀, Γₚₚ (eq. 17, corrected)",
-            "sec. 3.2",
-            f"{found.violations} of {found.state.size} recorded decisions break the partition",
-            judged(found.violations == 0),
-        ),
-        Claim(
-            "11", "a sudden impact marks the beginning of each contact event", "sec. 3.2",
-            f"{100 * _staying(found.counts):.0f} % of the impacts begin permanent contact, which "
-            f"lasts {_mean_length(found.state):.1f} steps on average; no pair got a spring unhit",
-            judged(found.violations == 0),
-        ),
-    )  # fmt: skip
-    caption = (
-        "Drawn from the recorded decisions of the contact supervisor at every step (method 3.2, "
-        "3.25 Hz): numbers are pair-steps per period. Below: the decision on each pair over one "
-        "period. The paper's chart is not available; the rules are its eq. 17 as corrected."
+    found, N = decisions(result), result.case.time.steps_per_period
+    return Chart(
+        states=list(NAMES),
+        pair_steps_per_period=found.counts / (found.state.shape[0] / N),
+        violations=found.violations,
+        pair_steps=int(found.state.size),
+        impacts_followed_by_contact=_staying(found.counts),
+        mean_contact_steps=_mean_length(found.state),
+        decisions=found,
+        steps_per_period=N,
     )
-    return Piece("11", "Flow chart of the contact algorithm", caption, figure, numbers, claims)
 
 
 def _staying(counts: IntArray) -> float:
@@ -131,6 +129,27 @@ def _mean_length(state: npt.NDArray[np.int8]) -> float:
     """Return the mean length of permanent contacts in steps."""
     on_spring = np.count_nonzero((state == HELD) | (state == BEGUN))
     return float(on_spring / max(np.count_nonzero(state == BEGUN), 1))
+
+
+def draw(numbers: Chart) -> Figure:
+    """Draw the decisions of the supervisor as a chart with counts, and as a timeline of pairs."""
+    from matplotlib.figure import Figure
+
+    state, N = numbers.decisions.state, numbers.steps_per_period
+    figure = Figure(figsize=(WIDTH, 9.6), layout="constrained")
+    grid = figure.add_gridspec(2, 2, height_ratios=[3, 2], width_ratios=[1, 2])
+    _flow(figure.add_subplot(grid[0, :]), numbers.pair_steps_per_period, state.shape[1] * N)
+    whole, close = (figure.add_subplot(grid[1, k]) for k in range(2))
+    last = state[-N:]
+    for axes in (whole, close):
+        _timeline(axes, last)
+    busy = np.flatnonzero((last != OPEN).any(axis=1)) / N
+    whole.set_ylabel("pair (1 near the clamp)")
+    close.set_xlim(busy.min(initial=1.0) - MARGIN, busy.max(initial=0.0) + MARGIN)
+    whole.set_title("one period", loc="left")
+    close.set_title("its contact phase", loc="left")
+    legend_outside(figure, close, 5, "outside lower center")
+    return figure
 
 
 def _flow(axes: Axes, counts: FloatArray, total: int) -> None:
@@ -217,3 +236,34 @@ def _timeline(axes: Axes, state: npt.NDArray[np.int8]) -> None:
         )  # fmt: skip
     axes.set(xlabel="time t/T [–]", xlim=(0.0, 1.0), ylim=(0.0, n_pairs + 1.0))
     axes.set_yticks(range(2, n_pairs + 1, 2))
+
+
+def judge(numbers: Chart) -> tuple[Claim, ...]:
+    """Judge whether the decisions follow the corrected eq. 17."""
+    return (
+        Claim(
+            "11", "each closed pair is in exactly one of Γₛ, Γₚ₀, Γₚₚ (eq. 17, corrected)",
+            "sec. 3.2",
+            f"{numbers.violations} of {numbers.pair_steps} recorded decisions break the partition",
+            judged(numbers.violations == 0),
+        ),
+        Claim(
+            "11", "a sudden impact marks the beginning of each contact event", "sec. 3.2",
+            f"{100 * numbers.impacts_followed_by_contact:.0f} % of the impacts begin permanent "
+            f"contact, which lasts {numbers.mean_contact_steps:.1f} steps on average; no pair got "
+            "a spring unhit",
+            judged(numbers.violations == 0),
+        ),
+    )  # fmt: skip
+
+
+CHART = Piece(
+    "11",
+    "Flow chart of the contact algorithm",
+    "Drawn from the recorded decisions of the contact supervisor at every step (method 3.2, "
+    "3.25 Hz): numbers are pair-steps per period. Below: the decision on each pair over one "
+    "period. The paper's chart is not available; the rules are its eq. 17 as corrected.",
+    measure,
+    draw,
+    judge,
+)

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from delam_fem.case.definition import Case
+from delam_fem.case.sections import Lamina
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.numerics.cantilever import frequency_rise
-from delam_fem.paper.claims import Claim, Piece, judged
-from delam_fem.paper.figures.swept_sine import (
+from delam_fem.paper.claims import Claim, judged
+from delam_fem.paper.lab import Laboratory, motion_case
+from delam_fem.paper.motions import RESONANT
+from delam_fem.paper.piece import NOT_IN_JSON, Numbers, Piece
+from delam_fem.paper.swept_sine import (
     BAND,
     SWEEP_SECONDS,
     peak_frequency,
@@ -21,8 +24,6 @@ from delam_fem.paper.figures.swept_sine import (
     swept_envelope,
     swept_extremes,
 )
-from delam_fem.paper.lab import Laboratory, motion_case
-from delam_fem.results.dataset import Result
 from delam_fem.results.style import (
     BASE_COLOUR,
     BLACK,
@@ -34,6 +35,10 @@ from delam_fem.results.style import (
     legend_above,
     legend_outside,
 )
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 LINEAR_STEPS = 250
 """Steps per period of the highest frequency; the resonances have more per period of theirs."""
@@ -64,41 +69,112 @@ _ZOOM = 0.06
 def stepped_frequencies(case: Case, step: float) -> FloatArray:
     """Return the frequencies of the linear stepped sine: even, and dense at the resonances."""
     even = np.arange(BAND[0], BAND[1] + 0.5 * step, step)
-    near = [
-        float(lam.angular_frequencies(1)[0])
-        / (2.0 * math.pi)
-        * (1.0 + np.linspace(-0.04, 0.04, 17))
-        for lam in case.lamina
-    ]
+    near = [_lowest_frequency(lam) * (1.0 + np.linspace(-0.04, 0.04, 17)) for lam in case.lamina]
     frequencies: FloatArray = np.unique(np.round(np.concatenate([even, *near]), 5))
     return frequencies
 
 
-def without_contact(lab: Laboratory) -> Piece:
-    """Draw the linear responses: exact, by stepped sine, and by the 30-minute swept sines."""
-    base = motion_case(3.25, lab.plan)
-    f_step = stepped_frequencies(base, 2.0 * lab.plan.response_step)
+@dataclass(frozen=True)
+class WithoutContact(Numbers):
+    """Linear responses of thick and thin lamina, exact and computed.
+
+    Attributes:
+        natural_frequency_hz: exact lowest ones.
+        exact_peak_hz, exact_peak_m: where the exact responses are the largest, and how large.
+        frequency_rise_at_peak: of a beam that keeps its length at this amplitude [-].
+        damping_ratio: D [-].
+        sweep_peak_hz, sweep_peak_m: the same of the swept sines, by their names.
+        stepped_frequency_hz: of the stepped sine, shape (n,).
+        stepped_amplitude_m: of the tips, shape (2, n).
+        stepped_over_exact: the same over the exact amplitude, shape (2, n) [-].
+        largest_deviation_of_stepped: from the exact amplitude, relative [-].
+        case: whose laminae they are.
+        envelopes: frequencies [Hz] and amplitudes (2, n) [m] of the swept sines, by their names.
+        record: instants [s] and extremes (2, 2, n) [m] of the linear up-sweep.
+    """
+
+    natural_frequency_hz: list[float]
+    exact_peak_hz: list[float]
+    exact_peak_m: list[float]
+    frequency_rise_at_peak: list[float]
+    damping_ratio: list[float]
+    sweep_peak_hz: dict[str, list[float]]
+    sweep_peak_m: dict[str, FloatArray]
+    stepped_frequency_hz: FloatArray
+    stepped_amplitude_m: FloatArray
+    stepped_over_exact: FloatArray
+    largest_deviation_of_stepped: float
+    case: Case = field(metadata=NOT_IN_JSON)
+    envelopes: dict[str, tuple[FloatArray, FloatArray]] = field(metadata=NOT_IN_JSON)
+    record: tuple[FloatArray, FloatArray] = field(metadata=NOT_IN_JSON)
+
+
+def measure(lab: Laboratory) -> WithoutContact:
+    """Compute the linear responses: exact, by stepped sine, and by the 30-minute swept sines."""
+    case = motion_case(RESONANT, lab.plan)
     cases = [swept_case(how, ends, "none", LINEAR_STEPS) for how, ends in SWEEPS.values()]
     swept = dict(zip(SWEEPS, lab.motions(cases), strict=True))
-    stepped = lab.sweep(
+    f, stepped = _stepped_sine(lab, case)
+    exact = np.stack([case.linear_amplitude(i, f) for i in range(2)])
+    fine = np.linspace(*BAND, 200001)
+    top = [case.linear_amplitude(i, fine) for i in range(2)]
+    envelopes = {name: swept_envelope(result) for name, result in swept.items()}
+    return WithoutContact(
+        natural_frequency_hz=[_lowest_frequency(lam) for lam in case.lamina],
+        exact_peak_hz=[float(fine[a.argmax()]) for a in top],
+        exact_peak_m=[float(a.max()) for a in top],
+        frequency_rise_at_peak=[
+            frequency_rise(float(a.max()) / lam.length)
+            for a, lam in zip(top, case.lamina, strict=True)
+        ],
+        damping_ratio=[lam.damping_ratio for lam in case.lamina],
+        sweep_peak_hz={
+            name: [peak_frequency(result, i) for i in range(2)] for name, result in swept.items()
+        },
+        sweep_peak_m={name: a.max(axis=1) for name, (_, a) in envelopes.items()},
+        stepped_frequency_hz=f,
+        stepped_amplitude_m=stepped,
+        stepped_over_exact=stepped / exact,
+        largest_deviation_of_stepped=float(np.abs(stepped / exact - 1.0).max()),
+        case=case,
+        envelopes=envelopes,
+        record=swept_extremes(swept["linear, up"]),
+    )
+
+
+def _stepped_sine(lab: Laboratory, case: Case) -> tuple[FloatArray, FloatArray]:
+    """Compute the stepped sine: frequencies, (n,) [Hz], and amplitudes of the tips, (2, n) [m]."""
+    frequencies = stepped_frequencies(case, 2.0 * lab.plan.response_step)
+    data = lab.sweep(
         {
             "name": "linear response",
             "set": {
                 "contact": {"law": "none"},
                 "time": {"steps_per_period": LINEAR_STEPS, "periods": LINEAR_PERIODS},
             },
-            "axis": [{"key": "excitation.frequency", "values": f_step.tolist()}],
+            "axis": [{"key": "excitation.frequency", "values": frequencies.tolist()}],
             "record": {"strobes": 0},
         }
     )
-    amplitudes = stepped["tip_amplitude"].transpose("lamina", ...).to_numpy()
+    return frequencies, data["tip_amplitude"].transpose("lamina", ...).to_numpy()
+
+
+def _lowest_frequency(lamina: Lamina) -> float:
+    """Return the exact lowest natural frequency of a lamina [Hz]."""
+    return float(lamina.angular_frequencies(1)[0]) / (2.0 * math.pi)
+
+
+def draw(numbers: WithoutContact) -> Figure:
+    """Draw the responses of both laminae, a close view of the resonances, and a record."""
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(WIDTH, 9.4), layout="constrained")
     panels = figure.subplots(3, 2)
-    for i, lamina in enumerate(base.lamina):
-        f1 = float(lamina.angular_frequencies(1)[0]) / (2.0 * math.pi)
-        _record_panel(panels[2, i], swept["linear, up"], i)
+    for i, lamina in enumerate(numbers.case.lamina):
+        f1 = numbers.natural_frequency_hz[i]
+        _record_panel(panels[2, i], numbers, i)
         for row, panel in enumerate(panels[:2, i]):
-            _linear_panel(panel, base, i, swept, (f_step, amplitudes[i]))
+            _linear_panel(panel, numbers, i)
             panel.set(xlabel="frequency of the base [Hz]", ylabel="tip amplitude [mm]")
             if row == 0:
                 panel.set(yscale="log", xlim=BAND, ylim=(1.0, 400.0))
@@ -110,42 +186,29 @@ def without_contact(lab: Laboratory) -> Piece:
                 panel.axvline(PRINTED[lamina.name], color=BLACK, linewidth=0.8, linestyle=":")
                 panel.set_title("lines: f₁ exact, dotted: as the paper prints it", loc="left")
     legend_outside(figure, panels[0, 0], 3)
-    numbers = _linear_numbers(base, swept, f_step, amplitudes)
-    caption = (
-        "Each lamina alone: the exact cantilever, the computed stepped sine and the envelopes of "
-        "30-minute swept sines (0.5 to 4 Hz); below the record of one of them. The paper's curves "
-        "are not available; compared are the two natural frequencies that its text reads off them."
-    )
-    title = "Frequency responses without contact"
-    claims = _linear_claims(numbers, base.lamina[0].length)
-    return Piece("2a", title, caption, figure, numbers, claims)
+    return figure
 
 
-def _linear_panel(
-    panel: Axes,
-    base: Case,
-    i: int,
-    swept: dict[str, Result],
-    stepped: tuple[FloatArray, FloatArray],
-) -> None:
+def _linear_panel(panel: Axes, numbers: WithoutContact, i: int) -> None:
     """Draw all linear responses of one lamina."""
     f = np.linspace(*BAND, 20001)
-    panel.plot(
-        f, 1e3 * base.linear_amplitude(i, f), color=BASE_COLOUR, linewidth=2.5, label="exact"
-    )
-    for name, result in swept.items():
+    exact = 1e3 * numbers.case.linear_amplitude(i, f)
+    panel.plot(f, exact, color=BASE_COLOUR, linewidth=2.5, label="exact")
+    for name, (f_swept, amplitude) in numbers.envelopes.items():
         colour, line = _STYLES[name]
-        f_swept, amplitude = swept_envelope(result)
         panel.plot(
             f_swept, 1e3 * amplitude[i], line, color=colour, linewidth=1.0, label=f"swept {name}"
         )
-    panel.plot(stepped[0], 1e3 * stepped[1], "o", color=BLACK, markersize=2.5, label="stepped sine")
+    panel.plot(
+        numbers.stepped_frequency_hz, 1e3 * numbers.stepped_amplitude_m[i],
+        "o", color=BLACK, markersize=2.5, label="stepped sine",
+    )  # fmt: skip
 
 
-def _record_panel(panel: Axes, result: Result, i: int) -> None:
+def _record_panel(panel: Axes, numbers: WithoutContact, i: int) -> None:
     """Draw the record of a swept sine, 30 minutes of oscillation, with its envelope."""
-    time, (low, high) = swept_extremes(result)
-    _, amplitude = swept_envelope(result)
+    time, (low, high) = numbers.record
+    _, amplitude = numbers.envelopes["linear, up"]
     minutes = time / 60.0
     panel.fill_between(minutes, 1e3 * low[i], 1e3 * high[i], color=SKY, label="record")
     for sign in (1.0, -1.0):
@@ -157,40 +220,13 @@ def _record_panel(panel: Axes, result: Result, i: int) -> None:
     legend_above(panel)
 
 
-def _linear_numbers(
-    base: Case, swept: dict[str, Result], f: FloatArray, stepped: FloatArray
-) -> dict[str, Any]:
-    f1 = [float(lam.angular_frequencies(1)[0]) / (2.0 * math.pi) for lam in base.lamina]
-    exact = np.stack([base.linear_amplitude(i, f) for i in range(2)])
-    fine = np.linspace(*BAND, 200001)
-    top = [base.linear_amplitude(i, fine) for i in range(2)]
-    return {
-        "natural_frequency_hz": f1,
-        "exact_peak_hz": [float(fine[a.argmax()]) for a in top],
-        "exact_peak_m": [float(a.max()) for a in top],
-        "frequency_rise_at_peak": [
-            frequency_rise(float(a.max()) / lam.length)
-            for a, lam in zip(top, base.lamina, strict=True)
-        ],
-        "damping_ratio": [lam.damping_ratio for lam in base.lamina],
-        "sweep_peak_hz": {
-            name: [peak_frequency(result, i) for i in range(2)] for name, result in swept.items()
-        },
-        "sweep_peak_m": {
-            name: swept_envelope(result)[1].max(axis=1) for name, result in swept.items()
-        },
-        "stepped_frequency_hz": f,
-        "stepped_amplitude_m": stepped,
-        "stepped_over_exact": stepped / exact,
-        "largest_deviation_of_stepped": float(np.abs(stepped / exact - 1.0).max()),
-    }
-
-
-def _linear_claims(numbers: dict[str, Any], length: float) -> tuple[Claim, ...]:
-    thick, thin = numbers["natural_frequency_hz"]
-    up, down = (numbers["sweep_peak_hz"][f"linear, {way}"] for way in ("up", "down"))
-    rise, damping = numbers["frequency_rise_at_peak"], min(numbers["damping_ratio"])
-    top, swept = numbers["exact_peak_m"], numbers["sweep_peak_m"]["linear, up"]
+def judge(numbers: WithoutContact) -> tuple[Claim, ...]:
+    """Judge the natural frequencies that the paper prints, and its swept sine."""
+    thick, thin = numbers.natural_frequency_hz
+    up, down = (numbers.sweep_peak_hz[f"linear, {way}"] for way in ("up", "down"))
+    rise, damping = numbers.frequency_rise_at_peak, min(numbers.damping_ratio)
+    top, swept = numbers.exact_peak_m, numbers.sweep_peak_m["linear, up"]
+    length = numbers.case.lamina[0].length
     return (
         Claim(
             "2a", "lowest natural frequencies 1.47 Hz and 3.17 Hz", "sec. 2.2",
@@ -221,3 +257,15 @@ def _linear_claims(numbers: dict[str, Any], length: float) -> tuple[Claim, ...]:
             judged(max(rise) < LINEAR * damping),
         ),
     )  # fmt: skip
+
+
+WITHOUT_CONTACT = Piece(
+    "2a",
+    "Frequency responses without contact",
+    "Each lamina alone: the exact cantilever, the computed stepped sine and the envelopes of "
+    "30-minute swept sines (0.5 to 4 Hz); below the record of one of them. The paper's curves "
+    "are not available; compared are the two natural frequencies that its text reads off them.",
+    measure,
+    draw,
+    judge,
+)

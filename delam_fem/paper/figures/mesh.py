@@ -2,22 +2,37 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.ticker import ScalarFormatter
 
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.paper.claims import Claim, Piece, judged
-from delam_fem.paper.figures.detail import two_portraits
-from delam_fem.paper.figures.motion import CLEARLY, motion_numbers
-from delam_fem.paper.lab import RESONANT, Laboratory, motion_case
-from delam_fem.paper.measures import SMOOTH_HARMONICS, describe, rough_part, roughness
+from delam_fem.paper.claims import Claim, judged
+from delam_fem.paper.figures.impact_portraits import Portrait, two_portraits
+from delam_fem.paper.lab import Laboratory, motion_case
+from delam_fem.paper.measures import (
+    CLEARLY,
+    SMOOTH_HARMONICS,
+    MotionNumbers,
+    describe,
+    motion_numbers,
+    rough_part,
+    roughness,
+)
+from delam_fem.paper.motions import RESONANT
+from delam_fem.paper.piece import NOT_IN_JSON, Numbers, Piece
 from delam_fem.results import diagnostics
-from delam_fem.results.dataset import Result
-from delam_fem.results.motion_figures import PORTRAIT_PERIODS
-from delam_fem.results.style import BLACK, LAMINA_COLOURS, legend_above
+from delam_fem.results.style import BLACK, LAMINA_COLOURS, PORTRAIT_PERIODS, legend_above
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from delam_fem.results.dataset import Result
+
+    Pair = tuple[Result, Result]
 
 ELEMENTS = (20, 50)
 LONG_WINDOW = {"output.window_periods": 40, "output.fields_per_period": 0}
@@ -37,11 +52,74 @@ OVER_GAPS = ("as printed", "consistent impulses")
 SUBSTANTIAL = 1.25
 """Increase of a time from which on it counts as substantial."""
 
-Pair = tuple[Result, Result]
+
+@dataclass(frozen=True)
+class FinerMesh(Numbers):
+    """The motion on both meshes of `ELEMENTS`.
+
+    Attributes:
+        roughness_free: of both tips in free flight, on both meshes [-].
+        roughness: rms of the rough part of both tip velocities, on both meshes [m/s].
+        ratio: rough velocity on the fine mesh over the coarse one, by scheme, shape (2,) [-].
+        ratio_by_gap_exponent: the same by scheme and by the exponent of the gap's shape.
+        kind_by_gap_exponent: the motion on the fine mesh in words, likewise.
+        energy_gain_of_impacts_J: on both meshes with the scheme as printed, by exponent.
+        cost: time per step on the fine mesh over the coarse one, median [-].
+        pairs: of runs that are compared.
+        motions: as printed, by the number of elements.
+        portraits: the same.
+    """
+
+    roughness_free: list[tuple[float, float]]
+    roughness: list[FloatArray]
+    ratio: dict[str, FloatArray]
+    ratio_by_gap_exponent: dict[str, dict[str, FloatArray]]
+    kind_by_gap_exponent: dict[str, dict[str, str]]
+    energy_gain_of_impacts_J: dict[str, list[float]]
+    cost: float
+    pairs: int
+    motions: dict[int, MotionNumbers] = field(metadata=NOT_IN_JSON)
+    portraits: list[Portrait] = field(metadata=NOT_IN_JSON)
+
+    def to_json(self) -> Mapping[str, Any]:
+        """Return the fields, and each motion under its number of elements."""
+        motions = {f"{n}": motion.to_json() for n, motion in self.motions.items()}
+        return {**super().to_json(), **motions}
 
 
-def finer_mesh(lab: Laboratory) -> Piece:
-    """Draw the phase portraits with 50 elements beside those with 20, and over the gap's shape."""
+def measure(lab: Laboratory) -> FinerMesh:
+    """Compute the motion on both meshes, with several schemes and shapes of the gap."""
+    exponents = lab.plan.gap_exponents
+    pairs = _pairs(lab)
+    both = pairs["as printed", 2.0]
+    ratio = {key: rough_velocity(b) / rough_velocity(a) for key, (a, b) in pairs.items()}
+    costs = [
+        b.summary["microseconds_per_step"] / a.summary["microseconds_per_step"]
+        for a, b in pairs.values()
+    ]
+    return FinerMesh(
+        roughness_free=[roughness(r, free=True) for r in both],
+        roughness=[rough_velocity(r) for r in both],
+        ratio={name: ratio[name, 2.0] for name in VARIANTS},
+        ratio_by_gap_exponent={
+            name: {f"{p:g}": ratio[name, p] for p in exponents} for name in OVER_GAPS
+        },
+        kind_by_gap_exponent={
+            name: {f"{p:g}": describe(pairs[name, p][1]) for p in exponents} for name in OVER_GAPS
+        },
+        energy_gain_of_impacts_J={
+            f"{p:g}": [r.summary["impact_energy_gain"] for r in pairs["as printed", p]]
+            for p in exponents
+        },
+        cost=float(np.median(costs)),
+        pairs=len(costs),
+        motions={n: motion_numbers(r) for n, r in zip(ELEMENTS, both, strict=True)},
+        portraits=[Portrait.of(r) for r in both],
+    )
+
+
+def _pairs(lab: Laboratory) -> dict[tuple[str, float], Pair]:
+    """Compute pairs of runs, coarse and fine, by scheme and by the exponent of the gap's shape."""
     variants = {(name, 2.0): keys for name, keys in VARIANTS.items()} | {
         (name, p): VARIANTS[name] | {"gap.exponent": p}
         for name in OVER_GAPS
@@ -53,19 +131,7 @@ def finer_mesh(lab: Laboratory) -> Piece:
         for n in ELEMENTS
     ]
     results = lab.motions(cases)
-    pairs = dict(zip(variants, zip(results[::2], results[1::2], strict=True), strict=True))
-    coarse, fine = pairs["as printed", 2.0]
-    numbers = _numbers(pairs, lab.plan.gap_exponents)
-    titles = [f"{n} elements" for n in ELEMENTS]
-    figure, below = two_portraits([coarse, fine], titles, has_row_below=True)
-    _ratio_panels(below, numbers["ratio_by_gap_exponent"])
-    caption = (
-        f"Method 3.2 at {RESONANT} Hz, {PORTRAIT_PERIODS} periods; all other parameters identical. "
-        f"Below: velocity above harmonic {SMOOTH_HARMONICS} with {ELEMENTS[1]} elements over that "
-        f"with {ELEMENTS[0]}, for gaps 12 mm (x/L)^p. The paper's portrait is not available; "
-        "compared is the sentence on high frequencies."
-    )
-    return Piece("14", "A finer mesh", caption, figure, numbers, _claims(numbers, fine))
+    return dict(zip(variants, zip(results[::2], results[1::2], strict=True), strict=True))
 
 
 def rough_velocity(result: Result) -> FloatArray:
@@ -76,8 +142,18 @@ def rough_velocity(result: Result) -> FloatArray:
     return rms
 
 
+def draw(numbers: FinerMesh) -> Figure:
+    """Draw the phase portraits with 50 elements beside those with 20, and over the gap's shape."""
+    titles = [f"{n} elements" for n in ELEMENTS]
+    figure, below = two_portraits(numbers.portraits, titles, has_row_below=True)
+    _ratio_panels(below, numbers.ratio_by_gap_exponent)
+    return figure
+
+
 def _ratio_panels(panels: list[Axes], ratios: dict[str, dict[str, FloatArray]]) -> None:
     """Draw the ratio of roughness of both tips over the exponent of the gap."""
+    from matplotlib.ticker import ScalarFormatter
+
     for i, panel in enumerate(panels):
         for (name, by_gap), style in zip(ratios.items(), ("o-", "s--"), strict=True):
             exponents, values = [float(p) for p in by_gap], [r[i] for r in by_gap.values()]
@@ -89,39 +165,12 @@ def _ratio_panels(panels: list[Axes], ratios: dict[str, dict[str, FloatArray]]) 
         legend_above(panel)
 
 
-def _numbers(pairs: dict[tuple[str, float], Pair], exponents: tuple[float, ...]) -> dict[str, Any]:
-    coarse, fine = pairs["as printed", 2.0]
-    ratio = {key: rough_velocity(b) / rough_velocity(a) for key, (a, b) in pairs.items()}
-    costs = [
-        b.summary["microseconds_per_step"] / a.summary["microseconds_per_step"]
-        for a, b in pairs.values()
-    ]
-    return {
-        "roughness_free": [roughness(r, free=True) for r in (coarse, fine)],
-        "roughness": [rough_velocity(r) for r in (coarse, fine)],
-        "ratio": {name: ratio[name, 2.0] for name in VARIANTS},
-        "ratio_by_gap_exponent": {
-            name: {f"{p:g}": ratio[name, p] for p in exponents} for name in OVER_GAPS
-        },
-        "kind_by_gap_exponent": {
-            name: {f"{p:g}": describe(pairs[name, p][1]) for p in exponents} for name in OVER_GAPS
-        },
-        "energy_gain_of_impacts_J": {
-            f"{p:g}": [r.summary["impact_energy_gain"] for r in pairs["as printed", p]]
-            for p in exponents
-        },
-        "cost": float(np.median(costs)),
-        "pairs": len(costs),
-        "20": motion_numbers(coarse),
-        "50": motion_numbers(fine),
-    }
-
-
-def _claims(numbers: dict[str, Any], fine: Result) -> tuple[Claim, ...]:
-    ratio, cost = numbers["ratio"], numbers["cost"]
+def judge(numbers: FinerMesh) -> tuple[Claim, ...]:
+    """Judge what the finer mesh changes, and what it costs."""
+    ratio, cost, fine = numbers.ratio, numbers.cost, numbers.motions[ELEMENTS[1]]
     printed = ratio["as printed"]
-    bands = {name: _band(by_gap) for name, by_gap in numbers["ratio_by_gap_exponent"].items()}
-    first, *_, last = numbers["ratio_by_gap_exponent"]["as printed"]
+    bands = {name: _band(by_gap) for name, by_gap in numbers.ratio_by_gap_exponent.items()}
+    first, *_, last = numbers.ratio_by_gap_exponent["as printed"]
     others = ", ".join(f"with {name} {ratio[name][0]:.2f} / {ratio[name][1]:.2f}"
                        for name in list(VARIANTS)[1:])  # fmt: skip
     return (
@@ -130,13 +179,13 @@ def _claims(numbers: dict[str, Any], fine: Result) -> tuple[Claim, ...]:
             f"velocity above harmonic {SMOOTH_HARMONICS} over 40 periods, 50 over 20 elements: "
             f"{printed[0]:.2f} (thick), {printed[1]:.2f} (thin) with p = 2, {others}; over gaps "
             f"(x/L)^p, p = {first} … {last}: {bands['as printed']}, with consistent impulses "
-            f"{bands['consistent impulses']}; the motion on 50: {describe(fine)}",
+            f"{bands['consistent impulses']}; the motion on 50: {fine.kind}",
             judged(bool(np.all(printed < CLEARLY))), True,
         ),
         Claim(
             "14", "a substantial increase in calculation time has to be accepted", "sec. 3.2",
             f"2.5 times the unknowns cost {cost:.1f} times the time per step with banded matrices "
-            f"in compiled code (median of {numbers['pairs']} pairs of runs)",
+            f"in compiled code (median of {numbers.pairs} pairs of runs)",
             judged(cost > SUBSTANTIAL),
         ),
     )  # fmt: skip
@@ -147,3 +196,16 @@ def _band(by_gap: dict[str, FloatArray]) -> str:
     values = np.array(list(by_gap.values()))
     (a, b), (c, d) = values.min(axis=0), values.max(axis=0)
     return f"{a:.2f} … {c:.2f} / {b:.2f} … {d:.2f}"
+
+
+FINER_MESH = Piece(
+    "14",
+    "A finer mesh",
+    f"Method 3.2 at {RESONANT} Hz, {PORTRAIT_PERIODS} periods; all other parameters identical. "
+    f"Below: velocity above harmonic {SMOOTH_HARMONICS} with {ELEMENTS[1]} elements over that "
+    f"with {ELEMENTS[0]}, for gaps 12 mm (x/L)^p. The paper's portrait is not available; "
+    "compared is the sentence on high frequencies.",
+    measure,
+    draw,
+    judge,
+)

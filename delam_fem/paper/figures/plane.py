@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.colors import ListedColormap, LogNorm
-from matplotlib.figure import Figure
-from matplotlib.patches import Patch
 
 from delam_fem.numerics import attractors
-from delam_fem.paper.claims import Claim, Piece, judged
-from delam_fem.paper.figures.plane_measures import KINDS, axes_of, best_decade, plane_numbers
+from delam_fem.paper.claims import Claim, judged
 from delam_fem.paper.lab import Laboratory
+from delam_fem.paper.piece import Numbers, Piece
+from delam_fem.paper.plane_measures import KINDS, Decade, Plane, best_decade, plane_of
 from delam_fem.results.diagnostics import LARGEST_PERIODICITY, PERIODIC_SCATTER
 from delam_fem.results.style import BLACK, GREEN, ORANGE, SKY, VERMILLION, WIDTH
 
 if TYPE_CHECKING:
     import xarray as xr
-
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 RESTITUTIONS = (0.0, 0.5)
 STIFFNESSES = (10.0, 1000.0)
@@ -37,39 +37,43 @@ CORRECT_SHARE = 0.5
 KIND_COLOURS = (SKY, ORANGE, GREEN, "#bbbbbb", BLACK, "#ffffff")
 
 
-def planes(lab: Laboratory) -> Piece:
-    """Draw kinds of motion and scatter of both laws over their parameters."""
-    both = {
-        "newton-penalty": _sweep(lab, "newton-penalty"),
-        "penalty": _sweep(lab, "penalty"),
-    }
-    numbers = {law: plane_numbers(data) for law, data in both.items()}
-    penalty = numbers["penalty"]
-    penalty["best_decade"] = best_decade(
-        *(penalty[name] for name in ("penalty_damping", "kind", "tip_amplitude_m"))
+@dataclass(frozen=True)
+class Planes(Numbers):
+    """The planes of both laws.
+
+    Attributes:
+        impact: of method 3.2, newton-penalty.
+        penalty: of the classical penalty law.
+        best_decade: of the penalty law's damping.
+        points: per axis.
+        periods: of each point.
+    """
+
+    impact: Plane
+    penalty: Plane
+    best_decade: Decade
+    points: int
+    periods: int
+
+    def to_json(self) -> Mapping[str, Any]:
+        """Return the planes by the names of their laws."""
+        best = {"best_decade": self.best_decade.to_json()}
+        return {
+            "newton-penalty": self.impact.to_json(),
+            "penalty": {**self.penalty.to_json(), **best},
+        }
+
+
+def measure(lab: Laboratory) -> Planes:
+    """Compute the planes of both laws."""
+    impact, penalty = (plane_of(_sweep(lab, law)) for law in ("newton-penalty", "penalty"))
+    return Planes(
+        impact=impact,
+        penalty=penalty,
+        best_decade=best_decade(penalty.first, penalty.kind, penalty.tip_amplitude_m),
+        points=lab.plan.plane_points,
+        periods=lab.plan.plane_periods,
     )
-    figure = Figure(figsize=(WIDTH, 9.2), layout="constrained")
-    panels = figure.subplots(2, 2)
-    top = max(float(np.nanmax(n["scatter"])) for n in numbers.values())
-    for row, (law, data) in zip(panels, both.items(), strict=True):
-        title = "method 3.2" if law == "newton-penalty" else "classical penalty law"
-        _kinds(row[0], data, numbers[law], title)
-        _scatter(figure, row[1], data, numbers[law], top)
-    present = sorted({int(k) for n in numbers.values() for k in np.unique(n["kind"])})
-    patches = [Patch(facecolor=KIND_COLOURS[k], edgecolor=BLACK, label=KINDS[k]) for k in present]
-    figure.legend(handles=patches, loc="outside upper left", ncols=6, frameon=False)
-    plan = lab.plan
-    caption = (
-        f"{plan.plane_points} × {plan.plane_points} points, {plan.plane_periods} periods each, "
-        f"T/1000, 3.25 Hz. Period P: strobes P ≤ {LARGEST_PERIODICITY} periods apart differ by "
-        f"less than {100 * PERIODIC_SCATTER:g} % of the half peak-to-peak amplitude (rms of the "
-        f"worse tip over the last 40 periods); quasi-periodic: {100 * attractors.LINE_SHARE:g} % "
-        f"of the power of the last {STROBES} strobes in {attractors.LINES} spectral lines; "
-        "irregular: neither. Right: that scatter for P = 1 (line: the threshold). Ring: the "
-        "paper's parameters. The axes of the paper's plane are not known; compared is what its "
-        "text says of it."
-    )
-    return Piece("15", "Parameter planes", caption, figure, numbers, _claims(numbers))
 
 
 def _sweep(lab: Laboratory, law: str) -> xr.Dataset:
@@ -93,39 +97,56 @@ def _sweep(lab: Laboratory, law: str) -> xr.Dataset:
     )
 
 
-def _kinds(panel: Axes, data: xr.Dataset, numbers: dict[str, Any], title: str) -> None:
+def draw(numbers: Planes) -> Figure:
+    """Draw kinds of motion and scatter of both laws over their parameters."""
+    from matplotlib.figure import Figure
+    from matplotlib.patches import Patch
+
+    both = (numbers.impact, numbers.penalty)
+    figure = Figure(figsize=(WIDTH, 9.2), layout="constrained")
+    panels = figure.subplots(2, 2)
+    top = max(float(np.nanmax(plane.scatter)) for plane in both)
+    titles = ("method 3.2", "classical penalty law")
+    for (left, right), plane, title in zip(panels, both, titles, strict=True):
+        _kinds(left, plane, title)
+        _scatter(figure, right, plane, top)
+    present = sorted({int(k) for plane in both for k in np.unique(plane.kind)})
+    patches = [Patch(facecolor=KIND_COLOURS[k], edgecolor=BLACK, label=KINDS[k]) for k in present]
+    figure.legend(handles=patches, loc="outside upper left", ncols=6, frameon=False)
+    return figure
+
+
+def _kinds(panel: Axes, plane: Plane, title: str) -> None:
     """Draw the kinds of motion of a plane."""
-    first, second = axes_of(data)
+    from matplotlib.colors import ListedColormap
+
     panel.grid(False)
     panel.pcolormesh(
-        numbers[first], numbers[second], np.asarray(numbers["kind"]).T, shading="nearest",
+        plane.first, plane.second, plane.kind.T, shading="nearest",
         cmap=ListedColormap(list(KIND_COLOURS)), vmin=-0.5, vmax=len(KIND_COLOURS) - 0.5,
     )  # fmt: skip
-    panel.set_title(
-        f"{title}: {100 * numbers['share']['one-periodic']:.0f} % one-periodic", loc="left"
-    )
-    _label(panel, first)
+    panel.set_title(f"{title}: {100 * plane.share['one-periodic']:.0f} % one-periodic", loc="left")
+    _label(panel, plane)
 
 
-def _scatter(
-    figure: Figure, panel: Axes, data: xr.Dataset, numbers: dict[str, Any], top: float
-) -> None:
+def _scatter(figure: Figure, panel: Axes, plane: Plane, top: float) -> None:
     """Draw the scatter of a plane."""
-    first, second = axes_of(data)
+    from matplotlib.colors import LogNorm
+
     panel.grid(False)
     mesh = panel.pcolormesh(
-        numbers[first], numbers[second], np.asarray(numbers["scatter"]).T, shading="nearest",
+        plane.first, plane.second, plane.scatter.T, shading="nearest",
         cmap="cividis", norm=LogNorm(1e-3, max(top, 2e-3), clip=True),
     )  # fmt: skip
     bar = figure.colorbar(mesh, ax=panel, label="scatter one period apart [–]")
     bar.ax.axhline(PERIODIC_SCATTER, color=VERMILLION, linewidth=2.0)
-    _label(panel, first)
+    _label(panel, plane)
 
 
-def _label(panel: Axes, first: str) -> None:
+def _label(panel: Axes, plane: Plane) -> None:
     """Label the axes of a plane and mark the paper's parameters."""
     panel.set_yscale("log")
-    if first == "restitution":
+    if plane.axes[0] == "restitution":
         panel.set(xlabel="restitution e [–]", ylabel="$k_{con}$ [N/m]")
         panel.plot([0.1], [100.0], "o", markersize=10, markerfacecolor="none",
                    markeredgecolor=VERMILLION, markeredgewidth=2.0)  # fmt: skip
@@ -134,25 +155,27 @@ def _label(panel: Axes, first: str) -> None:
         panel.set(xlabel="damping c [N s/m]", ylabel="stiffness k [N/m]")
 
 
-def _claims(numbers: dict[str, dict[str, Any]]) -> tuple[Claim, ...]:
-    ours, penalty = numbers["newton-penalty"], numbers["penalty"]
-    share = {law: n["share"]["one-periodic"] for law, n in numbers.items()}
-    spread = [np.asarray(n["amplitude_spread"]) for n in (ours, penalty)]
-    by_e, by_k = (np.asarray(ours[f"amplitude_by_{axis}"]) for axis in ("first", "second"))
-    best = penalty["best_decade"]
-    kinds = ", ".join(f"{100 * v:.0f} % {k}" for k, v in ours["share"].items() if v > 0.0)
+def judge(numbers: Planes) -> tuple[Claim, ...]:
+    """Judge how robust method 3.2 is, and how sensitive the classical penalty law."""
+    return *_claims_on_robustness(numbers.impact), _claim_on_penalty(numbers)
+
+
+def _claims_on_robustness(ours: Plane) -> tuple[Claim, ...]:
+    """Judge the plane of method 3.2."""
+    spread, by_e, by_k = ours.amplitude_spread, ours.amplitude_by_first, ours.amplitude_by_second
+    kinds = ", ".join(f"{100 * v:.0f} % {k}" for k, v in ours.share.items() if v > 0.0)
     return (
         Claim(
             "15", "remarkable robustness in the choice of e and k_con", "sec. 3.2, 4",
             f"e = 0 … 0.5, k_con = 10 … 1000 N/m: {kinds}; half peak-to-peak amplitudes vary by "
-            f"{100 * spread[0][0]:.0f} / {100 * spread[0][1]:.0f} % (standard deviation, thick / "
+            f"{100 * spread[0]:.0f} / {100 * spread[1]:.0f} % (standard deviation, thick / "
             "thin)",
-            judged(share["newton-penalty"] > CORRECT_SHARE), True,
+            judged(ours.share["one-periodic"] > CORRECT_SHARE), True,
         ),
         Claim(
             "15", "apart from a few exceptions one contact event in one period", "sec. 3.2",
-            f"one tip contact per period at {100 * ours['one_contact_share']:.0f} % of the points",
-            judged(ours["one_contact_share"] > 1.0 - FEW), True,
+            f"one tip contact per period at {100 * ours.one_contact_share:.0f} % of the points",
+            judged(ours.one_contact_share > 1.0 - FEW), True,
         ),
         Claim(
             "15", "e mainly affects the solution, k_con hardly", "sec. 3.2",
@@ -160,19 +183,42 @@ def _claims(numbers: dict[str, dict[str, Any]]) -> tuple[Claim, ...]:
             f"{100 * by_e[1]:.0f} %, k_con {100 * by_k[0]:.0f} / {100 * by_k[1]:.0f} %",
             judged(bool(np.all(by_e > by_k))), True,
         ),
-        Claim(
-            "15", "the classical penalty law is far more sensitive", "sec. 3.2, 4",
-            "k = 100 … 10000 N/m, c = 0.01 … 10 N s/m: "
-            f"{100 * share['penalty']:.0f} % one-periodic, one tip contact per period at "
-            f"{100 * penalty['one_contact_share']:.0f} %, amplitudes vary by "
-            f"{100 * spread[1][0]:.0f} / {100 * spread[1][1]:.0f} % (method 3.2: "
-            f"{100 * share['newton-penalty']:.0f} %, {100 * ours['one_contact_share']:.0f} %, "
-            f"{100 * spread[0][0]:.0f} / {100 * spread[0][1]:.0f} %); in its best decade of c, "
-            f"from {best['from']:.2g} N s/m on, {100 * best['one_periodic']:.0f} % and "
-            f"{100 * best['amplitude_spread'][0]:.0f} / {100 * best['amplitude_spread'][1]:.0f} %",
-            judged(
-                best["one_periodic"] < share["newton-penalty"]
-                and bool(np.all(best["amplitude_spread"] > spread[0]))
-            ), True,
-        ),
     )  # fmt: skip
+
+
+def _claim_on_penalty(numbers: Planes) -> Claim:
+    """Judge the penalty law, in its best decade of damping, against method 3.2."""
+    ours, penalty, best = numbers.impact, numbers.penalty, numbers.best_decade
+    share = [plane.share["one-periodic"] for plane in (ours, penalty)]
+    spread = [plane.amplitude_spread for plane in (ours, penalty)]
+    return Claim(
+        "15", "the classical penalty law is far more sensitive", "sec. 3.2, 4",
+        "k = 100 … 10000 N/m, c = 0.01 … 10 N s/m: "
+        f"{100 * share[1]:.0f} % one-periodic, one tip contact per period at "
+        f"{100 * penalty.one_contact_share:.0f} %, amplitudes vary by "
+        f"{100 * spread[1][0]:.0f} / {100 * spread[1][1]:.0f} % (method 3.2: "
+        f"{100 * share[0]:.0f} %, {100 * ours.one_contact_share:.0f} %, "
+        f"{100 * spread[0][0]:.0f} / {100 * spread[0][1]:.0f} %); in its best decade of c, "
+        f"from {best.begin:.2g} N s/m on, {100 * best.one_periodic:.0f} % and "
+        f"{100 * best.amplitude_spread[0]:.0f} / {100 * best.amplitude_spread[1]:.0f} %",
+        judged(
+            best.one_periodic < share[0] and bool(np.all(best.amplitude_spread > spread[0]))
+        ), True,
+    )  # fmt: skip
+
+
+PLANES = Piece(
+    "15",
+    "Parameter planes",
+    "{0.points} × {0.points} points, {0.periods} periods each, "
+    f"T/1000, 3.25 Hz. Period P: strobes P ≤ {LARGEST_PERIODICITY} periods apart differ by "
+    f"less than {100 * PERIODIC_SCATTER:g} % of the half peak-to-peak amplitude (rms of the "
+    f"worse tip over the last 40 periods); quasi-periodic: {100 * attractors.LINE_SHARE:g} % "
+    f"of the power of the last {STROBES} strobes in {attractors.LINES} spectral lines; "
+    "irregular: neither. Right: that scatter for P = 1 (line: the threshold). Ring: the "
+    "paper's parameters. The axes of the paper's plane are not known; compared is what its "
+    "text says of it.",
+    measure,
+    draw,
+    judge,
+)

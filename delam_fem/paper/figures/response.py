@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from delam_fem.case.definition import Case
-from delam_fem.numerics.arrays import FloatArray
-from delam_fem.paper.claims import Claim, Piece, judged
-from delam_fem.paper.figures.swept_sine import BAND, swept_case, swept_envelope
-from delam_fem.paper.lab import FREQUENCIES, Laboratory, motion_case
+from delam_fem.numerics.arrays import BoolArray, FloatArray
+from delam_fem.paper.claims import Claim, judged
+from delam_fem.paper.lab import Laboratory, motion_case
+from delam_fem.paper.measures import half_ranges
+from delam_fem.paper.motions import FREQUENCIES, RESONANT
+from delam_fem.paper.piece import NOT_IN_JSON, Numbers, Piece
+from delam_fem.paper.swept_sine import BAND, swept_case, swept_envelope
 from delam_fem.results.style import (
     BASE_COLOUR,
     BLACK,
@@ -29,10 +31,11 @@ from delam_fem.results.style import (
 
 if TYPE_CHECKING:
     import xarray as xr
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
-    from delam_fem.results.dataset import Result
-
-
+WAYS = {"up": BAND, "down": BAND[::-1]}
+"""Ends of the swept sines [Hz]."""
 CONTACT_STEPS = 1000
 """Steps per period of the highest frequency of a swept sine."""
 DIFFERS = 0.15
@@ -43,12 +46,86 @@ JUMP = 3.0
 """A jump of the amplitude is so many times larger than the changes beside it."""
 
 
-def with_contact(lab: Laboratory) -> Piece:
-    """Draw the responses with contact, up and down, with the paper's four points."""
-    base = motion_case(3.25, lab.plan)
+@dataclass(frozen=True)
+class WithContact(Numbers):
+    """Responses of the tips in contact; both laminae, up and down.
+
+    Attributes:
+        frequency_hz: of the stepped sine, shape (n,).
+        amplitude_up_m, amplitude_down_m: half peak-to-peak, shape (2, n).
+        periodicity_up, periodicity_down: NaN where the motion has none, shape (n,).
+        tip_contacts_per_period: up and down, shape (2, n).
+        hysteresis_hz: frequencies at which up and down differ.
+        jumps_up_hz, jumps_down_hz: where the amplitude of each tip jumps.
+        largest_amplitude_m, largest_amplitude_at_hz: of each tip.
+        largest_swept_amplitude_m: of each tip, by the way of the swept sine.
+        linear_peak_m: largest amplitude of each lamina alone.
+        case: whose laminae they are.
+        envelopes: frequencies [Hz] and amplitudes (2, n) [m] of the swept sines, up and down.
+        marked_m: amplitude of both tips at the paper's four excitations, from rest, shape (4, 2).
+    """
+
+    frequency_hz: FloatArray
+    amplitude_up_m: FloatArray
+    amplitude_down_m: FloatArray
+    periodicity_up: FloatArray
+    periodicity_down: FloatArray
+    tip_contacts_per_period: FloatArray
+    hysteresis_hz: FloatArray
+    jumps_up_hz: list[list[float]]
+    jumps_down_hz: list[list[float]]
+    largest_amplitude_m: FloatArray
+    largest_amplitude_at_hz: list[float]
+    largest_swept_amplitude_m: dict[str, FloatArray]
+    linear_peak_m: FloatArray
+    case: Case = field(metadata=NOT_IN_JSON)
+    envelopes: dict[str, tuple[FloatArray, FloatArray]] = field(metadata=NOT_IN_JSON)
+    marked_m: FloatArray = field(metadata=NOT_IN_JSON)
+
+
+def measure(lab: Laboratory) -> WithContact:
+    """Compute the responses with contact, up and down, and the paper's four points."""
+    case = motion_case(RESONANT, lab.plan)
+    data = _stepped_sine(lab)
+    cases = [swept_case("linear", ends, case.contact.law, CONTACT_STEPS) for ends in WAYS.values()]
+    swept = dict(zip(WAYS, lab.motions(cases), strict=True))
+    envelopes = {way: swept_envelope(result) for way, result in swept.items()}
+    marked = lab.motions([motion_case(f, lab.plan) for f in FREQUENCIES])
+    f = data["frequency"].to_numpy()
+    amplitude = data["tip_amplitude"].transpose("lamina", "direction", "frequency").to_numpy()
+    up, down = amplitude[:, 0], amplitude[:, 1]
+    periodicity, contacts = (
+        data[name].transpose("direction", "frequency").to_numpy()
+        for name in ("periodicity", "tip_contacts_per_period")
+    )
+    linear = np.stack([case.linear_amplitude(i, np.linspace(*BAND, 50001)) for i in range(2)])
+    return WithContact(
+        frequency_hz=f,
+        amplitude_up_m=up,
+        amplitude_down_m=down,
+        periodicity_up=periodicity[0],
+        periodicity_down=periodicity[1],
+        tip_contacts_per_period=contacts,
+        hysteresis_hz=f[_differ(up, down).any(axis=0)],
+        jumps_up_hz=[jumps(f, up[i]) for i in range(2)],
+        jumps_down_hz=[jumps(f, down[i]) for i in range(2)],
+        largest_amplitude_m=np.nanmax(amplitude, axis=(1, 2)),
+        largest_amplitude_at_hz=[
+            float(f[np.nanmax(amplitude[i], axis=0).argmax()]) for i in range(2)
+        ],
+        largest_swept_amplitude_m={way: a.max(axis=1) for way, (_, a) in envelopes.items()},
+        linear_peak_m=linear.max(axis=1),
+        case=case,
+        envelopes=envelopes,
+        marked_m=np.array([half_ranges(result) for result in marked]),
+    )
+
+
+def _stepped_sine(lab: Laboratory) -> xr.Dataset:
+    """Compute the stepped sine up and down, each frequency going on from the one before."""
     step = lab.plan.response_step
     values = np.round(np.arange(BAND[0], BAND[1] + 0.5 * step, step), 6)
-    data = lab.sweep(
+    return lab.sweep(
         {
             "name": "response",
             "order": "both",
@@ -57,59 +134,53 @@ def with_contact(lab: Laboratory) -> Piece:
             "record": {"strobes": 40},
         }
     )
-    law = base.contact.law
-    cases = [swept_case("linear", ends, law, CONTACT_STEPS) for ends in (BAND, BAND[::-1])]
-    swept = dict(zip(("up", "down"), lab.motions(cases), strict=True))
-    marked = lab.motions([motion_case(f, lab.plan) for f in FREQUENCIES])
-    amplitude = data["tip_amplitude"].transpose("lamina", "direction", "frequency").to_numpy()
+
+
+def _differ(up: FloatArray, down: FloatArray) -> BoolArray:
+    """Say where the amplitudes up and down belong to different motions, same shape."""
+    differ: BoolArray = np.abs(up - down) > DIFFERS * np.maximum(up, down)
+    return differ
+
+
+def draw(numbers: WithContact) -> Figure:
+    """Draw the responses with contact, up and down, with the paper's four points."""
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(WIDTH, 5.4), layout="constrained")
     panels = figure.subplots(1, 2)
     for i, panel in enumerate(panels):
-        _contact_panel(panel, base, i, swept, (values, amplitude[i]))
-        points = [0.5e3 * (r.summary["tip_max"][i] - r.summary["tip_min"][i]) for r in marked]
+        _contact_panel(panel, numbers, i)
+        points = 1e3 * numbers.marked_m[:, i]
         panel.plot(FREQUENCIES, points, "o", markerfacecolor="white", markeredgecolor=BLACK,
                    markersize=8, zorder=5, label="[a]–[d]")  # fmt: skip
         for letter, f, y in zip("abcd", FREQUENCIES, points, strict=True):
             _mark(panel, f"[{letter}]", (f, y), is_right=letter in "bd")
+        both = np.stack([numbers.amplitude_up_m[i], numbers.amplitude_down_m[i]])
         panel.set(xlabel="frequency of the base [Hz]", ylabel="half peak-to-peak of the tip [mm]")
-        panel.set(xlim=BAND, ylim=(0.0, 1.25e3 * float(np.nanmax(amplitude[i]))))
-        panel.set_title(base.lamina[i].name, loc="left")
+        panel.set(xlim=BAND, ylim=(0.0, 1.25e3 * float(np.nanmax(both))))
+        panel.set_title(numbers.case.lamina[i].name, loc="left")
     legend_outside(figure, panels[0], 4)
-    numbers = _contact_numbers(base, data, amplitude, swept)
-    caption = (
-        "Both laminae in contact (method 3.2): stepped sine, each frequency going on from the one "
-        "before, and 30-minute swept sines. Grey: up and down differ by more than "
-        f"{100 * DIFFERS:g} %. White dots: the four excitations of the text, from rest. The "
-        "paper's curves are not available; compared is what its text says of them."
-    )
-    title = "Frequency responses with contact, up and down"
-    return Piece("2b", title, caption, figure, numbers, claims(numbers))
+    return figure
 
 
-def _contact_panel(
-    panel: Axes,
-    base: Case,
-    i: int,
-    swept: dict[str, Result],
-    stepped: tuple[FloatArray, FloatArray],
-) -> None:
+def _contact_panel(panel: Axes, numbers: WithContact, i: int) -> None:
     """Draw the responses of one lamina with contact."""
-    f, (up, down) = stepped
-    differs = np.abs(up - down) > DIFFERS * np.maximum(up, down)
+    f = numbers.frequency_hz
+    up, down = 1e3 * numbers.amplitude_up_m[i], 1e3 * numbers.amplitude_down_m[i]
     half = 0.5 * (f[1] - f[0])
-    for k, at in enumerate(f[differs]):
+    for k, at in enumerate(f[_differ(up, down)]):
         label = "hysteresis" if k == 0 else None
         panel.axvspan(at - half, at + half, color=GAP_COLOUR, linewidth=0, zorder=0, label=label)
     fine = np.linspace(*BAND, 5001)
-    linear = 1e3 * base.linear_amplitude(i, fine)
+    linear = 1e3 * numbers.case.linear_amplitude(i, fine)
     panel.plot(fine, linear, ":", color=BASE_COLOUR, label="linear, no contact")
     for way, colour in (("up", SKY), ("down", ORANGE)):
-        f_swept, amplitude = swept_envelope(swept[way])
+        f_swept, amplitude = numbers.envelopes[way]
         panel.plot(f_swept, 1e3 * amplitude[i], color=colour, linewidth=0.7, label=f"swept {way}")
     for values, colour, marker, way in ((up, BLUE, "^", "up"), (down, VERMILLION, "v", "down")):
-        panel.plot(f, 1e3 * values, color=colour, marker=marker, markersize=2.8, linewidth=0.9,
+        panel.plot(f, values, color=colour, marker=marker, markersize=2.8, linewidth=0.9,
                    label=f"stepped {way}")  # fmt: skip
-    for k, at in enumerate(jumps(f, up) + jumps(f, down)):
+    for k, at in enumerate(numbers.jumps_up_hz[i] + numbers.jumps_down_hz[i]):
         label = "jump of the amplitude" if k == 0 else None
         panel.axvline(at, color=GREEN, linewidth=0.8, linestyle="--", label=label)
 
@@ -140,12 +211,10 @@ def jumps(f: FloatArray, amplitude: FloatArray) -> list[float]:
     return [float(at) for at in middles[large & (change > JUMP * beside)]]
 
 
-def doubled_window(numbers: dict[str, Any], frequency: float) -> tuple[float, float] | None:
+def doubled_window(numbers: WithContact, frequency: float) -> tuple[float, float] | None:
     """Return the frequencies about a given one at which both directions have period 2 [Hz]."""
-    f = np.asarray(numbers["frequency_hz"])
-    both = (np.asarray(numbers["periodicity_up"]) == 2) & (
-        np.asarray(numbers["periodicity_down"]) == 2
-    )
+    f = numbers.frequency_hz
+    both = (numbers.periodicity_up == 2) & (numbers.periodicity_down == 2)
     first = last = int(np.abs(f - frequency).argmin())
     if not both[first]:
         return None
@@ -156,52 +225,18 @@ def doubled_window(numbers: dict[str, Any], frequency: float) -> tuple[float, fl
     return float(f[first]), float(f[last])
 
 
-def _contact_numbers(
-    base: Case, data: xr.Dataset, amplitude: FloatArray, swept: dict[str, Result]
-) -> dict[str, Any]:
-    f = data["frequency"].to_numpy()
-    linear = np.stack([base.linear_amplitude(i, np.linspace(*BAND, 50001)) for i in range(2)])
-    up, down = amplitude[:, 0], amplitude[:, 1]
-    differs = (np.abs(up - down) > DIFFERS * np.maximum(up, down)).any(axis=0)
-    periodicity, contacts = (
-        data[name].transpose("direction", "frequency").to_numpy()
-        for name in ("periodicity", "tip_contacts_per_period")
-    )
-    return {
-        "frequency_hz": f,
-        "amplitude_up_m": up,
-        "amplitude_down_m": down,
-        "periodicity_up": periodicity[0],
-        "periodicity_down": periodicity[1],
-        "tip_contacts_per_period": contacts,
-        "hysteresis_hz": f[differs],
-        "jumps_up_hz": [jumps(f, up[i]) for i in range(2)],
-        "jumps_down_hz": [jumps(f, down[i]) for i in range(2)],
-        "largest_amplitude_m": np.nanmax(amplitude, axis=(1, 2)),
-        "largest_amplitude_at_hz": [
-            float(f[np.nanmax(amplitude[i], axis=0).argmax()]) for i in range(2)
-        ],
-        "largest_swept_amplitude_m": {
-            way: swept_envelope(result)[1].max(axis=1) for way, result in swept.items()
-        },
-        "linear_peak_m": linear.max(axis=1),
-    }
-
-
-def claims(numbers: dict[str, Any]) -> tuple[Claim, ...]:
-    """Return the rows about the response in contact."""
-    largest = numbers["largest_amplitude_m"]
-    reduced = largest / numbers["linear_peak_m"]
-    at = numbers["largest_amplitude_at_hz"]
+def judge(numbers: WithContact) -> tuple[Claim, ...]:
+    """Judge what the paper says about the response in contact."""
+    largest = numbers.largest_amplitude_m
+    reduced = largest / numbers.linear_peak_m
+    at = numbers.largest_amplitude_at_hz
     window = doubled_window(numbers, 3.65)
-    hysteresis = numbers["hysteresis_hz"]
-    all_jumps = sorted(
-        {at for way in ("up", "down") for one in numbers[f"jumps_{way}_hz"] for at in one}
-    )
-    periodicity = np.array([numbers["periodicity_up"], numbers["periodicity_down"]], dtype=float)
+    hysteresis = numbers.hysteresis_hz
+    all_jumps = sorted({at for one in numbers.jumps_up_hz + numbers.jumps_down_hz for at in one})
+    periodicity = np.array([numbers.periodicity_up, numbers.periodicity_down], dtype=float)
     periods = np.unique(periodicity[np.isfinite(periodicity) & (periodicity > 0)])
-    irregular = np.asarray(numbers["frequency_hz"])[~(periodicity > 0).all(axis=0)]
-    contacts = np.asarray(numbers["tip_contacts_per_period"])
+    irregular = numbers.frequency_hz[~(periodicity > 0).all(axis=0)]
+    contacts = numbers.tip_contacts_per_period
     return (
         Claim(
             "2b", "contact reduces the amplitudes at resonance significantly", "sec. 2.2",
@@ -232,3 +267,16 @@ def claims(numbers: dict[str, Any]) -> tuple[Claim, ...]:
 
 def _listed(frequencies: Iterable[float]) -> str:
     return ", ".join(f"{f:.2f}" for f in frequencies)
+
+
+WITH_CONTACT = Piece(
+    "2b",
+    "Frequency responses with contact, up and down",
+    "Both laminae in contact (method 3.2): stepped sine, each frequency going on from the one "
+    "before, and 30-minute swept sines. Grey: up and down differ by more than "
+    f"{100 * DIFFERS:g} %. White dots: the four excitations of the text, from rest. The "
+    "paper's curves are not available; compared is what its text says of them.",
+    measure,
+    draw,
+    judge,
+)

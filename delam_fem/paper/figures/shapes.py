@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
-from functools import partial
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import xarray as xr
-from matplotlib.animation import PillowWriter
-from matplotlib.artist import Artist
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from delam_fem.case.definition import Case
-from delam_fem.numerics.arrays import BoolArray, FloatArray
-from delam_fem.paper.claims import Claim, Piece, judged
-from delam_fem.paper.lab import RESONANT, Laboratory, motion_case
+from delam_fem.numerics.arrays import BoolArray, FloatArray, IntArray
+from delam_fem.paper.claims import Claim, judged
+from delam_fem.paper.lab import Laboratory, motion_case
+from delam_fem.paper.motions import RESONANT
+from delam_fem.paper.piece import NOT_IN_JSON, Numbers, Piece
 from delam_fem.results import diagnostics
-from delam_fem.results.dataset import Result
 from delam_fem.results.style import BLACK, GAP_COLOUR, GREEN, LAMINA_COLOURS, WIDTH
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from delam_fem.results.dataset import Result
 
 PHASES = (-0.2, -0.05, -0.01, 0.0, 0.01, 0.05, 0.2, 0.5)
 """Instants shown, in periods after the strike of the tips."""
@@ -37,47 +40,53 @@ def detailed_case(lab: Laboratory, frequency: float = RESONANT) -> Case:
     return motion_case(frequency, lab.plan, "3.2", keys)
 
 
-def shapes(lab: Laboratory) -> Piece:
-    """Draw both laminae at instants of one period, and how long each pair is in contact."""
+@dataclass(frozen=True)
+class Shapes(Numbers):
+    """The shapes of both laminae in one period, and how long each pair is in contact.
+
+    Attributes:
+        x_m: places of the pairs, shape (n_pairs,).
+        share_closed, share_near: of the time, for each pair, shape (n_pairs,) [-].
+        periods_after_strike: instants shown.
+        position_mm: of both laminae at these, shape (2, n_shown, n_nodes).
+        names: of the laminae.
+        x: places of the nodes, shape (n_nodes,) [mm].
+        position: over the whole period, shape (2, n_frames, n_nodes) [mm].
+        shown: frames of the instants shown.
+    """
+
+    x_m: FloatArray
+    share_closed: FloatArray
+    share_near: FloatArray
+    periods_after_strike: tuple[float, ...]
+    position_mm: FloatArray
+    names: tuple[str, str] = field(metadata=NOT_IN_JSON)
+    x: FloatArray = field(metadata=NOT_IN_JSON)
+    position: FloatArray = field(metadata=NOT_IN_JSON)
+    shown: IntArray = field(metadata=NOT_IN_JSON)
+
+
+def measure(lab: Laboratory) -> Shapes:
+    """Compute the motion at 3.25 Hz; the last period counts from the smallest gap of the tips."""
     (result,) = lab.motions([detailed_case(lab)])
     last = _last_period(result)
-    n, x = last.sizes["frame"], 1e3 * last["x"].to_numpy()
+    n, x = last.sizes["frame"], last["x"].to_numpy()
     position = positions(last)
     strike = int(np.argmin(diagnostics.gap_field(last)[:, diagnostics.TIP]))
-    chosen = (strike + np.rint(np.array(PHASES) * n).astype(np.int64)) % n
-    figure = Figure(figsize=(WIDTH, 7.4), layout="constrained")
-    columns = len(PHASES) // 2
-    panels = figure.subplots(2, columns + 1, width_ratios=[1.0] * columns + [1.3])
-    limits = position.min() - 3.0, position.max() + 3.0
-    for panel, frame, phase in zip(panels[:, :-1].ravel(), chosen.tolist(), PHASES, strict=True):
-        _draw_shape(panel, x, position[:, frame])
-        panel.set_title(f"strike {phase:+g} T".replace("-", "−") if phase else "strike", loc="left")
-        panel.set(xlim=limits, ylim=(0.0, 1.03 * x[-1]))
-        panel.label_outer()
-    for panel in panels[:, 0]:
-        panel.set_ylabel("x [mm]")
-    for panel in panels[1, :-1]:
-        panel.set_xlabel("position [mm]")
+    shown = (strike + np.rint(np.array(PHASES) * n).astype(np.int64)) % n
     closed, near = contact_shares(result)
-    for panel, share, name in ((panels[0, -1], closed, "closed"), (panels[1, -1], near, "near")):
-        panel.barh(x[1:], 100.0 * share, height=0.7 * x[1], color=GREEN)
-        panel.set_title("pair closed" if name == "closed" else "gap < 0.1 mm", loc="left")
-        panel.set(xlabel="share of the period [%]", ylim=(0.0, 1.03 * x[-1]))
-        panel.set_yticklabels([])
-    _legend(figure, result.case)
-    numbers = {
-        "x_m": last["x"].to_numpy()[1:], "share_closed": closed, "share_near": near,
-        "periods_after_strike": PHASES, "position_mm": np.round(position[:, chosen], 4),
-    }  # fmt: skip
-    caption = (
-        f"Method 3.2 at {RESONANT} Hz, instants of one period about the strike of the tips, thick "
-        "lamina straight at rest (black: nearer than 0.1 mm). The paper shows measured shapes, "
-        "which are not available; compared is the sentence on the duration of contact."
+    thick, thin = result.case.lamina
+    return Shapes(
+        x_m=x[1:],
+        share_closed=closed,
+        share_near=near,
+        periods_after_strike=PHASES,
+        position_mm=np.round(position[:, shown], 4),
+        names=(thick.name, thin.name),
+        x=1e3 * x,
+        position=position,
+        shown=shown,
     )
-    return Piece(
-        "4", "Deflection shapes", caption, figure, numbers, _claims(closed, near),
-        partial(_film, x, position[:, :: max(n // FILM_FRAMES, 1)]),
-    )  # fmt: skip
 
 
 def positions(frames: xr.Dataset) -> FloatArray:
@@ -101,6 +110,37 @@ def _last_period(result: Result) -> xr.Dataset:
     return result.history.isel(frame=slice(frames - n, frames))
 
 
+def draw(numbers: Shapes) -> Figure:
+    """Draw both laminae at instants of one period, and how long each pair is in contact."""
+    from matplotlib.figure import Figure
+
+    x, position = numbers.x, numbers.position
+    figure = Figure(figsize=(WIDTH, 7.4), layout="constrained")
+    columns = len(PHASES) // 2
+    panels = figure.subplots(2, columns + 1, width_ratios=[1.0] * columns + [1.3])
+    limits = position.min() - 3.0, position.max() + 3.0
+    instants = zip(panels[:, :-1].ravel(), numbers.shown.tolist(), PHASES, strict=True)
+    for panel, frame, phase in instants:
+        _draw_shape(panel, x, position[:, frame])
+        panel.set_title(f"strike {phase:+g} T".replace("-", "−") if phase else "strike", loc="left")
+        panel.set(xlim=limits, ylim=(0.0, 1.03 * x[-1]))
+        panel.label_outer()
+    for panel in panels[:, 0]:
+        panel.set_ylabel("x [mm]")
+    for panel in panels[1, :-1]:
+        panel.set_xlabel("position [mm]")
+    for panel, share, text in (
+        (panels[0, -1], numbers.share_closed, "pair closed"),
+        (panels[1, -1], numbers.share_near, "gap < 0.1 mm"),
+    ):
+        panel.barh(x[1:], 100.0 * share, height=0.7 * x[1], color=GREEN)
+        panel.set_title(text, loc="left")
+        panel.set(xlabel="share of the period [%]", ylim=(0.0, 1.03 * x[-1]))
+        panel.set_yticklabels([])
+    _legend(figure, numbers.names)
+    return figure
+
+
 def _draw_shape(axes: Axes, x: FloatArray, position: FloatArray) -> None:
     """Draw both laminae at one instant."""
     axes.fill_betweenx(x, position[0], position[1], color=GAP_COLOUR)
@@ -110,10 +150,12 @@ def _draw_shape(axes: Axes, x: FloatArray, position: FloatArray) -> None:
     axes.plot(position.mean(axis=0)[1:][touching], x[1:][touching], "o", color=BLACK, markersize=4)
 
 
-def _legend(figure: Figure, case: Case) -> None:
+def _legend(figure: Figure, names: tuple[str, str]) -> None:
     """Say above all panels which lamina is which."""
+    from matplotlib.lines import Line2D
+
     handles = [
-        Line2D([], [], color=colour, linewidth=2.2 - 0.8 * i, label=case.lamina[i].name)
+        Line2D([], [], color=colour, linewidth=2.2 - 0.8 * i, label=names[i])
         for i, colour in enumerate(LAMINA_COLOURS)
     ]
     dots = Line2D([], [], color=BLACK, marker="o", markersize=4, linestyle="none")
@@ -127,8 +169,13 @@ def _touching(position: FloatArray) -> BoolArray:
     return touching
 
 
-def _film(x: FloatArray, position: FloatArray, path: Path) -> None:
+def film(numbers: Shapes, path: Path) -> None:
     """Write the motion of one period as GIF."""
+    from matplotlib.animation import PillowWriter
+    from matplotlib.figure import Figure
+
+    x, every = numbers.x, max(numbers.position.shape[1] // FILM_FRAMES, 1)
+    position = numbers.position[:, ::every]
     figure = Figure(figsize=(4.2, 5.4))
     axes = figure.add_axes((0.17, 0.11, 0.79, 0.82))
     axes.set(xlim=(position.min() - 3.0, position.max() + 3.0), ylim=(0.0, 1.03 * x[-1]))
@@ -140,24 +187,21 @@ def _film(x: FloatArray, position: FloatArray, path: Path) -> None:
     (dots,) = axes.plot([], [], "o", color=BLACK, markersize=4)
     text = axes.set_title("", loc="left")
     n = position.shape[1]
-
-    def draw(frame: int) -> list[Artist]:
-        now = position[:, frame]
-        for line, shape in zip(lines, now, strict=True):
-            line.set_data(shape, x)
-        touching = _touching(now)
-        dots.set_data(now.mean(axis=0)[1:][touching], x[1:][touching])
-        text.set_text(f"{RESONANT} Hz, t/T = {frame / n:.2f}")
-        return [*lines, dots, text]
-
     writer = PillowWriter(fps=FILM_RATE)
     with writer.saving(figure, str(path), FILM_DPI):
         for frame in range(n):
-            draw(frame)
+            now = position[:, frame]
+            for line, shape in zip(lines, now, strict=True):
+                line.set_data(shape, x)
+            touching = _touching(now)
+            dots.set_data(now.mean(axis=0)[1:][touching], x[1:][touching])
+            text.set_text(f"{RESONANT} Hz, t/T = {frame / n:.2f}")
             writer.grab_frame()
 
 
-def _claims(closed: FloatArray, near: FloatArray) -> tuple[Claim, ...]:
+def judge(numbers: Shapes) -> tuple[Claim, ...]:
+    """Judge whether pairs are in contact for different times."""
+    closed, near = numbers.share_closed, numbers.share_near
     touched = closed[closed > 0.0]
     return (
         Claim(
@@ -168,3 +212,16 @@ def _claims(closed: FloatArray, near: FloatArray) -> tuple[Claim, ...]:
             judged(bool(touched.max() > 2.0 * touched.min())),
         ),
     )  # fmt: skip
+
+
+SHAPES = Piece(
+    "4",
+    "Deflection shapes",
+    f"Method 3.2 at {RESONANT} Hz, instants of one period about the strike of the tips, thick "
+    "lamina straight at rest (black: nearer than 0.1 mm). The paper shows measured shapes, "
+    "which are not available; compared is the sentence on the duration of contact.",
+    measure,
+    draw,
+    judge,
+    film,
+)

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator
 
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.numerics.harmonics import (
@@ -16,12 +14,19 @@ from delam_fem.numerics.harmonics import (
     harmonic_amplitudes,
     total_harmonic_distortion,
 )
-from delam_fem.paper.claims import Claim, Piece, judged
-from delam_fem.paper.lab import RESONANT, Laboratory, motion_case
+from delam_fem.paper.claims import Claim, judged
+from delam_fem.paper.lab import Laboratory, motion_case
 from delam_fem.paper.measures import describe
+from delam_fem.paper.motions import RESONANT
+from delam_fem.paper.piece import NOT_IN_JSON, Numbers, Piece
 from delam_fem.results import diagnostics
-from delam_fem.results.dataset import Result
 from delam_fem.results.style import BASE_COLOUR, LAMINA_COLOURS, WIDTH, legend_above
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from delam_fem.results.dataset import Result
 
 PRINTED = (0.0014, 0.0260)
 """d of thick and thin as the paper prints them."""
@@ -32,48 +37,59 @@ SHOWN = 20
 COUNTED = 40
 """Harmonics counted in d of velocities and accelerations, which does not converge with more."""
 ORDERS = ("displacement", "velocity", "acceleration")
+PRESET_EXPONENT = "2"
+"""Exponent of the gap's shape in the preset, as a key."""
 
 
-def spectra(lab: Laboratory) -> Piece:
-    """Draw spectra of the tips, d along the laminae, and d over the shape of the gap."""
+@dataclass(frozen=True)
+class Spectra(Numbers):
+    """Harmonics and distortion at 3.25 Hz. Dictionaries by order have the keys `ORDERS`.
+
+    Attributes:
+        harmonics_m: of the displacement of both tips, shape (2, `COUNTED`).
+        d, thd: of both tips, by order, shape (2,) [-].
+        d_at_nodes, thd_at_nodes: of both laminae, by order, shape (2, n_nodes) [-].
+        d_by_gap_exponent: of both tips, by the exponent of the gap's shape [-].
+        kind_by_gap_exponent: the motion in words.
+        tip_min_by_gap_exponent, tip_max_by_gap_exponent: extremes of both tips [m].
+        names: of the laminae.
+        x: places of the nodes, shape (n_nodes,) [mm].
+    """
+
+    harmonics_m: FloatArray
+    d: dict[str, FloatArray]
+    thd: dict[str, FloatArray]
+    d_at_nodes: dict[str, FloatArray]
+    thd_at_nodes: dict[str, FloatArray]
+    d_by_gap_exponent: dict[str, list[float]]
+    kind_by_gap_exponent: dict[str, str]
+    tip_min_by_gap_exponent: dict[str, list[float]]
+    tip_max_by_gap_exponent: dict[str, list[float]]
+    names: tuple[str, str] = field(metadata=NOT_IN_JSON)
+    x: FloatArray = field(metadata=NOT_IN_JSON)
+
+
+def measure(lab: Laboratory) -> Spectra:
+    """Compute the motion at 3.25 Hz with every shape of the gap."""
     exponents = lab.plan.gap_exponents
     cases = [motion_case(RESONANT, lab.plan, "3.2", {"gap.exponent": p}) for p in exponents]
-    found = dict(zip(exponents, lab.motions(cases), strict=True))
-    result = found[2.0]
-    tips = tip_harmonics(result)
-    figure = Figure(figsize=(WIDTH, 8.6), layout="constrained")
-    grid = figure.add_gridspec(3, 2)
-    for i in range(2):
-        _spectrum(figure.add_subplot(grid[i, 0]), tips, i, result.case.lamina[i].name)
-    nodes = node_distortion(result)
-    x = 1e3 * result.history["x"].to_numpy()
-    for i in range(2):
-        panel = figure.add_subplot(grid[i, 1])
-        for order, line in zip(ORDERS, ("-", "--", ":"), strict=True):
-            panel.semilogy(
-                x[1:],
-                100.0 * nodes[order][i, 1:],
-                line,
-                marker=".",
-                color=LAMINA_COLOURS[i],
-                label=order,
-            )
-        panel.secondary_yaxis("right", functions=(_thd_of, _d_of)).set_ylabel("THD [%]")
-        panel.set(xlabel="x [mm]", xlim=(0.0, 1.02 * x[-1]))
-        panel.set_ylabel(f"d of {result.case.lamina[i].name} [%]")
-        legend_above(panel)
-    d = np.array([r.summary["distortion_factor"] for r in found.values()])
-    for i in range(2):
-        _over_exponent(figure.add_subplot(grid[2, i]), exponents, d[:, i], i)
-    numbers = _numbers(tips, nodes, found)
-    caption = (
-        f"Method 3.2 at {RESONANT} Hz: amplitudes of the harmonics of both tips, distortion "
-        "factors d and THD at every node of displacement, velocity and acceleration (harmonics up "
-        f"to {COUNTED}), and d of the tips over the unknown shape of the gap, 12 mm (x/L)^p, "
-        "beside the paper's (dashed). The paper's spectra are not available; compared are d₁, d₂ "
-        "and its text."
+    found = dict(zip([f"{p:g}" for p in exponents], lab.motions(cases), strict=True))
+    result = found[PRESET_EXPONENT]
+    tips, nodes = tip_harmonics(result), node_distortion(result)
+    thick, thin = result.case.lamina
+    return Spectra(
+        harmonics_m=tips["displacement"][:, :COUNTED],
+        d={order: distortion_factor(a) for order, a in tips.items()},
+        thd={order: total_harmonic_distortion(a) for order, a in tips.items()},
+        d_at_nodes=nodes,
+        thd_at_nodes={order: np.sqrt((1.0 + d) ** 2 - 1.0) for order, d in nodes.items()},
+        d_by_gap_exponent={p: r.summary["distortion_factor"] for p, r in found.items()},
+        kind_by_gap_exponent={p: describe(r) for p, r in found.items()},
+        tip_min_by_gap_exponent={p: r.summary["tip_min"] for p, r in found.items()},
+        tip_max_by_gap_exponent={p: r.summary["tip_max"] for p, r in found.items()},
+        names=(thick.name, thin.name),
+        x=1e3 * result.history["x"].to_numpy(),
     )
-    return Piece("5", "Response spectra", caption, figure, numbers, claims(numbers))
 
 
 def tip_harmonics(result: Result) -> dict[str, FloatArray]:
@@ -94,18 +110,6 @@ def node_distortion(result: Result) -> dict[str, FloatArray]:
     }
 
 
-def _thd_of(d: npt.ArrayLike) -> FloatArray:
-    """Return the THD that belongs to a d, d = sqrt(1 + THD²) - 1, both in percent."""
-    share = np.maximum(np.asarray(d, dtype=np.float64) / 100.0, 0.0)
-    return np.asarray(100.0 * np.sqrt(share * (2.0 + share)))
-
-
-def _d_of(thd: npt.ArrayLike) -> FloatArray:
-    """Return the d that belongs to a THD, both in percent."""
-    share = np.asarray(thd, dtype=np.float64) / 100.0
-    return np.asarray(100.0 * (np.sqrt(1.0 + share**2) - 1.0))
-
-
 def _with_derivatives(amplitudes: FloatArray, result: Result) -> dict[str, FloatArray]:
     """Return amplitudes A_n, n ω A_n, (n ω)^2 A_n; those of derivatives up to `COUNTED`."""
     rotation = 2.0 * np.pi / result.case.period * np.arange(1, amplitudes.shape[-1] + 1)
@@ -117,20 +121,52 @@ def _with_derivatives(amplitudes: FloatArray, result: Result) -> dict[str, Float
     }
 
 
-def _spectrum(panel: Axes, tips: dict[str, FloatArray], i: int, name: str) -> None:
+def draw(numbers: Spectra) -> Figure:
+    """Draw spectra of the tips, d along the laminae, and d over the shape of the gap."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(WIDTH, 8.6), layout="constrained")
+    grid = figure.add_gridspec(3, 2)
+    for i in range(2):
+        _spectrum(figure.add_subplot(grid[i, 0]), numbers, i)
+    for i in range(2):
+        _along_lamina(figure.add_subplot(grid[i, 1]), numbers, i)
+    for i in range(2):
+        _over_exponent(figure.add_subplot(grid[2, i]), numbers, i)
+    return figure
+
+
+def _spectrum(panel: Axes, numbers: Spectra, i: int) -> None:
     """Draw the harmonics of a tip as bars."""
-    orders, A = np.arange(1, SHOWN + 1), 1e3 * tips["displacement"][i]
+    from matplotlib.ticker import LogLocator
+
+    orders, A = np.arange(1, SHOWN + 1), 1e3 * numbers.harmonics_m[i]
     panel.bar(orders, A[:SHOWN], width=0.6, color=LAMINA_COLOURS[i])
     panel.set(yscale="log", ylim=(1e-4 * A[0], 2.0 * A[0]), xlim=(0.0, SHOWN + 1))
     panel.yaxis.set_major_locator(LogLocator(numticks=8))
     panel.set_xticks(np.arange(2, SHOWN + 1, 2))
-    d, thd = (100.0 * float(f(A)) for f in (distortion_factor, total_harmonic_distortion))
-    panel.set_title(f"{name} tip:  d = {d:.2f} %,  THD = {thd:.1f} %", loc="left")
+    d, thd = (100.0 * float(of["displacement"][i]) for of in (numbers.d, numbers.thd))
+    title = f"{numbers.names[i]} tip:  d = {d:.2f} %,  THD = {thd:.1f} %"
+    panel.set_title(title, loc="left")
     panel.set(xlabel="harmonic of the excitation", ylabel="amplitude [mm]")
 
 
-def _over_exponent(panel: Axes, exponents: tuple[float, ...], d: FloatArray, i: int) -> None:
+def _along_lamina(panel: Axes, numbers: Spectra, i: int) -> None:
+    """Draw d along a lamina, with THD on the other side."""
+    x = numbers.x
+    for order, line in zip(ORDERS, ("-", "--", ":"), strict=True):
+        d = 100.0 * numbers.d_at_nodes[order][i, 1:]
+        panel.semilogy(x[1:], d, line, marker=".", color=LAMINA_COLOURS[i], label=order)
+    panel.secondary_yaxis("right", functions=(_thd_of, _d_of)).set_ylabel("THD [%]")
+    panel.set(xlabel="x [mm]", xlim=(0.0, 1.02 * x[-1]))
+    panel.set_ylabel(f"d of {numbers.names[i]} [%]")
+    legend_above(panel)
+
+
+def _over_exponent(panel: Axes, numbers: Spectra, i: int) -> None:
     """Draw d of a tip over the exponent of the gap."""
+    exponents = [float(p) for p in numbers.d_by_gap_exponent]
+    d = np.array([both[i] for both in numbers.d_by_gap_exponent.values()])
     panel.plot(exponents, 100.0 * d, "o-", color=LAMINA_COLOURS[i], label="computed")
     panel.axhline(
         100.0 * PRINTED[i],
@@ -143,27 +179,23 @@ def _over_exponent(panel: Axes, exponents: tuple[float, ...], d: FloatArray, i: 
     legend_above(panel)
 
 
-def _numbers(
-    tips: dict[str, FloatArray], nodes: dict[str, FloatArray], found: dict[float, Result]
-) -> dict[str, Any]:
-    return {
-        "harmonics_m": tips["displacement"][:, :COUNTED],
-        "d": {order: distortion_factor(a) for order, a in tips.items()},
-        "thd": {order: total_harmonic_distortion(a) for order, a in tips.items()},
-        "d_at_nodes": nodes,
-        "thd_at_nodes": {order: np.sqrt((1.0 + d) ** 2 - 1.0) for order, d in nodes.items()},
-        "d_by_gap_exponent": {f"{p:g}": r.summary["distortion_factor"] for p, r in found.items()},
-        "kind_by_gap_exponent": {f"{p:g}": describe(r) for p, r in found.items()},
-        "tip_min_by_gap_exponent": {f"{p:g}": r.summary["tip_min"] for p, r in found.items()},
-        "tip_max_by_gap_exponent": {f"{p:g}": r.summary["tip_max"] for p, r in found.items()},
-    }
+def _thd_of(d: npt.ArrayLike) -> FloatArray:
+    """Return the THD that belongs to a d, d = sqrt(1 + THD²) - 1, both in percent."""
+    share = np.maximum(np.asarray(d, dtype=np.float64) / 100.0, 0.0)
+    return np.asarray(100.0 * np.sqrt(share * (2.0 + share)))
 
 
-def claims(numbers: dict[str, Any]) -> tuple[Claim, ...]:
-    """Return the rows about d and the spectra."""
-    d, thd = numbers["d"], numbers["thd"]
-    band = np.array(list(numbers["d_by_gap_exponent"].values()))
-    first, *_, last = numbers["d_by_gap_exponent"]
+def _d_of(thd: npt.ArrayLike) -> FloatArray:
+    """Return the d that belongs to a THD, both in percent."""
+    share = np.asarray(thd, dtype=np.float64) / 100.0
+    return np.asarray(100.0 * (np.sqrt(1.0 + share**2) - 1.0))
+
+
+def judge(numbers: Spectra) -> tuple[Claim, ...]:
+    """Judge d as printed, and what the paper says about the spectra."""
+    d, thd = numbers.d, numbers.thd
+    band = np.array(list(numbers.d_by_gap_exponent.values()))
+    first, *_, last = numbers.d_by_gap_exponent
     rows = []
     for i, name in enumerate(("thick", "thin")):
         own = float(d["displacement"][i])
@@ -194,3 +226,17 @@ def claims(numbers: dict[str, Any]) -> tuple[Claim, ...]:
             judged(bool(d["displacement"][1] < d["velocity"][1] < d["acceleration"][1])),
         ),
     )  # fmt: skip
+
+
+SPECTRA = Piece(
+    "5",
+    "Response spectra",
+    f"Method 3.2 at {RESONANT} Hz: amplitudes of the harmonics of both tips, distortion "
+    "factors d and THD at every node of displacement, velocity and acceleration (harmonics up "
+    f"to {COUNTED}), and d of the tips over the unknown shape of the gap, 12 mm (x/L)^p, "
+    "beside the paper's (dashed). The paper's spectra are not available; compared are d₁, d₂ "
+    "and its text.",
+    measure,
+    draw,
+    judge,
+)

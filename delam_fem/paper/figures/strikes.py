@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
 import numpy as np
-from matplotlib.figure import Figure
 
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.numerics.restitution import Strike, identify
-from delam_fem.paper.claims import Claim, Piece, judged
-from delam_fem.paper.lab import RESONANT, Laboratory, motion_case
-from delam_fem.results.dataset import Result
+from delam_fem.paper.claims import Claim, judged
+from delam_fem.paper.lab import Laboratory, motion_case
+from delam_fem.paper.motions import RESONANT
+from delam_fem.paper.piece import NOT_IN_JSON, Numbers, Piece
 from delam_fem.results.style import BLACK, LAMINA_COLOURS, WIDTH, legend_above
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from delam_fem.results.dataset import Result
 
 SHOWN_PERIODS = 2
 MEASURED = (0.0, 0.1)
@@ -19,52 +28,58 @@ MARGIN = 0.05
 """By which a mean of e may lie outside of the measured range."""
 
 
-def velocities(lab: Laboratory) -> Piece:
-    """Draw the tip velocities over two periods with the jumps that e is read off."""
+@dataclass(frozen=True)
+class Velocities(Numbers):
+    """The velocities of the tips at 3.25 Hz, and the strikes that are seen in them.
+
+    Attributes:
+        strike_time_s: shape (n,).
+        before, after: velocities of both tips, shape (n, 2) [m/s].
+        restitution: e by eq. 3, shape (n,) [-].
+        restitution_by_lamina: e by eq. 4, shape (n, 2) [-].
+        apparent_mass_ratio: m1/m2 from the jumps, shape (n,) [-].
+        mass_ratio: m1/m2 of the laminae [-].
+        names: of the laminae.
+        given_restitution: e of every pair [-].
+        period: T [s].
+        time, velocity: the end of the record, shapes (k,) [s] and (2, k) [m/s].
+    """
+
+    strike_time_s: FloatArray
+    before: FloatArray
+    after: FloatArray
+    restitution: FloatArray
+    restitution_by_lamina: FloatArray
+    apparent_mass_ratio: FloatArray
+    mass_ratio: float
+    names: tuple[str, str] = field(metadata=NOT_IN_JSON)
+    given_restitution: float = field(metadata=NOT_IN_JSON)
+    period: float = field(metadata=NOT_IN_JSON)
+    time: FloatArray = field(metadata=NOT_IN_JSON)
+    velocity: FloatArray = field(metadata=NOT_IN_JSON)
+
+
+def measure(lab: Laboratory) -> Velocities:
+    """Compute the motion at 3.25 Hz and find the jumps of the tip velocities."""
     (result,) = lab.motions([motion_case(RESONANT, lab.plan)])
     strikes = tip_strikes(result)
-    history, T = result.history, result.case.period
+    history, (thick, thin) = result.history, result.case.lamina
     time, v = history["time"].to_numpy(), history["tip_velocity"].to_numpy()
-    shown = time > time[-1] - SHOWN_PERIODS * T
-    start = time[shown][0]
-    figure = Figure(figsize=(WIDTH, 7.0), layout="constrained")
-    panels = figure.subplots(2, 1)
-    for i, colour in enumerate(LAMINA_COLOURS):
-        label = f"{result.case.lamina[i].name}  $\\dot y_{i + 1}$"
-        panels[0].plot((time[shown] - start) / T, v[i, shown], color=colour, label=label)
-    for k, strike in enumerate(s for s in strikes if s.time >= start):
-        at = np.full(4, (strike.time - start) / T)
-        ends = np.concatenate([strike.before, strike.after])
-        name = "before and after the strike" if k == 0 else None
-        panels[0].plot(at, ends, "o", color=BLACK, markersize=4, label=name)
-    panels[0].set(xlabel="time t/T [–]", ylabel="velocity of the tip [m/s]")
-    panels[0].margins(x=0.0)
-    legend_above(panels[0])
-    number = np.arange(1, len(strikes) + 1)
-    e = np.array([s.restitution for s in strikes])
-    by_body = np.array([s.restitution_by_body for s in strikes]).reshape(-1, 2)
-    panels[1].plot(number, e, "o", color=BLACK, label="eq. 3")
-    for i, (marker, colour) in enumerate(zip("^v", LAMINA_COLOURS, strict=True)):
-        panels[1].plot(number, by_body[:, i], marker, color=colour, label=f"eq. 4, lamina {i + 1}")
-    panels[1].axhspan(*MEASURED, color="#e9e9e9", label="paper's range")
-    panels[1].axhline(result.case.contact.restitution, color=BLACK, linewidth=0.8, label="given e")
-    panels[1].set(xlabel="number of the strike", ylabel="coefficient of restitution e [–]")
-    legend_above(panels[1])
-    numbers = {
-        "strike_time_s": [s.time for s in strikes],
-        "before": [s.before for s in strikes],
-        "after": [s.after for s in strikes],
-        "restitution": e,
-        "restitution_by_lamina": by_body,
-        "apparent_mass_ratio": [s.apparent_mass_ratio for s in strikes],
-        "mass_ratio": mass_ratio(result),
-    }
-    caption = (
-        f"Method 3.2 at {RESONANT} Hz. e by eq. 3 from the gap rates before and after the strike, "
-        "and by eq. 4 (signs corrected) from each lamina with m1/m2 = ρ₁A₁/ρ₂A₂. The paper's "
-        "signals are not available; compared is the range of e that it read off them."
+    shown = time > time[-1] - SHOWN_PERIODS * result.case.period
+    return Velocities(
+        strike_time_s=np.array([s.time for s in strikes]),
+        before=np.array([s.before for s in strikes]).reshape(-1, 2),
+        after=np.array([s.after for s in strikes]).reshape(-1, 2),
+        restitution=np.array([s.restitution for s in strikes]),
+        restitution_by_lamina=np.array([s.restitution_by_body for s in strikes]).reshape(-1, 2),
+        apparent_mass_ratio=np.array([s.apparent_mass_ratio for s in strikes]),
+        mass_ratio=mass_ratio(result),
+        names=(thick.name, thin.name),
+        given_restitution=result.case.contact.restitution,
+        period=result.case.period,
+        time=time[shown],
+        velocity=v[:, shown],
     )
-    return Piece("8", "Impact-dominated velocities", caption, figure, numbers, _claims(strikes))
 
 
 def mass_ratio(result: Result) -> float:
@@ -74,9 +89,11 @@ def mass_ratio(result: Result) -> float:
 
 
 def tip_strikes(result: Result) -> tuple[Strike, ...]:
-    """Return the strikes of the tips, one a period, with the samples beside the jump as they are.
+    """Find the strikes in the tip velocities alone, as the experiment does; one per period.
 
-    Lines through several samples would be bent by the waves that arrive at the tip.
+    A strike of `motions.strikes` is found by the gap, which the experiment does not measure. The
+    samples beside a jump are taken as they are: lines through several of them would be bent by the
+    waves that arrive at the tip.
     """
     history = result.history
     return identify(
@@ -103,24 +120,66 @@ def printed_ratio(before: FloatArray, e: float, mass_ratio: float) -> float:
     return float((thin - thick) / rate)
 
 
-def _claims(strikes: tuple[Strike, ...]) -> tuple[Claim, ...]:
-    e = np.array([s.restitution for s in strikes])
-    jump = np.array([np.abs(s.after - s.before).sum() for s in strikes])
-    by_body = np.array([s.restitution_by_body for s in strikes])
+def draw(numbers: Velocities) -> Figure:
+    """Draw the tip velocities over two periods with the jumps that e is read off."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(WIDTH, 7.0), layout="constrained")
+    above, below = figure.subplots(2, 1)
+    _draw_velocities(above, numbers)
+    _draw_restitution(below, numbers)
+    return figure
+
+
+def _draw_velocities(panel: Axes, numbers: Velocities) -> None:
+    """Draw the velocities of both tips with those before and after each strike."""
+    start, T = numbers.time[0], numbers.period
+    for i, colour in enumerate(LAMINA_COLOURS):
+        label = f"{numbers.names[i]}  $\\dot y_{i + 1}$"
+        panel.plot((numbers.time - start) / T, numbers.velocity[i], color=colour, label=label)
+    for k, strike in enumerate(np.flatnonzero(numbers.strike_time_s >= start)):
+        at = np.full(4, (numbers.strike_time_s[strike] - start) / T)
+        ends = np.concatenate([numbers.before[strike], numbers.after[strike]])
+        name = "before and after the strike" if k == 0 else None
+        panel.plot(at, ends, "o", color=BLACK, markersize=4, label=name)
+    panel.set(xlabel="time t/T [–]", ylabel="velocity of the tip [m/s]")
+    panel.margins(x=0.0)
+    legend_above(panel)
+
+
+def _draw_restitution(panel: Axes, numbers: Velocities) -> None:
+    """Draw e of each strike, beside the paper's range and the given one."""
+    e, by_lamina = numbers.restitution, numbers.restitution_by_lamina
+    number = np.arange(1, e.size + 1)
+    panel.plot(number, e, "o", color=BLACK, label="eq. 3")
+    for i, (marker, colour) in enumerate(zip("^v", LAMINA_COLOURS, strict=True)):
+        panel.plot(number, by_lamina[:, i], marker, color=colour, label=f"eq. 4, lamina {i + 1}")
+    panel.axhspan(*MEASURED, color="#e9e9e9", label="paper's range")
+    panel.axhline(numbers.given_restitution, color=BLACK, linewidth=0.8, label="given e")
+    panel.set(xlabel="number of the strike", ylabel="coefficient of restitution e [–]")
+    legend_above(panel)
+
+
+def judge(numbers: Velocities) -> tuple[Claim, ...]:
+    """Judge e as measured in the paper, and its eq. 4."""
+    e, by_lamina = numbers.restitution, numbers.restitution_by_lamina
+    jump = np.abs(numbers.after - numbers.before).sum(axis=1)
     mean = float(e.mean())
-    printed = float(np.mean([printed_ratio(s.before, mean, s.mass_ratio) for s in strikes]))
+    printed = float(
+        np.mean([printed_ratio(before, mean, numbers.mass_ratio) for before in numbers.before])
+    )
     return (
         Claim(
             "8", "velocities jump at the beginning of contact", "sec. 2.3",
-            f"{len(strikes)} jumps in 10 periods; the gap rate changes by {jump.mean():.2f} m/s "
+            f"{e.size} jumps in 10 periods; the gap rate changes by {jump.mean():.2f} m/s "
             "within one step (T/1000)",
-            judged(len(strikes) >= 1),
+            judged(e.size >= 1),
         ),
         Claim(
             "8", "0 ≤ e ≤ 0.1 from the velocities before and after", "sec. 2.3",
-            f"e = {mean:.2f} (from {e.min():.2f} to {e.max():.2f}, {len(strikes)} strikes) by eq. "
-            f"3, {by_body[:, 0].mean():.2f} and {by_body[:, 1].mean():.2f} from thick and thin by "
-            "eq. 4 corrected; 0.10 was given to every pair",
+            f"e = {mean:.2f} (from {e.min():.2f} to {e.max():.2f}, {e.size} strikes) by eq. "
+            f"3, {by_lamina[:, 0].mean():.2f} and {by_lamina[:, 1].mean():.2f} from thick and "
+            "thin by eq. 4 corrected; 0.10 was given to every pair",
             judged(MEASURED[0] - MARGIN <= mean <= MEASURED[1] + MARGIN), True,
         ),
         Claim(
@@ -131,3 +190,15 @@ def _claims(strikes: tuple[Strike, ...]) -> tuple[Claim, ...]:
             judged(abs(printed + mean) < MARGIN),
         ),
     )  # fmt: skip
+
+
+VELOCITIES = Piece(
+    "8",
+    "Impact-dominated velocities",
+    f"Method 3.2 at {RESONANT} Hz. e by eq. 3 from the gap rates before and after the strike, "
+    "and by eq. 4 (signs corrected) from each lamina with m1/m2 = ρ₁A₁/ρ₂A₂. The paper's "
+    "signals are not available; compared is the range of e that it read off them.",
+    measure,
+    draw,
+    judge,
+)

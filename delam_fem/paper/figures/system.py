@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from delam_fem.case.definition import Case
 from delam_fem.case.gap import initial_gap
 from delam_fem.case.sections import Gap
-from delam_fem.paper.claims import Claim, Piece, judged
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.paper.claims import Claim, judged
 from delam_fem.paper.lab import Laboratory, motion_case
+from delam_fem.paper.motions import RESONANT
+from delam_fem.paper.piece import NOT_IN_JSON, Numbers, Piece
 from delam_fem.results.style import BASE_COLOUR, BLACK, GAP_COLOUR, GREEN, LAMINA_COLOURS, WIDTH
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 EXPONENTS = (1.0, 1.5, 2.0, 2.5, 3.0)
 """Shapes g0(L) (x/L)^p of the gap that the paper leaves open."""
@@ -22,21 +29,64 @@ NEAR = 0.05
 """A stiffness within this share of the other counts as equal."""
 
 
-def system(lab: Laboratory) -> Piece:
+@dataclass(frozen=True)
+class System(Numbers):
+    """The case, and what follows from it.
+
+    Attributes:
+        case: as TOML.
+        mass_ratio: m1/m2 [-].
+        natural_frequencies_hz: the first four of both laminae.
+        stiffness_over_EbH3_12: given EI over that of the section, of both laminae [-].
+        x_m: places along the laminae.
+        gap_m: gap at these places, by the exponent of its shape.
+        drawn_case: the case itself.
+    """
+
+    case: str
+    mass_ratio: float
+    natural_frequencies_hz: list[list[float]]
+    stiffness_over_EbH3_12: list[float]
+    x_m: FloatArray
+    gap_m: dict[str, FloatArray]
+    drawn_case: Case = field(metadata=NOT_IN_JSON)
+
+
+def measure(lab: Laboratory) -> System:
+    """Return the properties of the paper's case; no motion is computed."""
+    case = motion_case(RESONANT, lab.plan)
+    thick, thin = case.lamina
+    x = np.linspace(0.0, thick.length, 21)
+    return System(
+        case=case.to_toml(),
+        mass_ratio=thick.mass_per_length / thin.mass_per_length,
+        natural_frequencies_hz=[
+            (lam.angular_frequencies(4) / (2.0 * math.pi)).tolist() for lam in case.lamina
+        ],
+        stiffness_over_EbH3_12=[
+            lam.flexural_rigidity / (lam.young_modulus * lam.width * lam.thickness**3 / 12.0)
+            for lam in case.lamina
+        ],
+        x_m=x,
+        gap_m={
+            f"{p:g}": initial_gap(Gap(tip=case.gap.tip, exponent=p), x, thick.length)
+            for p in EXPONENTS
+        },
+        drawn_case=case,
+    )
+
+
+def draw(numbers: System) -> Figure:
     """Draw the laminae at rest, their gap, the base and the sensors, and list what they are."""
-    case = motion_case(3.25, lab.plan)
+    from matplotlib.figure import Figure
+
+    case = numbers.drawn_case
     figure = Figure(figsize=(WIDTH, 5.2), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=[3, 4])
     _draw_laminae(left, case)
     _list_properties(right, case)
     figure.suptitle(f"{case.name}: the system at rest (horizontal scale stretched)")
-    caption = (
-        "Drawn from the case. The paper prints the gap at the tip alone: the shapes of the single "
-        "laminae are unknown and do not matter, the shape of the gap does; the band shows the gaps "
-        f"12 mm (x/L)^p with p = {EXPONENTS[0]:g} … {EXPONENTS[-1]:g}, the line p = "
-        f"{case.gap.exponent:g}, all counted from a straight thick lamina."
-    )
-    return Piece("1", "The system", caption, figure, _numbers(case), _claims(case))
+    return figure
 
 
 def _draw_laminae(axes: Axes, case: Case) -> None:
@@ -118,33 +168,10 @@ def _list_properties(axes: Axes, case: Case) -> None:
         table[0, column].get_text().set_color(colour)
 
 
-def _numbers(case: Case) -> dict[str, object]:
-    L = case.lamina[0].length
-    x = np.linspace(0.0, L, 21)
-    return {
-        "case": case.to_toml(),
-        "mass_ratio": case.lamina[0].mass_per_length / case.lamina[1].mass_per_length,
-        "natural_frequencies_hz": [
-            (lam.angular_frequencies(4) / (2.0 * math.pi)).tolist() for lam in case.lamina
-        ],
-        "stiffness_over_EbH3_12": [
-            lam.flexural_rigidity / (lam.young_modulus * lam.width * lam.thickness**3 / 12.0)
-            for lam in case.lamina
-        ],
-        "x_m": x,
-        "gap_m": {
-            f"{p:g}": initial_gap(Gap(tip=case.gap.tip, exponent=p), x, L) for p in EXPONENTS
-        },
-    }
-
-
-def _claims(case: Case) -> tuple[Claim, ...]:
-    thick, thin = case.lamina
-    ratio = thick.mass_per_length / thin.mass_per_length
-    off = [
-        lam.flexural_rigidity / (lam.young_modulus * lam.width * lam.thickness**3 / 12.0) - 1.0
-        for lam in case.lamina
-    ]
+def judge(numbers: System) -> tuple[Claim, ...]:
+    """Judge what the paper says about masses and stiffnesses."""
+    ratio = numbers.mass_ratio
+    off = [given - 1.0 for given in numbers.stiffness_over_EbH3_12]
     return (
         Claim(
             "1", "the ratio of masses is approximately m1/m2 = 1/2", "sec. 2.3",
@@ -158,3 +185,16 @@ def _claims(case: Case) -> tuple[Claim, ...]:
             judged(max(map(abs, off)) < NEAR),
         ),
     )  # fmt: skip
+
+
+SYSTEM = Piece(
+    "1",
+    "The system",
+    "Drawn from the case. The paper prints the gap at the tip alone: the shapes of the single "
+    "laminae are unknown and do not matter, the shape of the gap does; the band shows the gaps "
+    f"12 mm (x/L)^p with p = {EXPONENTS[0]:g} … {EXPONENTS[-1]:g}, the line p = "
+    "{0.drawn_case.gap.exponent:g}, all counted from a straight thick lamina.",
+    measure,
+    draw,
+    judge,
+)

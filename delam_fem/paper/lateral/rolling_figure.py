@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
-from matplotlib.ticker import NullLocator
 
 from delam_fem.model import ground
 from delam_fem.paper.lateral.ground_run import LIFT
@@ -24,7 +22,15 @@ from delam_fem.results.style import (
     WIDTH,
 )
 
-LAW_COLOURS = {"moreau": BLUE, "moreau-recovery": SKY, "newton-penalty": ORANGE}
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+LAW_COLOURS = {
+    "newton@moreau-jean": BLUE,
+    "recovery@moreau-jean": SKY,
+    "newton-penalty@newmark": ORANGE,
+}
 MARKERS = {20: "s", 40: "^", 80: "o"}
 """Of the meshes of a ladder, by elements."""
 SHOWN_LANDING = (-0.02, 0.06)
@@ -39,10 +45,12 @@ def figure06(study: RollingStudy, block: TipBlock) -> Figure:
         study: a strip that falls on the ground along which it lies.
         block: gives the strip and the places of the gauges.
     """
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(WIDTH, 12.6), layout="constrained")
     rows = figure.subfigures(4, 1, height_ratios=(1.0, 1.35, 1.35, 1.35))
     _draw_setup(rows[0].subplots(), block)
-    main = study.by_law["moreau"]
+    main = study.by_law["newton@moreau-jean"]
     for axes, run in zip(rows[1].subplots(1, 2), (main, study.stiff), strict=True):
         _draw_contact_line(axes, run)
     left, right = rows[2].subplots(1, 2)
@@ -56,6 +64,8 @@ def figure06(study: RollingStudy, block: TipBlock) -> Figure:
 
 def _draw_setup(axes: Axes, block: TipBlock) -> None:
     """Draw the strip, lifted and free of stress, with its sensors, to scale."""
+    from matplotlib.patches import Rectangle
+
     strip, n = block.lamina, 100
     x = 1e3 * np.concatenate([[0.0], ground.nodes(strip, n)])
     length, t = 1e3 * strip.length, 1e3 * strip.thickness
@@ -131,6 +141,8 @@ def _draw_energy(axes: Axes, run: Rolling) -> None:
 
 def _draw_ladder(axes: Axes, study: RollingStudy) -> None:
     """Draw the shares lost in all and at impacts over the time step; damped strip."""
+    from matplotlib.ticker import NullLocator
+
     damping_ratio = max(rung.damping_ratio for rung in study.ladder)
     for law, colour in LAW_COLOURS.items():
         for n, marker in MARKERS.items():

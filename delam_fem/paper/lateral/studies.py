@@ -19,9 +19,9 @@ from delam_fem.paper.lateral.tip_fall import tip_block
 __all__ = ["LAWS", "RollingStudy", "Rung", "TipBlock", "rolling", "rolling_study", "tip_block"]
 
 LAWS = {
-    "moreau": GroundLaw("newton", 0.1, scheme="moreau-jean"),
-    "moreau-recovery": GroundLaw("recovery", 0.1, scheme="moreau-jean"),
-    "newton-penalty": GroundLaw("newton-penalty", 0.1, stiffness=100.0),
+    "newton@moreau-jean": GroundLaw("newton", 0.1, scheme="moreau-jean"),
+    "recovery@moreau-jean": GroundLaw("recovery", 0.1, scheme="moreau-jean"),
+    "newton-penalty@newmark": GroundLaw("newton-penalty", 0.1, stiffness=100.0),
 }
 """The laws compared, with the paper's e = 0.1, γ and springs: the thin strip is as soft as its
 laminae."""

@@ -1,4 +1,4 @@
-"""Computes the fall of a strip's tip on a block: one fall, then three kinds of block."""
+"""Compute the fall of a strip's tip on a block: one fall, then three kinds of block."""
 
 from __future__ import annotations
 
@@ -51,26 +51,15 @@ def tip_block(
     operators = ground.on_ground(lamina, n_elements, "tip", observed)
     start = ground_run.released(ground.lifted(lamina, n_elements, LIFT, "tip force"), operators)
     fall = _fall(lamina, operators, start, FALL_STEPS * time_step)
-    laws = {
-        "free": GroundLaw("none"),
-        "spring": GroundLaw("penalty", stiffness=stiffness),
-        "rigid": GroundLaw("newton", restitution=0.0, scheme="moreau-jean"),
-    }
-    outs = {
-        name: ground_run.run(
-            law,
-            operators,
-            fall.state,
-            time_step=time_step,
-            steps_per_stretch=_steps(time_step),
-            n_stretches=round(2.0 * duration / STRETCH),
+    free, spring, rigid = (
+        _impact(law, operators, fall.state, time_step, duration)
+        for law in (
+            GroundLaw("none"),
+            GroundLaw("penalty", stiffness=stiffness),
+            GroundLaw("newton", restitution=0.0, scheme="moreau-jean"),
         )
-        for name, law in laws.items()
-    }
-    free = outs["free"]
-    first = int(np.argmax(free.u[:, 0] <= 0.0))
-    touch = float(free.time[first] - free.u[first, 0] / free.v[first, 0])
-    speed = -float(free.v[first : first + round(peak_duration / time_step), 0].mean())
+    )
+    touch, speed = _touch(free, round(peak_duration / time_step))
     at_gauges = rows[:, dofs]
     mode = _FirstMode.of(operators)
     return TipBlock(
@@ -84,13 +73,40 @@ def tip_block(
         energy=float(fall.energy.stored[0]),
         static_strain=np.asarray(rows @ start.motion[0]),
         free=_motion(free, touch, at_gauges, mode),
-        spring=_motion(outs["spring"], touch, at_gauges, mode, stiffness),
-        rigid=_motion(outs["rigid"], touch, at_gauges, mode),
+        spring=_motion(spring, touch, at_gauges, mode, stiffness),
+        rigid=_motion(rigid, touch, at_gauges, mode),
+    )
+
+
+def _impact(
+    law: GroundLaw, operators: Operators, start: State, time_step: float, duration: float
+) -> GroundRun:
+    """Run the impact on one kind of block."""
+    return ground_run.run(
+        law,
+        operators,
+        start,
+        time_step=time_step,
+        steps_per_stretch=_steps(time_step),
+        n_stretches=round(2.0 * duration / STRETCH),
     )
 
 
 def _steps(time_step: float) -> int:
+    """Return the steps of an impact in half a stretch."""
     return round(0.5 * STRETCH / time_step)
+
+
+def _touch(free: GroundRun, n_steps: int) -> tuple[float, float]:
+    """Return when a tip without a block passes the ground [s], and how fast [m/s].
+
+    Args:
+        free: a run without a block.
+        n_steps: steps after the touch over which the speed is the mean.
+    """
+    first = int(np.argmax(free.u[:, 0] <= 0.0))
+    touch = float(free.time[first] - free.u[first, 0] / free.v[first, 0])
+    return touch, -float(free.v[first : first + n_steps, 0].mean())
 
 
 def _fall(lamina: Lamina, operators: Operators, start: State, time_step: float) -> GroundRun:

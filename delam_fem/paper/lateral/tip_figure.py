@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from delam_fem.paper.lateral.tip_block import TipBlock, exact_beam
 from delam_fem.results.style import (
@@ -18,6 +18,10 @@ from delam_fem.results.style import (
     WIDTH,
 )
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
 GAUGE_COLOURS = (BLUE, VERMILLION)
 SHOWN_WAVE = 350.0
 """Time after the touch in which the wave is drawn [µs]."""
@@ -29,6 +33,8 @@ def figure07(block: TipBlock) -> Figure:
     Args:
         block: a strip whose tip falls on a block.
     """
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(WIDTH, 8.6), layout="constrained")
     axes = figure.subplots(3, 2)
     for k in (0, 1):

@@ -6,13 +6,14 @@ from scipy.integrate import trapezoid
 from scipy.sparse.linalg import spsolve
 
 from delam_fem.model import ground
-from delam_fem.paper.figures import lateral
+from delam_fem.paper.figures import rolling_strip
 from delam_fem.paper.lateral import ground_run, rolling_figure, studies, tip_figure
-from delam_fem.paper.lateral.ground_run import LIFT, GroundLaw, Impulses
+from delam_fem.paper.lateral.ground_run import LIFT, GroundLaw
 from delam_fem.paper.lateral.rolling import Rolling, rolling
 from delam_fem.paper.lateral.studies import RollingStudy, Rung
 from delam_fem.paper.lateral.tip_block import TipBlock
 from delam_fem.results.style import styled
+from delam_fem.simulation.solution import ImpactTable
 
 ROUND_OFF = 1e-9
 """Relative; K of 10 to 20 elements has a condition number of 1e6."""
@@ -166,7 +167,7 @@ def front_of(run: Rolling, x: np.ndarray, t: np.ndarray) -> Rolling:
     """Return a run whose nodes at x were pushed at t, in the order of time."""
     order = np.argsort(t)
     pairs = np.searchsorted(run.x, x[order] - 1e-9)
-    pushes = Impulses(t[order], pairs, np.ones(x.size), -np.ones(x.size))
+    pushes = ImpactTable(t[order], pairs, np.ones(x.size), -np.ones(x.size))
     return Rolling(**{**vars(run), "impulses": pushes})
 
 
@@ -219,13 +220,14 @@ def test_before_the_touch_all_blocks_are_none(block: TipBlock) -> None:
     assert block.free.tip[early].min() > 0.0 > block.free.tip[~early].max() - 1e-9
 
 
-def test_rows_about_the_strip_tell_rolling_from_landing_with_the_tip() -> None:
+def test_rows_about_the_strip_tell_rolling_from_landing_with_the_tip(block: TipBlock) -> None:
     thin = rolling(n_elements=40, steps_per_period=5000)
-    rung = Rung("moreau", 0.002, 40, 5000, 0.2, 0.7, 0.1, "completed")
+    rung = Rung("newton@moreau-jean", 0.002, 40, 5000, 0.2, 0.7, 0.1, "completed")
 
     def rows(run: Rolling) -> list[str]:
-        study = RollingStudy({"moreau": run}, thin, {0.05: thin}, (rung,))
-        return [claim.verdict for claim in lateral.rolling_claims(study.numbers())]
+        study = RollingStudy({"newton@moreau-jean": run}, thin, {0.05: thin}, (rung,))
+        numbers = rolling_strip.RollingStrip.of(study, block)
+        return [claim.verdict for claim in rolling_strip.judge(numbers)]
 
     assert rows(thin) == ["holds"] * 3
     assert rows(rolling(height=0.15, n_elements=20, steps_per_period=5000))[0] == "does not hold"
@@ -233,13 +235,16 @@ def test_rows_about_the_strip_tell_rolling_from_landing_with_the_tip() -> None:
 
 def test_figures_have_their_labels(block: TipBlock) -> None:
     ladder = tuple(
-        Rung("moreau", 0.002, n, steps, 0.2, 0.7, 0.1, "completed")
+        Rung("newton@moreau-jean", 0.002, n, steps, 0.2, 0.7, 0.1, "completed")
         for n in (20, 40)
         for steps in (20_000, 5_000)
     )
     heavy = rolling(n_elements=20, steps_per_period=5000)
-    study = RollingStudy({"moreau": heavy}, heavy, {0.05: heavy}, ladder)
-    assert [rung.steps_per_period for rung in study.rungs("moreau", 0.002, 40)] == [5_000, 20_000]
+    study = RollingStudy({"newton@moreau-jean": heavy}, heavy, {0.05: heavy}, ladder)
+    assert [rung.steps_per_period for rung in study.rungs("newton@moreau-jean", 0.002, 40)] == [
+        5_000,
+        20_000,
+    ]
     assert study.numbers()["ladder"][0]["impacts"] == 0.2
     with styled():
         figures = rolling_figure.figure06(study, block), tip_figure.figure07(block)

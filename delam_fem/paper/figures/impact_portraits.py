@@ -1,0 +1,164 @@
+"""Fig. 9 of the paper: phase portraits by method 3.1; and how Fig. 14 draws them, too."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.paper.claims import Claim, judged
+from delam_fem.paper.lab import Laboratory, motion_case
+from delam_fem.paper.measures import MotionNumbers, motion_numbers, settling
+from delam_fem.paper.motions import FREQUENCIES, RESONANT
+from delam_fem.paper.piece import Numbers, Piece
+from delam_fem.results import diagnostics
+from delam_fem.results.style import LAMINA_COLOURS, PORTRAIT_PERIODS, WIDTH
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from delam_fem.results.dataset import Result
+
+SCATTERS = 3.0
+"""Distance from the stationary cycle that counts as near, in its own scatter (rms)."""
+LONG = 100
+"""Periods from which on a transient counts as some hundred."""
+
+
+@dataclass(frozen=True)
+class Portrait:
+    """The phase portraits of both tips over the last `PORTRAIT_PERIODS` periods.
+
+    Attributes:
+        names: of the laminae.
+        motion: displacement [m] and velocity [m/s] of both tips, shape (2 laminae, 2, n).
+        gap_at_rest: of the tips [m].
+        steps_per_period: N.
+    """
+
+    names: tuple[str, str]
+    motion: FloatArray
+    gap_at_rest: float
+    steps_per_period: int
+
+    @classmethod
+    def of(cls, result: Result) -> Self:
+        """Return the portraits of a result."""
+        thick, thin = result.case.lamina
+        return cls(
+            (thick.name, thin.name),
+            diagnostics.phase_portrait(result.history, result.case, PORTRAIT_PERIODS),
+            float(result.history["gap0"][diagnostics.TIP]),
+            result.case.time.steps_per_period,
+        )
+
+
+@dataclass(frozen=True)
+class ImpactPortraits(Numbers):
+    """Motions by method 3.1.
+
+    Attributes:
+        motion: the one at 3.25 Hz.
+        settled: periods after which each of the four motions is stationary.
+        portrait: of the motion at 3.25 Hz.
+    """
+
+    motion: MotionNumbers
+    settled: list[int]
+    portrait: Portrait
+
+    def to_json(self) -> Mapping[str, Any]:
+        """Return the motion at 3.25 Hz."""
+        return self.motion.to_json()
+
+
+def measure(lab: Laboratory) -> ImpactPortraits:
+    """Compute the four motions by method 3.1."""
+    motions = lab.motions([motion_case(f, lab.plan, "3.1") for f in FREQUENCIES])
+    result = motions[FREQUENCIES.index(RESONANT)]
+    settled = [_settling(motion) for motion in motions]
+    return ImpactPortraits(motion_numbers(result), settled, Portrait.of(result))
+
+
+def _settling(result: Result) -> int:
+    """Return after how many periods a motion is as near its stationary cycle as it will be."""
+    strobe = result.history["strobe_displacement"].to_numpy()
+    half = 0.5 * np.ptp(result.history["tip_displacement"].to_numpy(), axis=1)
+    scatter = result.summary["strobe_scatter"] or diagnostics.PERIODIC_SCATTER
+    return settling(strobe, half, result.summary["periodicity"] or 1, SCATTERS * scatter)
+
+
+def draw(numbers: ImpactPortraits) -> Figure:
+    """Draw the phase portraits of method 3.1 at 3.25 Hz."""
+    figure, _ = two_portraits([numbers.portrait], ["method 3.1"])
+    return figure
+
+
+def judge(numbers: ImpactPortraits) -> tuple[Claim, ...]:
+    """Judge whether method 3.1 is stable, and how long its transients are."""
+    motion = numbers.motion
+    scatter = float(motion.strobe_scatter or np.nan)
+    return (
+        Claim(
+            "9", "Δt = T/1000 gives orbitally stable results", "sec. 3.1",
+            f"method 3.1, {motion.kind}; successive cycles differ by {100 * scatter:.1f} % of the "
+            "half peak-to-peak amplitude (rms at the ends of periods)",
+            judged(motion.periodicity == 1),
+        ),
+        Claim(
+            "9", "some hundred periods are necessary to get a stationary state", "sec. 3.1",
+            f"from rest, strobes stay within {SCATTERS:g} times the scatter of the stationary "
+            "cycles after "
+            + ", ".join(
+                f"{n} at {f:.2f} Hz" for n, f in zip(numbers.settled, FREQUENCIES, strict=True)
+            )
+            + " (periods)",
+            judged(max(numbers.settled) >= LONG),
+        ),
+    )  # fmt: skip
+
+
+def two_portraits(
+    portraits: Sequence[Portrait], titles: Sequence[str], *, has_row_below: bool = False
+) -> tuple[Figure, list[Axes]]:
+    """Draw the portraits of thick and thin in columns, motions in rows.
+
+    Args:
+        portraits: at least one.
+        titles: of the rows.
+        has_row_below: whether to leave a row for something else.
+
+    Returns:
+        The figure, and the axes of the row below.
+    """
+    from matplotlib.figure import Figure
+
+    rows, n_below = len(portraits), int(has_row_below)
+    figure = Figure(figsize=(WIDTH, 0.6 + 3.9 * rows + 2.8 * n_below), layout="constrained")
+    grid = figure.add_gridspec(rows + n_below, 2, height_ratios=[3.9] * rows + [2.8] * n_below)
+    above = grid[:rows, :].subgridspec(rows, 2)
+    panels = above.subplots(squeeze=False, sharex="col", sharey=True)
+    for row, portrait, title in zip(panels, portraits, titles, strict=True):
+        for i, panel in enumerate(row):
+            q, v = portrait.motion[i]
+            panel.plot(1e3 * q, v, color=LAMINA_COLOURS[i], linewidth=0.6)
+            panel.set_title(f"{portrait.names[i]}, {title}", loc="left")
+        row[0].set_ylabel("velocity of the tip [m/s]")
+    for i, panel in enumerate(panels[-1]):
+        panel.set_xlabel(f"displacement of the tip $q_{i + 1}$ [mm]")
+    return figure, [figure.add_subplot(grid[rows, i]) for i in range(2 * n_below)]
+
+
+IMPACT_PORTRAITS = Piece(
+    "9",
+    "Phase portraits by method 3.1",
+    f"Method 3.1 at {RESONANT} Hz, {PORTRAIT_PERIODS} periods. The paper's experiment beside "
+    "it is not available.",
+    measure,
+    draw,
+    judge,
+)

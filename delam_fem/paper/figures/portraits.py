@@ -1,0 +1,142 @@
+"""Fig. 12 of the paper: phase portraits of the four motions, both methods."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from delam_fem.paper.claims import Claim, judged
+from delam_fem.paper.figures.impact_portraits import Portrait
+from delam_fem.paper.lab import LAWS, Laboratory, Method, both_methods
+from delam_fem.paper.measures import (
+    CLEARLY,
+    SMOOTH_HARMONICS,
+    MotionNumbers,
+    motion_numbers,
+    roughness,
+)
+from delam_fem.paper.motions import FREQUENCIES
+from delam_fem.paper.piece import Numbers, Piece
+from delam_fem.results.style import (
+    BLACK,
+    LAMINA_COLOURS,
+    PORTRAIT_PERIODS,
+    WIDTH,
+    legend_outside,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True)
+class Portraits(Numbers):
+    """The four motions by both methods; all by frequency [Hz] and method.
+
+    Attributes:
+        motions: their numbers.
+        roughness_free: of both tips in free flight [-]; see `roughness`.
+        portraits: their phase portraits.
+    """
+
+    motions: dict[tuple[float, Method], MotionNumbers]
+    roughness_free: dict[tuple[float, Method], tuple[float, float]]
+    portraits: dict[tuple[float, Method], Portrait]
+
+    def to_json(self) -> Mapping[str, Any]:
+        """Return the motions with their roughness, the keys in words."""
+        return {
+            f"{f:g} Hz, {m}": {
+                **motion.to_json(), "roughness_free": self.roughness_free[f, m],
+            }
+            for (f, m), motion in self.motions.items()
+        }  # fmt: skip
+
+
+def measure(lab: Laboratory) -> Portraits:
+    """Compute the four motions by both methods."""
+    found = both_methods(lab)
+    return Portraits(
+        {key: motion_numbers(result) for key, result in found.items()},
+        {key: roughness(result, free=True) for key, result in found.items()},
+        {key: Portrait.of(result) for key, result in found.items()},
+    )
+
+
+def draw(numbers: Portraits) -> Figure:
+    """Draw the phase portraits of both tips over ten periods at the four frequencies."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(WIDTH, 12.0), layout="constrained")
+    panels = figure.subplots(4, 2, sharex="row", sharey="row")
+    for (frequency, method), portrait in numbers.portraits.items():
+        panel = panels[FREQUENCIES.index(frequency), int(method == "3.2")]
+        _draw_both_tips(panel, portrait)
+        letter = "abcd"[FREQUENCIES.index(frequency)]
+        panel.set_title(f"[{letter}] {frequency:.2f} Hz, method {method}", loc="left")
+    for row in panels:
+        row[0].set_ylabel("velocity of the tip [m/s]")
+    for panel in panels[-1]:
+        panel.set_xlabel("position of the tip [mm]")
+    legend_outside(figure, panels[0, 0], 3)
+    return figure
+
+
+def _draw_both_tips(panel: Axes, portrait: Portrait) -> None:
+    """Draw the portraits of both tips into one panel, over their positions."""
+    ends = slice(portrait.steps_per_period - 1, None, portrait.steps_per_period)
+    shift = (0.0, 1e3 * portrait.gap_at_rest)
+    for i, colour in enumerate(LAMINA_COLOURS):
+        q, v = 1e3 * portrait.motion[i, 0] + shift[i], portrait.motion[i, 1]
+        panel.plot(q, v, color=colour, linewidth=0.6, label=portrait.names[i])
+        label = "ends of periods" if i == 0 else None
+        panel.plot(q[ends], v[ends], "o", color=BLACK, markersize=3, zorder=4, label=label)
+
+
+def judge(numbers: Portraits) -> tuple[Claim, ...]:
+    """Judge whether one set of parameters gives all motions, stable and smooth."""
+    kinds = {m: [numbers.motions[f, m].is_as_described for f in FREQUENCIES] for m in LAWS}
+    scatter = [numbers.motions[f, "3.2"].strobe_scatter for f in FREQUENCIES]
+    rough = {m: np.array([numbers.roughness_free[f, m] for f in FREQUENCIES[1:]]) for m in LAWS}
+    ratio = rough["3.2"] / rough["3.1"]
+    return (
+        Claim(
+            "12", "all four motions with one set of parameters", "sec. 3.2, 4",
+            f"{sum(kinds['3.2'])} of 4 motions are as described by method 3.2 "
+            f"({sum(kinds['3.1'])} of 4 by 3.1), e = 0.1, k_con = 100 N/m, γ = 0.5 mm/s throughout",
+            judged(all(kinds["3.2"])), True,
+        ),
+        Claim(
+            "12", "in all cases an orbitally stable solution", "sec. 3.2",
+            "cycles differ by "
+            + ", ".join("–" if s is None else f"{100 * s:.2g} %" for s in scatter)
+            + " of the half peak-to-peak amplitude at 1.25, 1.60, 3.25, 3.65 Hz",
+            judged(all(s is not None for s in scatter)),
+        ),
+        Claim(
+            "12", "3.2 is distinctly smoother than 3.1 in free vibration", "sec. 3.2",
+            f"velocity above harmonic {SMOOTH_HARMONICS} while the tips are more than 1 mm apart, "
+            "3.2 over 3.1 (thick / thin): "
+            + ", ".join(
+                f"{a:.2f} / {b:.2f} at {f:.2f} Hz"
+                for f, (a, b) in zip(FREQUENCIES[1:], ratio, strict=True)
+            ),
+            judged(bool(np.all(ratio < CLEARLY))), True,
+        ),
+    )  # fmt: skip
+
+
+PORTRAITS = Piece(
+    "12",
+    "Phase portraits",
+    f"Phase portraits of both tips over {PORTRAIT_PERIODS} periods by methods 3.1 (impact law) "
+    "and 3.2 (impact law and penalty stiffness), dots: ends of periods. The paper's portraits "
+    "are not available; compared is what its text says of them.",
+    measure,
+    draw,
+    judge,
+)

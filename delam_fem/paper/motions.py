@@ -1,0 +1,161 @@
+"""The four reference motions of the paper, and what a strike is.
+
+The paper excites the laminae at four frequencies and describes the motion at each. `MOTIONS` holds
+these descriptions; every other module takes frequencies and descriptions from here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from delam_fem.numerics.arrays import BoolArray, FloatArray, IntArray
+from delam_fem.results import diagnostics
+
+if TYPE_CHECKING:
+    from delam_fem.results.dataset import Result
+
+STEPS_BEFORE = 2
+"""The velocities of a strike are read so many steps before it, because waves of impacts further
+down reach the tip in the very last step."""
+BEATS = 2.0
+"""The lamina that beats the other one is more than so many times as fast."""
+SAME_FREQUENCY = 0.01
+"""A frequency this near to that of a motion is the same [Hz]."""
+
+
+@dataclass(frozen=True)
+class Strikes:
+    """The strikes in the window of a run.
+
+    A tip contact is a group of tip closures less than `diagnostics.GROUP_PERIODS` apart. A strike
+    is the beginning of a tip contact; if a period has several, it is that of the fastest approach.
+
+    Attributes:
+        step: of the window, shape (n,).
+        velocity: of both tips before, shape (2, n) [m/s].
+    """
+
+    step: IntArray
+    velocity: FloatArray
+
+    @property
+    def mean(self) -> tuple[float, float]:
+        """Mean velocities of both tips before, NaN without strikes [m/s]."""
+        if not self.step.size:
+            return float("nan"), float("nan")
+        thick, thin = self.velocity.mean(axis=1)
+        return float(thick), float(thin)
+
+    @property
+    def approach(self) -> float:
+        """Mean speed of approach, 0 without strikes [m/s]."""
+        thick, thin = self.mean
+        return thick - thin if self.step.size else 0.0
+
+
+def strikes(result: Result) -> Strikes:
+    """Return the strikes of a result; see `Strikes`."""
+    history, N = result.history, result.case.time.steps_per_period
+    v = history["tip_velocity"].to_numpy()
+    begins = contact_begins(diagnostics.tip_closed(history), N)
+    begins = begins[begins >= STEPS_BEFORE]
+    rate = v[1, begins - STEPS_BEFORE] - v[0, begins - STEPS_BEFORE]
+    period = begins // N
+    chosen = [
+        int(begins[period == k][np.argmin(rate[period == k])]) for k in np.unique(period).tolist()
+    ]
+    steps = np.array(chosen, dtype=np.int64)
+    return Strikes(steps, v[:, steps - STEPS_BEFORE])
+
+
+def contact_begins(closed: BoolArray, steps_per_period: int) -> IntArray:
+    """Return the steps at which tip contacts begin.
+
+    A contact that may have begun before the window is left out.
+
+    Args:
+        closed: whether the tips are closed at each step, shape (n_steps,).
+        steps_per_period: N.
+    """
+    steps = np.flatnonzero(closed)
+    apart = diagnostics.GROUP_PERIODS * steps_per_period
+    since = np.diff(steps, prepend=-np.inf if steps.size and steps[0] > apart else 0)
+    return np.asarray(steps[since >= apart], dtype=np.int64)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A motion that the paper describes.
+
+    Attributes:
+        frequency: of the base [Hz].
+        text: what the paper says, in short.
+        periodicity: periods of the base after which the motion repeats.
+        has_its_contacts: whether the tips of a result meet as the paper describes.
+    """
+
+    frequency: float
+    text: str
+    periodicity: int
+    has_its_contacts: Callable[[Result], bool]
+
+    def is_shown_by(self, result: Result) -> bool:
+        """Say whether a result has the periodicity and the contacts of this motion."""
+        is_periodic = result.summary["periodicity"] == self.periodicity
+        return bool(is_periodic and self.has_its_contacts(result))
+
+
+def contacts(result: Result) -> float:
+    """Return the tip contacts per period; 0 if the case has no contact law."""
+    return float(result.summary["tip_contacts_per_period"] or 0.0)
+
+
+def _no_tip_contact(result: Result) -> bool:
+    """Say whether the tips never meet (1.25 Hz)."""
+    return contacts(result) == 0.0 and result.summary["minimum_tip_gap"] > 0.0
+
+
+def _thin_beats_thick(result: Result) -> bool:
+    """Say whether the thin tip is much the faster one before a strike (1.60 Hz)."""
+    thick, thin = strikes(result).mean
+    return contacts(result) >= 1.0 and abs(thin) > BEATS * abs(thick)
+
+
+def _opposite_velocities(result: Result) -> bool:
+    """Say whether the tips meet once a period with opposite velocities (3.25 Hz)."""
+    thick, thin = strikes(result).mean
+    return contacts(result) == 1.0 and thick > 0.0 > thin
+
+
+def _one_contact_in_two(result: Result) -> bool:
+    """Say whether the tips meet once in two periods (3.65 Hz)."""
+    return contacts(result) == 0.5
+
+
+MOTIONS = (
+    Motion(1.25, "no tip contact, weak contact near the clamp", 1, _no_tip_contact),
+    Motion(1.60, "the thin lamina beats the thick one", 1, _thin_beats_thick),
+    Motion(3.25, "the thick beats the thin, opposite velocities", 1, _opposite_velocities),
+    Motion(3.65, "one contact in two periods", 2, _one_contact_in_two),
+)
+FREQUENCIES = tuple(motion.frequency for motion in MOTIONS)
+"""The four excitations of the paper [Hz]."""
+RESONANT = FREQUENCIES[2]
+"""The excitation of Figs. 4, 5, 8 to 11 and 13 to 15 [Hz]."""
+
+
+def is_as_described(result: Result) -> bool:
+    """Say whether a result shows the motion that the paper describes for its frequency.
+
+    It does not if the paper describes no motion at this frequency.
+    """
+    frequency = 1.0 / result.case.period
+    return any(
+        motion.is_shown_by(result)
+        for motion in MOTIONS
+        if abs(frequency - motion.frequency) < SAME_FREQUENCY
+    )

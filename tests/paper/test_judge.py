@@ -1,0 +1,317 @@
+"""Verdicts follow from numbers: a changed number changes its verdict, and nothing is drawn."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import pytest
+from project import ROOT
+
+from delam_fem.paper.claims import Verdict
+from delam_fem.paper.figures import linear, plane, response, spectra
+from delam_fem.paper.lab import Laboratory, Plan, motion_case
+from delam_fem.paper.piece import NOT_IN_JSON, Numbers
+from delam_fem.paper.plane_measures import KINDS, Decade, Plane
+from delam_fem.paper.reproduce import FIGURES
+from delam_fem.studies.executors import Serial
+
+PLAN = Plan(thresholds=2)
+
+
+@pytest.fixture(scope="module")
+def lab() -> Iterator[Laboratory]:
+    yield Laboratory(PLAN, Serial())
+
+
+def verdicts(name: str, lab: Laboratory) -> dict[str, str]:
+    piece = FIGURES[name]
+    return {claim.text: claim.verdict for claim in piece.judge(piece.measure(lab))}
+
+
+def test_fields_are_kept_unless_they_say_otherwise() -> None:
+    @dataclass(frozen=True)
+    class Two(Numbers):
+        kept: int
+        left_out: int = field(metadata=NOT_IN_JSON)
+
+    assert Two(1, 2).to_json() == {"kept": 1}
+
+
+# -- changed numbers --------------------------------------------------------------------------
+
+
+def motion(frequency: float, **changes: Any) -> Callable[[Any], Any]:
+    """Return a change of a motion by method 3.2 in the numbers of Figs. 3 and 12."""
+    key = (frequency, "3.2")
+    return lambda n: replace(n, motions={**n.motions, key: replace(n.motions[key], **changes)})
+
+
+def entry(name: str, **changes: Any) -> Callable[[Any], Any]:
+    """Return a change of entries of a dictionary among the numbers."""
+    return lambda n: replace(n, **{name: {**getattr(n, name), **changes}})
+
+
+def to(**changes: Any) -> Callable[[Any], Any]:
+    """Return a change of fields."""
+    return lambda n: replace(n, **changes)
+
+
+def long_contacts(share: float) -> Callable[[Any], Any]:
+    """Return a change of the contact phases of all motions in Fig. 3."""
+    return lambda n: replace(
+        n, motions={key: replace(m, near_share=share) for key, m in n.motions.items()}
+    )
+
+
+NOT_SO = {"is_as_described": False}
+YES: Verdict = "holds"
+NO: Verdict = "does not hold"
+CHANGES: list[tuple[str, str, Callable[[Any], Any], Verdict]] = [
+    ("1", "the ratio of masses", to(mass_ratio=0.51), YES),
+    ("1", "E and the sections", to(stiffness_over_EbH3_12=[1.0, 1.1]), NO),
+    ("3", "1.25 Hz: almost harmonic", motion(1.25, distortion_factor=[0.0, 0.02]), NO),
+    ("3", "1.25 Hz: weak contacts", to(strongest_impulses=(1.0, 2.0)), NO),
+    ("3", "1.25 Hz: weak contacts", to(farthest_impact=0.6), NO),
+    ("3", "1.60 Hz: the thin lamina", motion(1.6, **NOT_SO), NO),
+    ("3", "3.25 Hz: the thick beats", motion(3.25, **NOT_SO), NO),
+    ("3", "3.25 Hz gives the maximum", to(approach={1.25: 0, 1.6: 2, 3.25: 1, 3.65: 1}), NO),
+    ("3", "3.65 Hz: period doubling", motion(3.65, **NOT_SO), NO),
+    ("3", "1.60 … 3.65 Hz: the interval", long_contacts(0.2), YES),
+    ("3", "1.60 … 3.65 Hz: the interval", long_contacts(0.05), NO),
+    ("4", "the contact duration", to(share_closed=np.full(20, 0.02)), NO),
+    ("5", "thick nearly harmonic", entry("thd", displacement=np.array([0.01, 0.05])), NO),
+    ("5", "velocities and accelerations", entry("d", velocity=np.zeros(2)), NO),
+    ("7", "a force peak", entry("values", lowest_period_ms=1.0), NO),
+    ("7", "no snap-back in the time", entry("values", restitution_after_peak=-0.1), NO),
+    ("7", "the strain wave decays", entry("values", peak_wave_strain_max_exact=[2.0, 1.0]), NO),
+    ("7", "the mean wave velocity", entry("values", mean_wave_speed_m_s=5000.0), NO),
+    ("8", "0 ≤ e ≤ 0.1", to(restitution=np.full(10, 0.3)), NO),
+    ("9", "Δt = T/1000", lambda n: replace(n, motion=replace(n.motion, periodicity=2)), NO),
+    ("9", "some hundred periods", to(settled=[5, 5, 5, 101]), YES),
+    ("9", "some hundred periods", to(settled=[5, 5, 5, 99]), NO),
+    ("10", "permanent contact is captured", to(impacts_per_period=[0.5, 9.0]), NO),
+    ("10", "the time history", to(roughness_displacement=(1.0, 0.0)), NO),
+    ("11", "each closed pair", to(violations=1), NO),
+    ("12", "all four motions", motion(1.25, **NOT_SO), NO),
+    ("12", "in all cases", motion(1.6, strobe_scatter=None), NO),
+    ("12", "3.2 is distinctly smoother", lambda n: replace(n, roughness_free={
+        (f, m): (1.0, 1.0) if m == "3.1" else (0.7, 0.7) for f, m in n.roughness_free}), YES),
+    ("13", "permanent contact makes", to(ratio=np.array([0.5, 0.5])), YES),
+    ("13", "permanent contact makes", to(ratio=np.array([0.5, 0.9])), NO),
+    ("14", "50 elements: considerably", entry("ratio", **{"as printed": np.full(2, 0.5)}), YES),
+    ("14", "a substantial increase", to(cost=1.0), NO),
+    ("gamma", "γ is close to", to(largest_tip_gap_rate_m_s=5.0), NO),
+    ("gamma", "the central difference", to(central_difference_steps_per_period=900.0), YES),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "text", "change", "verdict"), CHANGES)
+def test_a_changed_number_changes_its_verdict(
+    lab: Laboratory, name: str, text: str, change: Callable[[Any], Any], verdict: Verdict
+) -> None:
+    piece = FIGURES[name]
+    numbers = piece.measure(lab)
+    before, after = (
+        next(claim for claim in piece.judge(n) if claim.text.startswith(text))
+        for n in (numbers, change(numbers))
+    )
+    assert after.verdict == verdict
+    # where the change keeps the verdict, another row of the table changes it
+    tried = {row[3] for row in CHANGES if row[:2] == (name, text)}
+    assert {before.verdict, *tried} == {YES, NO}
+
+
+def test_what_holds_of_the_motions(lab: Laboratory) -> None:
+    found = verdicts("3", lab) | verdicts("12", lab)
+    assert found["3.65 Hz: period doubling, one contact in two periods"] == "holds"
+    assert found["3.25 Hz gives the maximum strike of all"] == "holds"
+    assert found["all four motions with one set of parameters"] == "holds"
+    assert found["3.2 is distinctly smoother than 3.1 in free vibration"] == "does not hold"
+
+
+def test_tip_on_a_block_is_judged(lab: Laboratory) -> None:
+    found = verdicts("7", lab)
+    assert set(found.values()) == {"holds"} and len(found) == 6
+
+
+def test_bands_say_whether_the_printed_value_is_inside(lab: Laboratory) -> None:
+    orders = dict.fromkeys(spectra.ORDERS, np.array([0.003, 0.02]))
+    bands = {"1": [0.0020, 0.05], "2": [0.0034, 0.02], "3": [0.0046, 0.04]}
+    numbers = replace(spectra.measure(lab), d=orders, thd=orders, d_by_gap_exponent=bands)
+    thick, thin, *_ = spectra.judge(numbers)
+    assert "0.20 … 0.46 % for gaps (x/L)^p, p = 1 … 3 (the printed value is outside" in (
+        thick.measured
+    )
+    assert "2.00 … 5.00 %" in thin.measured and "is inside" in thin.measured
+    assert thick.verdict == thin.verdict == "does not hold"
+
+
+def response_numbers() -> response.WithContact:
+    """Return a response that the paper describes."""
+    return response.WithContact(
+        frequency_hz=np.array([3.4, 3.5, 3.6, 3.7]),
+        amplitude_up_m=np.zeros((2, 4)),
+        amplitude_down_m=np.zeros((2, 4)),
+        periodicity_up=np.array([1.0, 7.0, 2.0, 2.0]),
+        periodicity_down=np.array([1.0, np.nan, 2.0, 2.0]),
+        tip_contacts_per_period=np.array([[1.0, 1.4, 0.5, 0.5]] * 2),
+        hysteresis_hz=np.array([3.5]),
+        jumps_up_hz=[[3.45], []],
+        jumps_down_hz=[[], [3.45]],
+        largest_amplitude_m=np.array([0.025, 0.03]),
+        largest_amplitude_at_hz=[3.5, 3.5],
+        largest_swept_amplitude_m={},
+        linear_peak_m=np.array([0.25, 0.25]),
+        case=motion_case(3.25, PLAN),
+        envelopes={},
+        marked_m=np.zeros((4, 2)),
+    )
+
+
+def test_response_is_judged_by_its_numbers() -> None:
+    numbers = response_numbers()
+    rows = {claim.text: claim for claim in response.judge(numbers)}
+    assert {claim.verdict for claim in rows.values()} == {"holds"}
+    scenario = rows["a bifurcation scenario with different numbers of impacts in a period"]
+    assert scenario.measured == (
+        "periods 1, 2, 7, none up to 8 at 3.50 Hz, 0.5 to 1.4 tip contacts per period; up and "
+        "down differ at 3.50 Hz; jumps at 3.45 Hz"
+    )
+    one_motion = replace(numbers, periodicity_up=np.ones(4), periodicity_down=np.ones(4))
+    assert [claim.verdict for claim in response.judge(one_motion)] == [
+        "holds", "does not hold", "does not hold",
+    ]  # fmt: skip
+
+
+def test_doubled_window_is_the_one_about_the_frequency() -> None:
+    f = np.array([3.0, 3.2, 3.4, 3.6, 3.8, 4.0])
+    up, down = np.array([2, 1, 2, 2, 2, 1]), np.array([2, 1, 1, 2, 2, 2])
+    numbers = replace(response_numbers(), frequency_hz=f, periodicity_up=up, periodicity_down=down)
+    assert response.doubled_window(numbers, 3.65) == (3.6, 3.8)
+    assert response.doubled_window(numbers, 3.2) is None
+
+
+def linear_numbers() -> linear.WithoutContact:
+    """Return linear responses that the paper describes."""
+    names = ("linear, up", "linear, down")
+    return linear.WithoutContact(
+        natural_frequency_hz=[3.17, 1.47],
+        exact_peak_hz=[3.17, 1.47],
+        exact_peak_m=[0.1, 0.1],
+        frequency_rise_at_peak=[0.001, 0.001],
+        damping_ratio=[0.008, 0.008],
+        sweep_peak_hz={name: [3.18, 1.46] for name in names},
+        sweep_peak_m={name: np.array([0.09, 0.09]) for name in names},
+        stepped_frequency_hz=np.zeros(1),
+        stepped_amplitude_m=np.zeros((2, 1)),
+        stepped_over_exact=np.ones((2, 1)),
+        largest_deviation_of_stepped=0.0,
+        case=motion_case(3.25, PLAN),
+        envelopes={},
+        record=(np.zeros(1), np.zeros((2, 2, 1))),
+    )
+
+
+@pytest.mark.parametrize(
+    ("failing", "change"),
+    [
+        (None, to()),
+        (0, to(natural_frequency_hz=[3.1649, 1.4357])),
+        (1, entry("sweep_peak_hz", **{"linear, up": [3.18, 1.44]})),
+        (2, entry("sweep_peak_m", **{"linear, up": np.array([0.09, 0.08])})),
+        (3, to(frequency_rise_at_peak=[0.001, 0.005])),
+    ],
+)
+def test_linear_response_is_judged_by_its_numbers(
+    failing: int | None, change: Callable[[Any], Any]
+) -> None:
+    found = [claim.verdict for claim in linear.judge(change(linear_numbers()))]
+    assert found == ["does not hold" if k == failing else "holds" for k in range(4)]
+
+
+def plane_numbers(one_periodic: float, spread: float) -> Plane:
+    """Return a plane with a share of one-periodic points and a spread of the amplitudes."""
+    return Plane(
+        kind=np.zeros((2, 2), dtype=np.int64),
+        kinds=dict(enumerate(KINDS)),
+        share={"one-periodic": one_periodic, "higher order": 1.0 - one_periodic},
+        scatter=np.ones((2, 2)),
+        tip_amplitude_m=np.ones((2, 2, 2)),
+        tip_contacts_per_period=np.ones((2, 2)),
+        one_contact_share=0.95,
+        amplitude_spread=np.full(2, spread),
+        amplitude_by_first=np.array([0.8, 0.8]),
+        amplitude_by_second=np.array([0.1, 0.1]),
+        axes=("restitution", "penalty_stiffness"),
+        first=np.arange(2.0),
+        second=np.arange(2.0),
+    )
+
+
+def impact(**changes: Any) -> Callable[[Any], Any]:
+    """Return a change of the plane of method 3.2."""
+    return lambda n: replace(n, impact=replace(n.impact, **changes))
+
+
+@pytest.mark.parametrize(
+    ("failing", "change"),
+    [
+        (None, to()),
+        (0, impact(share={"one-periodic": 0.45})),
+        (1, impact(one_contact_share=0.8)),
+        (2, impact(amplitude_by_second=np.array([0.1, 0.9]))),
+        (3, to(best_decade=Decade(0.1, 0.9, np.array([0.4, 0.4])))),
+        (3, to(best_decade=Decade(0.1, 0.4, np.array([0.4, 0.05])))),
+    ],
+)
+def test_planes_are_judged_by_their_numbers(
+    failing: int | None, change: Callable[[Any], Any]
+) -> None:
+    decade = Decade(0.1, 0.4, np.array([0.4, 0.4]))
+    numbers = plane.Planes(plane_numbers(0.8, 0.1), plane_numbers(0.2, 0.5), decade, 2, 80)
+    found = [claim.verdict for claim in plane.judge(change(numbers))]
+    assert found == ["does not hold" if k == failing else "holds" for k in range(4)]
+
+
+# -- without matplotlib -----------------------------------------------------------------------
+
+WITHOUT_MATPLOTLIB = """
+import json
+import sys
+
+sys.modules["matplotlib"] = None  # an import of it fails
+
+from delam_fem.paper.lab import Laboratory, Plan
+from delam_fem.paper.reproduce import FIGURES, plain
+from delam_fem.studies.executors import Serial
+
+lab = Laboratory(Plan(periods=45, thresholds=2, gap_exponents=(1.0, 2.0)), Serial())
+for name in sys.argv[1:]:
+    piece = FIGURES[name]
+    numbers = piece.measure(lab)
+    claims = piece.judge(numbers)
+    assert claims and all(claim.figure == name for claim in claims), claims
+    assert json.dumps(plain(numbers.to_json()))
+    try:
+        piece.draw(numbers)
+    except ModuleNotFoundError:
+        print(name)
+"""
+
+
+def test_numbers_and_verdicts_need_no_matplotlib() -> None:
+    slow = {"2a", "2b", "6", "15"}  # their modules are imported, as all are
+    names = [name for name in FIGURES if name not in slow]
+    done = subprocess.run(
+        [sys.executable, "-c", WITHOUT_MATPLOTLIB, *names],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == names
