@@ -34,19 +34,65 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from delam_fem.case.definition import Case
+    from delam_fem.case.excitation import HarmonicMotion, SweptMotion
     from delam_fem.case.files import PRESETS, load_case, preset, save_case
     from delam_fem.case.toml import CaseError
+    from delam_fem.contact.decision import Decision
+    from delam_fem.contact.laws import LAWS, Law
+    from delam_fem.engines.session import solve
+    from delam_fem.model.operators import BaseCoupling, Operators
+    from delam_fem.numerics.schemes import SCHEMES, Scheme
     from delam_fem.pipeline import run
-    from delam_fem.results.dataset import Result
+    from delam_fem.results.folder import Result
+    from delam_fem.simulation.loop import State
+    from delam_fem.simulation.solution import Solution
     from delam_fem.studies.sweeps.grid import Sweep, load_sweep
     from delam_fem.studies.sweeps.run import run_sweep
 
+_HOMES = {
+    "LAWS": "contact.laws",
+    "PRESETS": "case.files",
+    "SCHEMES": "numerics.schemes",
+    "BaseCoupling": "model.operators",
+    "Case": "case.definition",
+    "CaseError": "case.toml",
+    "Decision": "contact.decision",
+    "HarmonicMotion": "case.excitation",
+    "Law": "contact.laws",
+    "Operators": "model.operators",
+    "Result": "results.folder",
+    "Scheme": "numerics.schemes",
+    "Solution": "simulation.solution",
+    "State": "simulation.loop",
+    "Sweep": "studies.sweeps.grid",
+    "SweptMotion": "case.excitation",
+    "load_case": "case.files",
+    "load_sweep": "studies.sweeps.grid",
+    "preset": "case.files",
+    "run": "pipeline",
+    "run_sweep": "studies.sweeps.run",
+    "save_case": "case.files",
+    "solve": "engines.session",
+}
+"""The module of each public name."""
+
 __all__ = [
+    "LAWS",
     "PRESETS",
+    "SCHEMES",
+    "BaseCoupling",
     "Case",
     "CaseError",
+    "Decision",
+    "HarmonicMotion",
+    "Law",
+    "Operators",
     "Result",
+    "Scheme",
+    "Solution",
+    "State",
     "Sweep",
+    "SweptMotion",
     "__version__",
     "load_case",
     "load_sweep",
@@ -54,22 +100,8 @@ __all__ = [
     "run",
     "run_sweep",
     "save_case",
+    "solve",
 ]
-
-_HOMES = {
-    "PRESETS": "case.files",
-    "Case": "case.definition",
-    "CaseError": "case.toml",
-    "Result": "results.dataset",
-    "Sweep": "studies.sweeps.grid",
-    "load_case": "case.files",
-    "load_sweep": "studies.sweeps.grid",
-    "preset": "case.files",
-    "run": "pipeline",
-    "run_sweep": "studies.sweeps.run",
-    "save_case": "case.files",
-}
-"""The module of each public name."""
 
 try:
     __version__: str = metadata.version("delam_fem")

@@ -19,9 +19,9 @@ from delam_fem.case.definition import Case
 from delam_fem.engines.choose import EngineName
 from delam_fem.engines.session import session_of
 from delam_fem.model import _dolfinx, beam
-from delam_fem.model.layout import Model
+from delam_fem.model.layout import Structure
 from delam_fem.results import dataset, diagnostics, energy_gain
-from delam_fem.results.dataset import Result
+from delam_fem.results.folder import Result, json_ready
 from delam_fem.simulation import checkpoint
 from delam_fem.simulation.interrupts import Watch, stop_signals
 from delam_fem.simulation.loop import Outcome, State
@@ -39,7 +39,7 @@ def run(
     directory: str | Path | None = None,
     resume: bool = False,
     progress: Progress | None = None,
-    model: Model | None = None,
+    structure: Structure | None = None,
     initial: State | None = None,
     comm: MPI.Intracomm = MPI.COMM_SELF,
 ) -> Result:
@@ -51,7 +51,7 @@ def run(
         directory: where checkpoints of a long run are kept; None: nowhere.
         resume: go on from the checkpoint in `directory`.
         progress: called after each period with the periods done and all periods.
-        model: the discretised case, if it is not to be assembled by `beam.assemble`.
+        structure: the discretised case, if it is not to be assembled by `beam.assemble`.
         initial: state at t = 0, for example `Result.state` of another run; None: at rest. Its
             accelerations are renewed.
         comm: communicator that shares the work; every rank returns the result. With "compiled"
@@ -66,9 +66,9 @@ def run(
     """
     if case.unread:
         _log.info("given, but not read: %s", ", ".join(case.unread))
-    model = beam.assemble(case, comm=comm) if model is None else model
+    structure = beam.assemble(case, comm=comm) if structure is None else structure
     kept = None if directory is None else checkpoint.path_in(Path(directory))
-    with session_of(case, model.operators, initial=initial, engine=engine, comm=comm) as opened:
+    with session_of(case, structure.operators, initial=initial, engine=engine, comm=comm) as opened:
         recorder = opened.recorder
         if resume:
             checkpoint.load(kept, case, opened.engine, recorder, opened.motion)
@@ -92,7 +92,7 @@ def run(
         stop.leave(outcome)
         state = opened.engine.state()
     summary = _summary(engine, outcome, recorder, recorder.n_closed - first, seconds)
-    return _result(case, model, recorder, state, summary)
+    return _result(case, structure, recorder, state, summary)
 
 
 def _summary(
@@ -110,7 +110,7 @@ def _summary(
 
 
 def _result(
-    case: Case, model: Model, recorder: Recorder, state: State, summary: dict[str, Any]
+    case: Case, structure: Structure, recorder: Recorder, state: State, summary: dict[str, Any]
 ) -> Result:
     """Collect what was computed."""
     attributes = {
@@ -119,7 +119,7 @@ def _result(
         "dolfinx": _dolfinx.version,
         "petsc": ".".join(str(n) for n in PETSc.Sys.getVersion()),
     }
-    history = dataset.history(recorder, model, case, attributes)
+    history = dataset.history(recorder, structure, case, attributes)
     summary |= diagnostics.summary(history, case)
     summary["energy_residual"] = recorder.energy_residual()
     summary["impact_energy_gain"] = energy_gain.gain_of(recorder)
@@ -131,7 +131,7 @@ def _result(
     if summary["outcome"] == "diverged":
         summary["message"] = _divergence(case, history)
         _log.error(summary["message"])
-    return Result(case, history, dataset.json_ready(summary), state)
+    return Result(case, history, json_ready(summary), state)
 
 
 def _divergence(case: Case, history: Any) -> str:

@@ -211,7 +211,7 @@ FIRST_STEPS = """
 from delam_fem import preset, run
 from delam_fem.model import closed_form
 case = preset("default", {"time.periods": 1})
-run(case, "compiled", model=closed_form.assemble(case))
+run(case, "compiled", structure=closed_form.assemble(case))
 """
 """What a user waits for before the first result: imports, cached compiled code, a period."""
 

@@ -1,4 +1,4 @@
-"""Euler–Bernoulli laminae in dolfinx: weak forms → `Model`.
+"""Euler–Bernoulli laminae in dolfinx: weak forms → `Structure`.
 
     m(w, v) = ∫ rho A w v dx                               (mass)
     k(w, v) = ∫ E I w'' v'' dx                             (stiffness)
@@ -20,11 +20,12 @@ import ufl
 from mpi4py import MPI
 
 from delam_fem.case.definition import Case
-from delam_fem.case.gap import initial_gap
 from delam_fem.model.hermite import BENDING_DEGREE, MASS_DEGREE, Hermite
-from delam_fem.model.layout import Model
+from delam_fem.model.laminae import clamped_laminae, gap_at_rest
+from delam_fem.model.layout import BASE, Layout, Structure
 from delam_fem.model.mesh import node_coordinates
 from delam_fem.model.operators import BaseCoupling, Operators
+from delam_fem.model.pairing import gap_matrix, probe_rows
 from delam_fem.numerics.arrays import FloatArray, IntArray
 
 Profile = Callable[[int, FloatArray], FloatArray | float]
@@ -37,7 +38,7 @@ def assemble(
     comm: MPI.Intracomm = MPI.COMM_SELF,
     flexural_rigidity: Profile | None = None,
     mass_per_length: Profile | None = None,
-) -> Model:
+) -> Structure:
     """Assemble the two laminae of a case.
 
     Args:
@@ -59,7 +60,8 @@ def assemble(
     EI_of_cell, rhoA_of_cell = (
         np.array([np.broadcast_to(profile(i, middle), n) for i in (0, 1)]) for profile in (EI, rhoA)
     )
-    return Model(_operators(case, x, (M, C, K), lumped), x, EI_of_cell, rhoA_of_cell)
+    layout = clamped_laminae(case, x, EI_of_cell, rhoA_of_cell)
+    return Structure(_operators(case, layout, (M, C, K), lumped), layout)
 
 
 def _two_lines(n: int) -> IntArray:
@@ -109,31 +111,23 @@ def _matrices(
 
 def _operators(
     case: Case,
-    x: FloatArray,
+    layout: Layout,
     matrices: tuple[sp.csr_matrix, sp.csr_matrix, sp.csr_matrix],
     lumped: FloatArray,
 ) -> Operators:
     """Split the clamped dofs off (paper eq. 9) and pair opposite nodes."""
-    n = len(x) - 1
-    dofs = np.arange(4 * (n + 1)).reshape(2, n + 1, 2)  # lamina, node, (u, phi)
-    free, base = dofs[:, 1:].ravel(), dofs[:, 0, 0]
+    whole = np.concatenate([part.dofs.ravel() for part in layout.parts])  # as they are assembled
+    free, base = np.flatnonzero(whole >= 0), np.flatnonzero(whole == BASE)
     mass, damping, stiffness = (matrix[free][:, free].tocsr() for matrix in matrices)
     m, c, k = (np.asarray(matrix[free][:, base].sum(axis=1)).ravel() for matrix in matrices)
     m_aa, c_aa, k_aa = (float(matrix[base][:, base].sum()) for matrix in matrices)
-    pairs = np.arange(n)
-    u1, u2 = 2 * pairs, 2 * (n + pairs)
-    ones = np.ones(n)
-    H = sp.coo_matrix(
-        (np.concatenate([-ones, ones]), (np.tile(pairs, 2), np.concatenate([u1, u2]))),
-        shape=(n, 4 * n),
-    ).tocsr()
     return Operators(
         mass=mass,
         damping=damping,
         stiffness=stiffness,
         lumped_mass=lumped[free],
         base=BaseCoupling(m, c, k, corner=(m_aa, c_aa, k_aa)),
-        gap_matrix=H,
-        gap0=initial_gap(case.gap, x, case.lamina[0].length)[1:],
-        observed=np.array([u1[-1], u2[-1]]),
+        gap_matrix=gap_matrix(layout.parts, layout.interfaces, free.size),
+        gap0=gap_at_rest(case, layout),
+        probes=probe_rows(layout, free.size),
     )

@@ -1,4 +1,4 @@
-"""Two laminae from closed-form beam element matrices, without dolfinx.
+"""Laminae from closed-form beam element matrices, without dolfinx.
 
 NumPy and SciPy only, so that sweeps and ladders start fast. The matrices equal those of the weak
 forms in `beam.py` to round-off. `reference/matrices.py` judges both.
@@ -13,18 +13,19 @@ import numpy.typing as npt
 import scipy.sparse as sp
 
 from delam_fem.case.definition import Case
-from delam_fem.case.gap import initial_gap
 from delam_fem.case.sections import Lamina
 from delam_fem.case.toml import CaseError
-from delam_fem.model.layout import Model
+from delam_fem.model.laminae import clamped_laminae, gap_at_rest
+from delam_fem.model.layout import Structure
 from delam_fem.model.operators import BaseCoupling, Operators
+from delam_fem.model.pairing import gap_matrix, probe_rows
 from delam_fem.numerics.arrays import FloatArray
 
 CLAMP_U, CLAMP_PHI = 0, 1
 """Dofs of one lamina before partition: node by node from the clamp, (u, phi) each."""
 
 
-def assemble(case: Case, x: npt.ArrayLike | None = None) -> Model:
+def assemble(case: Case, x: npt.ArrayLike | None = None) -> Structure:
     """Assemble the case from closed-form element matrices.
 
     Args:
@@ -32,21 +33,23 @@ def assemble(case: Case, x: npt.ArrayLike | None = None) -> Model:
         x: positions of the nodes from 0 to the length, shape (n_nodes,) [m]; default uniform.
 
     Returns:
-        The model, free dofs of lamina 1 before those of lamina 2.
+        Operators and layout.
 
     Raises:
         CaseError: the mesh is a file and x is not given, or x does not run from 0 to the length.
     """
     x = _nodes(case, x)
     beams = [Beam.of(lamina, np.diff(x)) for lamina in case.lamina]
-    damping = [case.rayleigh(i) for i in range(2)]
+    damping = [case.rayleigh(i) for i in range(len(beams))]
     is_lumped = case.time.mass == "lumped"
     M = [sp.diags(beam.lumped_mass, format="csr") if is_lumped else beam.mass for beam in beams]
     K = [beam.stiffness for beam in beams]
     C = [alpha * m + beta * k for (alpha, beta), m, k in zip(damping, M, K, strict=True)]
-    n = x.size - 1
+    EI = np.stack([beam.flexural_rigidity for beam in beams])
+    rhoA = np.stack([beam.mass_per_length for beam in beams])
+    layout, mass = clamped_laminae(case, x, EI, rhoA), _free_block(M)
     operators = Operators(
-        mass=_free_block(M),
+        mass=mass,
         damping=_free_block(C),
         stiffness=_free_block(K),
         lumped_mass=np.concatenate([beam.lumped_mass[CLAMP_PHI + 1 :] for beam in beams]),
@@ -56,13 +59,11 @@ def assemble(case: Case, x: npt.ArrayLike | None = None) -> Model:
             stiffness=_base_column(K),
             corner=(_base_corner(M), _base_corner(C), _base_corner(K)),
         ),
-        gap_matrix=gap_matrix(n),
-        gap0=np.asarray(initial_gap(case.gap, x, case.lamina[0].length))[1:],
-        observed=np.array([2 * n - 2, 4 * n - 2], dtype=np.int64),
+        gap_matrix=gap_matrix(layout.parts, layout.interfaces, mass.shape[0]),
+        gap0=gap_at_rest(case, layout),
+        probes=probe_rows(layout, mass.shape[0]),
     )
-    EI = np.stack([beam.flexural_rigidity for beam in beams])
-    rhoA = np.stack([beam.mass_per_length for beam in beams])
-    return Model(operators, x, EI, rhoA)
+    return Structure(operators, layout)
 
 
 def element_stiffness(flexural_rigidity: npt.ArrayLike, h: npt.ArrayLike) -> FloatArray:
@@ -164,15 +165,6 @@ def sum_elements(elements: FloatArray) -> sp.csr_matrix:
     rows, columns = np.repeat(dofs, 4, axis=1), np.tile(dofs, 4)
     entries = elements.reshape(n, 16)
     return sp.csr_matrix((entries.ravel(), (rows.ravel(), columns.ravel())), shape=(2 * n + 2,) * 2)
-
-
-def gap_matrix(n: int) -> sp.csr_matrix:
-    """Return H of n node pairs: gap = g0 + u2 - u1, shape (n, 4 n)."""
-    pair = np.arange(n)
-    u1, u2 = 2 * pair, 2 * (n + pair)
-    entries = np.concatenate([-np.ones(n), np.ones(n)])
-    columns = np.concatenate([u1, u2])
-    return sp.csr_matrix((entries, (np.tile(pair, 2), columns)), shape=(n, 4 * n))
 
 
 def _nodes(case: Case, x: npt.ArrayLike | None) -> FloatArray:

@@ -11,6 +11,7 @@ laminae.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
@@ -20,8 +21,9 @@ import scipy.sparse as sp
 from delam_fem.case.sections import Lamina
 from delam_fem.model.closed_form import Beam
 from delam_fem.model.operators import BaseCoupling, Operators
+from delam_fem.model.pairing import selection
 from delam_fem.numerics import rayleigh
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.arrays import FloatArray, IntArray
 from delam_fem.numerics.cantilever import cantilever_mode, cantilever_roots
 
 Touching = Literal["everywhere", "tip"]
@@ -90,7 +92,7 @@ def on_ground(
     lamina: Lamina,
     n: int,
     touching: Touching,
-    observed: npt.ArrayLike | None = None,
+    observed: Sequence[int] | IntArray | None = None,
     *,
     gravity: float = 0.0,
 ) -> Operators:
@@ -103,7 +105,7 @@ def on_ground(
         lamina: the strip.
         n: number of elements, at least 2.
         touching: which nodes are contact pairs.
-        observed: dofs recorded at each step; the tip's u where not given.
+        observed: dofs that the probes show; the tip's u where not given.
         gravity: g, 0 for a strip without weight [m/s2].
 
     Raises:
@@ -125,7 +127,7 @@ def on_ground(
         base=BaseCoupling.none(2 * n),
         gap_matrix=sp.csr_matrix(entries, shape=(pairs.size, 2 * n)),
         gap0=-lying(lamina, n, gravity)[2 * pairs],
-        observed=np.asarray([2 * n - 2] if observed is None else observed, dtype=np.int64),
+        probes=selection([2 * n - 2] if observed is None else observed, 2 * n),
     )
 
 

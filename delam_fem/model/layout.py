@@ -1,6 +1,7 @@
-"""A discretised case: its operators and what is needed to draw the laminae.
+"""Where the unknowns of a discretised structure are: parts, interfaces, probes and supports.
 
-What assembles it (closed form, dolfinx) and what integrates it is known elsewhere.
+Operators know nothing of what made them; a layout says what their numbers mean: which dof is which
+point of which part, between which points a contact pair stands, what is recorded at every step.
 """
 
 from __future__ import annotations
@@ -10,25 +11,30 @@ from dataclasses import dataclass
 import numpy as np
 
 from delam_fem.model.operators import Operators
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.arrays import FloatArray, IntArray
+
+BASE, FIXED = -1, -2
+"""In place of a free dof: what moves with the base, and what never moves."""
+DISPLACEMENT, SLOPE = 0, 1
+"""Columns of `Part.dofs`."""
 
 
 @dataclass(frozen=True)
-class Model:
-    """Two discretised laminae with opposite nodes.
-
-    The free dofs are ordered lamina by lamina, node by node from the clamp to the tip (the clamped
-    node left out), displacement u [m] before slope phi [-].
+class Part:
+    """One body of the structure: a lamina.
 
     Attributes:
-        operators: M, C, K, base coupling, gap operator and gap at rest.
-        x: positions of the nodes, clamp included, increasing, shape (n_nodes,) [m].
-        flexural_rigidity: EI of each cell of each lamina, shape (2, n_nodes - 1) [N m2].
-        mass_per_length: rho A of each cell of each lamina, shape (2, n_nodes - 1) [kg/m].
+        name: of the part.
+        x: positions of its points along the structure, increasing, shape (n_points,) [m].
+        dofs: free dof of displacement and slope at each point, or BASE, or FIXED, shape
+            (n_points, 2).
+        flexural_rigidity: EI of each cell between two points, shape (n_points - 1,) [N m2].
+        mass_per_length: ρA of each cell likewise [kg/m].
     """
 
-    operators: Operators
+    name: str
     x: FloatArray
+    dofs: IntArray
     flexural_rigidity: FloatArray
     mass_per_length: FloatArray
 
@@ -36,22 +42,162 @@ class Model:
         """Check the shapes.
 
         Raises:
-            ValueError: an array does not fit the nodes, or the nodes do not increase.
+            ValueError: an array does not fit the points, or the points do not increase.
         """
         if self.x.ndim != 1 or self.x.size < 2 or not np.all(np.diff(self.x) > 0.0):
-            raise ValueError(f"model: x must increase over at least two nodes, given {self.x}")
-        cells = (2, self.x.size - 1)
-        for name in ("flexural_rigidity", "mass_per_length"):
-            given = getattr(self, name).shape
-            if given != cells:
-                raise ValueError(f"model: {name} has shape {given}, expected {cells}")
-        if self.operators.n_dofs != 4 * self.n_elements:
             raise ValueError(
-                f"model: {self.operators.n_dofs} dofs, expected {4 * self.n_elements} "
-                f"for {self.n_elements} elements per lamina"
+                f"part {self.name}: x must increase over at least two points, given {self.x}"
             )
+        n = self.x.size
+        shapes = {"dofs": (n, 2), "flexural_rigidity": (n - 1,), "mass_per_length": (n - 1,)}
+        for name, expected in shapes.items():
+            given = getattr(self, name).shape
+            if given != expected:
+                raise ValueError(f"part {self.name}: {name} has shape {given}, expected {expected}")
 
     @property
     def n_elements(self) -> int:
-        """Number of elements per lamina."""
+        """Number of elements."""
         return self.x.size - 1
+
+    @property
+    def own_dofs(self) -> IntArray:
+        """The free dofs of the part, increasing, shape (n,)."""
+        return np.asarray(np.unique(self.dofs[self.dofs >= 0]))
+
+
+@dataclass(frozen=True)
+class Interface:
+    """Two parts that may touch at pairs of opposite points.
+
+    Attributes:
+        name: of the interface.
+        parts: numbers of the lower and the upper part.
+        points: points of both parts that form each pair, shape (n_pairs, 2).
+        first_pair: row of the gap operator that belongs to the first of these pairs.
+    """
+
+    name: str
+    parts: tuple[int, int]
+    points: IntArray
+    first_pair: int = 0
+
+    @property
+    def pairs(self) -> slice:
+        """The rows of the gap operator that belong to the interface."""
+        return slice(self.first_pair, self.first_pair + len(self.points))
+
+
+@dataclass(frozen=True)
+class Probe:
+    """A quantity that is recorded at every step; the same row of `Operators.probes`.
+
+    Attributes:
+        name: of the place, "tip".
+        part: number of the part.
+        point: number of the point within the part.
+    """
+
+    name: str
+    part: int
+    point: int
+
+
+@dataclass(frozen=True)
+class Support:
+    """A point that is held.
+
+    Attributes:
+        part: number of the part.
+        point: number of the point within the part.
+        kind: "clamped" to the base.
+    """
+
+    part: int
+    point: int
+    kind: str = "clamped"
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The structure that operators describe.
+
+    Attributes:
+        parts: from bottom to top.
+        interfaces: between them.
+        probes: rows of `Operators.probes`.
+        supports: where parts are held.
+    """
+
+    parts: tuple[Part, ...]
+    interfaces: tuple[Interface, ...]
+    probes: tuple[Probe, ...] = ()
+    supports: tuple[Support, ...] = ()
+
+    @property
+    def x(self) -> FloatArray:
+        """Positions of the points, which all parts share, shape (n_points,) [m].
+
+        Raises:
+            ValueError: parts have points of their own.
+        """
+        first, *others = self.parts
+        if any(not np.array_equal(part.x, first.x) for part in others):
+            raise ValueError("layout: expected the same points x on all parts")
+        return first.x
+
+    @property
+    def n_elements(self) -> int:
+        """Number of elements per part, where all parts have as many."""
+        return self.x.size - 1
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parts."""
+        return tuple(part.name for part in self.parts)
+
+    def at_points(self, interface: Interface, of_pairs: FloatArray) -> FloatArray:
+        """Spread values of the pairs of an interface over the points of its lower part.
+
+        Args:
+            interface: one of `interfaces`.
+            of_pairs: values of all pairs of the structure, shape (…, n_pairs).
+
+        Returns:
+            Values at the points, 0 where there is no pair, shape (…, n_points).
+        """
+        n_points = self.parts[interface.parts[0]].x.size
+        result = np.zeros((*of_pairs.shape[:-1], n_points), dtype=of_pairs.dtype)
+        result[..., interface.points[:, 0]] = of_pairs[..., interface.pairs]
+        return result
+
+
+@dataclass(frozen=True)
+class Structure:
+    """A discretised structure.
+
+    Attributes:
+        operators: M, C, K, base coupling, gap operator, gap at rest, probes.
+        layout: what their numbers mean.
+    """
+
+    operators: Operators
+    layout: Layout
+
+    def __post_init__(self) -> None:
+        """Check that both describe the same problem.
+
+        Raises:
+            ValueError: dofs, pairs or probes of the layout are not those of the operators.
+        """
+        o, layout = self.operators, self.layout
+        dofs = np.concatenate([part.dofs.ravel() for part in layout.parts])
+        if dofs.max() >= o.n_dofs:
+            raise ValueError(f"layout: dof {dofs.max()}, expected below {o.n_dofs}")
+        n_pairs = sum(len(interface.points) for interface in layout.interfaces)
+        for what, given, expected in (
+            ("pairs", n_pairs, o.n_pairs),
+            ("probes", len(layout.probes), o.n_probes),
+        ):
+            if given != expected:
+                raise ValueError(f"layout: {given} {what}, the operators have {expected}")

@@ -9,12 +9,13 @@ known elsewhere.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from operator import attrgetter
 
 import numpy as np
 import scipy.sparse as sp
 
-from delam_fem.numerics.arrays import FloatArray, IntArray
+from delam_fem.numerics.arrays import FloatArray
 
 
 @dataclass(frozen=True)
@@ -47,44 +48,53 @@ class Operators:
         mass: M, the mass matrix of the time integration, CSR (n, n).
         damping: C, CSR (n, n).
         stiffness: K, CSR (n, n).
-        lumped_mass: diagonal of the lumped mass matrix, shape (n,); "lumped" impulses act on it.
         base: coupling of the free dofs to the base.
         gap_matrix: H, CSR (n_pairs, n); gap rate = H v.
         gap0: gap at rest, shape (n_pairs,) [m]; positive is open.
-        observed: dofs whose motion is recorded at each step, shape (n_observed,).
+        lumped_mass: diagonal of the lumped mass matrix, shape (n,); None where there is none.
+            "lumped" impulses act on it.
+        pair_weights: by which the stiffness and damping of each pair's spring are multiplied, shape
+            (n_pairs,): tributary lengths [m] for springs per length, areas [m2] for springs per
+            area. None: springs are per pair, as in the paper.
+        probes: what is recorded at every step as linear functionals of u and v, CSR (n_probes, n).
+            None: an empty matrix is put in its place.
     """
 
     mass: sp.csr_matrix
     damping: sp.csr_matrix
     stiffness: sp.csr_matrix
-    lumped_mass: FloatArray
     base: BaseCoupling
     gap_matrix: sp.csr_matrix
     gap0: FloatArray
-    observed: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    lumped_mass: FloatArray | None = None
+    pair_weights: FloatArray | None = None
+    probes: sp.csr_matrix = None
 
     def __post_init__(self) -> None:
-        """Check the shapes.
+        """Check the shapes, and take no probes where none are given.
 
         Raises:
             ValueError: a matrix or vector does not fit the number of dofs or of pairs.
         """
         n, pairs = self.n_dofs, self.n_pairs
-        shapes = {
-            "mass": (self.mass.shape, (n, n)),
-            "damping": (self.damping.shape, (n, n)),
-            "stiffness": (self.stiffness.shape, (n, n)),
-            "lumped_mass": (self.lumped_mass.shape, (n,)),
-            "base.mass": (self.base.mass.shape, (n,)),
-            "base.damping": (self.base.damping.shape, (n,)),
-            "base.stiffness": (self.base.stiffness.shape, (n,)),
-            "gap_matrix": (self.gap_matrix.shape, (pairs, n)),
+        if self.probes is None:
+            object.__setattr__(self, "probes", sp.csr_matrix((0, n)))
+        shapes: dict[str, tuple[int, ...]] = {
+            "mass": (n, n),
+            "damping": (n, n),
+            "stiffness": (n, n),
+            "lumped_mass": (n,),
+            "base.mass": (n,),
+            "base.damping": (n,),
+            "base.stiffness": (n,),
+            "gap_matrix": (pairs, n),
+            "pair_weights": (pairs,),
+            "probes": (self.n_probes, n),
         }
-        for name, (given, expected) in shapes.items():
-            if given != expected:
-                raise ValueError(f"operators: {name} has shape {given}, expected {expected}")
-        if self.observed.size and not (0 <= self.observed.min() <= self.observed.max() < n):
-            raise ValueError(f"operators: observed dofs must lie in 0..{n - 1}: {self.observed}")
+        for name, expected in shapes.items():
+            array = attrgetter(name)(self)
+            if array is not None and array.shape != expected:
+                raise ValueError(f"operators: {name} has shape {array.shape}, expected {expected}")
 
     @property
     def n_dofs(self) -> int:
@@ -94,9 +104,22 @@ class Operators:
     @property
     def n_probes(self) -> int:
         """Number of probes."""
-        return int(self.observed.size)
+        return int(self.probes.shape[0])
 
     @property
     def n_pairs(self) -> int:
         """Number of contact pairs."""
         return int(self.gap0.shape[0])
+
+    def require_lumped_mass(self) -> FloatArray:
+        """Return the diagonal of the lumped mass, shape (n,).
+
+        Raises:
+            ValueError: there is none.
+        """
+        if self.lumped_mass is None:
+            raise ValueError(
+                'operators: lumped_mass is missing, but impulse = "lumped" acts on it; give it, or '
+                'take impulse = "consistent"'
+            )
+        return self.lumped_mass

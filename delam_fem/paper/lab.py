@@ -24,13 +24,13 @@ from delam_fem.studies import executors
 if TYPE_CHECKING:
     import xarray as xr
 
-    from delam_fem.results.dataset import Result
+    from delam_fem.results.folder import Result
 
 EngineName = Literal["petsc", "compiled"]
-Method = Literal["3.1", "3.2"]
+PaperMethod = Literal["3.1", "3.2"]
 _T = TypeVar("_T")
 
-LAWS: dict[Method, str] = {"3.1": "newton", "3.2": "newton-penalty"}
+LAWS: dict[PaperMethod, str] = {"3.1": "newton", "3.2": "newton-penalty"}
 """The contact laws by the section of the paper that introduces them."""
 
 _log = logging.getLogger(__name__)
@@ -153,7 +153,7 @@ def laboratory(
 def motion_case(
     frequency: float,
     plan: Plan,
-    method: Method = "3.2",
+    method: PaperMethod = "3.2",
     overrides: Mapping[str, object] | None = None,
 ) -> Case:
     """Return the paper's case at a frequency [Hz] by one of its methods."""
@@ -166,9 +166,9 @@ def motion_case(
     return preset("paper", keys | dict(overrides or {}))
 
 
-def both_methods(lab: Laboratory) -> dict[tuple[float, Method], Result]:
+def both_methods(lab: Laboratory) -> dict[tuple[float, PaperMethod], Result]:
     """Compute the four reference motions by both methods; keys are frequency [Hz] and method."""
-    keys: list[tuple[float, Method]] = [(f, m) for f in FREQUENCIES for m in LAWS]
+    keys: list[tuple[float, PaperMethod]] = [(f, m) for f in FREQUENCIES for m in LAWS]
     results = lab.motions([motion_case(f, lab.plan, m) for f, m in keys])
     return dict(zip(keys, results, strict=True))
 

@@ -14,7 +14,7 @@ from delam_fem.results import diagnostics
 from delam_fem.results.style import HISTORY_PERIODS
 
 if TYPE_CHECKING:
-    from delam_fem.results.dataset import Result
+    from delam_fem.results.folder import Result
 
 SMOOTH_HARMONICS = 20
 """The part of a signal above so many harmonics of the excitation counts as roughness."""

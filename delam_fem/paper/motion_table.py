@@ -11,7 +11,7 @@ from delam_fem.paper.motions import MOTIONS, Motion, contacts, strikes
 
 if TYPE_CHECKING:
     from delam_fem.paper.lab import EngineName
-    from delam_fem.results.dataset import Result
+    from delam_fem.results.folder import Result
 
 HEADINGS = (
     "f [Hz]", "paper", "contacts per period", "strike: thick / thin [m/s]", "period (paper)",

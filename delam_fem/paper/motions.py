@@ -16,7 +16,7 @@ from delam_fem.numerics.arrays import BoolArray, FloatArray, IntArray
 from delam_fem.results import diagnostics
 
 if TYPE_CHECKING:
-    from delam_fem.results.dataset import Result
+    from delam_fem.results.folder import Result
 
 STEPS_BEFORE = 2
 """The velocities of a strike are read so many steps before it, because waves of impacts further

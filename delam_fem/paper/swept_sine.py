@@ -8,7 +8,7 @@ from delam_fem.case.definition import Case
 from delam_fem.case.excitation import base_motion
 from delam_fem.case.files import preset
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.results.dataset import Result
+from delam_fem.results.folder import Result
 
 BAND = (0.5, 4.0)
 """Frequencies of the experiment [Hz]."""

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from delam_fem.case.atomic import atomic, write_text
 from delam_fem.case.definition import Case
 from delam_fem.case.toml import CaseError
-from delam_fem.model.layout import Model
+from delam_fem.model.layout import Structure
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.reference import matrices
@@ -157,16 +157,16 @@ def compare(case: Case, *, impacts: int = 20, periods: int = 3) -> Comparison:
     short = case.with_overrides(
         {"time.periods": periods, "output.window_periods": periods, "output.fields_per_period": 0}
     )
-    model = beam.assemble(short)
-    independent = matrices.assemble(short, model.x)
+    structure = beam.assemble(short)
+    independent = matrices.assemble(short, structure.layout.x)
     expected = simulate_reference(independent, short, periods=periods)
     history = run(short).history
     n_impacts = (int(history.sizes["event"]), len(expected.events))
     limit = min(impacts, *n_impacts)
     return Comparison(
         names=(case.lamina[0].name, case.lamina[1].name),
-        matrices=operator_differences(model.operators, independent),
-        frequencies=_frequency_difference(model, independent, case),
+        matrices=operator_differences(structure.operators, independent),
+        frequencies=_frequency_difference(structure, independent, case),
         times=expected.times,
         tips=_same_length(np.asarray(history["tip_displacement"]), expected),
         reference_tips=expected.tip_displacement,
@@ -195,7 +195,7 @@ def operator_differences(given: Operators, expected: Operators) -> dict[str, flo
         relative = _scaled_difference(_bordered(given, name, k), _bordered(expected, name, k))
         blocks[letter] = float(relative[1:, 1:].max())
         columns[f"{letter}, column of the base"] = float(relative[:, 0].max())
-    lumped = np.abs(given.lumped_mass / expected.lumped_mass - 1.0)
+    lumped = np.abs(given.require_lumped_mass() / expected.require_lumped_mass() - 1.0)
     H = np.abs((given.gap_matrix - expected.gap_matrix).toarray())
     gap0 = np.abs(given.gap0 - expected.gap0) / np.abs(expected.gap0).max()
     vectors = {"lumped mass": lumped, "H": H, "gap0": gap0}
@@ -219,8 +219,8 @@ def _scaled_difference(a: sp.csr_matrix, b: sp.csr_matrix) -> sp.csr_matrix:
     return sp.csr_matrix((entries, (difference.row, difference.col)), shape=a.shape)
 
 
-def _frequency_difference(given: Model, expected: Operators, case: Case) -> float:
-    n = min(COMPARED_MODES, 2 * given.n_elements)
+def _frequency_difference(given: Structure, expected: Operators, case: Case) -> float:
+    n = min(COMPARED_MODES, 2 * given.layout.n_elements)
     ratio = modes_of(given, case, n).frequencies / matrices.natural_frequencies(expected, n)
     return float(np.abs(ratio - 1.0).max())
 

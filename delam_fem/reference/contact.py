@@ -75,7 +75,7 @@ def lumped_impact(
         Velocity after, shape (n,) [m/s]; impulse of each hit pair, shape (n_hit,) [N s].
     """
     H = operators.gap_matrix[hit]
-    inverse_mass = 1.0 / operators.lumped_mass
+    inverse_mass = 1.0 / operators.require_lumped_mass()
     impulses = -(1.0 + restitution) * (H @ v) / (H.power(2) @ inverse_mass)
     return v + inverse_mass * (H.T @ impulses), impulses
 

@@ -24,7 +24,7 @@ LAWS = ("none", "newton", "newton-penalty")
 
 
 @dataclass(frozen=True)
-class State:
+class Standing:
     """Where a run stands at the end of a step.
 
     Attributes:
@@ -40,7 +40,7 @@ class State:
     permanent: BoolArray
 
     @classmethod
-    def at_rest(cls, operators: Operators) -> State:
+    def at_rest(cls, operators: Operators) -> Standing:
         """Return the start: t = 0, stress-free and at rest."""
         n = operators.n_dofs
         return cls(0, np.zeros(n), np.zeros(n), np.zeros(operators.n_pairs, dtype=bool))
@@ -71,11 +71,11 @@ class ReferenceRun:
     tip_displacement: FloatArray
     tip_velocity: FloatArray
     events: list[Event]
-    final: State
+    final: Standing
 
 
 def simulate_reference(
-    operators: Operators, case: Case, *, periods: int, initial: State | None = None
+    operators: Operators, case: Case, *, periods: int, initial: Standing | None = None
 ) -> ReferenceRun:
     """Integrate the case for some periods at constant time step.
 
@@ -92,14 +92,15 @@ def simulate_reference(
         CaseError: the reference does not have the scheme or the contact law of the case.
     """
     _require_supported(case)
-    state = initial or State.at_rest(operators)
+    state = initial or Standing.at_rest(operators)
     N, dt = case.time.steps_per_period, case.time_step
     steps = np.arange(state.step, state.step + periods * N + 1)
     base = base_motion(case).states(steps * dt)
     system = _System(operators, dt, case.contact.penalty_stiffness)
     u, v, P = state.displacement, state.velocity, state.permanent
     a = system.acceleration(u, v, base[0], P)
-    tips = np.empty((2, len(operators.observed), periods * N))
+    probes = operators.probes
+    tips = np.empty((2, operators.n_probes, periods * N))
     events: list[Event] = []
     for i in range(periods * N):
         u, v, a = system.newmark(u, v, a, base[i + 1], P)
@@ -109,8 +110,8 @@ def simulate_reference(
             a = system.acceleration(u, v, base[i + 1], P)
         time = steps[i + 1] * dt
         events += [Event(time, *impact) for impact in impacts]
-        tips[:, :, i] = u[operators.observed], v[operators.observed]
-    return ReferenceRun(steps[1:] * dt, tips[0], tips[1], events, State(int(steps[-1]), u, v, P))
+        tips[:, :, i] = probes @ u, probes @ v
+    return ReferenceRun(steps[1:] * dt, tips[0], tips[1], events, Standing(int(steps[-1]), u, v, P))
 
 
 class _System:

@@ -54,7 +54,7 @@ def assemble(case: Case, x: npt.ArrayLike) -> Operators:
         base=BaseCoupling(m, c, k, corner=(m_aa, c_aa, k_aa)),
         gap_matrix=sp.csr_matrix(eye[u[n:]] - eye[u[:n]]),
         gap0=gap_at_rest(case.gap, x, case.lamina[0].length)[1:],
-        observed=u[[n - 1, 2 * n - 1]],
+        probes=sp.csr_matrix(eye[u[[n - 1, 2 * n - 1]]]),
     )
 
 

@@ -7,8 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.sparse.linalg import splu
 
-from delam_fem.case.definition import Case
-from delam_fem.model.operators import Operators
+from delam_fem.model.layout import Structure
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.simulation.loop import State
 
@@ -16,37 +15,37 @@ _ITERATIONS = 12
 """Of the inverse iteration; each divides what is left of mode 2 by (ω2/ω1)² = 39."""
 
 
-def first_mode(operators: Operators, lamina: int) -> FloatArray:
-    """Return the first mode of one lamina, the other one straight.
+def first_mode(structure: Structure, number: int) -> FloatArray:
+    """Return the first mode of one part, the others straight.
 
     Inverse iteration v <- K⁻¹ M v.
 
     Args:
-        operators: of two laminae, the free dofs of lamina 1 before those of lamina 2.
-        lamina: index, 0 or 1.
+        structure: discretised.
+        number: of the part; its probe of the same number scales the mode.
 
     Returns:
-        u and φ of all free dofs, 1 at the tip, shape (n,) [-, 1/m].
+        All free dofs, 1 at the probe, shape (n,) [-, 1/m].
     """
-    half = operators.n_dofs // 2
-    own = slice(lamina * half, (lamina + 1) * half)
-    K, M = operators.stiffness[own, own], operators.mass[own, own]
+    operators = structure.operators
+    own = structure.layout.parts[number].own_dofs
+    K, M = (matrix[own][:, own] for matrix in (operators.stiffness, operators.mass))
+    probe = operators.probes[number, own]
     solve = splu(K.tocsc()).solve
-    shape = np.ones(half)
+    shape = np.ones(own.size)
     for _ in range(_ITERATIONS):
         shape = solve(M @ shape)
-        shape /= shape[-2]  # the tip's displacement
+        shape /= (probe @ shape)[0]
     mode = np.zeros(operators.n_dofs)
     mode[own] = shape
     return mode
 
 
-def initial_state(case: Case, operators: Operators, given: Mapping[str, float]) -> State | None:
+def initial_state(structure: Structure, given: Mapping[str, float]) -> State | None:
     """Return the state of given tip displacements and velocities in the first modes.
 
     Args:
-        case: gives the names of the laminae.
-        operators: of the case.
+        structure: discretised; the names of its parts are those of the laminae.
         given: tip displacement [m] and velocity [m/s] by `LAMINA.displacement`, `….velocity`.
 
     Returns:
@@ -54,9 +53,9 @@ def initial_state(case: Case, operators: Operators, given: Mapping[str, float]) 
     """
     if not any(given.values()):
         return None
-    motion = np.zeros((3, operators.n_dofs))
-    for i, lamina in enumerate(case.lamina):
-        mode = first_mode(operators, i)
-        motion[0] += given.get(f"{lamina.name}.displacement", 0.0) * mode
-        motion[1] += given.get(f"{lamina.name}.velocity", 0.0) * mode
-    return State(motion, np.zeros(operators.n_pairs, dtype=np.bool_))
+    motion = np.zeros((3, structure.operators.n_dofs))
+    for number, part in enumerate(structure.layout.parts):
+        mode = first_mode(structure, number)
+        motion[0] += given.get(f"{part.name}.displacement", 0.0) * mode
+        motion[1] += given.get(f"{part.name}.velocity", 0.0) * mode
+    return State(motion, np.zeros(structure.operators.n_pairs, dtype=np.bool_))

@@ -1,4 +1,4 @@
-"""Natural frequencies and mode shapes of both laminae beside those of the exact cantilever."""
+"""Natural frequencies and mode shapes of all laminae beside those of the exact cantilever."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from scipy.sparse.linalg import eigsh
 from delam_fem.case.atomic import atomic, write_text
 from delam_fem.case.definition import Case
 from delam_fem.case.toml import CaseError
-from delam_fem.model.layout import Model
+from delam_fem.model.layout import DISPLACEMENT, Part, Structure
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.numerics.cantilever import cantilever_mode
@@ -30,13 +30,13 @@ class Modes:
 
     Attributes:
         names: names of the laminae.
-        frequencies: computed, shape (2, n) [Hz].
-        exact: of the Euler-Bernoulli cantilever, shape (2, n) [Hz].
+        frequencies: computed, shape (n_laminae, n) [Hz].
+        exact: of the Euler-Bernoulli cantilever, shape (n_laminae, n) [Hz].
         x: nodes, clamp included, shape (n_nodes,) [m].
-        shapes: deflections at the nodes, 1 at the tip, shape (2, n, n_nodes) [-].
+        shapes: deflections at the nodes, 1 at the tip, shape (n_laminae, n, n_nodes) [-].
     """
 
-    names: tuple[str, str]
+    names: tuple[str, ...]
     frequencies: FloatArray
     exact: FloatArray
     x: FloatArray
@@ -44,7 +44,7 @@ class Modes:
 
     @property
     def relative_differences(self) -> FloatArray:
-        """(computed - exact) / exact, shape (2, n) [-]."""
+        """(computed - exact) / exact, shape (n_laminae, n) [-]."""
         return self.frequencies / self.exact - 1.0
 
     def rows(self) -> list[tuple[str, str, str, str, str]]:
@@ -58,7 +58,7 @@ class Modes:
                 f"{self.exact[i, k]:.6g}",
                 f"{self.relative_differences[i, k]:+.1e}",
             )
-            for i in range(2)
+            for i in range(len(self.names))
             for k in range(n)
         ]
 
@@ -92,7 +92,7 @@ class Modes:
         """Draw the computed shapes as dots on the exact lines, lowest mode at the bottom."""
         figure = Figure(figsize=(9.0, 6.0), layout="constrained")
         fine = np.linspace(0.0, 1.0, 400)
-        all_axes = figure.subplots(1, 2, sharey=True)
+        all_axes = figure.subplots(1, len(self.names), sharey=True, squeeze=False)[0]
         for i, axes in enumerate(all_axes):
             for k, shape in enumerate(self.shapes[i]):
                 level = 2.5 * k
@@ -109,7 +109,7 @@ class Modes:
 
 
 def modes(case: Case, n: int = 6) -> Modes:
-    """Return the lowest modes of both laminae from the weak forms in dolfinx.
+    """Return the lowest modes of all laminae from the weak forms in dolfinx.
 
     Args:
         case: the case; springs and contact do not matter here.
@@ -126,11 +126,11 @@ def modes(case: Case, n: int = 6) -> Modes:
     return modes_of(beam.assemble(case), case, n)
 
 
-def modes_of(model: Model, case: Case, n: int = 6) -> Modes:
-    """Return the lowest modes of both laminae of a model that is already assembled.
+def modes_of(structure: Structure, case: Case, n: int = 6) -> Modes:
+    """Return the lowest modes of each lamina of a structure that is already assembled.
 
     Args:
-        model: the discretised laminae.
+        structure: the discretised laminae.
         case: their exact properties.
         n: number of modes per lamina.
 
@@ -140,24 +140,32 @@ def modes_of(model: Model, case: Case, n: int = 6) -> Modes:
     Raises:
         CaseError: n is below 1 or above the number of dofs of a lamina.
     """
-    most = 2 * model.n_elements
+    layout = structure.layout
+    most = min(part.own_dofs.size for part in layout.parts)
     if not 1 <= n <= most:
         raise CaseError(f"number of modes: expected 1 to {most} (dofs of a lamina), given {n}")
-    shapes = np.zeros((2, n, model.x.size))
-    frequencies = np.zeros((2, n))
-    for i in range(2):
-        frequencies[i], vectors = _lowest(*_lamina_block(model.operators, i), n)
-        shapes[i, :, 1:] = (vectors[0::2] / vectors[-2]).T
+    shapes = np.zeros((len(layout.parts), n, layout.x.size))
+    frequencies = np.zeros((len(layout.parts), n))
+    for i, part in enumerate(layout.parts):
+        frequencies[i], vectors = _lowest(*_own_block(structure.operators, part), n)
+        shapes[i] = _deflections(part, vectors)
     exact = [np.asarray(lamina.angular_frequencies(n)) / (2.0 * np.pi) for lamina in case.lamina]
-    names = (case.lamina[0].name, case.lamina[1].name)
-    return Modes(names, frequencies, np.stack(exact), model.x, shapes)
+    return Modes(layout.names, frequencies, np.stack(exact), layout.x, shapes)
 
 
-def _lamina_block(operators: Operators, i: int) -> tuple[sp.csr_matrix, sp.csr_matrix]:
-    """Return (K, M) of lamina i alone."""
-    half = operators.n_dofs // 2
-    own = slice(i * half, (i + 1) * half)
-    return operators.stiffness[own, own], operators.mass[own, own]
+def _own_block(operators: Operators, part: Part) -> tuple[sp.csr_matrix, sp.csr_matrix]:
+    """Return (K, M) of one part alone."""
+    own = part.own_dofs
+    return operators.stiffness[own][:, own], operators.mass[own][:, own]
+
+
+def _deflections(part: Part, vectors: FloatArray) -> FloatArray:
+    """Return the deflections at the points, 1 at the last one, shape (n, n_points)."""
+    free = part.dofs[:, DISPLACEMENT] >= 0
+    shapes = np.zeros((vectors.shape[1], part.x.size))
+    places = np.searchsorted(part.own_dofs, part.dofs[free, DISPLACEMENT])
+    shapes[:, free] = vectors[places].T
+    return np.asarray(shapes / shapes[:, -1:])
 
 
 def _lowest(K: sp.csr_matrix, M: sp.csr_matrix, n: int) -> tuple[FloatArray, FloatArray]:

@@ -15,7 +15,7 @@ from delam_fem.model.closed_form import (
     element_mass,
     element_stiffness,
 )
-from delam_fem.model.layout import Model
+from delam_fem.model.layout import Structure
 
 ROUND_OFF = 1e-12  # relative to the largest entry
 H, EI, RHO_A = 0.37, 1.7, 0.23
@@ -28,7 +28,7 @@ def paper() -> Case:
 
 
 @pytest.fixture
-def model(paper: Case) -> Model:
+def model(paper: Case) -> Structure:
     return assemble(paper, x=GRADED)
 
 
@@ -82,7 +82,7 @@ def test_lumped_mass_is_half_per_end() -> None:
     np.testing.assert_allclose(element_lumped_mass([RHO_A], [H])[0], end + end, rtol=ROUND_OFF)
 
 
-def test_moving_with_the_base_needs_no_force(model: Model) -> None:
+def test_moving_with_the_base_needs_no_force(model: Structure) -> None:
     ops = model.operators
     translation = np.tile([1.0, 0.0], ops.n_dofs // 2)
     scale = ops.stiffness.diagonal().max()
@@ -93,7 +93,7 @@ def test_moving_with_the_base_needs_no_force(model: Model) -> None:
     assert abs(reaction) < ROUND_OFF * scale
 
 
-def test_total_mass_is_that_of_both_laminae(paper: Case, model: Model) -> None:
+def test_total_mass_is_that_of_both_laminae(paper: Case, model: Structure) -> None:
     ops = model.operators
     translation = np.tile([1.0, 0.0], ops.n_dofs // 2)
     total = (
@@ -105,7 +105,7 @@ def test_total_mass_is_that_of_both_laminae(paper: Case, model: Model) -> None:
     assert total == pytest.approx(expected, rel=ROUND_OFF)
 
 
-def test_damping_is_rayleigh_per_lamina(paper: Case, model: Model) -> None:
+def test_damping_is_rayleigh_per_lamina(paper: Case, model: Structure) -> None:
     ops, half = model.operators, model.operators.n_dofs // 2
     for i, own in enumerate((slice(0, half), slice(half, None))):
         alpha, beta = paper.rayleigh(i)
@@ -117,20 +117,20 @@ def test_damping_is_rayleigh_per_lamina(paper: Case, model: Model) -> None:
     assert ops.damping[:half, half:].nnz == 0
 
 
-def test_dofs_run_along_lamina_one_then_two(model: Model) -> None:
-    ops, n = model.operators, model.n_elements
+def test_dofs_run_along_lamina_one_then_two(model: Structure) -> None:
+    ops, n = model.operators, model.layout.n_elements
     q = np.zeros(ops.n_dofs)
     q[2 * 2], q[2 * n + 2 * 2], q[2 * 2 + 1] = 3.0, 10.0, 99.0  # third free node: u1, u2, phi1
     np.testing.assert_array_equal(ops.gap_matrix @ q, [0.0, 0.0, 7.0, 0.0, 0.0])
-    np.testing.assert_array_equal(ops.observed, [2 * n - 2, 4 * n - 2])
-    thick, thin = model.mass_per_length
+    np.testing.assert_array_equal(ops.probes @ np.arange(4 * n), [2 * n - 2, 4 * n - 2])
+    thick, thin = (part.mass_per_length for part in model.layout.parts)
     h = np.diff(GRADED)
     assert ops.lumped_mass[0] == pytest.approx(thick[0] * (h[0] + h[1]) / 2, rel=ROUND_OFF)
     assert ops.lumped_mass[-2] == pytest.approx(thin[0] * h[-1] / 2, rel=ROUND_OFF)
     assert ops.lumped_mass[-1] == pytest.approx(thin[0] * h[-1] ** 3 / 78, rel=ROUND_OFF)
 
 
-def test_gap_at_rest_is_that_of_the_free_nodes(model: Model) -> None:
+def test_gap_at_rest_is_that_of_the_free_nodes(model: Structure) -> None:
     expected = 0.012 * (GRADED[1:] / 0.685) ** 2
     np.testing.assert_allclose(model.operators.gap0, expected, rtol=ROUND_OFF)
 

@@ -6,37 +6,83 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 
 from delam_fem.case.files import preset
 from delam_fem.model import closed_form
-from delam_fem.model.layout import Model
+from delam_fem.model.layout import BASE, FIXED, Interface, Layout, Part, Probe, Structure
+
+X = np.array([0.0, 0.1, 0.3])
 
 
 @pytest.fixture(scope="module")
-def model() -> Model:
+def structure() -> Structure:
     return closed_form.assemble(preset("paper", {"mesh.elements": 3}))
+
+
+def part(name: str = "a", x: np.ndarray = X, **changed: np.ndarray) -> Part:
+    n = x.size
+    given: dict[str, np.ndarray] = {
+        "dofs": np.arange(2 * n).reshape(n, 2),
+        "flexural_rigidity": np.ones(n - 1),
+        "mass_per_length": np.ones(n - 1),
+    }
+    return Part(name, x, **(given | changed))
 
 
 @pytest.mark.parametrize(
     ("changed", "text"),
     [
-        ({"x": np.array([0.0, 0.2, 0.2, 0.6])}, "x must increase over at least two nodes"),
-        ({"x": np.array([0.0])}, "x must increase over at least two nodes"),
-        ({"flexural_rigidity": np.ones((2, 4))}, r"flexural_rigidity has shape \(2, 4\)"),
-        ({"mass_per_length": np.ones(3)}, r"mass_per_length has shape \(3,\), expected \(2, 3\)"),
+        ({"x": np.array([0.0, 0.2, 0.2])}, "part a: x must increase over at least two points"),
+        ({"x": np.array([0.0])}, "part a: x must increase over at least two points"),
+        ({"flexural_rigidity": np.ones(4)}, r"flexural_rigidity has shape \(4,\), expected \(2,\)"),
+        ({"mass_per_length": np.ones(3)}, r"mass_per_length has shape \(3,\), expected \(2,\)"),
+        ({"dofs": np.arange(6)}, r"dofs has shape \(6,\), expected \(3, 2\)"),
     ],
 )
-def test_arrays_of_a_model_fit_its_nodes(
-    model: Model, changed: dict[str, np.ndarray], text: str
-) -> None:
+def test_arrays_of_a_part_fit_its_points(changed: dict[str, np.ndarray], text: str) -> None:
     with pytest.raises(ValueError, match=text):
-        replace(model, **changed)
+        part(**changed)
 
 
-def test_dofs_of_a_model_fit_its_nodes(model: Model) -> None:
+def test_laminae_are_clamped_at_the_base_and_free_at_the_tip(structure: Structure) -> None:
+    thick, thin = structure.layout.parts
+    assert structure.layout.names == ("thick", "thin")
+    assert thick.dofs.tolist() == [[BASE, FIXED], [0, 1], [2, 3], [4, 5]]
+    assert thin.own_dofs.tolist() == [6, 7, 8, 9, 10, 11]
+    (interface,) = structure.layout.interfaces
+    assert interface.name == "thick-thin"
+    assert interface.points.tolist() == [[1, 1], [2, 2], [3, 3]]
+    assert [(probe.name, probe.part, probe.point) for probe in structure.layout.probes] == [
+        ("tip", 0, 3),
+        ("tip", 1, 3),
+    ]
+
+
+def test_a_layout_fits_its_operators(structure: Structure) -> None:
     fewer = closed_form.assemble(preset("paper", {"mesh.elements": 2})).operators
-    with pytest.raises(ValueError, match="8 dofs, expected 12 for 3 elements"):
-        replace(model, operators=fewer)
+    with pytest.raises(ValueError, match="dof 11, expected below 8"):
+        replace(structure, operators=fewer)
+    without = replace(structure.layout, interfaces=())
+    with pytest.raises(ValueError, match="0 pairs, the operators have 3"):
+        replace(structure, layout=without)
+    probed = replace(structure.layout, probes=(Probe("tip", 0, 3),))
+    with pytest.raises(ValueError, match="1 probes, the operators have 2"):
+        replace(structure, layout=probed)
+
+
+def test_parts_with_points_of_their_own_have_no_common_x() -> None:
+    layout = Layout((part("a"), part("b", x=np.array([0.0, 0.2, 0.3]))), ())
+    with pytest.raises(ValueError, match="expected the same points"):
+        _ = layout.x
+
+
+def test_values_of_pairs_stand_at_their_points() -> None:
+    delaminated = Interface("a-b", (0, 1), np.array([[1, 1]]), first_pair=2)
+    layout = Layout((part("a"), part("b")), (delaminated,))
+    spread = layout.at_points(delaminated, np.array([[5, 6, 7], [8, 9, 10]], dtype=np.int8))
+    assert spread.tolist() == [[0, 7, 0], [0, 10, 0]]
+    assert spread.dtype == np.int8
 
 
 @pytest.mark.parametrize(
@@ -44,10 +90,19 @@ def test_dofs_of_a_model_fit_its_nodes(model: Model) -> None:
     [
         ("lumped_mass", np.ones(11), r"lumped_mass has shape \(11,\), expected \(12,\)"),
         ("gap0", np.ones(2), r"gap_matrix has shape \(3, 12\), expected \(2, 12\)"),
-        ("observed", np.array([0, 12]), r"observed dofs must lie in 0\.\.11"),
-        ("observed", np.array([-1]), r"observed dofs must lie in 0\.\.11"),
+        ("pair_weights", np.ones(4), r"pair_weights has shape \(4,\), expected \(3,\)"),
+        ("probes", sp.csr_matrix((1, 11)), r"probes has shape \(1, 11\), expected \(1, 12\)"),
     ],
 )
-def test_operators_fit_together(model: Model, name: str, value: np.ndarray, text: str) -> None:
+def test_operators_fit_together(structure: Structure, name: str, value: object, text: str) -> None:
     with pytest.raises(ValueError, match=text):
-        replace(model.operators, **{name: value})
+        replace(structure.operators, **{name: value})
+
+
+def test_operators_without_probes_record_nothing(structure: Structure) -> None:
+    assert replace(structure.operators, probes=None).probes.shape == (0, 12)
+
+
+def test_a_missing_lumped_mass_is_told(structure: Structure) -> None:
+    with pytest.raises(ValueError, match='impulse = "lumped" acts on it'):
+        replace(structure.operators, lumped_mass=None).require_lumped_mass()

@@ -20,7 +20,7 @@ from delam_fem.paper.motions import (
     is_as_described,
     strikes,
 )
-from delam_fem.results.dataset import Result
+from delam_fem.results.folder import Result
 from delam_fem.studies.executors import Serial
 
 PLAN = Plan()

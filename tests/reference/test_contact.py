@@ -8,7 +8,7 @@ from scipy.sparse.linalg import splu
 from delam_fem.case.files import preset
 from delam_fem.case.sections import Contact
 from delam_fem.model.closed_form import assemble
-from delam_fem.model.layout import Model
+from delam_fem.model.layout import Structure
 from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.reference.contact import MassSolver, consistent_impact, decide, lumped_impact
 
@@ -18,12 +18,12 @@ N = 6
 
 
 @pytest.fixture
-def model() -> Model:
+def model() -> Structure:
     return assemble(preset("paper", {"mesh.elements": N}))
 
 
 @pytest.fixture
-def ops(model: Model) -> Operators:
+def ops(model: Structure) -> Operators:
     return model.operators
 
 
@@ -57,12 +57,12 @@ def test_lumped_impact_reverses_each_rate(ops: Operators, pairs: list[int], e: f
     np.testing.assert_allclose(momentum[1::2], impulses, rtol=ROUND_OFF)  # u of lamina 2
 
 
-def test_lumped_impact_is_equation_14(model: Model) -> None:
+def test_lumped_impact_is_equation_14(model: Structure) -> None:
     ops, k, e = model.operators, 2, 0.1
     v, hit = approaching(ops, [k])
     after, _ = lumped_impact(ops, v, hit, e)
-    h = np.diff(model.x)[0]
-    m1, m2 = model.mass_per_length[:, 0] * h
+    h = np.diff(model.layout.x)[0]
+    m1, m2 = (part.mass_per_length[0] * h for part in model.layout.parts)
     rate = (ops.gap_matrix @ v)[k]
     jump1, jump2 = (after - v)[[2 * k, 2 * (N + k)]]
     assert jump1 == pytest.approx((1 + e) * m2 / (m1 + m2) * rate, rel=ROUND_OFF)

@@ -7,7 +7,7 @@ from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
 from delam_fem.case.toml import CaseError
 from delam_fem.model.closed_form import assemble
-from delam_fem.reference.loop import State, simulate_reference
+from delam_fem.reference.loop import Standing, simulate_reference
 
 ENERGY = 1e-10  # average acceleration conserves exactly; 200 steps of round-off on stiff modes
 SMALL = {"mesh.elements": 4, "time.steps_per_period": 200}
@@ -28,10 +28,10 @@ def test_free_motion_conserves_energy() -> None:
     case = case_with(FREE)
     ops = assemble(case).operators
     rng = np.random.default_rng(3)
-    start = State(0, 1e-3 * rng.standard_normal(16), rng.standard_normal(16), np.zeros(4, bool))
+    start = Standing(0, 1e-3 * rng.standard_normal(16), rng.standard_normal(16), np.zeros(4, bool))
     end = simulate_reference(ops, case, periods=1, initial=start).final
 
-    def energy(state: State) -> float:
+    def energy(state: Standing) -> float:
         u, v = state.displacement, state.velocity
         return float(v @ ops.mass @ v + u @ ops.stiffness @ u) / 2
 
@@ -46,11 +46,11 @@ def test_springs_store_and_return_energy() -> None:
     closed = np.zeros(16)
     closed[0:8:2] = 1.5 * ops.gap0  # g0 = tip (x/L)^2, so is the shape of lamina 1
     closed[1:8:2] = 2.0 * closed[0:8:2] / (0.685 / 4 * np.arange(1, 5))
-    start = State(0, closed, np.zeros(16), np.ones(4, bool))
+    start = Standing(0, closed, np.zeros(16), np.ones(4, bool))
     one = case.with_overrides({"excitation.frequency": 4000.0})  # 0.25 ms in 200 steps
     end = simulate_reference(ops, one, periods=1, initial=start).final
 
-    def energy(state: State) -> tuple[float, float]:
+    def energy(state: Standing) -> tuple[float, float]:
         u, v = state.displacement, state.velocity
         gap = ops.gap_matrix @ u + ops.gap0
         return float(v @ ops.mass @ v + u @ ops.stiffness @ u) / 2, 2.5e3 * float(gap @ gap)

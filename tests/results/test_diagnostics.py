@@ -15,7 +15,7 @@ from synthetic import (
 )
 
 from delam_fem.results import diagnostics
-from delam_fem.results.dataset import json_ready
+from delam_fem.results.folder import json_ready
 
 ROUND_OFF = 1e-10
 """Relative to the largest amplitude: a transform of a thousand samples loses few digits."""

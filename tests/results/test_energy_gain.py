@@ -12,8 +12,8 @@ from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
 from delam_fem.model import closed_form
 from delam_fem.pipeline import run
-from delam_fem.results.dataset import Result
 from delam_fem.results.energy_gain import ROUND_OFF, gain_warning, may_add_energy
+from delam_fem.results.folder import Result
 from delam_fem.simulation.recorder import LEDGER
 
 LITERAL = preset("paper", {"contact.law": "newton"})
@@ -82,7 +82,7 @@ def test_who_may_add_energy(keys: dict[str, object], expected: bool) -> None:
 
 def computed(**keys: object) -> Result:
     case = preset("paper", {**SETTLED, "time.periods": 60, **keys})
-    return run(case, "compiled", model=closed_form.assemble(case))
+    return run(case, "compiled", structure=closed_form.assemble(case))
 
 
 def test_literal_scheme_warns_in_summary_and_log(caplog: pytest.LogCaptureFixture) -> None:

@@ -10,7 +10,7 @@ from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
 from delam_fem.case.toml import CaseError
 from delam_fem.model.closed_form import assemble
-from delam_fem.model.layout import Model
+from delam_fem.model.layout import Structure
 from delam_fem.numerics.cantilever import cantilever_mode
 from delam_fem.studies import modes as modes_module
 from delam_fem.studies.modes import modes, modes_of
@@ -25,27 +25,27 @@ def paper() -> Case:
 
 
 @pytest.fixture(scope="module")
-def model(paper: Case) -> Model:
+def model(paper: Case) -> Structure:
     return assemble(paper)
 
 
-def test_first_frequencies_are_those_of_the_cantilevers(paper: Case, model: Model) -> None:
+def test_first_frequencies_are_those_of_the_cantilevers(paper: Case, model: Structure) -> None:
     found = modes_of(model, paper, 4)
     np.testing.assert_allclose(found.exact[:, 0], [3.1649, 1.4357], atol=5e-5)
     assert np.abs(found.relative_differences[:, 0]).max() < FIRST
     assert np.all(found.relative_differences > 0.0)  # conforming elements are too stiff
 
 
-def test_shapes_lie_on_the_exact_ones(paper: Case, model: Model) -> None:
+def test_shapes_lie_on_the_exact_ones(paper: Case, model: Structure) -> None:
     found = modes_of(model, paper, 4)
     for k in range(4):
-        exact = cantilever_mode(k + 1, model.x / model.x[-1])
+        exact = cantilever_mode(k + 1, model.layout.x / model.layout.x[-1])
         for i in range(2):
             np.testing.assert_allclose(found.shapes[i, k], exact, atol=SHAPE)
 
 
 def test_iterative_solver_finds_the_same(
-    paper: Case, model: Model, monkeypatch: pytest.MonkeyPatch
+    paper: Case, model: Structure, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     dense = modes_of(model, paper, 6)
     monkeypatch.setattr(modes_module, "DENSE_DOFS", 0)
@@ -62,7 +62,7 @@ def test_all_modes_of_one_element_can_be_had(paper: Case) -> None:
     np.testing.assert_allclose(ratio, [3.5327 / 3.5160, 34.8069 / 22.0345], rtol=1e-4)
 
 
-def test_rows_name_lamina_mode_and_difference(paper: Case, model: Model) -> None:
+def test_rows_name_lamina_mode_and_difference(paper: Case, model: Structure) -> None:
     rows = modes_of(model, paper, 2).rows()
     assert [row[:2] for row in rows] == [
         ("thick", "1"),
@@ -74,7 +74,7 @@ def test_rows_name_lamina_mode_and_difference(paper: Case, model: Model) -> None
     assert rows[0][4].startswith("+")
 
 
-def test_save_writes_table_and_picture(paper: Case, model: Model, tmp_path: Path) -> None:
+def test_save_writes_table_and_picture(paper: Case, model: Structure, tmp_path: Path) -> None:
     found = modes_of(model, paper, 3)
     table, picture = found.save(tmp_path / "new" / "folder")
     content = json.loads(table.read_text())
@@ -82,7 +82,7 @@ def test_save_writes_table_and_picture(paper: Case, model: Model, tmp_path: Path
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
-def test_figure_has_a_line_and_dots_per_mode(paper: Case, model: Model) -> None:
+def test_figure_has_a_line_and_dots_per_mode(paper: Case, model: Structure) -> None:
     axes = modes_of(model, paper, 3).figure().axes
     assert [a.get_title() for a in axes] == ["thick", "thin"]
     dots = [line for line in axes[0].lines if line.get_marker() == "o"]
@@ -92,12 +92,12 @@ def test_figure_has_a_line_and_dots_per_mode(paper: Case, model: Model) -> None:
 
 
 @pytest.mark.parametrize("n", [0, 41])
-def test_impossible_numbers_of_modes_are_refused(paper: Case, model: Model, n: int) -> None:
+def test_impossible_numbers_of_modes_are_refused(paper: Case, model: Structure, n: int) -> None:
     with pytest.raises(CaseError, match=f"expected 1 to 40 .dofs of a lamina., given {n}"):
         modes_of(model, paper, n)
 
 
-def test_modes_of_the_weak_forms_equal_the_closed_form(paper: Case, model: Model) -> None:
+def test_modes_of_the_weak_forms_equal_the_closed_form(paper: Case, model: Structure) -> None:
     pytest.importorskip("dolfinx")
     found, expected = modes(paper, 4), modes_of(model, paper, 4)
     np.testing.assert_allclose(found.frequencies, expected.frequencies, rtol=1e-9)

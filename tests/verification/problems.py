@@ -180,7 +180,7 @@ def oscillator(stop: float) -> Operators:
         base=BaseCoupling(zero, zero, -one, (0.0, 0.0, 1.0)),
         gap_matrix=sp.csr_matrix([[-1.0]]),
         gap0=np.array([stop]),
-        observed=np.zeros(1, dtype=np.int64),
+        probes=sp.csr_matrix([[1.0]]),
     )
 
 
@@ -200,7 +200,7 @@ def ball(mass: float, damping: float = 0.0) -> Operators:
         base=BaseCoupling(m, np.zeros(1), np.zeros(1)),
         gap_matrix=sp.csr_matrix([[1.0]]),
         gap0=np.zeros(1),
-        observed=np.zeros(1, dtype=np.int64),
+        probes=sp.csr_matrix([[1.0]]),
     )
 
 
@@ -266,7 +266,7 @@ class Bar:
             base=BaseCoupling.none(n + 1),
             gap_matrix=sp.csr_matrix(([1.0], ([0], [0])), shape=(1, n + 1)),
             gap0=np.array([self.gap]),
-            observed=np.arange(n + 1, dtype=np.int64),
+            probes=sp.identity(n + 1, format="csr"),
         )
 
     def flying(self, n: int) -> tuple[FloatArray, FloatArray]:
@@ -326,5 +326,5 @@ class HeavyBeam:
             base=BaseCoupling((M @ upward)[free], np.zeros(size), K[free, 0].toarray().ravel()),
             gap_matrix=sp.csr_matrix((np.ones(n), (pairs, 2 * pairs + 1)), shape=(n, size)),
             gap0=np.full(n, -SEATED),
-            observed=np.arange(size, dtype=np.int64),
+            probes=sp.identity(size, format="csr"),
         )

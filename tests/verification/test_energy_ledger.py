@@ -18,7 +18,7 @@ from delam_fem.model import closed_form
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.pipeline import run
-from delam_fem.results.dataset import Result
+from delam_fem.results.folder import Result
 from delam_fem.simulation.recorder import LEDGER
 
 Engine = Literal["petsc", "compiled"]
@@ -42,7 +42,7 @@ def compute(settings: dict[str, object], periods: int, engine: Engine = "petsc")
     """Run the preset with changes, on the matrices in closed form."""
     kept = {"time.periods": periods, "output.window_periods": periods}
     case = preset("paper", {**kept, "output.fields_per_period": 0, **settings})
-    return run(case, engine, model=closed_form.assemble(case))
+    return run(case, engine, structure=closed_form.assemble(case))
 
 
 @dataclass(frozen=True)

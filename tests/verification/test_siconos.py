@@ -73,7 +73,7 @@ def by_siconos(case: Case, directory: Path) -> dict[str, FloatArray]:
         base_states=base_motion(case).states(times),
         time_step=case.time_step,
         restitution=case.contact.restitution,
-        observed=o.observed,
+        probes=o.probes,
     )
     # its own process: Siconos brings its own solvers and prints as it likes
     subprocess.run([sys.executable, SCRIPT, given, result], check=True, capture_output=True)
@@ -94,7 +94,7 @@ def pair(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
             "output.fields_per_period": 0,
         },
     )
-    history = run(case, model=closed_form.assemble(case)).history
+    history = run(case, structure=closed_form.assemble(case)).history
     theirs = by_siconos(case, tmp_path_factory.mktemp("siconos"))
     steps = np.rint(history.event_time.values / case.time_step).astype(int) - 1
     return Pair(

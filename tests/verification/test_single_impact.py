@@ -106,7 +106,7 @@ def test_energy_of_single_impacts_in_a_run(impulse: str, e: float) -> None:
     settings |= {"contact.restitution": e, "time.periods": 2, "output.window_periods": 2}
     case = preset("paper", {**settings, "output.fields_per_period": 0})
     model = closed_form.assemble(case)
-    history = run(case, model=model).history
+    history = run(case, structure=model).history
     times, counts = np.unique(history.event_time.values, return_counts=True)
     alone = np.isin(history.event_time.values, times[counts == 1])
     assert alone.sum() > 20

@@ -48,7 +48,10 @@ def compiled_engine(
     Raises:
         ValueError: the law is not one of the table, or does not go with the scheme.
     """
-    return Compiled(operators, step_numbers(scheme, time_step), law_numbers(law, scheme))
+    numbers = law_numbers(law, scheme)
+    if numbers.kind == state.IMPACTS and not numbers.is_coupled:
+        operators.require_lumped_mass()
+    return Compiled(operators, step_numbers(scheme, time_step), numbers)
 
 
 def step_numbers(scheme: Scheme, time_step: float) -> StepNumbers:

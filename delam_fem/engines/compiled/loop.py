@@ -127,17 +127,22 @@ def _mix_base(system, base, states, step):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, forceinline=True)
 def _observe(system, X, u, v, row):  # type: ignore[no-untyped-def]
-    """Write row `row` of m_b·u, c_b·u, k_b·u and the observed u; of the observed v."""
-    n = system.n_observed
+    """Write row `row` of m_b·u, c_b·u, k_b·u and the probes of u; of the probes of v."""
+    n = system.n_probes
     first_u, first_v = row * (3 + n), row * n
     if system.is_chained:
         lk.base_rows(system, X, u, first_u)
     else:
         for j in range(3):
             u[first_u + j] = row_product(system.base_rows, j, X, 0)
-    for k in range(n):
-        place = system.observed[k]
-        u[first_u + 3 + k], v[first_v + k] = X[place], X[system.size + place]
+    if system.is_selecting:
+        for k in range(n):
+            place = system.selected[k]
+            u[first_u + 3 + k], v[first_v + k] = X[place], X[system.size + place]
+    else:
+        for k in range(n):
+            u[first_u + 3 + k] = row_product(system.probe_rows, k, X, 0)
+            v[first_v + k] = row_product(system.probe_rows, k, X, system.size)
 
 
 @numba.njit(cache=True)
@@ -272,7 +277,7 @@ def run_steps(system, law, memory, log, first, floor):  # type: ignore[no-untype
 
 @numba.njit(cache=True)
 def observe(system, memory, u, v):  # type: ignore[no-untyped-def]
-    """Write m_b·u, c_b·u, k_b·u and the observed u; the observed v."""
+    """Write m_b·u, c_b·u, k_b·u and the probes of u; the probes of v."""
     _observe(pointers(system), pointers(memory).X, u, v, 0)
 
 

@@ -96,8 +96,8 @@ class Log(NamedTuple):
         n_frames: frames to keep.
         n_events, n_hits: room in the event buffers.
         base_states: q, q', q'' of the base at each step, shape (N + 1, 3).
-        u: m_b·u, c_b·u, k_b·u and the observed u at each step, shape (N + 1, 3 + n_observed).
-        v: observed v, shape (N + 1, n_observed).
+        u: m_b·u, c_b·u, k_b·u and the probes of u at each step, shape (N + 1, 3 + n_probes).
+        v: probes of v, shape (N + 1, n_probes).
         frame_steps: steps whose state is kept.
         frames: u and v of these in internal order, shape (n_frames, 2, size).
         contact: 0 open, 1 hit, 2 resting, shape (n_frames, n_pairs).

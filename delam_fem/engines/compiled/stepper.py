@@ -19,8 +19,8 @@ class CompiledStepper:
     Attributes:
         system, law, memory: what compiled functions get.
         order: place of each dof in the internal order, shape (n,).
-        seen_u: m_b·u, c_b·u, k_b·u and the observed u, as of the last `observe`.
-        seen_v: observed v likewise.
+        seen_u: m_b·u, c_b·u, k_b·u and the probes of u, as of the last `observe`.
+        seen_v: probes of v likewise.
     """
 
     def __init__(self, operators: Operators, scheme: StepNumbers, law: LawNumbers) -> None:
@@ -28,8 +28,8 @@ class CompiledStepper:
         self.law, self._has_acceleration = law, scheme.has_acceleration
         self.system, self.order = system.build(operators, scheme)
         self.memory = state.memory(self.system.size, operators.n_pairs)
-        self.seen_u: FloatArray = np.zeros(3 + operators.observed.size)
-        self.seen_v: FloatArray = np.zeros(operators.observed.size)
+        self.seen_u: FloatArray = np.zeros(3 + operators.n_probes)
+        self.seen_v: FloatArray = np.zeros(operators.n_probes)
         self._corner = operators.base.corner
 
     @property

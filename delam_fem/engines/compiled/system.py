@@ -94,7 +94,7 @@ class System(NamedTuple):
     Attributes:
         size: numbers per field.
         n_pairs: contact pairs.
-        n_observed: observed dofs.
+        n_probes: recorded probes.
         is_chained: two laminae in lane order; otherwise sparse rows and bands.
         is_diagonal_load: L2's B is diagonal.
         scheme: the time integration.
@@ -107,12 +107,14 @@ class System(NamedTuple):
         gap_rows: H.
         gap0: gaps at rest, shape (n_pairs,) [m].
         base_rows: base by rows.
-        observed: places of the observed dofs.
+        is_selecting: every probe shows a single dof.
+        selected: places of these dofs, nothing otherwise.
+        probe_rows: the probes by rows, nothing where they select.
     """
 
     size: int
     n_pairs: int
-    n_observed: int
+    n_probes: int
     is_chained: bool
     is_diagonal_load: bool
     scheme: StepNumbers
@@ -132,13 +134,16 @@ class System(NamedTuple):
     gap_rows: Rows
     gap0: FloatArray
     base_rows: Rows
-    observed: IntArray
+    is_selecting: bool
+    selected: IntArray
+    probe_rows: Rows
 
 
 _KEPT: deque[tuple[Operators, StepNumbers, tuple[System, IntArray]]] = deque(maxlen=4)
 """Of the last calls of `build`; nothing of a system is ever written to."""
 _NO_BAND = Band(0, np.zeros((0, 1)))
 _NOTHING = np.zeros(0)
+_NO_PLACES: IntArray = np.zeros(0, dtype=np.int64)
 
 
 @dataclass(frozen=True)
@@ -192,10 +197,12 @@ def _system(
         band = banded.factorise(mass + scheme.p * damping + scheme.q * stiffness)
         mass_band = banded.factorise(mass)
     kept = tapes or _Tapes(False, *[_NOTHING] * 6)
+    inverse_lumped = np.zeros(o.n_dofs) if o.lumped_mass is None else 1.0 / o.lumped_mass
+    probes, is_selecting = o.probes, _is_selecting(o)
     return System(
         size=size,
         n_pairs=o.n_pairs,
-        n_observed=o.observed.size,
+        n_probes=o.n_probes,
         is_chained=tapes is not None,
         is_diagonal_load=kept.is_diagonal_load,
         scheme=scheme,
@@ -211,12 +218,20 @@ def _system(
         damping=banded.rows(damping),
         stiffness=banded.rows(stiffness),
         base=lanes.flat(base).reshape(3, size),
-        inverse_lumped=to @ (1.0 / o.lumped_mass),
+        inverse_lumped=to @ inverse_lumped,
         gap_rows=banded.rows(o.gap_matrix @ to.T),
         gap0=np.array(o.gap0, dtype=float),
         base_rows=banded.rows(sp.csr_matrix(base)),
-        observed=order[o.observed],
+        is_selecting=is_selecting,
+        selected=order[probes.indices] if is_selecting else _NO_PLACES,
+        probe_rows=banded.rows((probes @ to.T)[: 0 if is_selecting else None]),
     )
+
+
+def _is_selecting(o: Operators) -> bool:
+    """Return whether every probe shows a single dof, as it is."""
+    P = o.probes
+    return bool((np.diff(P.indptr) == 1).all() and (P.data == 1.0).all())
 
 
 def _tapes(o: Operators, scheme: StepNumbers, order: IntArray) -> _Tapes | None:

@@ -65,7 +65,7 @@ class LumpedCompliance:
     def __init__(self, operators: Operators) -> None:
         """Compute the matrix, which is sparse."""
         H = operators.gap_matrix
-        self._W = (H @ sp.diags(1.0 / operators.lumped_mass) @ H.T).tocsr()
+        self._W = (H @ sp.diags(1.0 / operators.require_lumped_mass()) @ H.T).tocsr()
         self._diagonal = self._W.diagonal()
 
     def diagonal(self, pairs: IntArray) -> FloatArray:

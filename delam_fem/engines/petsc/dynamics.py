@@ -41,7 +41,6 @@ class Dynamics:
         self._base_mass, self._base_damping, self._base_stiffness = (
             self._vector(c) for c in (o.base.mass, o.base.damping, o.base.stiffness)
         )
-        self._inverse_lumped = self._vector(1.0 / o.lumped_mass)
         self._gap0 = self._H.createVecLeft()
         self._set(self._gap0, o.gap0)
         self._gap, self._rate, self._impulse, self._force = (
@@ -68,15 +67,11 @@ class Dynamics:
         self.resting, self.is_resting = pairs, bool(pairs.any())
 
     def _make_observation(self) -> None:
-        """Make the selectors of recorded quantities."""
+        """Make the rows of recorded quantities."""
         o = self.operators
-        select = sp.csr_matrix(
-            (np.ones(o.observed.size), o.observed, np.arange(o.observed.size + 1)),
-            shape=(o.observed.size, o.n_dofs),
-        )
         rows = sp.csr_matrix(np.vstack([o.base.mass, o.base.damping, o.base.stiffness]))
-        self._observe_u = linear_algebra.matrix(sp.vstack([rows, select]), self.comm)
-        self._observe_v = linear_algebra.matrix(select, self.comm)
+        self._observe_u = linear_algebra.matrix(sp.vstack([rows, o.probes]), self.comm)
+        self._observe_v = linear_algebra.matrix(o.probes, self.comm)
         self._seen_u = linear_algebra.Shared(self._observe_u.createVecLeft())
         self._seen_v = linear_algebra.Shared(self._observe_v.createVecLeft())
         self.seen_u: FloatArray = self._seen_u.values
@@ -119,7 +114,7 @@ class Dynamics:
     # -- what a recorder sees -----------------------------------------------------------------
 
     def observe(self) -> None:
-        """Bring `seen_u` = (m_b·u, c_b·u, k_b·u, observed u) and `seen_v` up to date."""
+        """Bring `seen_u` = (m_b·u, c_b·u, k_b·u, u of the probes) and `seen_v` up to date."""
         self._observe_u.mult(self.u, self._seen_u.vector)
         self._observe_v.mult(self.v, self._seen_v.vector)
         self._seen_u.gather()
@@ -196,7 +191,6 @@ class Dynamics:
             self._load,
             self._response,
             self._gap0,
-            self._inverse_lumped,
             self._base_mass,
             self._base_damping,
             self._base_stiffness,

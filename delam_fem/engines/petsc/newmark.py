@@ -67,6 +67,8 @@ class Newmark(Dynamics):
         self._M_factor = linear_algebra.Factor(o.mass, comm, "newmark_mass_", scale=-1.0)
         self._velocities = self._M.createVecRight()
         self._coupled = coupled_impulses
+        inverse = np.zeros(o.n_dofs) if coupled_impulses else 1.0 / o.require_lumped_mass()
+        self._inverse_lumped = self._vector(inverse)
         self.compliance: Compliance = (
             LazyCompliance(self, self._M_factor) if coupled_impulses else LumpedCompliance(o)
         )
@@ -224,6 +226,7 @@ class Newmark(Dynamics):
     def destroy(self) -> None:
         """Free all PETSc objects."""
         self._velocities.destroy()
+        self._inverse_lumped.destroy()
         self._A.destroy()
         self._M_factor.destroy()
         super().destroy()

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.text import Text
 
-    from delam_fem.results.dataset import Result
+    from delam_fem.results.folder import Result
 
 OPEN, SEPARATING, STRUCK, BEGUN, HELD, RELEASED = range(6)
 """Decisions of the supervisor on a pair at the end of a step: U > 0 without a spring; U <= 0 but

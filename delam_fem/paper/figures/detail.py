@@ -10,7 +10,7 @@ import numpy as np
 
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.paper.claims import Claim, judged
-from delam_fem.paper.lab import LAWS, Laboratory, Method, motion_case
+from delam_fem.paper.lab import LAWS, Laboratory, PaperMethod, motion_case
 from delam_fem.paper.measures import CLEARLY, SMOOTH_HARMONICS, roughness, tip_positions
 from delam_fem.paper.motions import RESONANT, strikes
 from delam_fem.paper.piece import NOT_IN_JSON, Numbers, Piece
@@ -20,7 +20,7 @@ from delam_fem.results.style import LAMINA_COLOURS, PORTRAIT_PERIODS, WIDTH, leg
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from delam_fem.results.dataset import Result
+    from delam_fem.results.folder import Result
 
 DETAIL = (0.10, 0.25)
 """Part of a period before and after the strike that details show."""
@@ -55,7 +55,7 @@ class StrikeDetail:
         return cls((thick.name, thin.name), t[part] - t[at], y[:, part], v[:, part])
 
 
-def _draw(details: Mapping[Method, StrikeDetail]) -> Figure:
+def _draw(details: Mapping[PaperMethod, StrikeDetail]) -> Figure:
     """Draw the phase portrait and the history about a strike; one row per method."""
     from matplotlib.figure import Figure
 
@@ -157,9 +157,9 @@ class Contact(Numbers):
         details: about a strike, by method.
     """
 
-    roughness_near: dict[Method, tuple[float, float]]
+    roughness_near: dict[PaperMethod, tuple[float, float]]
     ratio: FloatArray
-    details: dict[Method, StrikeDetail] = field(metadata=NOT_IN_JSON)
+    details: dict[PaperMethod, StrikeDetail] = field(metadata=NOT_IN_JSON)
 
 
 def measure_contact(lab: Laboratory) -> Contact:

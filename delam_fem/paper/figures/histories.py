@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.paper.claims import Claim, judged
-from delam_fem.paper.lab import Laboratory, Method, both_methods
+from delam_fem.paper.lab import Laboratory, PaperMethod, both_methods
 from delam_fem.paper.measures import MotionNumbers, motion_numbers, tip_positions
 from delam_fem.paper.motions import FREQUENCIES, RESONANT, strikes
 from delam_fem.paper.piece import Numbers, Piece
@@ -40,8 +40,8 @@ class Histories(Numbers):
         length: of the laminae [m].
     """
 
-    motions: dict[tuple[float, Method], MotionNumbers]
-    curves: dict[tuple[float, Method], tuple[FloatArray, FloatArray]]
+    motions: dict[tuple[float, PaperMethod], MotionNumbers]
+    curves: dict[tuple[float, PaperMethod], tuple[FloatArray, FloatArray]]
     approach: dict[float, float]
     strongest_impulses: tuple[float, float]
     farthest_impact: float

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from delam_fem.results.dataset import Result
+    from delam_fem.results.folder import Result
 
 SCATTERS = 3.0
 """Distance from the stationary cycle that counts as near, in its own scatter (rms)."""

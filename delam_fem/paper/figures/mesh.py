@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from delam_fem.results.dataset import Result
+    from delam_fem.results.folder import Result
 
     Pair = tuple[Result, Result]
 

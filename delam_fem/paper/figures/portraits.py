@@ -10,7 +10,7 @@ import numpy as np
 
 from delam_fem.paper.claims import Claim, judged
 from delam_fem.paper.figures.impact_portraits import Portrait
-from delam_fem.paper.lab import LAWS, Laboratory, Method, both_methods
+from delam_fem.paper.lab import LAWS, Laboratory, PaperMethod, both_methods
 from delam_fem.paper.measures import (
     CLEARLY,
     SMOOTH_HARMONICS,
@@ -43,9 +43,9 @@ class Portraits(Numbers):
         portraits: their phase portraits.
     """
 
-    motions: dict[tuple[float, Method], MotionNumbers]
-    roughness_free: dict[tuple[float, Method], tuple[float, float]]
-    portraits: dict[tuple[float, Method], Portrait]
+    motions: dict[tuple[float, PaperMethod], MotionNumbers]
+    roughness_free: dict[tuple[float, PaperMethod], tuple[float, float]]
+    portraits: dict[tuple[float, PaperMethod], Portrait]
 
     def to_json(self) -> Mapping[str, Any]:
         """Return the motions with their roughness, the keys in words."""

@@ -30,7 +30,7 @@ class RollingStrip(Numbers):
         by_law: the thin strip, by the name of the law.
         stiff: the stiff strip.
         by_height_mm: the thin strip, by the height of its tip.
-        ladder: shares of the energy, one entry for each `Rung`.
+        ladder: shares of the energy, one entry for each `StripRung`.
         study: all of it.
         block: the second experiment, whose set-up is drawn.
     """
@@ -100,7 +100,7 @@ def _claim_on_dissipation(numbers: RollingStrip) -> Claim:
         f"{100 * shares['lost']:.0f} % are lost 2 % of the lowest period after landing: "
         f"{100 * shares['impacts']:.0f} % at impacts, {100 * shares['damping']:.0f} % to "
         "material damping of the waves that impacts make; over meshes and time steps, with and "
-        f"without damping (moreau), impacts take {100 * min(taken):.0f} to "
+        f"without damping (newton@moreau-jean), impacts take {100 * min(taken):.0f} to "
         f"{100 * max(taken):.0f} %",
         judged(shares["lost"] > NEARLY_ALL), True,
     )  # fmt: skip

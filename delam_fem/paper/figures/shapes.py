@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from delam_fem.results.dataset import Result
+    from delam_fem.results.folder import Result
 
 PHASES = (-0.2, -0.05, -0.01, 0.0, 0.01, 0.05, 0.2, 0.5)
 """Instants shown, in periods after the strike of the tips."""

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from delam_fem.results.dataset import Result
+    from delam_fem.results.folder import Result
 
 PRINTED = (0.0014, 0.0260)
 """d of thick and thin as the paper prints them."""

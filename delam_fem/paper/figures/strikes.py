@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from delam_fem.results.dataset import Result
+    from delam_fem.results.folder import Result
 
 SHOWN_PERIODS = 2
 MEASURED = (0.0, 0.1)

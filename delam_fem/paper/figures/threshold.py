@@ -19,7 +19,7 @@ from delam_fem.results.style import BASE_COLOUR, BLUE, GREEN, VERMILLION, WIDTH,
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from delam_fem.results.dataset import Result
+    from delam_fem.results.folder import Result
 
 CLAPPING = FREQUENCIES[1:]
 """The excitations at which the tips meet [Hz]."""

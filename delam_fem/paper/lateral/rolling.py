@@ -162,7 +162,7 @@ def rolling(
 
     Args:
         lamina: default: `thin_strip`.
-        law: default: moreau with the e = 0.1 of the paper.
+        law: default: newton@moreau-jean with the e = 0.1 of the paper.
         height: of the tip before the release [m].
         lift: what holds it up until then; the paper lifts the free end.
         gravity: g [m/s2].

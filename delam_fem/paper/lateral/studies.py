@@ -16,7 +16,7 @@ from delam_fem.paper.lateral.rolling import Rolling, rolling, thin_strip
 from delam_fem.paper.lateral.tip_block import TipBlock
 from delam_fem.paper.lateral.tip_fall import tip_block
 
-__all__ = ["LAWS", "RollingStudy", "Rung", "TipBlock", "rolling", "rolling_study", "tip_block"]
+__all__ = ["LAWS", "RollingStudy", "StripRung", "TipBlock", "rolling", "rolling_study", "tip_block"]
 
 LAWS = {
     "newton@moreau-jean": GroundLaw("newton", 0.1, scheme="moreau-jean"),
@@ -34,7 +34,7 @@ LONG = 0.8
 
 
 @dataclass(frozen=True)
-class Rung:
+class StripRung:
     """Where the energy goes in one run of a ladder.
 
     Attributes:
@@ -62,17 +62,17 @@ class RollingStudy:
 
     Attributes:
         by_law: the thin strip, for each of `LAWS`.
-        stiff: the strip of the second experiment, law moreau.
-        by_height: the thin strip lifted by other heights [m], law moreau, on a coarser mesh.
+        stiff: the strip of the second experiment, newton@moreau-jean.
+        by_height: the thin strip lifted by other heights [m], on a coarser mesh.
         ladder: the thin strip on other meshes and with other time steps.
     """
 
     by_law: Mapping[str, Rolling]
     stiff: Rolling
     by_height: Mapping[float, Rolling]
-    ladder: tuple[Rung, ...]
+    ladder: tuple[StripRung, ...]
 
-    def rungs(self, law: str, damping_ratio: float, elements: int) -> list[Rung]:
+    def rungs(self, law: str, damping_ratio: float, elements: int) -> list[StripRung]:
         """Return the completed rungs of a law, damping and mesh, from few to many steps."""
         return [
             rung
@@ -118,7 +118,7 @@ def rolling_study(*, fast: bool = False) -> RollingStudy:
     )
 
 
-def rung(law: str, damping_ratio: float, elements: int, steps_per_period: int) -> Rung:
+def rung(law: str, damping_ratio: float, elements: int, steps_per_period: int) -> StripRung:
     """Return where the energy of the thin strip goes with a law of `LAWS`.
 
     Args:
@@ -134,7 +134,7 @@ def rung(law: str, damping_ratio: float, elements: int, steps_per_period: int) -
         steps_per_period=steps_per_period,
     )
     shares = run.shares(float(run.energy.time[-1]))
-    return Rung(
+    return StripRung(
         law=law,
         damping_ratio=damping_ratio,
         elements=elements,

@@ -67,7 +67,7 @@ class TipBlock:
         static_strain: at the gauges before the release, shape (2,) [-].
         free: without a block.
         spring: with the block of finite stiffness.
-        rigid: with the rigid block, law moreau with e = 0.
+        rigid: with the rigid block, newton@moreau-jean with e = 0.
     """
 
     lamina: Lamina

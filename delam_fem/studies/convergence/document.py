@@ -90,7 +90,7 @@ def literal_figure() -> Figure:
             keys = {"contact.law": "newton", "contact.impulse": impulse, "mesh.elements": elements}
             few = {"time.periods": SHOWN_PERIODS, "time.steps_per_period": 1000}
             chosen = preset("paper", {**keys, **few, "damping.rayleigh": damping})
-            found = run(chosen, "compiled", model=closed_form.assemble(chosen)).history
+            found = run(chosen, "compiled", structure=closed_form.assemble(chosen)).history
             y1 = 1e3 * np.abs(found.envelope_min.values[0])
             label = f"{damping}, {elements} elements, {impulse} impulses"
             axes.semilogy(np.arange(1, y1.size + 1), y1, line, color=colour, label=label)

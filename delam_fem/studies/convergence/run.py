@@ -21,7 +21,7 @@ from pathlib import Path
 
 from delam_fem.case.atomic import write_text
 from delam_fem.case.toml import CaseError
-from delam_fem.results.dataset import json_ready
+from delam_fem.results.folder import json_ready
 from delam_fem.simulation.interrupts import stop_signals
 from delam_fem.studies import executors
 from delam_fem.studies.convergence.analysis import Convergence

@@ -22,6 +22,7 @@ from delam_fem.case.definition import Case
 from delam_fem.engines.choose import EngineName
 from delam_fem.engines.session import session_of
 from delam_fem.model import closed_form
+from delam_fem.model.layout import Structure
 from delam_fem.model.mesh import node_coordinates
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.arrays import FloatArray
@@ -102,8 +103,8 @@ class _Run:
 def _clapping(rung: Rung, engine: EngineName) -> RungResult:
     """Return the statistics of a motion with contact."""
     case = rung.case
-    operators = _operators(case)
-    run = _run(case, operators, engine, _spun_up(case, engine), rung.periods)
+    structure = _structure(case)
+    run = _run(case, structure.operators, engine, _spun_up(case, engine), rung.periods)
     periods = run.recorder.n_closed
     cost = 1e6 * run.seconds / rung.steps
     if run.outcome != "completed":
@@ -127,19 +128,20 @@ def _spun_up(case: Case, engine: EngineName) -> State:
 def _moving(case_text: str, engine: EngineName) -> State:
     """Return the state at the end of a case from rest, computed once per worker."""
     case = Case.from_toml(case_text)
-    return _run(case, _operators(case), engine, None, 0).state
+    return _run(case, _structure(case).operators, engine, None, 0).state
 
 
 def _free(rung: Rung, engine: EngineName) -> RungResult:
     """Return amplitudes and frequencies without contact."""
-    operators = _operators(rung.case)
+    structure = _structure(rung.case)
     slowest = min(
         rung.case.lamina[i].damping_ratio * float(rung.case.lamina[i].angular_frequencies(1)[0])
-        for i in range(2)
+        for i in range(len(rung.case.lamina))
     )
     decay = math.log(1.0 / DECAY) / (slowest * rung.case.period) if slowest else math.inf
     settling = math.ceil(min(decay, MOST_PERIODS))
     case = rung.case.with_overrides({"time.periods": settling + 1})
+    operators = structure.operators
     run = _run(case, operators, engine, _periodic(case, operators), 1)
     amplitude = np.abs(run.rows[-1].harmonics[:, 0])
     found: Statistics = {
@@ -176,9 +178,10 @@ def _frequencies(case: Case, engine: EngineName) -> list[float]:
             "output.window_periods": RING_PERIODS,
         }
     )
-    o = _operators(ring)
+    structure = _structure(ring)
+    o = structure.operators
     motion = np.zeros((3, o.n_dofs))
-    motion[0] = first_mode(o, 0) + first_mode(o, 1)
+    motion[0] = np.sum([first_mode(structure, i) for i in range(len(case.lamina))], axis=0)
     run = _run(ring, o, engine, State(motion, np.zeros(o.n_pairs, dtype=np.bool_)), 0)
     u = np.concatenate([record.u[1:, N_BASE:] for record in run.recorder.window])
     t = (1 + np.arange(len(u))) * ring.time_step
@@ -250,7 +253,7 @@ class _Watch:
         return False
 
 
-def _operators(case: Case) -> Operators:
+def _structure(case: Case) -> Structure:
     """Assemble a case in closed form, which is dolfinx's to round-off and starts at once."""
     x = node_coordinates(case) if case.mesh.file is not None else None
-    return closed_form.assemble(case, x).operators
+    return closed_form.assemble(case, x)

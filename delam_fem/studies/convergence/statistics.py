@@ -26,7 +26,7 @@ SHOWN_HARMONICS = 5
 
 
 @dataclass(frozen=True)
-class Quantity:
+class Statistic:
     """How a statistic is shown.
 
     Attributes:
@@ -48,19 +48,19 @@ class Quantity:
 
 
 EXTREMA = tuple(
-    Quantity(f"tip_{end}_{i}", f"y{i} {end}", "mm", 1e3) for i in (1, 2) for end in ("min", "max")
+    Statistic(f"tip_{end}_{i}", f"y{i} {end}", "mm", 1e3) for i in (1, 2) for end in ("min", "max")
 )
 """Extremes of the tip displacements within a period, their mean: the extremes over several periods
 would grow with the scatter of cycles."""
-WORK = Quantity("contact_work", "contact work", "mJ", 1e3)
+WORK = Statistic("contact_work", "contact work", "mJ", 1e3)
 GENERAL = (
-    *(Quantity(f"distortion_factor_{i}", f"d{i}", "%", 1e2) for i in (1, 2)),
-    Quantity("impulse", "impulse", "mN s", 1e3),
+    *(Statistic(f"distortion_factor_{i}", f"d{i}", "%", 1e2) for i in (1, 2)),
+    Statistic("impulse", "impulse", "mN s", 1e3),
     WORK,
 )
 """Of a period: distortion factors, sum of the impulses, energy that goes in contact."""
 AMPLITUDES = tuple(
-    Quantity(f"amplitude_{i}_{k}", f"A{k} of {i}", "mm", 1e3)
+    Statistic(f"amplitude_{i}_{k}", f"A{k} of {i}", "mm", 1e3)
     for i in (1, 2)
     for k in range(1, SHOWN_HARMONICS + 1)
 )

@@ -15,7 +15,7 @@ from delam_fem.studies.convergence.statistics import (
     CONVERGING,
     EXTREMA,
     GENERAL,
-    Quantity,
+    Statistic,
 )
 
 Direction = Literal["steps", "elements"]
@@ -112,7 +112,7 @@ def contact_table(
     rungs: list[Rung],
     direction: Direction,
     title: str,
-    quantities: Sequence[Quantity],
+    quantities: Sequence[Statistic],
 ) -> Table:
     """Return the statistics of a line of rungs with cost, and error if the ladder has a limit."""
     has_limit = found.ladder.has_limit
@@ -162,14 +162,14 @@ def limit_table(found: Convergence, rungs: list[Rung], direction: Direction, tit
     return Table(f"{title}: what it tends to in {direction}", heading, tuple(rows))
 
 
-def limit_text(told: Limit, q: Quantity) -> str:
+def limit_text(told: Limit, q: Statistic) -> str:
     """Return a limit with its uncertainty."""
     if math.isnan(told.value):
         return NOTHING
     return f"{q.factor * told.value:.4g} ± {q.factor * told.uncertainty:.2g}"
 
 
-def mean_and_scatter(found: Convergence, rung: Rung, q: Quantity) -> str:
+def mean_and_scatter(found: Convergence, rung: Rung, q: Statistic) -> str:
     """Return a statistic as text."""
     value, scatter = (
         q.factor * x for x in (found.value(rung, q.name), found.scatter(rung, q.name))

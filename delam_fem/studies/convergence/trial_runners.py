@@ -18,7 +18,6 @@ from delam_fem.engines.session import Session, session
 from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.simulation.base_states import motion_of
-from delam_fem.simulation.recorder import N_BASE
 from delam_fem.simulation.span import Span
 from delam_fem.studies.convergence import trial_schemes as ts
 from delam_fem.studies.convergence import trial_steps as steps
@@ -56,17 +55,7 @@ def _session(
 
 def by_modes(method: str, modes: int, case: Case, operators: Operators) -> FloatArray:
     """Run in the lowest modes of each lamina instead of the displacements of the nodes."""
-    reduced, observed = modal(operators, modes)
-    found = np.full((case.n_periods, 2, 2), np.nan)
-
-    def collect(done: int) -> bool:  # the tips are sums of modes, which no recorder observes
-        tips = opened.recorder.window[-1].u[:, N_BASE:] @ observed.T
-        found[done - 1] = tips.min(axis=0), tips.max(axis=0)
-        return False
-
-    with _session(case, reduced, method) as opened:
-        opened.run(collect)
-    return found
+    return by_engine(method, 0.5, case, modal(operators, modes))
 
 
 def by_scaled_springs(case: Case, operators: Operators) -> FloatArray:
@@ -79,8 +68,8 @@ def by_scaled_springs(case: Case, operators: Operators) -> FloatArray:
     return by_engine("newton-penalty@newmark", 0.5, case.with_overrides(keys), operators)
 
 
-def modal(o: Operators, modes: int) -> tuple[Operators, FloatArray]:
-    """Return a problem in its lowest modes, and the tips as sums of modes, shape (2, 2 modes)."""
+def modal(o: Operators, modes: int) -> Operators:
+    """Return a problem in its lowest modes; the probes are sums of modes."""
     n = o.n_dofs // 2
     parts = []
     for lamina in (slice(0, n), slice(n, 2 * n)):
@@ -91,8 +80,7 @@ def modal(o: Operators, modes: int) -> tuple[Operators, FloatArray]:
     b = o.base
     base = BaseCoupling(Phi.T @ b.mass, Phi.T @ b.damping, Phi.T @ b.stiffness, b.corner)
     H = sp.csr_matrix(o.gap_matrix @ Phi)
-    every = np.arange(2 * modes)
-    return Operators(M, C, K, M.diagonal(), base, H, o.gap0, every), Phi[o.observed]
+    return Operators(M, C, K, base, H, o.gap0, probes=sp.csr_matrix(o.probes @ Phi))
 
 
 def densely(
@@ -105,7 +93,7 @@ def densely(
     """Run a scheme of `trial_schemes.py` on dense matrices."""
     matrices = make(ts.Problem.of(operators), case.time_step, *arguments)
     bases = motion_of(case)(0).copy()
-    found = steps.envelopes(step, matrices, bases, case.n_periods, operators.observed)
+    found = steps.envelopes(step, matrices, bases, case.n_periods, operators.probes.indices)
     return np.asarray(found)
 
 

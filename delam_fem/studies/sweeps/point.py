@@ -1,7 +1,7 @@
-"""One point of a sweep after another, in a worker: case, model, engine, run, row of numbers.
+"""One point of a sweep after another, in a worker: case, structure, engine, run, row of numbers.
 
-No dataset is built, and models are kept for the points that share them. Nothing of dolfinx or PETSc
-is imported unless the sweep asks for it, so that a worker starts fast.
+No dataset is built, and structures are kept for the points that share them. Nothing of dolfinx or
+PETSc is imported unless the sweep asks for it, so that a worker starts fast.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from delam_fem.case.toml import CaseError
 from delam_fem.engines.choose import initialise_petsc_alone
 from delam_fem.engines.session import session_of
 from delam_fem.model import closed_form
-from delam_fem.model.layout import Model
+from delam_fem.model.layout import Layout, Structure
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.simulation.initial import first_mode, initial_state
 from delam_fem.simulation.loop import State
@@ -30,8 +30,8 @@ from delam_fem.studies.lyapunov import largest_exponent
 from delam_fem.studies.sweeps.grid import Sweep
 from delam_fem.studies.sweeps.quantities import Quantity, quantities, row_of
 
-KEPT_MODELS = 16
-"""Models a worker keeps; neighbouring points mostly share one."""
+KEPT_STRUCTURES = 16
+"""Structures that a worker keeps; neighbouring points mostly share one."""
 _KEPT_SWEEPS = 4
 NOT_ASSEMBLED: Mapping[str, bool | set[str]] = {
     "name": True,
@@ -106,11 +106,11 @@ class PointRunner:
     """
 
     sweep: Sweep
-    _models: dict[str, Model] = field(default_factory=dict)
+    _structures: dict[str, Structure] = field(default_factory=dict)
 
-    def quantities(self, n_nodes: int) -> tuple[Quantity, ...]:
-        """Return the layout of a row."""
-        return quantities(self.sweep.file.record, n_nodes)
+    def quantities(self, layout: Layout) -> tuple[Quantity, ...]:
+        """Return what a row holds, in order."""
+        return quantities(self.sweep.file.record, layout)
 
     def point(self, index: int, carried: State | None) -> tuple[Point, State | None]:
         """Compute a point; whatever goes wrong is part of the result.
@@ -130,14 +130,14 @@ class PointRunner:
             kind = "" if isinstance(error, CaseError) else f"{type(error).__name__}: "
             return Point(index, "failed", f"{kind}{error}", None), None
 
-    def model(self, case: Case) -> Model:
+    def structure(self, case: Case) -> Structure:
         """Return the discretised case, made once for the cases that share it."""
         key = assembly_key(case)
-        if key not in self._models:
-            while len(self._models) >= KEPT_MODELS:
-                del self._models[next(iter(self._models))]
-            self._models[key] = _assemble(case, self.sweep.file.operators)
-        return self._models[key]
+        if key not in self._structures:
+            while len(self._structures) >= KEPT_STRUCTURES:
+                del self._structures[next(iter(self._structures))]
+            self._structures[key] = _assemble(case, self.sweep.file.operators)
+        return self._structures[key]
 
     def _computed(self, index: int, carried: State | None) -> tuple[Point, State | None]:
         record = self.sweep.file.record
@@ -145,10 +145,10 @@ class PointRunner:
         if not record.node_distortion:
             output = case.output.model_copy(update={"fields_per_period": 0})
             case = case.model_copy(update={"output": output})
-        model = self.model(case)
-        operators = model.operators
+        structure = self.structure(case)
+        operators, layout = structure.operators, structure.layout
         if carried is None:
-            carried = initial_state(case, operators, self.sweep.initial(index))
+            carried = initial_state(structure, self.sweep.initial(index))
         engine = self.sweep.file.engine
         with session_of(case, operators, initial=carried, engine=engine) as opened:
             recorder, outcome = opened.recorder, opened.run()
@@ -160,13 +160,15 @@ class PointRunner:
                 extra["lyapunov_exponent"] = largest_exponent(
                     opened,
                     operators,
-                    direction=first_mode(operators, 0) + first_mode(operators, 1),
+                    direction=np.sum(
+                        [first_mode(structure, i) for i in range(len(layout.parts))], axis=0
+                    ),
                     period=case.period,
                     periods=record.lyapunov,
                     perturbation=record.perturbation,
                 )
-        wanted = self.quantities(model.x.size)
-        row = row_of(wanted, case, recorder, operators.gap0, extra)
+        wanted = self.quantities(layout)
+        row = row_of(wanted, case, recorder, structure, extra)
         return Point(index, outcome, "", row), state
 
 
@@ -204,7 +206,7 @@ def _runner(packed: bytes) -> PointRunner:
     return PointRunner(pickle.loads(packed))
 
 
-def _assemble(case: Case, operators: str) -> Model:
+def _assemble(case: Case, operators: str) -> Structure:
     """Assemble a case; the closed form needs no dolfinx and is equal to round-off."""
     if operators == "closed-form":
         return closed_form.assemble(case)

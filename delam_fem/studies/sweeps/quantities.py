@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from delam_fem.case.definition import Case
 from delam_fem.model import fields
+from delam_fem.model.layout import Layout, Structure
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.numerics.harmonics import (
     distortion_factor,
@@ -63,18 +64,18 @@ class Quantity:
         return math.prod(self.shape)
 
 
-def quantities(record: Record, n_nodes: int) -> tuple[Quantity, ...]:
+def quantities(record: Record, layout: Layout) -> tuple[Quantity, ...]:
     """Return what is kept of each point, in the order of its row.
 
     Args:
         record: what was asked for.
-        n_nodes: nodes per lamina, clamp included.
+        layout: of the structure.
     """
     sizes = {
-        "lamina": 2,
+        "lamina": len(layout.parts),
         "strobe": record.strobes,
         "harmonic": record.harmonics,
-        "node": n_nodes,
+        "node": layout.x.size,
     }
     rows: list[tuple[str, tuple[str, ...], str, str]] = []
     if record.summary:
@@ -107,7 +108,7 @@ def row_of(
     wanted: tuple[Quantity, ...],
     case: Case,
     recorder: Recorder,
-    gap0: FloatArray,
+    structure: Structure,
     extra: Mapping[str, float],
 ) -> FloatArray:
     """Return the row of a point.
@@ -116,14 +117,14 @@ def row_of(
         wanted: the layout.
         case: of the point.
         recorder: after the run.
-        gap0: gap of the pairs at rest, shape (n_pairs,) [m].
+        structure: that moved.
         extra: values that do not follow from the record, by name.
 
     Returns:
         One row, NaN for what has no meaning; shape (sum of sizes,).
     """
     names = {quantity.name for quantity in wanted}
-    motion = tip_motion(recorder, gap0)
+    motion = tip_motion(recorder, structure.operators.gap0)
     values: dict[str, npt.ArrayLike | None] = dict(extra)
     if "tip_min" in names:
         values |= diagnostics.summary_of(motion, case)
@@ -136,7 +137,7 @@ def row_of(
         whole = motion.whole_periods(N)
         values["harmonic_amplitude"] = harmonic_amplitudes(whole, whole.shape[1] // N)
     if "node_thd" in names:
-        values |= _node_distortion(recorder)
+        values |= _node_distortion(recorder, structure.layout)
     window = recorder.ledger[recorder.n_closed - len(recorder.window) : recorder.n_closed]
     means = dict(zip(LEDGER, window.mean(axis=0), strict=True))
     values |= {f"energy_{name}": means[name] for name in _ENERGIES}
@@ -162,11 +163,11 @@ def tip_motion(recorder: Recorder, gap0: FloatArray) -> diagnostics.TipMotion:
     )
 
 
-def _node_distortion(recorder: Recorder) -> dict[str, npt.ArrayLike]:
+def _node_distortion(recorder: Recorder, layout: Layout) -> dict[str, npt.ArrayLike]:
     """Return d and THD at every node from the frames of the window."""
     states = np.concatenate([np.array(record.frames)[:, 0] for record in recorder.window])
     base = np.concatenate([r.base_states[r.frame_steps, 0] for r in recorder.window])
-    u, _ = fields.nodal(states, base)
+    u, _ = fields.nodal(layout, states, base)
     amplitudes = harmonic_amplitudes(u.swapaxes(1, 2), len(recorder.window))
     return {
         "node_distortion_factor": distortion_factor(amplitudes),

@@ -80,8 +80,8 @@ def run_sweep(
     if resume and is_complete(directory, sweep):
         return _opened(path)
     directory.mkdir(parents=True, exist_ok=True)
-    first = PointRunner(sweep).model(sweep.case(0))
-    wanted = quantities(sweep.file.record, first.x.size)
+    layout = PointRunner(sweep).structure(sweep.case(0)).layout
+    wanted = quantities(sweep.file.record, layout)
     with Journal(directory / JOURNAL, sweep.identity, resume=resume) as journal:
         save_case(sweep.base, directory)
         write_text(directory / "sweep.toml", sweep.to_toml("case.toml"))
@@ -92,7 +92,7 @@ def run_sweep(
         attributes = _attributes(sweep, journal, schedule, seconds) | {
             "outcome": "completed" if has_all else "interrupted"
         }
-        dataset.write(path, sweep, journal, wanted, x=first.x, attributes=attributes)
+        dataset.write(path, sweep, journal, wanted, x=layout.x, attributes=attributes)
     if has_all:
         (directory / JOURNAL).unlink()
     return _opened(path)

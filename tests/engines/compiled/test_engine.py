@@ -193,7 +193,7 @@ def ball() -> Operators:
         base=BaseCoupling(m, np.zeros(1), np.zeros(1)),
         gap_matrix=sp.csr_matrix([[1.0]]),
         gap0=np.zeros(1),
-        observed=np.zeros(1, dtype=np.int64),
+        probes=sp.csr_matrix([[1.0]]),
     )
 
 

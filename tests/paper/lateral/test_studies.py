@@ -10,7 +10,7 @@ from delam_fem.paper.figures import rolling_strip
 from delam_fem.paper.lateral import ground_run, rolling_figure, studies, tip_figure
 from delam_fem.paper.lateral.ground_run import LIFT, GroundLaw
 from delam_fem.paper.lateral.rolling import Rolling, rolling
-from delam_fem.paper.lateral.studies import RollingStudy, Rung
+from delam_fem.paper.lateral.studies import RollingStudy, StripRung
 from delam_fem.paper.lateral.tip_block import TipBlock
 from delam_fem.results.style import styled
 from delam_fem.simulation.solution import ImpactTable
@@ -222,7 +222,7 @@ def test_before_the_touch_all_blocks_are_none(block: TipBlock) -> None:
 
 def test_rows_about_the_strip_tell_rolling_from_landing_with_the_tip(block: TipBlock) -> None:
     thin = rolling(n_elements=40, steps_per_period=5000)
-    rung = Rung("newton@moreau-jean", 0.002, 40, 5000, 0.2, 0.7, 0.1, "completed")
+    rung = StripRung("newton@moreau-jean", 0.002, 40, 5000, 0.2, 0.7, 0.1, "completed")
 
     def rows(run: Rolling) -> list[str]:
         study = RollingStudy({"newton@moreau-jean": run}, thin, {0.05: thin}, (rung,))
@@ -235,7 +235,7 @@ def test_rows_about_the_strip_tell_rolling_from_landing_with_the_tip(block: TipB
 
 def test_figures_have_their_labels(block: TipBlock) -> None:
     ladder = tuple(
-        Rung("newton@moreau-jean", 0.002, n, steps, 0.2, 0.7, 0.1, "completed")
+        StripRung("newton@moreau-jean", 0.002, n, steps, 0.2, 0.7, 0.1, "completed")
         for n in (20, 40)
         for steps in (20_000, 5_000)
     )

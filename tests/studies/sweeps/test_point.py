@@ -42,10 +42,10 @@ def test_what_does_not_enter_the_assembly_shares_the_model(
 ) -> None:
     case = preset("paper", SMALL)
     other = case.with_overrides(keys)
-    model = runner.model(case)
-    assert runner.model(other) is model
+    model = runner.structure(case)
+    assert runner.structure(other) is model
     for name in ("mass", "damping", "stiffness"):  # and it is right to share it
-        own = PointRunner(runner.sweep).model(other).operators
+        own = PointRunner(runner.sweep).structure(other).operators
         difference = getattr(own, name) - getattr(model.operators, name)
         assert abs(difference).max() == 0.0
         np.testing.assert_array_equal(own.gap0, model.operators.gap0)
@@ -56,7 +56,7 @@ def test_what_enters_the_assembly_has_a_model_of_its_own(
     runner: PointRunner, keys: dict[str, object]
 ) -> None:
     case = preset("paper", SMALL)
-    assert runner.model(case.with_overrides(keys)) is not runner.model(case)
+    assert runner.structure(case.with_overrides(keys)) is not runner.structure(case)
 
 
 class Bond(Section):

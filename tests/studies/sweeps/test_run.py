@@ -55,7 +55,7 @@ def test_a_point_is_the_run_of_its_case(tmp_path: Path) -> None:
     made = small(record=record)
     data = run_sweep(made, tmp_path, "serial")
     case = made.case(2)
-    result = df.run(case, "petsc", model=closed_form.assemble(case))
+    result = df.run(case, "petsc", structure=closed_form.assemble(case))
     point, history = data.isel(frequency=2), result.history
     for name in ("tip_min", "tip_max", "thd", "minimum_tip_gap", "impacts_per_period"):
         assert np.array_equal(point[name], result.summary[name]), name
@@ -115,7 +115,7 @@ def test_continuation_carries_the_state(tmp_path: Path) -> None:
         for index in order:
             case = made.case(index)
             model = closed_form.assemble(case)
-            result = df.run(case, "petsc", model=model, initial=state)
+            result = df.run(case, "petsc", structure=model, initial=state)
             state = result.state
             point = data.sel(direction=direction).isel(frequency=index % 4)
             assert np.array_equal(point.tip_max, result.summary["tip_max"])

@@ -1,0 +1,69 @@
+"""The layout of the paper's structure: laminae side by side, clamped at x = 0, free at x = L.
+
+Both discretisations, in closed form and in dolfinx, number their dofs as it says: lamina by lamina,
+node by node from the clamp to the tip, the clamped node left out, displacement before slope.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from delam_fem.case.definition import Case
+from delam_fem.case.gap import initial_gap
+from delam_fem.model.layout import BASE, FIXED, Interface, Layout, Part, Probe, Support
+from delam_fem.model.pairing import opposite
+from delam_fem.numerics.arrays import FloatArray, IntArray
+
+CLAMP, TIP = 0, -1
+"""The first and the last point of a lamina."""
+
+
+def clamped_laminae(
+    case: Case, x: FloatArray, flexural_rigidity: FloatArray, mass_per_length: FloatArray
+) -> Layout:
+    """Return the layout of the laminae of a case.
+
+    Args:
+        case: gives the names.
+        x: positions of the nodes, clamp included, shape (n_nodes,) [m].
+        flexural_rigidity: EI of each cell of each lamina, shape (n_laminae, n_nodes - 1) [N m2].
+        mass_per_length: ρA of each cell of each lamina, shape (n_laminae, n_nodes - 1) [kg/m].
+    """
+    n = x.size - 1
+    parts = tuple(
+        Part(lamina.name, x, _dofs(i, n), flexural_rigidity[i], mass_per_length[i])
+        for i, lamina in enumerate(case.lamina)
+    )
+    interfaces: list[Interface] = []
+    for lower in range(len(parts) - 1):
+        first_pair = sum(len(interface.points) for interface in interfaces)
+        interfaces.append(opposite(parts, lower, lower + 1, first_pair))
+    return Layout(
+        parts,
+        tuple(interfaces),
+        tuple(Probe("tip", i, n) for i in range(len(parts))),
+        tuple(Support(i, CLAMP) for i in range(len(parts))),
+    )
+
+
+def gap_at_rest(case: Case, layout: Layout) -> FloatArray:
+    """Return the gap at rest of all pairs, shape (n_pairs,) [m].
+
+    Raises:
+        CaseError: see `initial_gap`.
+    """
+    gaps = [
+        initial_gap(case.gap, layout.parts[interface.parts[0]].x, case.lamina[0].length)[
+            interface.points[:, 0]
+        ]
+        for interface in layout.interfaces
+    ]
+    return np.concatenate(gaps)
+
+
+def _dofs(lamina: int, n: int) -> IntArray:
+    """Return the dofs of the points of a lamina of n elements, shape (n + 1, 2)."""
+    dofs = np.empty((n + 1, 2), dtype=np.int64)
+    dofs[CLAMP] = BASE, FIXED
+    dofs[1:] = 2 * n * lamina + np.arange(2 * n).reshape(n, 2)
+    return dofs

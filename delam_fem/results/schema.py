@@ -1,0 +1,139 @@
+"""Every variable of a run's dataset, once: its dimensions, its unit, its meaning.
+
+Dimensions: `lamina` (bottom to top), `interface` (between two neighbours, bottom to top; absent
+where there is only one), `time` (every step of the window), `period` (all periods of the run),
+`frame` (instants of the window at which fields are kept), `node` (points along the laminae),
+`event` (pairs that were hit, in the order of time).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+INTERFACE = "interface"
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One variable.
+
+    Attributes:
+        name: in the dataset.
+        dims: its dimensions.
+        units: "1" for pure numbers.
+        long_name: its meaning.
+    """
+
+    name: str
+    dims: tuple[str, ...]
+    units: str
+    long_name: str
+
+
+_TIP = "at the tip, base motion included"
+_END = "of the tip at the end of the period"
+_WITHIN = "displacement of the tip within the period"
+_LAMINA_TIME, _LAMINA_PERIOD = ("lamina", "time"), ("lamina", "period")
+_FIELD = ("lamina", "frame", "node")
+
+_ALL = (
+    Variable("time", ("time",), "s", "time"),
+    Variable("tip_displacement", _LAMINA_TIME, "m", f"displacement {_TIP}"),
+    Variable("tip_velocity", _LAMINA_TIME, "m/s", f"velocity {_TIP}"),
+    Variable("base_displacement", ("time",), "m", "displacement of the base"),
+    Variable("period", ("period",), "1", "number of the period"),
+    Variable("strobe_displacement", _LAMINA_PERIOD, "m", f"displacement {_END}"),
+    Variable("strobe_velocity", _LAMINA_PERIOD, "m/s", f"velocity {_END}"),
+    Variable("envelope_min", _LAMINA_PERIOD, "m", f"smallest {_WITHIN}"),
+    Variable("envelope_max", _LAMINA_PERIOD, "m", f"largest {_WITHIN}"),
+    Variable("impulse_sum", ("period",), "N s", "sum of impulses in the period"),
+    Variable("impact_count", ("period",), "1", "impulses on pairs in the period"),
+    Variable("energy_kinetic", ("period",), "J", "kinetic energy at the end of the period"),
+    Variable("energy_strain", ("period",), "J", "strain energy at the end of the period"),
+    Variable(
+        "energy_spring", ("period",), "J", "energy in contact springs at the end of the period"
+    ),
+    Variable("energy_base_work", ("period",), "J", "work of the base in the period"),
+    Variable("energy_damping_loss", ("period",), "J", "energy lost to damping in the period"),
+    Variable(
+        "energy_contact_damping_loss",
+        ("period",),
+        "J",
+        "energy lost to contact dampers in the period",
+    ),
+    Variable("energy_impact_loss", ("period",), "J", "energy lost to impacts in the period"),
+    Variable(
+        "energy_spring_released",
+        ("period",),
+        "J",
+        "energy set free by switching contact springs in the period",
+    ),
+    Variable(
+        "energy_residual", ("period",), "J", "what the ledger of the period does not account for"
+    ),
+    Variable("x", ("node",), "m", "position along the laminae"),
+    Variable("tip_node", (), "1", "number of the node at which tip_… is taken"),
+    Variable("gap0", (INTERFACE, "node"), "m", "gap at rest"),
+    Variable("frame", ("frame",), "s", "time of the frame"),
+    Variable("displacement", _FIELD, "m", "displacement, base motion included"),
+    Variable("slope", _FIELD, "1", "slope of the displacement"),
+    Variable("velocity", _FIELD, "m/s", "velocity, base motion included"),
+    Variable("moment", _FIELD, "N m", "bending moment E I u''"),
+    Variable(
+        "contact_state",
+        (INTERFACE, "frame", "node"),
+        "1",
+        "contact state: 0 open, 1 hit, 2 resting",
+    ),
+    Variable("event_time", ("event",), "s", "time of the impact"),
+    Variable("event_interface", ("event",), "1", "number of the interface that is hit"),
+    Variable("event_node", ("event",), "1", "node that is hit"),
+    Variable("event_impulse", ("event",), "N s", "impulse that parts the laminae"),
+    Variable("event_velocity_before", ("event",), "m/s", "gap rate before the impact"),
+    Variable(
+        "event_energy",
+        ("event",),
+        "J",
+        "change of energy at the instant, shared in proportion to the impulses",
+    ),
+)
+
+VARIABLES: Mapping[str, Variable] = MappingProxyType({entry.name: entry for entry in _ALL})
+"""The variables by name, in the order of the dataset."""
+
+
+def add(data: xr.Dataset, name: str, values: Any) -> None:
+    """Add a variable with its dimensions, unit and meaning.
+
+    Values of a single interface come without the dimension `interface`.
+
+    Raises:
+        KeyError: the schema has no such variable.
+        ValueError: the values do not have its dimensions.
+    """
+    row, array = VARIABLES[name], np.asarray(values)
+    dims = row.dims
+    if INTERFACE in dims and array.ndim == len(dims) - 1:
+        dims = tuple(dim for dim in dims if dim != INTERFACE)
+    data[name] = (dims, array, {"units": row.units, "long_name": row.long_name})
+
+
+def by_interface(values: xr.DataArray) -> np.ndarray[Any, np.dtype[Any]]:
+    """Return a variable with the interfaces as its first axis, also where there is only one."""
+    array = values.to_numpy()
+    return array if INTERFACE in values.dims else array[None]
+
+
+def markdown() -> str:
+    """Return the variables as a table of Markdown, for the documentation."""
+    rows = [
+        f"| `{row.name}` | {', '.join(row.dims) or '–'} | {row.units} | {row.long_name} |"
+        for row in _ALL
+    ]
+    return "\n".join(["| variable | dimensions | unit | meaning |", "|---|---|---|---|", *rows])
