@@ -21,7 +21,16 @@ from delam_fem.paper.figures import chart, response, spectra, system
 from delam_fem.paper.figures import strikes as strike_figure
 from delam_fem.paper.lab import Laboratory, Plan, laboratory, motion_case
 from delam_fem.paper.measures import rough_part, settling, tip_positions
-from delam_fem.paper.page import README_MARKS, between, entries, tally, write_docs, write_page
+from delam_fem.paper.page import (
+    HEADLINES,
+    README_MARKS,
+    between,
+    entries,
+    headlines,
+    tally,
+    write_docs,
+    write_page,
+)
 from delam_fem.studies.executors import Serial
 
 PLAN = Plan(
@@ -239,8 +248,8 @@ def test_a_motion_that_diverges_is_told() -> None:
 def folder(tmp_path: Path) -> Path:
     """A folder with two figures, without their computation."""
     claims = [
-        Claim("1", "a | b", "sec. 1", "1 < 2", "holds", True),
-        Claim("1", "c", "sec. 2", "no", "does not hold"),
+        Claim("1", "a | b", "sec. 1", "1 < 2", "holds"),
+        Claim(*HEADLINES[0], "sec. 2", "no", "does not hold"),
     ]
     for name, own in (("1", claims), ("2a", [])):
         stem = reproduce.file_stem(name)
@@ -276,14 +285,22 @@ def test_documentation_is_written_from_the_numbers(folder: Path, tmp_path: Path)
     assert {readme, docs} <= set(paths)
     text = readme.read_text("utf-8")
     assert "outdated" not in text and text.startswith("head") and text.endswith("tail\n")
-    assert "a \\| b" in text and "| c |" not in text
-    assert "| c |" in docs.read_text("utf-8")
+    main = f"| {HEADLINES[0][0]} | {HEADLINES[0][1]} | no | does not hold |"
+    assert main in text and "a \\| b" not in text
+    assert "a \\| b" in docs.read_text("utf-8")
     pictures = re.findall(r"\((figures/\S+)\)", docs.read_text("utf-8"))
     assert "figures/paper_fig02a.gif" in pictures
     for picture in pictures:
         assert (root / "docs" / picture).is_file()
     write_docs(folder, root, found)
     assert readme.read_text("utf-8") == text
+
+
+def test_headlines_are_claims_of_the_figures() -> None:
+    text = (Path(__file__).parents[2] / "docs" / "paper.md").read_text("utf-8")
+    rows = [line.strip("| ").split(" | ") for line in text.splitlines() if line.startswith("| ")]
+    table = [Claim(*row) for row in rows if len(row) == 5]  # type: ignore[arg-type]
+    assert [(claim.figure, claim.text) for claim in headlines(table)] == list(HEADLINES)
 
 
 def test_script_of_the_documentation_wants_all_figures(
