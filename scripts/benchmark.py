@@ -331,7 +331,7 @@ def markdown(figures: dict[str, Any]) -> str:
         "fastest of several repeats, in µs per step at 1000 steps per period and 3.25 Hz from "
         "rest, ledger and record included. *MatSolve + 2 MatMult* is what PETSc needs for the "
         "bare linear algebra of a step, *plain loop* the readable NumPy and SciPy loop of "
-        "`reference_loop.py`, *of it engine* the compiled steps without the record of each "
+        "`reference/loop.py`, *of it engine* the compiled steps without the record of each "
         "period, *ratio of engines* that of PETSc's to it.\n",
         "![Cost of a step](figures/performance.png)\n",
     ]
