@@ -15,14 +15,14 @@ DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
 
 @contextmanager
-def reported(quiet: bool = False) -> Iterator[None]:
+def reported(quiet: bool = False, verbose: bool = False) -> Iterator[None]:
     """Turn errors into a message on stderr and an exit status; show the package's log."""
     from delam_fem.case.toml import CaseError
 
     log = logging.getLogger("delam_fem")
     handler = _EchoHandler()
     log.addHandler(handler)
-    log.setLevel(logging.WARNING if quiet else logging.INFO)
+    log.setLevel(logging.DEBUG if verbose else logging.WARNING if quiet else logging.INFO)
     try:
         yield
     except CaseError as error:
