@@ -22,6 +22,7 @@ def reported(quiet: bool = False, verbose: bool = False) -> Iterator[None]:
     log = logging.getLogger("delam_fem")
     handler = _EchoHandler()
     log.addHandler(handler)
+    propagates, log.propagate = log.propagate, False  # FFCx gives the root logger a handler
     log.setLevel(logging.DEBUG if verbose else logging.WARNING if quiet else logging.INFO)
     try:
         yield
@@ -33,6 +34,7 @@ def reported(quiet: bool = False, verbose: bool = False) -> Iterator[None]:
     except KeyboardInterrupt:
         fail("interrupted", INTERRUPTED)
     finally:
+        log.propagate = propagates
         log.removeHandler(handler)
 
 
