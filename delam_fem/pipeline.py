@@ -65,7 +65,7 @@ def run(
         CaseError: the case cannot be computed as it stands, or there is nothing to resume.
     """
     if case.unread:
-        _log.info("given, but not read: %s", ", ".join(case.unread))
+        _log.debug("given, but not read: %s", ", ".join(case.unread))
     structure = beam.assemble(case, comm=comm) if structure is None else structure
     kept = None if directory is None else checkpoint.path_in(Path(directory))
     with session_of(case, structure.operators, initial=initial, engine=engine, comm=comm) as opened:

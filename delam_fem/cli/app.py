@@ -54,6 +54,9 @@ Overrides = Annotated[
 Folder = Annotated[
     Path | None, typer.Option("-o", "--output", metavar="DIR", help="Folder of the results.")
 ]
+Verbose = Annotated[
+    bool, typer.Option("-v", "--verbose", help="Say more, e.g. which given keys nothing reads.")
+]
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="No progress, no table.")]
 
 
@@ -82,9 +85,10 @@ def run_command(
         bool, typer.Option("--resume", help="Go on with an interrupted run.")
     ] = False,
     quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Compute a case; results go to DIR (runs/NAME)."""
-    with reported(quiet):
+    with reported(quiet, verbose):
         case = case_of(case_name, overrides)
         directory = writable(output or Path("runs") / case.name)
         from mpi4py import MPI

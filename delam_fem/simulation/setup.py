@@ -1,4 +1,4 @@
-"""The motion of the base, period by period, as the loop asks for it.
+"""How long a run is and how its base moves, period by period, from a case or without one.
 
 Without dolfinx and PETSc, so that the workers of a sweep start fast.
 """
@@ -15,6 +15,9 @@ from delam_fem.case.excitation import base_motion
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.simulation.span import Span
 
+DIVERGED_LENGTHS = 10.0
+"""A gap or displacement of so many lengths of the laminae has no meaning any more."""
+
 
 class Prescribed(Protocol):
     """A prescribed motion of the base, as far as a run needs it."""
@@ -27,10 +30,22 @@ BaseStates = Callable[[int], FloatArray]
 """From the number of a period to (q, q', q'') of the base at its N + 1 steps, shape (N + 1, 3)."""
 
 
+def span_of(case: Case) -> Span:
+    """Return how long the run of a case is, and what is kept of it."""
+    return Span(
+        case.time_step,
+        case.time.steps_per_period,
+        case.n_periods,
+        case.n_window_periods,
+        case.output.fields_per_period,
+        DIVERGED_LENGTHS * case.lamina[0].length,
+    )
+
+
 def motion_of(case: Case) -> BaseStates:
     """Return the motion of the base of a case, period by period."""
     is_periodic = case.excitation.kind == "harmonic"
-    return by_period(base_motion(case), Span.of(case), is_periodic=is_periodic)
+    return by_period(base_motion(case), span_of(case), is_periodic=is_periodic)
 
 
 def by_period(motion: Prescribed, span: Span, *, is_periodic: bool) -> BaseStates:
