@@ -21,11 +21,11 @@ PAPER = (
     "Universität Karlsruhe"
 )
 ABOUT = (
-    "The paper's text is available, its figures are not. So every figure here shows what the "
-    "computation gives, and what is compared is what the text says: a number, or a statement that "
-    'a number can decide. A verdict "open" means that the text does not allow one. All '
-    "computations are with the preset paper (20 elements, T/1000, Newmark, lumped impulses beside "
-    "the consistent mass matrix) unless a row says otherwise."
+    "The paper's text is available, its figures are not. Each figure here shows what the "
+    "computation gives, and is compared with what the text says: a number, or a statement that a "
+    'number can decide. The verdict "open" means that the text does not allow one. Unless a row '
+    "says otherwise, all computations are with the preset paper: 20 elements, T/1000, Newmark, "
+    "lumped impulses with the consistent mass matrix."
 )
 README_MARKS = ("<!-- paper claims: begin -->", "<!-- paper claims: end -->")
 """Between them README has the short table."""
