@@ -17,7 +17,7 @@ from delam_fem.case.toml import CaseError
 from delam_fem.cli.app import app
 from delam_fem.paper import page as page_module
 from delam_fem.paper import plane_measures, reproduce, swept_sine
-from delam_fem.paper.claims import Claim, markdown_table
+from delam_fem.paper.claims import HEADING, Claim, markdown_table
 from delam_fem.paper.figures import chart, response, spectra, system
 from delam_fem.paper.figures import strikes as strike_figure
 from delam_fem.paper.lab import Laboratory, Plan, laboratory, motion_case
@@ -299,11 +299,15 @@ def test_documentation_is_written_from_the_numbers(
     assert readme.read_text("utf-8") == text
 
 
-def test_headlines_are_claims_of_the_figures() -> None:
-    text = (Path(__file__).parents[2] / "docs" / "paper.md").read_text("utf-8")
-    rows = [line.strip("| ").split(" | ") for line in text.splitlines() if line.startswith("| ")]
-    table = [Claim(*row) for row in rows if len(row) == 5]  # type: ignore[arg-type]
-    assert [(claim.figure, claim.text) for claim in headlines(table)] == list(HEADLINES)
+def test_readme_has_the_headlines_of_the_page() -> None:
+    root = Path(__file__).parents[2]
+    page, readme = ((root / name).read_text("utf-8") for name in ("docs/paper.md", "README.md"))
+    rows = [line.strip("| ").split(" | ") for line in page.splitlines() if line.startswith("| ")]
+    table = [Claim(*row) for row in rows[1:] if len(row) == len(HEADING)]  # type: ignore[arg-type]
+    main = headlines(table)
+    assert [(claim.figure, claim.text) for claim in main] == list(HEADLINES)
+    assert tally(table) in page and tally(table) in readme
+    assert markdown_table(main, with_source=False) in readme
 
 
 def test_script_of_the_documentation_wants_all_figures(
