@@ -188,8 +188,8 @@ def _time_step(given: float | None, motion: Prescribed | None, steps_per_period:
         return given
     if not isinstance(motion, HarmonicMotion):
         raise CaseError(
-            "time_step: missing; give it, since only a harmonic motion of the base has a period "
-            "from which it could be computed"
+            "time_step: missing; give time_step, or a harmonic motion of the base, whose frequency "
+            "determines it"
         )
     return 1.0 / (steps_per_period * motion.frequency)
 
