@@ -127,7 +127,7 @@ LAWS: Mapping[str, LawRow] = MappingProxyType(
         ),
         "recovery": LawRow(
             "a floor under the gap rate of every pair: contact starts when the gap closes, and "
-            "penetration is taken back as far as that needs no energy",
+            "penetration is removed only as fast as that needs no energy",
             anticipates=True,
         ),
     }

@@ -23,7 +23,7 @@ FREE_GAP = 1e-3
 CLEARLY = 0.8
 """A roughness below this fraction of the other one counts as a distinct improvement."""
 SERIES_STEP = 4
-"""One of this number of steps is kept in the numbers of a figure."""
+"""Distance in steps between the samples that are kept in the numbers of a figure."""
 
 
 def half_ranges(result: Result) -> FloatArray:
@@ -127,7 +127,7 @@ class MotionNumbers(Numbers):
         is_as_described: whether the motion is as the paper describes it for its frequency.
         strike_velocities: mean velocities of thick and thin tip before a strike [m/s].
         near_share: share of the time in which the tips are less than `FREE_GAP` apart [-].
-        t_over_T, position_mm: time and tip positions, one of `SERIES_STEP` steps, shapes (n,) and
+        t_over_T, position_mm: time and tip positions, every `SERIES_STEP` steps, shapes (n,) and
             (2, n).
     """
 

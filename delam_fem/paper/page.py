@@ -88,7 +88,7 @@ def tally(claims: Sequence[Claim]) -> str:
 
 
 def write_docs(directory: Path, root: Path, figures: Sequence[Entry]) -> list[Path]:
-    """Write docs/paper.md, the short table of README.md, and copy the pictures for the docs.
+    """Write docs/paper.md and the short table of README.md, and copy the pictures for the docs.
 
     Args:
         directory: folder of the figures.

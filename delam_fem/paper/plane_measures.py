@@ -24,7 +24,7 @@ ONE_CONTACT = (0.95, 1.05)
 
 
 def one_period_scatter(strobes: FloatArray, half_range: FloatArray) -> FloatArray:
-    """Return the rms difference of strobes one period apart, in half ranges; the larger tip counts.
+    """Return the rms difference of strobes one period apart, in half ranges, of the worse tip.
 
     Args:
         strobes: displacements of both tips at the ends of periods, shape (..., 2, n) [m].

@@ -98,7 +98,7 @@ def _draw_both_tips(panel: Axes, portrait: Portrait) -> None:
 
 
 def judge(numbers: Portraits) -> tuple[Claim, ...]:
-    """Judge whether one set of parameters gives all motions, and whether they are stable and smooth."""
+    """Judge whether one set of parameters gives all motions, all of them stable and smooth."""
     kinds = {m: [numbers.motions[f, m].is_as_described for f in FREQUENCIES] for m in LAWS}
     scatter = [numbers.motions[f, "3.2"].strobe_scatter for f in FREQUENCIES]
     rough = {m: np.array([numbers.roughness_free[f, m] for f in FREQUENCIES[1:]]) for m in LAWS}

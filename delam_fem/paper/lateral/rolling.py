@@ -77,7 +77,7 @@ class Rolling:
 
     @property
     def landing(self) -> tuple[float, float]:
-        """Times [s] of the first hit beyond `FRONT_FROM`, and when half of the nodes there were hit.
+        """Times [s] of the first hit beyond `FRONT_FROM`, and when half the nodes there were hit.
 
         The last node is not used: single nodes may not be hit until the next swing.
         """

@@ -20,12 +20,12 @@ BLOCK_STIFFNESSES = (5e7, 1e9)
 """Possible stiffness of a brass block, a quartz force transducer (by data sheets about 1e9 N/m) and
 the dent at the tip in series: least and greatest [N/m]."""
 FAINT = 0.3
-"""A wave counts from this fraction of its largest value on. Earlier waves are faster than a short
-peak of the force can send, and left the tip before that peak."""
+"""The wave begins where the strain first exceeds this fraction of its largest value. Weaker waves
+before have higher frequencies than the peak of the force, and left the tip before that peak."""
 
 
 def exact_beam(lamina: Lamina) -> StruckBeam:
-    """Return the exact beam of infinite length with the section of a strip."""
+    """Return the exact semi-infinite beam with the section of a strip."""
     return StruckBeam(lamina.flexural_rigidity, lamina.mass_per_length, lamina.thickness)
 
 
@@ -212,7 +212,7 @@ class TipBlock:
         return np.abs(self.spring.time) < PEAK_WITHIN
 
     def _rebound(self, motion: TipMotion) -> dict[str, float]:
-        """Return energies and motion after the impact, as shares of the energy of lifting."""
+        """Return the motion after the impact, with energies as shares of the energy of lifting."""
         pushed = np.flatnonzero(np.diff(motion.impulse) > 0.0)
         last = int(pushed[-1]) + 1
         first_mode = float(motion.first_mode[-1]) / self.energy

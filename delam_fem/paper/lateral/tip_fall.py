@@ -18,7 +18,7 @@ from delam_fem.paper.lateral.tip_block import TipBlock, TipMotion, exact_beam
 from delam_fem.simulation.loop import State
 
 DAMPING_RATIO = 2e-5
-"""D of modes 1 and 2 [-]; Rayleigh damping makes it 0.4 % at 30 kHz, as for steel."""
+"""D of modes 1 and 2 [-]; Rayleigh damping then has 0.4 % at 30 kHz, as steel has."""
 FALL_STEPS = 4
 """Steps of the impact per step of the fall, in which only the lowest modes move."""
 
@@ -111,7 +111,7 @@ def _touch(free: GroundRun, n_steps: int) -> tuple[float, float]:
 
 
 def _fall(lamina: Lamina, operators: Operators, start: State, time_step: float) -> GroundRun:
-    """Run the fall until shortly before the touch: until the tip would be below in a stretch."""
+    """Run the fall until the tip, at its current velocity, would touch within `STRETCH`."""
     half_period = float(np.pi / lamina.angular_frequencies(1)[0])
     return ground_run.run(
         GroundLaw("none"),

@@ -1,4 +1,4 @@
-"""Draw figure 7: a strip whose tip falls on a block (paper 2.3); only the paper's text is known."""
+"""Draw figure 7: a strip whose tip falls on a block (paper 2.3); the original is not available."""
 
 from __future__ import annotations
 
