@@ -162,9 +162,18 @@ def solve(W: FloatArray, q: FloatArray) -> FloatArray:
     """
     p = np.zeros(q.size)
     if not (np.isfinite(q).all() and np.isfinite(W).all()):
-        raise ArithmeticError("impulses: the velocities before the impact are not finite")
+        raise ArithmeticError(
+            "impulses: the velocities before the impact are not finite; the motion diverges: use a "
+            "smaller time step"
+        )
     if q.size and not solve_into(W, q, p):
-        raise ArithmeticError(f"impulses: no solution found for {q.size} pairs (is W symmetric?)")
+        raise ArithmeticError(
+            f"impulses: no solution found for {q.size} pairs; check that the mass, damping and "
+            "stiffness matrices are symmetric"
+        )
     if q.size > 1 and (W @ p + q).min() < -UNSOLVABLE * np.abs(q).max():
-        raise ArithmeticError("impulses: no impulses can part these pairs (q is not in W's range)")
+        raise ArithmeticError(
+            "impulses: no impulses can part these pairs (q is not in the range of W); check their "
+            "rows of the gap matrix"
+        )
     return p

@@ -27,7 +27,7 @@ class ContactLaw(Protocol):
 
     @property
     def name(self) -> str:
-        """Name for messages."""
+        """The law's name in messages."""
 
     @property
     def spring(self) -> tuple[float, float]:

@@ -143,7 +143,9 @@ class Layout:
         """
         first, *others = self.parts
         if any(not np.array_equal(part.x, first.x) for part in others):
-            raise ValueError("layout: expected the same points x on all parts")
+            raise ValueError(
+                "layout: expected the same points x on all parts; use the points of each part"
+            )
         return first.x
 
     @property
@@ -193,7 +195,9 @@ class Structure:
         o, layout = self.operators, self.layout
         dofs = np.concatenate([part.dofs.ravel() for part in layout.parts])
         if dofs.max() >= o.n_dofs:
-            raise ValueError(f"layout: dof {dofs.max()}, expected below {o.n_dofs}")
+            raise ValueError(
+                f"layout: dof {dofs.max()}, expected below {o.n_dofs}, the number of free dofs"
+            )
         n_pairs = sum(len(interface.points) for interface in layout.interfaces)
         for what, given, expected in (
             ("pairs", n_pairs, o.n_pairs),

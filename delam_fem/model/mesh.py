@@ -109,6 +109,6 @@ def _require_opposite(path: Path, first: FloatArray, second: FloatArray, length:
             )
     if len(first) != len(second):
         raise CaseError(
-            f"mesh.file: {path}: expected as many nodes on both laminae, given "
+            f"mesh.file: {path}: expected the same number of nodes on both laminae, given "
             f"{len(first)} and {len(second)}"
         )

@@ -132,7 +132,7 @@ def between(text: str, marks: tuple[str, str], content: str) -> str:
     """
     begin, end = marks
     if text.count(begin) != 1 or text.count(end) != 1 or text.index(begin) > text.index(end):
-        raise ValueError(f"expected {begin} and then {end}, once each")
+        raise ValueError(f"README.md: expected {begin} and then {end}, once each; add these marks")
     head, rest = text.split(begin)
     return f"{head}{begin}\n{content}\n{end}{rest.split(end)[1]}"
 

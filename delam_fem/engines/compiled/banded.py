@@ -73,7 +73,10 @@ def factorise(matrix: sp.spmatrix) -> Band:
     value[entries.row, entries.col - entries.row + width] = entries.data
     bad = int(_factorise(value, width))
     if bad >= 0:
-        raise ArithmeticError(f"factorisation: the matrix is singular at row {bad}")
+        raise ArithmeticError(
+            f"factorisation: the matrix is singular at row {bad} (of the reordered dofs); check "
+            "that every free dof has mass"
+        )
     return Band(width, value)
 
 

@@ -184,6 +184,12 @@ class Compiled:
 def _require_impulses(ending: int) -> None:
     """Raise if the impulses were not found; the messages are those of complementarity.py."""
     if ending == contact.NOT_FINITE:
-        raise ArithmeticError("impulses: the velocities before the impact are not finite")
+        raise ArithmeticError(
+            "impulses: the velocities before the impact are not finite; the motion diverges: use a "
+            "smaller time step"
+        )
     if ending == contact.UNSOLVED:
-        raise ArithmeticError("impulses: no solution found (is the compliance symmetric?)")
+        raise ArithmeticError(
+            "impulses: no solution found; check that the mass, damping and stiffness matrices are "
+            "symmetric"
+        )

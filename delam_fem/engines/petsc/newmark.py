@@ -29,7 +29,7 @@ from delam_fem.model.operators import Operators
 from delam_fem.numerics.arrays import BoolArray, FloatArray
 
 DIRECT_PAIRS = 64
-"""Up to this number of springs N2 is inverted as a dense matrix; above, CG solves it."""
+"""N2 is inverted as a dense matrix for up to this number of springs, else solved iteratively."""
 RELATIVE_RESIDUAL = 1e-14
 """Relative residual of the conjugate gradients on N2; round-off, so the energy ledger closes."""
 
