@@ -1,4 +1,4 @@
-"""Solve with A and M, apply H and Hᵀ, compute compliances; in lane order and in band order."""
+"""Solve with A and M, apply H and Hᵀ, and compute compliances, in lane order or in band order."""
 
 from __future__ import annotations
 
