@@ -1,1 +1,1 @@
-"""Contact laws: gaps and gap rates in, decisions out."""
+"""Contact laws: they read gaps and gap rates and decide which pairs jump."""

@@ -4,9 +4,9 @@
 
 W = H M^-1 H^T is symmetric and positive semidefinite, and q lies in its range. The problem is the
 optimality condition of the non-negative least-squares problem min 1/2 |L^T p + L^-1 q|^2 with
-W = L L^T. Lawson and Hanson's active-set method solves it on W itself. A redundant pair has no
-residual once the pairs that span it are active, so the method never adds it: p is then one of
-several solutions, but H^T p is unique.
+W = L L^T. Lawson and Hanson's active-set method solves it, working on W directly. A redundant pair
+has no residual once the pairs that span it are active, so the method never adds it: p is then one
+of several solutions, but H^T p is unique.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ import numpy as np
 from delam_fem.numerics.arrays import FloatArray
 
 TOLERANCE = 1e-13
-"""A residual below this times the largest |q| is round-off (of a few dozen pairs)."""
+"""A residual below this number times the largest |q| is round-off (for a few dozen pairs)."""
 
 UNSOLVABLE = 1e-4
-"""A residual above this times the largest |q| is no round-off; nearly alike pairs reach 1e-6."""
+"""A residual above this number times the largest |q| is an error; nearly equal pairs reach 1e-6."""
 
 
 @numba.njit(cache=True)
 def _solve_active(W, q, active, n_active, out):  # type: ignore[no-untyped-def]
-    """Solve W_AA s = -q_A by Cholesky; return False where W_AA is singular to round-off."""
+    """Solve W_AA s = -q_A by Cholesky; return False if W_AA is singular to round-off."""
     factor = np.empty((n_active, n_active))
     for i in range(n_active):
         for j in range(i + 1):
@@ -53,7 +53,7 @@ def _solve_active(W, q, active, n_active, out):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def _solve_all(W, q, p):  # type: ignore[no-untyped-def]
-    """Solve with all pairs active, as in most impacts; return whether no impulse is negative."""
+    """Solve with all pairs active, the usual case; return whether no impulse is negative."""
     n = q.size
     if not _solve_active(W, q, np.arange(n), n, p):
         return False
@@ -65,7 +65,7 @@ def _solve_all(W, q, p):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, forceinline=True)
 def _most_violated(W, q, p, active, n_active, is_barred, limit):  # type: ignore[no-untyped-def]
-    """Return the idle pair with the smallest residual below -limit; -1 if there is none."""
+    """Return the inactive pair with the smallest residual below -limit, or -1."""
     best, chosen = -limit, -1
     for k in range(q.size):
         if p[k] == 0.0 and not is_barred[k]:
@@ -79,7 +79,7 @@ def _most_violated(W, q, p, active, n_active, is_barred, limit):  # type: ignore
 
 @numba.njit(cache=True, forceinline=True)
 def _feasible_step(p, trial, active, n_active):  # type: ignore[no-untyped-def]
-    """Return the largest fraction of the way from p to trial on which no impulse gets negative."""
+    """Return the largest fraction of the way from p to trial that keeps all impulses >= 0."""
     step = 1.0
     for i in range(n_active):
         if trial[i] <= 0.0:
@@ -90,7 +90,7 @@ def _feasible_step(p, trial, active, n_active):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, forceinline=True)
 def _drop_pulled(p, trial, active, n_active):  # type: ignore[no-untyped-def]
-    """Remove the pairs whose impulse has come down to zero; return how many stay active."""
+    """Remove the pairs whose impulse fell to zero; return how many pairs stay active."""
     kept = 0
     for i in range(n_active):
         if trial[i] <= 0.0 and p[active[i]] <= 1e-14 * abs(trial[i]):
@@ -103,7 +103,7 @@ def _drop_pulled(p, trial, active, n_active):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def _active_set(W, q, p, limit):  # type: ignore[no-untyped-def]
-    """Run Lawson and Hanson's iteration; return the number of solves, negative without success."""
+    """Run Lawson and Hanson's iteration; return the number of solves, negative on failure."""
     n = q.size
     active = np.empty(n, dtype=np.int64)
     is_barred = np.zeros(n, dtype=np.bool_)
@@ -119,7 +119,7 @@ def _active_set(W, q, p, limit):  # type: ignore[no-untyped-def]
         while n_active > 0:
             solves += 1
             if not _solve_active(W, q, active, n_active, trial):
-                n_active -= 1  # the new pair depends on the others: leave it to them
+                n_active -= 1  # the new pair depends on the others: they carry its impulse
                 is_barred[chosen] = True
                 break
             step = _feasible_step(p, trial, active, n_active)
@@ -134,7 +134,7 @@ def _active_set(W, q, p, limit):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def solve_into(W, q, p):  # type: ignore[no-untyped-def]
-    """Write the solution into p; return whether one was found (for compiled callers)."""
+    """Write the solution into p; return whether one was found (called from compiled code)."""
     if q.size == 1:
         p[0] = max(0.0, -q[0] / W[0, 0])
         return True
@@ -155,17 +155,25 @@ def solve(W: FloatArray, q: FloatArray) -> FloatArray:
 
     Raises:
         ArithmeticError: W or q is not finite, q is not in the range of W, or the iteration does
-            not end.
+            not converge.
 
     Source:
-        spec of consistent impulses; C. L. Lawson, R. J. Hanson, Solving Least Squares Problems,
-        ch. 23.
+        C. L. Lawson, R. J. Hanson, Solving Least Squares Problems, ch. 23.
     """
     p = np.zeros(q.size)
     if not (np.isfinite(q).all() and np.isfinite(W).all()):
-        raise ArithmeticError("impulses: the velocities before the impact are not finite")
+        raise ArithmeticError(
+            "impulses: the velocities before the impact are not finite; the motion diverges: use a "
+            "smaller time step"
+        )
     if q.size and not solve_into(W, q, p):
-        raise ArithmeticError(f"impulses: no solution found for {q.size} pairs (is W symmetric?)")
+        raise ArithmeticError(
+            f"impulses: no solution found for {q.size} pairs; check that the mass, damping and "
+            "stiffness matrices are symmetric"
+        )
     if q.size > 1 and (W @ p + q).min() < -UNSOLVABLE * np.abs(q).max():
-        raise ArithmeticError("impulses: no impulses can part these pairs (q is not in W's range)")
+        raise ArithmeticError(
+            "impulses: no impulses can part these pairs (q is not in the range of W); check their "
+            "rows of the gap matrix"
+        )
     return p

@@ -1,8 +1,8 @@
-"""What contact laws and steppers say to one another.
+"""The interface between contact laws and steppers.
 
 A stepper makes a candidate state and shows it as `Kinematics`. A law answers with a `Decision`, or
-with None when nothing jumps. Laws remember nothing: the stepper owns the set of resting pairs,
-shows it, and carries decisions out.
+with None if nothing jumps. Laws keep no state: the stepper owns the set of resting pairs, shows it
+to the law, and carries decisions out.
 """
 
 from __future__ import annotations
@@ -36,28 +36,28 @@ class Kinematics(Protocol):
 
 
 class Compliance(Protocol):
-    """W = H B⁻¹ Hᵀ of the matrix B that impulses act through, as a law asks for it."""
+    """W = H B⁻¹ Hᵀ, where B is the matrix through which impulses act."""
 
     def diagonal(self, pairs: IntArray) -> FloatArray:
         """Return W_kk of some pairs, shape (k,) [1/kg]."""
 
     def block(self, pairs: IntArray) -> FloatArray:
-        """Return W of some pairs among themselves, shape (k, k) [1/kg]."""
+        """Return the rows and columns of W of some pairs, shape (k, k) [1/kg]."""
 
     def columns(self, pairs: IntArray) -> FloatArray:
-        """Return the columns of some pairs, shape (n_pairs, k) [1/kg]."""
+        """Return the columns of W of some pairs, shape (n_pairs, k) [1/kg]."""
 
 
 @dataclass(frozen=True)
 class Decision:
-    """What has to jump.
+    """The jumps that a law demands.
 
     Attributes:
         hit: pairs that receive an impulse, shape (k,).
-        impulses: their impulses, shape (k,) [N s].
-        rate_pre: their gap rates before, shape (k,) [m/s].
-        rate_post: their gap rates after, shape (k,) [m/s].
-        resting: pairs at rest from now on, shape (n_pairs,); None: as before.
+        impulses: impulses of the hit pairs, shape (k,) [N s].
+        rate_pre: their gap rates before the impact, shape (k,) [m/s].
+        rate_post: their gap rates after the impact, shape (k,) [m/s].
+        resting: pairs at rest from now on, shape (n_pairs,); None: the same as before.
     """
 
     hit: IntArray
@@ -68,7 +68,7 @@ class Decision:
 
     @classmethod
     def only_resting(cls, resting: BoolArray) -> Decision:
-        """Return the decision that hits no pair and changes which pairs rest."""
+        """Return a decision that hits no pair and only changes which pairs rest."""
         return cls(NO_PAIRS, NO_VALUES, NO_VALUES, NO_VALUES, resting)
 
 
@@ -76,7 +76,7 @@ class Supervisor(Protocol):
     """A contact law, set up for one problem."""
 
     def examine(self, seen: Kinematics) -> Decision | None:
-        """Return what jumps at this instant, None if nothing does."""
+        """Return the jumps at this instant, or None if nothing jumps."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ class Setting:
 
     Attributes:
         n_pairs: number of contact pairs.
-        compliance: W of the matrix that impulses act through.
+        compliance: W of the matrix through which impulses act.
         time_step: Δt [s].
     """
 
@@ -97,6 +97,7 @@ class Setting:
 def is_same_set(first: BoolArray, second: BoolArray) -> bool:
     """Return whether two sets of pairs are equal.
 
-    Comparing bytes takes a tenth of the time of `numpy.array_equal`, in every step with contact.
+    This runs in every step with contact. Comparing bytes takes a tenth of the time of
+    `numpy.array_equal`.
     """
     return first.tobytes() == second.tobytes()

@@ -1,7 +1,7 @@
-"""The contact laws as pure functions of gaps and gap rates; nothing about time or state.
+"""Formulas of the contact laws as pure functions of gaps and gap rates, without time or state.
 
-Impulses [N s] and forces [N] act on pairs; H^T takes them to the dofs. Positive pushes the laminae
-apart.
+Impulses [N s] and forces [N] act on pairs; H^T maps them to the dofs. A positive impulse or force
+pushes the laminae apart.
 """
 
 from __future__ import annotations
@@ -15,12 +15,14 @@ from delam_fem.numerics.arrays import FloatArray
 def separate_impulses(
     rate_pre: FloatArray, restitution: float, inverse_mass: FloatArray
 ) -> FloatArray:
-    """Return the impulses that give each pair by itself the rate -e times its own (paper eq. 14).
+    """Return impulses that treat each pair as if it were alone (paper eq. 14).
 
         p = (1 + e) (-rate_pre) / W_kk,   W_kk = 1/m_1 + 1/m_2
 
+    Each pair leaves with -e times its own gap rate.
+
     Args:
-        rate_pre: gap rates before, approaching, shape (k,) [m/s].
+        rate_pre: gap rates before the impact, negative (approaching), shape (k,) [m/s].
         restitution: e [-].
         inverse_mass: W_kk of the lumped masses, shape (k,) [1/kg].
     """
@@ -30,14 +32,14 @@ def separate_impulses(
 def coupled_impulses(
     rate_pre: FloatArray, rate_free: FloatArray, restitution: float, compliance: FloatArray
 ) -> FloatArray:
-    """Return the impulses of Newton's law for pairs that feel one another.
+    """Return the impulses of Newton's law for pairs that influence one another.
 
         0 <= p  ⊥  (rate_free + W p) + e rate_pre >= 0
 
     Args:
         rate_pre: gap rates before the impact, shape (k,) [m/s].
-        rate_free: gap rates that would follow without impulses, shape (k,) [m/s]; the same as
-            `rate_pre` where the impact takes no time.
+        rate_free: gap rates that would follow without impulses, shape (k,) [m/s]; equal to
+            `rate_pre` if the impact takes no time.
         restitution: e [-].
         compliance: W = H M^-1 H^T of the k pairs, shape (k, k) [1/kg].
 
@@ -48,12 +50,12 @@ def coupled_impulses(
 
 
 def floor_impulses(lacking: FloatArray, compliance: FloatArray) -> FloatArray:
-    """Return the impulses that lift gap rates to their floors.
+    """Return the impulses that lift gap rates to their lower bounds ("floors").
 
         0 <= p  ⊥  W p + lacking >= 0
 
     Args:
-        lacking: gap rates without impulses less their floors, shape (k,) [m/s].
+        lacking: gap rates without impulses minus their floors, shape (k,) [m/s].
         compliance: W of the k pairs, shape (k, k) [1/kg].
 
     Raises:
@@ -65,13 +67,13 @@ def floor_impulses(lacking: FloatArray, compliance: FloatArray) -> FloatArray:
 def recovery_floor(
     gap: FloatArray, rate_pre: FloatArray, restitution: float, time_step: float
 ) -> FloatArray:
-    """Return the gap rate below which no pair may end a step (law "recovery").
+    """Return the lower bound of each pair's gap rate at the end of a step (law "recovery").
 
         U̇⁺ >= min(-U/Δt - e min(U̇, 0) [U <= 0],  -U̇)
 
-    An open gap is used up by the end of the step at the earliest; a closed one opens by Newton's
-    law and by what takes its penetration back within a step; but no pair leaves faster than it
-    came, so that no impulse does work: p (U̇⁺ + U̇)/2 <= 0.
+    The bound keeps an open gap from closing before the end of the step. A closed pair opens with
+    the rate of Newton's law plus the rate that removes its penetration within one step. No pair
+    leaves faster than it came, so no impulse does work: p (U̇⁺ + U̇)/2 <= 0.
 
     Args:
         gap: U at the start of the step, shape (n_pairs,) [m].

@@ -1,7 +1,8 @@
-"""The table of contact laws, and the table of the schemes that each goes with.
+"""The table of contact laws, and the table of the schemes that go with each law.
 
 A new law needs its own file, a row in `LAWS`, a row in `COMBINATIONS` for each scheme, and a kernel
-of the compiled engine. Supervisors are imported when they are set up: reading a case stays fast.
+in the compiled engine. Supervisors are imported only when they are set up, so that reading a case
+stays fast.
 """
 
 from __future__ import annotations
@@ -19,18 +20,18 @@ Impulse = Literal["lumped", "consistent"]
 
 
 class ContactLaw(Protocol):
-    """What an engine asks of a contact law; `Law`, or one of your own.
+    """The interface that an engine needs of a contact law: `Law`, or a class of your own.
 
-    Steps in PETSc take any. The compiled engine knows the laws of the table alone.
+    The PETSc engine accepts any law. The compiled engine accepts only the laws of the table.
     """
 
     @property
     def name(self) -> str:
-        """Name for messages."""
+        """The law's name in messages."""
 
     @property
     def spring(self) -> tuple[float, float]:
-        """Stiffness [N/m] and damping [N s/m] of a resting pair's spring; (0, 0) without."""
+        """Stiffness [N/m] and damping [N s/m] of a resting pair's spring; (0, 0): no spring."""
 
     @property
     def is_coupled(self) -> bool:
@@ -38,7 +39,7 @@ class ContactLaw(Protocol):
 
     @property
     def anticipates(self) -> bool:
-        """Whether the law looks at every gap before it closes; Moreau–Jean only."""
+        """Whether the law looks at every gap before it closes; only with Moreau–Jean."""
 
     def supervisor(self, scheme: Scheme, setting: Setting) -> Supervisor:
         """Set the law up for a problem.
@@ -50,16 +51,17 @@ class ContactLaw(Protocol):
 
 @dataclass(frozen=True)
 class Law:
-    """A contact law of the table with its numbers; a law ignores those that it does not read.
+    """A contact law of the table with its parameters; a law ignores parameters it does not need.
 
     Attributes:
-        name: as in case files.
+        name: the law's name in case files.
         restitution: e [-].
-        impulse: "lumped" acts on the hit nodes alone, "consistent" through the mass matrix.
+        impulse: "lumped": impulses act on the hit nodes alone; "consistent": through the mass
+            matrix.
         penalty_stiffness: k_con of a pair's spring [N/m].
         penalty_damping: c of a pair's spring [N s/m].
-        threshold_velocity: γ [m/s]. Newmark: pairs that leave slower get a spring. Moreau–Jean:
-            pairs that approach slower are reported as resting.
+        threshold_velocity: γ [m/s]. Newmark: pairs that leave slower than γ get a spring.
+            Moreau–Jean: pairs that approach slower than γ are reported as resting.
     """
 
     name: LawName
@@ -71,7 +73,7 @@ class Law:
 
     @property
     def spring(self) -> tuple[float, float]:
-        """Stiffness [N/m] and damping [N s/m] of a resting pair's spring; (0, 0) without."""
+        """Stiffness [N/m] and damping [N s/m] of a resting pair's spring; (0, 0): no spring."""
         reads = LAWS[self.name].spring
         stiffness = self.penalty_stiffness if "penalty_stiffness" in reads else 0.0
         damping = self.penalty_damping if "penalty_damping" in reads else 0.0
@@ -98,12 +100,12 @@ class Law:
 
 @dataclass(frozen=True)
 class LawRow:
-    """What the package knows of a law.
+    """The properties of a law that do not depend on the case.
 
     Attributes:
         meaning: what happens at a closed pair.
-        spring: numbers of `Law` that its springs have.
-        anticipates: whether it looks at every gap before it closes.
+        spring: names of the `Law` attributes that its springs use.
+        anticipates: whether the law looks at every gap before it closes.
     """
 
     meaning: str
@@ -125,7 +127,7 @@ LAWS: Mapping[str, LawRow] = MappingProxyType(
         ),
         "recovery": LawRow(
             "a floor under the gap rate of every pair: contact starts when the gap closes, and "
-            "penetration is taken back as far as that needs no energy",
+            "penetration is removed only as fast as that needs no energy",
             anticipates=True,
         ),
     }
@@ -135,11 +137,11 @@ LAWS: Mapping[str, LawRow] = MappingProxyType(
 
 @dataclass(frozen=True)
 class Combination:
-    """A law under a scheme.
+    """A law together with a scheme.
 
     Attributes:
-        supervisor: sets the law up.
-        reads: keys of the section `[contact]` that matter.
+        supervisor: function that sets the law up for a problem.
+        reads: keys of the section `[contact]` that have an effect.
     """
 
     supervisor: Callable[[Law, Setting], Supervisor]
@@ -212,14 +214,14 @@ COMBINATIONS: Mapping[tuple[str, str], Combination] = MappingProxyType(
         ("recovery", "moreau-jean"): Combination(_recovery, ("restitution", "threshold_velocity")),
     }
 )
-"""The laws with the schemes that they go with."""
+"""All pairs (law, scheme) that go together."""
 
 
 def combination(law: str, scheme: str) -> Combination:
-    """Return a law under a scheme.
+    """Return the combination of a law and a scheme.
 
     Raises:
-        ValueError: they do not go together; the message says what does.
+        ValueError: the law does not go with the scheme; the message names schemes that fit.
     """
     if (law, scheme) not in COMBINATIONS:
         fitting = [name for name in SCHEMES if (law, name) in COMBINATIONS]
@@ -232,5 +234,5 @@ def combination(law: str, scheme: str) -> Combination:
 
 
 def combined_name(law: str, scheme: str) -> str:
-    """Return how tables and sweeps call a law under a scheme: `newton@moreau-jean`."""
+    """Return the name of a law with a scheme in tables and sweeps, such as `newton@moreau-jean`."""
     return f"{law}@{scheme}"

@@ -1,4 +1,4 @@
-"""Newton's impact law within the step: the law that the Moreau–Jean scheme was made for.
+"""Newton's impact law with impulses inside the step, as the Moreau–Jean scheme needs it.
 
 0 <= p  ⊥  U̇⁺ + e U̇ >= 0 on every pair whose gap, predicted for the middle of the step, is closed.
 """
@@ -24,14 +24,14 @@ class StepImpacts:
             setting: the problem; impulses act through the matrix of the θ-step,
                 M + θ Δt C + θ² Δt² K.
             restitution: e [-].
-            resting_velocity: a pushed pair that approached slower counts as resting [m/s]; this
-                changes what is reported, not the motion.
+            resting_velocity: a hit pair that approached slower than this counts as resting [m/s];
+                this changes only the report, not the motion.
         """
         self._compliance, self._n_pairs = setting.compliance, setting.n_pairs
         self._restitution, self._resting_velocity = restitution, resting_velocity
 
     def examine(self, seen: Kinematics) -> Decision | None:
-        """Return the impulses of this step."""
+        """Return the impulses of this step, or None if no pair needs one."""
         active = np.flatnonzero(seen.gap <= 0.0)
         if not active.size:
             return None
@@ -55,8 +55,8 @@ def pushed_at_rest(
     Args:
         n_pairs: number of pairs.
         hit: pairs that receive an impulse, shape (k,).
-        rate_pre: their gap rates before, shape (k,) [m/s].
-        resting_velocity: a slower approach is none [m/s].
+        rate_pre: gap rates of the hit pairs before the impact, shape (k,) [m/s].
+        resting_velocity: a pair that approaches slower than this counts as resting [m/s].
     """
     resting = np.zeros(n_pairs, dtype=np.bool_)
     resting[hit[rate_pre > -resting_velocity]] = True

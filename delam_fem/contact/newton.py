@@ -1,7 +1,7 @@
 """Newton's impact law between two steps, alone or with springs for pairs that stay closed.
 
-Laws "newton" (paper 3.1) and "newton-penalty" (paper 3.2, eq. 17 as corrected), for schemes that
-ask at the end of a step.
+The laws are "newton" (paper 3.1) and "newton-penalty" (paper 3.2, eq. 17 as corrected). They go
+with schemes that ask the law at the end of a step.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from delam_fem.numerics.arrays import FloatArray, IntArray
 class Impacts:
     """Impacts at the end of a step.
 
-    In this order: springs whose gap has opened are released; closed approaching pairs without a
-    spring are hit; of those, pairs that leave slower than the threshold get a spring.
+    The law acts in this order. It releases springs whose gap has opened. It hits closed,
+    approaching pairs without a spring. Hit pairs that leave slower than the threshold get a spring.
     """
 
     def __init__(
@@ -31,10 +31,11 @@ class Impacts:
         """Set the law up.
 
         Args:
-            setting: the problem; impulses act through its mass.
+            setting: the problem; impulses act through its mass matrix.
             restitution: e [-].
-            coupled: solve simultaneous impacts together ("consistent") or each alone ("lumped").
-            threshold_velocity: γ [m/s]; None: pairs never rest on a spring (law "newton").
+            coupled: True: solve simultaneous impacts together ("consistent"); False: each pair
+                alone ("lumped").
+            threshold_velocity: γ [m/s]; None: no pair ever rests on a spring (law "newton").
         """
         self._compliance = setting.compliance
         self._restitution = restitution
@@ -59,7 +60,7 @@ class Impacts:
         return Decision(hit, impulses, rate_pre, rate_post, changed)
 
     def _impact(self, hit: IntArray, rate_pre: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return impulses and gap rates after."""
+        """Return the impulses of the hit pairs and their gap rates after the impact."""
         if self._coupled:
             W = self._compliance.block(hit)
             impulses = coupled_impulses(rate_pre, rate_pre, self._restitution, W)

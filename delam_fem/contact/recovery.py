@@ -1,7 +1,7 @@
-"""The law "recovery": a floor under every gap rate, open gaps included.
+"""The law "recovery": it keeps every gap rate above a floor, also at open gaps.
 
-Contact starts when the gap closes, not after penetration. Penetration that remains is taken back as
-far as that needs no energy (`impulses.recovery_floor`).
+Contact starts when the gap closes, not after penetration. The law removes remaining penetration
+only as fast as it can without adding energy (`impulses.recovery_floor`).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from delam_fem.contact.moreau import pushed_at_rest
 from delam_fem.numerics.arrays import FloatArray
 
 ROUND_OFF = 1e-12
-"""Shortfall of a gap rate that counts as none, relative to the largest one."""
+"""A shortfall of a gap rate below this fraction of the largest shortfall is round-off."""
 
 
 class Recovery:
@@ -36,7 +36,7 @@ class Recovery:
         self._resting_velocity = resting_velocity
 
     def examine(self, seen: Kinematics) -> Decision | None:
-        """Return the impulses of this step."""
+        """Return the impulses of this step, or None if no pair needs one."""
         pre, free = seen.rate_pre(), seen.rate_free()
         floor = recovery_floor(seen.gap, pre, self._restitution, self._time_step)
         lacking = free - floor
@@ -44,7 +44,7 @@ class Recovery:
         if not active.size:
             return None
         lacking = lacking.copy()
-        while True:  # neighbours that the impulses push below their floor join in
+        while True:  # add neighbours that the impulses push below their floor
             columns = self._compliance.columns(active)
             impulses = floor_impulses(lacking[active], columns[active])
             change = columns @ impulses
@@ -60,5 +60,5 @@ class Recovery:
 
 
 def _tolerance(lacking: FloatArray) -> float:
-    """Return the shortfall that counts as round-off [m/s]."""
+    """Return the shortfall of a gap rate that counts as round-off [m/s]."""
     return ROUND_OFF * float(-lacking.min())

@@ -1,1 +1,1 @@
-"""Families of engines that compute the same steps."""
+"""Engines: interchangeable implementations that compute the time steps."""

@@ -1,6 +1,6 @@
-"""Choose what computes the steps: the engine by its name, the law and the scheme of a case.
+"""Choose the engine, the contact law and the scheme of a case by their names.
 
-Engines are imported when they are chosen, so that a worker which needs one starts fast.
+An engine is imported only when it is chosen, so that a worker that needs one engine starts fast.
 """
 
 from __future__ import annotations
@@ -31,19 +31,20 @@ def engine_of(
     name: EngineName = "compiled",
     comm: MPI.Intracomm | None = None,
 ) -> Engine:
-    """Return the engine that computes the steps of a problem.
+    """Return the engine that computes the time steps of a problem.
 
     Args:
         operators: the semi-discrete problem.
-        law: of contact.
+        law: the contact law.
         scheme: the time integration.
         time_step: Δt [s].
-        name: "petsc" takes single steps and knows every law; "compiled" computes whole periods.
+        name: "petsc" computes single steps and accepts every law; "compiled" computes whole
+            periods.
         comm: communicator that shares the work of "petsc"; None: this process alone.
 
     Raises:
         CaseError: there is no such engine, the law does not go with the scheme or the engine, or
-            the time step is beyond the stability limit.
+            the time step exceeds the stability limit.
     """
     if name not in ENGINES:
         raise CaseError(f"engine: expected {' or '.join(map(repr, ENGINES))}, given {name!r}")
@@ -85,8 +86,8 @@ def scheme_of(case: Case) -> Scheme:
 def initialise_petsc_alone() -> MPI.Intracomm:
     """Initialise PETSc for this process alone, and return its communicator.
 
-    By itself PETSc initialises with all ranks together, and the worker of a sweep would wait for
-    the others forever.
+    By default PETSc initialises with all ranks together. The worker of a sweep would then wait for
+    the other ranks forever.
     """
     import petsc4py
     from mpi4py import MPI

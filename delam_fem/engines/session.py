@@ -1,6 +1,7 @@
-"""A problem, an engine and a recorder put together: the one place where a run is set up.
+"""Set up and run a computation: put a problem, an engine and a recorder together.
 
-`solve` needs no case: operators, a law, a scheme and a motion of the base are enough.
+This is the only place where a run is set up. `solve` needs no case: operators, a law, a scheme and
+a motion of the base are enough.
 """
 
 from __future__ import annotations
@@ -34,17 +35,17 @@ if TYPE_CHECKING:
     from mpi4py import MPI
 
 Stop = Callable[[int], bool]
-"""Asked after each period with the number of periods done; True ends the run."""
+"""Function of the number of completed periods, called after each period; True ends the run."""
 
 
 @dataclass(frozen=True)
 class Session:
-    """A run that is set up.
+    """A run that is ready to start.
 
     Attributes:
         engine: holds the state and computes the steps.
-        recorder: keeps what is asked for.
-        motion: of the base, period by period.
+        recorder: keeps the quantities that the span asks for.
+        motion: motion of the base, period by period.
     """
 
     engine: Engine
@@ -52,11 +53,11 @@ class Session:
     motion: BaseStates
 
     def run(self, stop: Stop = lambda period: False) -> Outcome:
-        """Run from the last closed period to the end; return how it ended."""
+        """Run from the last closed period to the end; return the outcome."""
         return simulate(self.engine, self.recorder, self.motion, stop=stop)
 
     def solution(self, outcome: Outcome) -> Solution:
-        """Return what was computed."""
+        """Return the results of the run."""
         return Solution(outcome, self.recorder, self.engine.state())
 
 
@@ -72,16 +73,16 @@ def session(
     engine: EngineName = "compiled",
     comm: MPI.Intracomm | None = None,
 ) -> Iterator[Session]:
-    """Set a run up, and free its engine at the end of the context.
+    """Set up a run, and free its engine at the end of the context.
 
     Args:
         operators: the semi-discrete problem.
-        law: of contact.
+        law: the contact law.
         scheme: the time integration.
-        motion: of the base, period by period.
-        span: how long the run is and what is kept.
-        initial: state at the start, its accelerations are renewed; None: at rest.
-        engine: what computes the steps.
+        motion: motion of the base, period by period.
+        span: length of the run, and what is kept.
+        initial: state at the start; its accelerations are computed anew. None: at rest.
+        engine: name of the engine that computes the steps.
         comm: communicator that shares the work of "petsc"; None: this process alone.
 
     Raises:
@@ -105,7 +106,7 @@ def session_of(
     engine: EngineName = "compiled",
     comm: MPI.Intracomm | None = None,
 ) -> Iterator[Session]:
-    """Set the run of a case up; see `session`.
+    """Set up the run of a case; see `session`.
 
     Raises:
         CaseError: see `engine_of`.
@@ -143,27 +144,27 @@ def solve(
     """Integrate M a + C v + K u = f(t) + Hᵀ λ with contact on the gaps H u + g0.
 
     Args:
-        operators: the semi-discrete problem, whatever made it.
-        law: of contact: `Law`, or one of your own (`contact.laws.ContactLaw`).
+        operators: the semi-discrete problem, from any discretisation.
+        law: the contact law: `Law`, or a law of your own (`contact.laws.ContactLaw`).
         scheme: one of `SCHEMES`, or a `Scheme` with other numbers.
-        motion: of the base; None: the base does not move.
+        motion: motion of the base; None: the base does not move.
         steps_per_period: N; a period is any stretch of N steps.
-        periods: to compute.
+        periods: number of periods to compute.
         time_step: Δt [s]; None: 1/(N f) of a harmonic motion.
-        window_periods: how many of the last are recorded at every step; None: all.
-        frames_per_period: states of all dofs kept per period of the window.
+        window_periods: number of last periods that are recorded at every step; None: all.
+        frames_per_period: number of states of all dofs kept per period of the window.
         limit: gap or displacement beyond which a motion counts as diverged [m].
         initial: state at the start; None: at rest.
         engine: "petsc" or "compiled"; a law of your own needs "petsc".
-        stop: asked after each period; True ends the run.
+        stop: called after each period; True ends the run.
         comm: communicator that shares the work of "petsc"; None: this process alone.
 
     Returns:
         Histories of the probes, impacts, energies and the state at the end.
 
     Raises:
-        CaseError: the law does not go with the scheme or the engine, the time step is missing or
-            beyond the stability limit.
+        CaseError: the law does not go with the scheme or the engine, or the time step is missing or
+            exceeds the stability limit.
     """
     window = periods if window_periods is None else window_periods
     span = Span(
@@ -182,18 +183,19 @@ def solve(
 
 
 def _time_step(given: float | None, motion: Prescribed | None, steps_per_period: int) -> float:
-    """Return the time step [s], from the motion where it is not given."""
+    """Return the time step [s]; if it is not given, take it from the motion."""
     if given is not None:
         return given
     if not isinstance(motion, HarmonicMotion):
         raise CaseError(
-            "time_step: missing; only a harmonic motion of the base has a period to take it from"
+            "time_step: missing; give time_step, or a harmonic motion of the base, whose frequency "
+            "determines it"
         )
     return 1.0 / (steps_per_period * motion.frequency)
 
 
 def _states(motion: Prescribed, span: Span) -> BaseStates:
-    """Return a motion of the base, one table for all periods where it repeats after each."""
+    """Return a motion of the base, as one table for all periods if it repeats after each."""
     period = span.steps_per_period * span.time_step
     turns = motion.frequency * period if isinstance(motion, HarmonicMotion) else 0.5
     return by_period(motion, span, is_periodic=abs(turns - round(turns)) < 1e-12 and turns > 0.5)

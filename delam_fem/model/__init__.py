@@ -1,1 +1,1 @@
-"""Discretisations: from a case to operators and a layout."""
+"""Discretisations: they turn a case into operators and a layout."""

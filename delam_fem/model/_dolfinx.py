@@ -1,10 +1,10 @@
-"""The one door to dolfinx: imports it safely and hides what its versions name differently.
+"""The only module that imports dolfinx; it hides differences between dolfinx versions.
 
-Written against dolfinx 0.11 names and tested with 0.5.2, 0.9.0 and 0.11.0; no other file asks for a
-version. The import itself needs care. dolfinx up to 0.7 switches the process to RTLD_GLOBAL for
-good; later ones, where Numba is installed, have llvmlite load PETSc so, and HDF5 with it. After
-either, vtk, netCDF4 and h5py wheels take symbols of those libraries for their own and break, so
-both are held still meanwhile.
+The code is written for the names of dolfinx 0.11 and tested with 0.5.2, 0.9.0 and 0.11.0. No other
+file asks for a version. The import itself needs care. dolfinx up to 0.7 switches the process to
+RTLD_GLOBAL and leaves it so. Later versions, if Numba is installed, make llvmlite load PETSc, and
+HDF5 with it, in the same global way. In both cases the wheels of vtk, netCDF4 and h5py then pick up
+symbols of these libraries instead of their own and break. The import therefore disables both calls.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from delam_fem.numerics.arrays import FloatArray, IntArray
 
 @contextmanager
 def _symbols_stay_local() -> Iterator[None]:
-    """Let what makes the symbols of libraries visible to all others do nothing."""
+    """Disable the calls that make a library's symbols visible to all other libraries."""
     held = [(sys, "setdlopenflags"), (llvmlite.binding, "load_library_permanently")]
     originals = [getattr(owner, name) for owner, name in held]
     for owner, name in held:
@@ -51,7 +51,7 @@ has_adios2: bool = dolfinx.common.has_adios2
 
 @contextmanager
 def _compiling_in_silence() -> Iterator[None]:
-    """Keep setuptools, with which ffcx compiles, from telling each of its commands."""
+    """Silence setuptools, which ffcx uses to compile and which logs each of its commands."""
     before = logging.root.manager.disable
     logging.disable(logging.INFO)
     try:
@@ -66,8 +66,9 @@ def create_interval_mesh(comm: MPI.Intracomm, x: FloatArray, cells: IntArray) ->
 
     Args:
         comm: communicator of the mesh.
-        x: node coordinates, shape (n_nodes,), or (n_nodes, 2) in a plane [m]; rank 0's are used.
-        cells: node pairs, shape (n_cells, 2); rank 0's are used.
+        x: node coordinates, shape (n_nodes,), or (n_nodes, 2) in a plane [m]; only those of rank 0
+            are used.
+        cells: node pairs, shape (n_cells, 2); only those of rank 0 are used.
 
     Returns:
         The mesh, distributed over `comm`; both ends of an interface facet may be on any rank.
@@ -81,7 +82,7 @@ def create_interval_mesh(comm: MPI.Intracomm, x: FloatArray, cells: IntArray) ->
         import basix.ufl
 
         coordinates = basix.ufl.element("Lagrange", "interval", 1, shape=(dim,))
-        # by name, for until 0.9 the points come before the element
+        # keyword arguments, because up to 0.9 the points come before the element
         return dolfinx.mesh.create_mesh(comm, cells, e=coordinates, x=points)
     cell = ufl.Cell("interval", geometric_dimension=dim)
     domain = ufl.Mesh(ufl.VectorElement("Lagrange", cell, 1))
@@ -109,7 +110,7 @@ def space(mesh: Any, family: str, degree: int) -> Any:
 
 
 def input_nodes(linear: Any) -> IntArray:
-    """Return the input node of each dof of a P1 space on this rank."""
+    """Return the input node of each dof of a P1 space on this rank, shape (n_local_dofs,)."""
     dofmap, geometry = linear.dofmap, linear.mesh.geometry
     nodes = np.empty(dofmap.index_map.size_local + dofmap.index_map.num_ghosts, dtype=np.int64)
     for cell, vertices in enumerate(cell_nodes(linear.mesh)):
@@ -123,13 +124,13 @@ def write_vtx(
     times: FloatArray,
     fields: Mapping[str, FloatArray],
 ) -> None:
-    """Write nodal values for ParaView by ADIOS2; only where `has_adios2`.
+    """Write nodal values for ParaView with ADIOS2; call it only if `has_adios2`.
 
     Args:
-        path: a folder that ends in .bp.
-        mesh: of intervals.
-        times: of the frames, shape (n_frames,) [s].
-        fields: name and values, shape (n_frames, n_nodes), in the order of the input nodes.
+        path: a folder whose name ends in .bp.
+        mesh: a mesh of intervals.
+        times: times of the frames, shape (n_frames,) [s].
+        fields: values by name, each of shape (n_frames, n_nodes), in the order of the input nodes.
     """
     linear = space(mesh, "Lagrange", 1)
     nodes = input_nodes(linear)
@@ -160,7 +161,7 @@ def assemble_matrix(form: Any) -> Any:
 
 
 def function(space: Any, fill: Callable[[FloatArray], None]) -> Any:
-    """Return a function of `space` after `fill` has written its local values."""
+    """Return a new function of `space`; `fill` writes its local values."""
     result = dolfinx.fem.Function(space)
     fill(result.x.array)
     result.x.scatter_forward()

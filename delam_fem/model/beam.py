@@ -1,12 +1,12 @@
-"""Euler–Bernoulli laminae in dolfinx: weak forms → `Structure`.
+"""Assemble the operators of Euler–Bernoulli laminae from weak forms in dolfinx.
 
     m(w, v) = ∫ rho A w v dx                               (mass)
     k(w, v) = ∫ E I w'' v'' dx                             (stiffness)
     c(w, v) = ∫ alpha rho A w v dx + ∫ beta E I w'' v'' dx (Rayleigh damping)
 
 w and v are the Hermite interpolants of (u, phi). Both laminae lie on one mesh as two separate
-lines; E I, rho A, alpha and beta are functions of x on it. The clamped dofs are split off
-afterwards (paper eq. 9, 10).
+lines; E I, rho A, alpha and beta are functions of x on this mesh. The clamped dofs are separated
+after the assembly (paper eq. 9, 10).
 """
 
 from __future__ import annotations
@@ -42,10 +42,10 @@ def assemble(
     """Assemble the two laminae of a case.
 
     Args:
-        case: the case; gives all that is not overridden below.
+        case: the case; it gives all values that the other arguments do not replace.
         comm: communicator that shares the assembly; every rank gets the whole result.
-        flexural_rigidity: E I along x [N m2] instead of the case's constants.
-        mass_per_length: rho A along x [kg/m] instead of the case's constants.
+        flexural_rigidity: E I along x [N m2]; None: the constants of the case.
+        mass_per_length: rho A along x [kg/m]; None: the constants of the case.
 
     Raises:
         CaseError: the mesh or the gap is not usable.
@@ -73,7 +73,7 @@ def _two_lines(n: int) -> IntArray:
 def _matrices(
     case: Case, laminae: Hermite, n: int, profiles: tuple[Profile, Profile]
 ) -> tuple[sp.csr_matrix, sp.csr_matrix, sp.csr_matrix, FloatArray]:
-    """Return M, C, K and the diagonal of the lumped mass, clamped dofs included."""
+    """Return M, C, K and the diagonal of the lumped mass, with the clamped dofs."""
 
     def coefficient(profile: Profile) -> Any:
         def values(cells: IntArray, x: FloatArray) -> FloatArray:
@@ -104,7 +104,7 @@ def _matrices(
     inertia = lumped_mass if case.time.mass == "lumped" else mass
     M = laminae.assemble(inertia(1))
     K = laminae.assemble(EI * w2 * v2 * dx_bending)
-    # two forms: ffcx 0.5 cannot have two quadrature rules in one
+    # two forms, because ffcx 0.5 does not allow two quadrature rules in one form
     C = laminae.assemble(inertia(alpha)) + laminae.assemble(beta * EI * w2 * v2 * dx_bending)
     return M, C, K, laminae.assemble(lumped_mass(1)).diagonal()
 
@@ -115,8 +115,8 @@ def _operators(
     matrices: tuple[sp.csr_matrix, sp.csr_matrix, sp.csr_matrix],
     lumped: FloatArray,
 ) -> Operators:
-    """Split the clamped dofs off (paper eq. 9) and pair opposite nodes."""
-    whole = np.concatenate([part.dofs.ravel() for part in layout.parts])  # as they are assembled
+    """Separate the clamped dofs (paper eq. 9) and pair opposite nodes."""
+    whole = np.concatenate([part.dofs.ravel() for part in layout.parts])  # the assembly's order
     free, base = np.flatnonzero(whole >= 0), np.flatnonzero(whole == BASE)
     mass, damping, stiffness = (matrix[free][:, free].tocsr() for matrix in matrices)
     m, c, k = (np.asarray(matrix[free][:, base].sum(axis=1)).ravel() for matrix in matrices)

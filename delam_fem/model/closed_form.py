@@ -1,7 +1,7 @@
-"""Laminae from closed-form beam element matrices, without dolfinx.
+"""Assemble the laminae from closed-form beam element matrices, without dolfinx.
 
-NumPy and SciPy only, so that sweeps and ladders start fast. The matrices equal those of the weak
-forms in `beam.py` to round-off. `reference/matrices.py` judges both.
+The module needs only NumPy and SciPy, so sweeps and ladders start fast. The matrices equal those of
+the weak forms in `beam.py` to round-off. `reference/matrices.py` checks both.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from delam_fem.model.pairing import gap_matrix, probe_rows
 from delam_fem.numerics.arrays import FloatArray
 
 CLAMP_U, CLAMP_PHI = 0, 1
-"""Dofs of one lamina before partition: node by node from the clamp, (u, phi) each."""
+"""Dofs of the clamped node. One lamina's dofs run node by node from the clamp, u before phi."""
 
 
 def assemble(case: Case, x: npt.ArrayLike | None = None) -> Structure:
@@ -30,7 +30,7 @@ def assemble(case: Case, x: npt.ArrayLike | None = None) -> Structure:
 
     Args:
         case: the case; its mesh gives the number of elements unless x is given.
-        x: positions of the nodes from 0 to the length, shape (n_nodes,) [m]; default uniform.
+        x: positions of the nodes from 0 to the length, shape (n_nodes,) [m]; None: uniform.
 
     Returns:
         Operators and layout.
@@ -67,16 +67,16 @@ def assemble(case: Case, x: npt.ArrayLike | None = None) -> Structure:
 
 
 def element_stiffness(flexural_rigidity: npt.ArrayLike, h: npt.ArrayLike) -> FloatArray:
-    """Return the stiffness of cubic Hermite beam elements, dofs (u, phi) at both ends.
+    """Return the stiffness of cubic Hermite beam elements with dofs (u, phi) at both ends.
 
         K = integral of EI N'' N''^T
 
     Args:
         flexural_rigidity: EI per element, shape (n,) [N m2].
-        h: lengths, shape (n,) [m].
+        h: lengths of the elements, shape (n,) [m].
 
     Returns:
-        Shape (n, 4, 4) [N/m, N, N m].
+        Element matrices, shape (n, 4, 4) [N/m, N, N m].
 
     Source: Przemieniecki, "Theory of Matrix Structural Analysis", ch. 5.
     """
@@ -92,16 +92,16 @@ def element_stiffness(flexural_rigidity: npt.ArrayLike, h: npt.ArrayLike) -> Flo
 
 
 def element_mass(mass_per_length: npt.ArrayLike, h: npt.ArrayLike) -> FloatArray:
-    """Return the consistent mass of cubic Hermite beam elements, dofs (u, phi) at both ends.
+    """Return the consistent mass of cubic Hermite beam elements with dofs (u, phi) at both ends.
 
         M = integral of rho A N N^T
 
     Args:
         mass_per_length: rho A per element, shape (n,) [kg/m].
-        h: lengths, shape (n,) [m].
+        h: lengths of the elements, shape (n,) [m].
 
     Returns:
-        Shape (n, 4, 4) [kg, kg m, kg m2].
+        Element matrices, shape (n, 4, 4) [kg, kg m, kg m2].
 
     Source: Przemieniecki, "Theory of Matrix Structural Analysis", ch. 11.
     """
@@ -117,14 +117,16 @@ def element_mass(mass_per_length: npt.ArrayLike, h: npt.ArrayLike) -> FloatArray
 
 
 def element_lumped_mass(mass_per_length: npt.ArrayLike, h: npt.ArrayLike) -> FloatArray:
-    """Return the diagonal of the lumped mass: rho A h/2 for u and rho A h^3/78 for phi at each end.
+    """Return the diagonals of the lumped element masses.
+
+    Each end has rho A h/2 for u and rho A h^3/78 for phi.
 
     Args:
         mass_per_length: rho A per element, shape (n,) [kg/m].
-        h: lengths, shape (n,) [m].
+        h: lengths of the elements, shape (n,) [m].
 
     Returns:
-        Shape (n, 4) [kg, kg m2].
+        Diagonals, shape (n, 4) [kg, kg m2].
     """
     m, h = np.asarray(mass_per_length, dtype=np.float64), np.asarray(h, dtype=np.float64)
     return np.stack([m * h / 2.0, m * h**3 / 78.0] * 2, axis=-1)
@@ -132,7 +134,7 @@ def element_lumped_mass(mass_per_length: npt.ArrayLike, h: npt.ArrayLike) -> Flo
 
 @dataclass(frozen=True)
 class Beam:
-    """One lamina before partition, clamped dofs included; N = 2 n_nodes dofs."""
+    """One lamina with its clamped dofs; N = 2 n_nodes dofs."""
 
     flexural_rigidity: FloatArray  # (n,) [N m2]
     mass_per_length: FloatArray  # (n,) [kg/m]
@@ -142,7 +144,7 @@ class Beam:
 
     @classmethod
     def of(cls, lamina: Lamina, h: FloatArray) -> Beam:
-        """Assemble a lamina from elements of the lengths h, shape (n,) [m]."""
+        """Assemble a lamina from elements of lengths h, shape (n,) [m]."""
         rigidity = np.full(h.size, lamina.flexural_rigidity)
         mass_per_length = np.full(h.size, lamina.mass_per_length)
         ends = element_lumped_mass(mass_per_length, h)
@@ -159,7 +161,7 @@ class Beam:
 
 
 def sum_elements(elements: FloatArray) -> sp.csr_matrix:
-    """Add up elements (n, 4, 4) in a row into a matrix of 2 (n + 1) dofs."""
+    """Assemble a chain of element matrices, shape (n, 4, 4), into one matrix of 2 (n + 1) dofs."""
     n = len(elements)
     dofs = 2 * np.arange(n)[:, None] + np.arange(4)  # (n, 4)
     rows, columns = np.repeat(dofs, 4, axis=1), np.tile(dofs, 4)
@@ -186,7 +188,7 @@ def _nodes(case: Case, x: npt.ArrayLike | None) -> FloatArray:
 
 
 def _scaled(numbers: FloatArray, factor: FloatArray, h: npt.ArrayLike) -> FloatArray:
-    """Multiply the pure numbers by the factor, and by h for each slope dof of row and column."""
+    """Multiply pure numbers by the factor, and by h for each slope dof in the row or column."""
     ones = np.ones_like(h, dtype=np.float64)
     units = np.stack([ones, np.asarray(h, dtype=np.float64)] * 2, axis=-1)  # (n, 4)
     scaled: FloatArray = (
@@ -209,5 +211,5 @@ def _base_column(laminae: list[sp.csr_matrix]) -> FloatArray:
 
 
 def _base_corner(laminae: list[sp.csr_matrix]) -> float:
-    """Return the force on the base per unit motion of it, both laminae."""
+    """Return the force on the base, from both laminae, per unit motion of the base."""
     return float(sum(matrix[CLAMP_U, CLAMP_U] for matrix in laminae))

@@ -1,4 +1,4 @@
-"""Fields along the parts from vectors of free dofs: displacement, slope, bending moment."""
+"""Fields along the parts, computed from the free dofs: displacement, slope, bending moment."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from delam_fem.numerics.arrays import FloatArray
 
 
 def nodal(layout: Layout, vectors: FloatArray, base: FloatArray) -> FloatArray:
-    """Arrange free dofs by part and point, held points added.
+    """Arrange free dofs by part and point, and add the points that are held.
 
     Args:
-        layout: of the structure, whose parts share their points.
-        vectors: free dofs, shape (k, n).
-        base: what the base does, shape (k,); its slope is zero.
+        layout: layout of a structure whose parts share their points.
+        vectors: values of the free dofs, shape (k, n).
+        base: values of the base, shape (k,); the slope of the base is zero.
 
     Returns:
-        Values and slopes, shape (2 components, n_parts, k, n_points).
+        Values and slopes at the points, shape (2 components, n_parts, k, n_points).
     """
     result = np.zeros((2, len(layout.parts), vectors.shape[0], layout.x.size))
     for number, part in enumerate(layout.parts):
@@ -29,15 +29,17 @@ def nodal(layout: Layout, vectors: FloatArray, base: FloatArray) -> FloatArray:
 
 
 def bending_moment(layout: Layout, u: FloatArray, phi: FloatArray) -> FloatArray:
-    """Return the bending moment E I u'' at the points, the mean of the two cells that meet there.
+    """Return the bending moment E I u'' at the points.
+
+    At a point between two cells it is the mean of both cells; an end has one cell only.
 
     Args:
         layout: gives the points and E I of the cells.
         u: displacements, shape (n_parts, k, n_points) [m].
-        phi: slopes, same shape [-].
+        phi: slopes, shape (n_parts, k, n_points) [-].
 
     Returns:
-        Moments, same shape [N m]; the ends have one cell only.
+        Moments, shape (n_parts, k, n_points) [N m].
     """
     h = np.diff(layout.x)
     EI = np.stack([part.flexural_rigidity for part in layout.parts])[:, None, :]

@@ -1,11 +1,11 @@
-"""One lamina over rigid ground: the second kind of contact pair, a node against what never moves.
+"""One lamina over rigid ground, where each contact pair is a node and a point that never moves.
 
     gap_k = u_k + s_k,   H has one entry, 1, in each row,   g0 = s
 
-The lamina lies, or its tip rests, on the ground where it is free of stress and weight. u counts
-upwards from the shape s <= 0 in which it would hang under its weight without a ground: so its
-equation of motion has no load. Laws and time integrations see `Operators` as they do with two
-laminae.
+The ground touches the straight, unstressed lamina along its whole length, or at its tip only. u
+counts upwards from the shape s <= 0 in which the lamina would hang under its weight if there were
+no ground, so the equation of motion has no load. Laws and schemes see the same `Operators` as with
+two laminae.
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ from delam_fem.numerics.arrays import FloatArray, IntArray
 from delam_fem.numerics.cantilever import cantilever_mode, cantilever_roots
 
 Touching = Literal["everywhere", "tip"]
-"""Which nodes the ground can stop."""
+"""The nodes that can touch the ground."""
 Lift = Literal["tip force", "uniform load", "first mode"]
-"""What holds the lamina up before it is released."""
+"""The load that holds the lamina up before it is released."""
 
 N_CLAMP = 2
-"""Dofs of the clamped node, before partition."""
+"""Number of dofs of the clamped node; they are removed."""
 GRAVITY = 9.81
-"""[m/s2]"""
+"""Acceleration of gravity [m/s2]."""
 _BELOW = 1e-9
-"""Depth of a lifted shape below the ground that is round-off, relative to the tip's height."""
+"""A lifted shape may lie this deep below the ground: round-off, relative to the tip's height."""
 
 
 def steel_strip(
@@ -47,15 +47,15 @@ def steel_strip(
     width: float = 0.040,
     damping_ratio: float = 0.0,
 ) -> Lamina:
-    """Return a steel strip (E = 2.1e11 Pa, 7850 kg/m3) so long that its lowest frequency fits.
+    """Return a steel strip (E = 2.1e11 Pa, 7850 kg/m3) with a given lowest frequency.
 
-    The paper gives nothing but the lowest period of about 50 ms; thickness and width are chosen.
+    The paper gives only the lowest period, about 50 ms; thickness and width are our choice.
 
     Args:
-        frequency: of the first mode as a cantilever [Hz].
-        length: instead of a frequency [m].
-        thickness: [m].
-        width: [m].
+        frequency: frequency of the first mode as a cantilever [Hz].
+        length: length of the strip; if given, it replaces the frequency [m].
+        thickness: thickness of the strip [m].
+        width: width of the strip [m].
         damping_ratio: D of modes 1 and 2 [-].
     """
     young_modulus, density = 2.1e11, 7850.0
@@ -78,7 +78,7 @@ def nodes(lamina: Lamina, n: int) -> FloatArray:
 
 
 def sag(lamina: Lamina, gravity: float) -> float:
-    """Return how far the tip would hang down without a ground, ρA g L⁴/(8 EI) [m].
+    """Return how far the tip would hang down if there were no ground, ρA g L⁴/(8 EI) [m].
 
     Args:
         lamina: the strip.
@@ -96,17 +96,17 @@ def on_ground(
     *,
     gravity: float = 0.0,
 ) -> Operators:
-    """Return n Hermite elements, clamped at x = 0, over the ground.
+    """Return the operators of n Hermite elements, clamped at x = 0, over the ground.
 
-    Free dofs node by node from the clamp to the tip, u before φ; Rayleigh damping gives modes 1 and
-    2 the lamina's damping ratio.
+    The free dofs run node by node from the clamp to the tip, u before φ. Rayleigh damping gives
+    modes 1 and 2 the damping ratio of the lamina.
 
     Args:
         lamina: the strip.
         n: number of elements, at least 2.
         touching: which nodes are contact pairs.
-        observed: dofs that the probes show; the tip's u where not given.
-        gravity: g, 0 for a strip without weight [m/s2].
+        observed: dofs that the probes record; None: u of the tip.
+        gravity: g [m/s2]; 0: a strip without weight.
 
     Raises:
         ValueError: n is below 2.
@@ -132,7 +132,7 @@ def on_ground(
 
 
 def lying(lamina: Lamina, n: int, gravity: float) -> FloatArray:
-    """Return the shape on the ground, counted from where it would hang, u and φ, shape (2 n,)."""
+    """Return the shape on the ground, measured from the hanging shape, u and φ, shape (2 n,)."""
     return _shape(lamina, n, "uniform load", sag(lamina, gravity))
 
 
@@ -143,8 +143,8 @@ def lifted(lamina: Lamina, n: int, tip: float, by: Lift, *, gravity: float = 0.0
         lamina: the strip.
         n: number of elements.
         tip: height of the tip above the ground [m].
-        by: what holds it, besides its weight.
-        gravity: g, 0 for a strip without weight [m/s2].
+        by: the load that holds the lamina, besides its weight.
+        gravity: g [m/s2]; 0: a strip without weight.
 
     Raises:
         ValueError: the weight would keep a part of the strip on the ground.
@@ -154,14 +154,14 @@ def lifted(lamina: Lamina, n: int, tip: float, by: Lift, *, gravity: float = 0.0
     height = u - lying(lamina, n, gravity)
     if height[::2].min() < -_BELOW * tip:
         raise ValueError(
-            f"height of the tip: expected so much that the whole strip leaves the ground, a third "
-            f"of its sag of {hanging:g} m with a force at the tip, given {tip:g} m"
+            f"height of the tip: expected enough to lift the whole strip off the ground (a third "
+            f"of its sag of {hanging:g} m with a force at the tip), given {tip:g} m"
         )
     return u
 
 
 def _shape(lamina: Lamina, n: int, by: Lift, tip: float) -> FloatArray:
-    """Return the shape of a cantilever without weight, u and φ, whose tip something holds."""
+    """Return the shape of a cantilever without weight under the load `by`, u and φ."""
     xi = nodes(lamina, n) / lamina.length
     if by == "tip force":
         u, slope = (3.0 * xi**2 - xi**3) / 2.0, (6.0 * xi - 3.0 * xi**2) / 2.0
@@ -169,7 +169,7 @@ def _shape(lamina: Lamina, n: int, by: Lift, tip: float) -> FloatArray:
         u = (6.0 * xi**2 - 4.0 * xi**3 + xi**4) / 3.0
         slope = (12.0 * xi - 12.0 * xi**2 + 4.0 * xi**3) / 3.0
     else:
-        step = 1e-4  # the error of the difference, step² B⁴ / 6, is 2e-8
+        step = 1e-4  # the error of the central difference, step² B⁴ / 6, is 2e-8
         u = cantilever_mode(1, xi)
         inside = np.minimum(xi, 1.0 - step)  # the curvature is 0 at the tip
         ends = cantilever_mode(1, inside + step) - cantilever_mode(1, inside - step)
@@ -178,15 +178,15 @@ def _shape(lamina: Lamina, n: int, by: Lift, tip: float) -> FloatArray:
 
 
 def strain_rows(lamina: Lamina, n: int, gauges: npt.ArrayLike) -> sp.csr_matrix:
-    """Return the bending strain at gauges per dof, ε = (t/2) u″ of the Hermite interpolant.
+    """Return the matrix that maps the dofs to the bending strain ε = (t/2) u″ at gauges.
 
     Args:
         lamina: the strip.
         n: number of elements.
-        gauges: positions from the clamp, shape (k,) [m].
+        gauges: positions of the gauges from the clamp, shape (k,) [m].
 
     Returns:
-        Shape (k, 2 n); positive is tension on the side of the ground.
+        Matrix, shape (k, 2 n); positive strain is tension on the side of the ground.
 
     Raises:
         ValueError: a gauge is not on the strip.

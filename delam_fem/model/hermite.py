@@ -1,12 +1,12 @@
 """Cubic Hermite beams on a mixed P1 × P1 space (u, phi = u'), in UFL.
 
-A P1 field f has the values f - X J f' and f + (1 - X) J f' at the ends of its cell, X in [0, 1]
-being the local coordinate and J the signed Jacobian. The Hermite interpolant of (u, phi) is
-therefore algebraic in UFL, needs no C1 element from the library, and its slopes are physical on
-any graded or reversed cell.
+A P1 field f has the values f - X J f' and f + (1 - X) J f' at the ends of its cell, where X in
+[0, 1] is the local coordinate and J the signed Jacobian. The Hermite interpolant of (u, phi) is
+therefore an algebraic expression in UFL. It needs no C1 element from the library, and its slopes
+are physical on any graded or reversed cell.
 
-Nodes are numbered as given to `LineMesh`; both dofs of node j stand at 2 j (u) and 2 j + 1 (phi) of
-every gathered matrix, whatever dolfinx and the partitioning made of them.
+Nodes keep the numbers that they have in `Hermite.on_line`. In every gathered matrix node j has the
+dofs 2 j (u) and 2 j + 1 (phi), however dolfinx and the partitioning number them.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ COEFFICIENT_DEGREE = 2
 
 @dataclass(frozen=True)
 class Hermite:
-    """A mixed space with the interpolant of its functions.
+    """A mixed P1 × P1 space and the Hermite interpolant of its functions.
 
     Attributes:
         comm: communicator of the mesh.
         mesh: dolfinx mesh of intervals.
-        space: P1 × P1.
+        space: the space P1 × P1.
         node_of_vertex: input node of each geometry node of this rank.
         cell_of_cell: input cell of each cell of this rank, ghosts included.
     """
@@ -71,7 +71,7 @@ class Hermite:
         return X, J, field - X * J * field.dx(0), field + (1 - X) * J * field.dx(0)
 
     def value(self, pair: Any) -> Any:
-        """Return w = Hermite interpolant of (u, phi)."""
+        """Return w, the Hermite interpolant of (u, phi)."""
         X, J, u0, u1 = self._ends(pair[0])
         _, _, p0, p1 = self._ends(pair[1])
         return (
@@ -82,7 +82,7 @@ class Hermite:
         )
 
     def curvature(self, pair: Any) -> Any:
-        """Return w'' of the Hermite interpolant of (u, phi); the end values of u enter as J u'."""
+        """Return w'' of the Hermite interpolant of (u, phi); u enters through J u'."""
         X, J, _, _ = self._ends(pair[0])
         _, _, p0, p1 = self._ends(pair[1])
         return ((6 - 12 * X) * pair[0].dx(0) + (6 * X - 4) * p0 + (6 * X - 2) * p1) / J
@@ -91,7 +91,7 @@ class Hermite:
         """Return a piecewise quadratic coefficient on the cells.
 
         Args:
-            values: a callable (input cells (k,), x (k,)) -> (k,).
+            values: a function (input cells of shape (k,), x of shape (k,)) -> values, shape (k,).
         """
         space = _dolfinx.space(self.mesh, "Discontinuous Lagrange", COEFFICIENT_DEGREE)
         points = space.tabulate_dof_coordinates()[:, 0]
@@ -105,7 +105,7 @@ class Hermite:
         return _dolfinx.function(space, fill)
 
     def _global_to_input(self) -> IntArray:
-        """Return the input dof (2 node + component) of each global dof, on every rank."""
+        """Return the input dof (2 node + component) of each global dof, the same on every rank."""
         rows = []
         nodes = _dolfinx.cell_nodes(self.mesh)
         index_map = self.space.dofmap.index_map
@@ -122,7 +122,7 @@ class Hermite:
         return result
 
     def assemble(self, form: Any) -> sp.csr_matrix:
-        """Assemble a bilinear form and gather it, in the order of the nodes, on every rank."""
+        """Assemble a bilinear form and gather it on every rank, in the order of the nodes."""
         matrix = _dolfinx.assemble_matrix(form)
         indptr, columns, values = matrix.getValuesCSR()
         first, _ = matrix.getOwnershipRange()

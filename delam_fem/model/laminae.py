@@ -1,7 +1,8 @@
 """The layout of the paper's structure: laminae side by side, clamped at x = 0, free at x = L.
 
-Both discretisations, in closed form and in dolfinx, number their dofs as it says: lamina by lamina,
-node by node from the clamp to the tip, the clamped node left out, displacement before slope.
+Both discretisations (closed_form.py and beam.py) number their dofs in the order of this layout:
+lamina by lamina, node by node from the clamp to the tip, displacement before slope. The clamped
+nodes are left out.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from delam_fem.model.pairing import opposite
 from delam_fem.numerics.arrays import FloatArray, IntArray
 
 CLAMP, TIP = 0, -1
-"""The first and the last point of a lamina."""
+"""Numbers of the first and the last point of a lamina."""
 
 
 def clamped_laminae(
@@ -24,7 +25,7 @@ def clamped_laminae(
     """Return the layout of the laminae of a case.
 
     Args:
-        case: gives the names.
+        case: gives the names of the laminae.
         x: positions of the nodes, clamp included, shape (n_nodes,) [m].
         flexural_rigidity: EI of each cell of each lamina, shape (n_laminae, n_nodes - 1) [N m2].
         mass_per_length: ρA of each cell of each lamina, shape (n_laminae, n_nodes - 1) [kg/m].
@@ -47,7 +48,7 @@ def clamped_laminae(
 
 
 def gap_at_rest(case: Case, layout: Layout) -> FloatArray:
-    """Return the gap at rest of all pairs, shape (n_pairs,) [m].
+    """Return the gaps at rest of all pairs, shape (n_pairs,) [m].
 
     Raises:
         CaseError: see `initial_gap`.

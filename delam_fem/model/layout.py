@@ -1,7 +1,7 @@
-"""Where the unknowns of a discretised structure are: parts, interfaces, probes and supports.
+"""The meaning of the unknowns of a structure: parts, interfaces, probes and supports.
 
-Operators know nothing of what made them; a layout says what their numbers mean: which dof is which
-point of which part, between which points a contact pair stands, what is recorded at every step.
+`Operators` contain only numbers. A layout says which dof belongs to which point of which part,
+between which points the contact pairs are, and which points the probes record at every step.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from delam_fem.model.operators import Operators
 from delam_fem.numerics.arrays import FloatArray, IntArray
 
 BASE, FIXED = -1, -2
-"""In place of a free dof: what moves with the base, and what never moves."""
+"""Values in `Part.dofs` in place of a free dof: the point moves with the base, or never moves."""
 DISPLACEMENT, SLOPE = 0, 1
 """Columns of `Part.dofs`."""
 
@@ -24,12 +24,12 @@ class Part:
     """One body of the structure: a lamina.
 
     Attributes:
-        name: of the part.
+        name: name of the part.
         x: positions of its points along the structure, increasing, shape (n_points,) [m].
-        dofs: free dof of displacement and slope at each point, or BASE, or FIXED, shape
+        dofs: the free dofs of displacement and slope at each point, or BASE, or FIXED, shape
             (n_points, 2).
         flexural_rigidity: EI of each cell between two points, shape (n_points - 1,) [N m2].
-        mass_per_length: ρA of each cell likewise [kg/m].
+        mass_per_length: ρA of each cell, shape (n_points - 1,) [kg/m].
     """
 
     name: str
@@ -71,10 +71,10 @@ class Interface:
     """Two parts that may touch at pairs of opposite points.
 
     Attributes:
-        name: of the interface.
+        name: name of the interface.
         parts: numbers of the lower and the upper part.
-        points: points of both parts that form each pair, shape (n_pairs, 2).
-        first_pair: row of the gap operator that belongs to the first of these pairs.
+        points: points of the lower and the upper part that form each pair, shape (n_pairs, 2).
+        first_pair: row of the first of these pairs in the gap operator.
     """
 
     name: str
@@ -84,16 +84,16 @@ class Interface:
 
     @property
     def pairs(self) -> slice:
-        """The rows of the gap operator that belong to the interface."""
+        """The rows of the gap operator that belong to this interface."""
         return slice(self.first_pair, self.first_pair + len(self.points))
 
 
 @dataclass(frozen=True)
 class Probe:
-    """A quantity that is recorded at every step; the same row of `Operators.probes`.
+    """A point whose motion is recorded at every step; one row of `Operators.probes`.
 
     Attributes:
-        name: of the place, "tip".
+        name: name of the point, for example "tip".
         part: number of the part.
         point: number of the point within the part.
     """
@@ -105,7 +105,7 @@ class Probe:
 
 @dataclass(frozen=True)
 class Support:
-    """A point that is held.
+    """A point of a part that is held.
 
     Attributes:
         part: number of the part.
@@ -120,13 +120,13 @@ class Support:
 
 @dataclass(frozen=True)
 class Layout:
-    """The structure that operators describe.
+    """The meaning of the rows and columns of operators.
 
     Attributes:
-        parts: from bottom to top.
-        interfaces: between them.
-        probes: rows of `Operators.probes`.
-        supports: where parts are held.
+        parts: the parts from bottom to top.
+        interfaces: the interfaces between parts.
+        probes: the probes, in the order of the rows of `Operators.probes`.
+        supports: the points where parts are held.
     """
 
     parts: tuple[Part, ...]
@@ -139,16 +139,18 @@ class Layout:
         """Positions of the points, which all parts share, shape (n_points,) [m].
 
         Raises:
-            ValueError: parts have points of their own.
+            ValueError: the parts do not share their points.
         """
         first, *others = self.parts
         if any(not np.array_equal(part.x, first.x) for part in others):
-            raise ValueError("layout: expected the same points x on all parts")
+            raise ValueError(
+                "layout: expected the same points x on all parts; use the points of each part"
+            )
         return first.x
 
     @property
     def n_elements(self) -> int:
-        """Number of elements per part, where all parts have as many."""
+        """Number of elements per part, if all parts share their points."""
         return self.x.size - 1
 
     @property
@@ -157,7 +159,7 @@ class Layout:
         return tuple(part.name for part in self.parts)
 
     def at_points(self, interface: Interface, of_pairs: FloatArray) -> FloatArray:
-        """Spread values of the pairs of an interface over the points of its lower part.
+        """Arrange the values of an interface's pairs by the points of its lower part.
 
         Args:
             interface: one of `interfaces`.
@@ -177,8 +179,8 @@ class Structure:
     """A discretised structure.
 
     Attributes:
-        operators: M, C, K, base coupling, gap operator, gap at rest, probes.
-        layout: what their numbers mean.
+        operators: M, C, K, base coupling, gap operator, gaps at rest, probes.
+        layout: the meaning of their rows and columns.
     """
 
     operators: Operators
@@ -193,7 +195,9 @@ class Structure:
         o, layout = self.operators, self.layout
         dofs = np.concatenate([part.dofs.ravel() for part in layout.parts])
         if dofs.max() >= o.n_dofs:
-            raise ValueError(f"layout: dof {dofs.max()}, expected below {o.n_dofs}")
+            raise ValueError(
+                f"layout: dof {dofs.max()}, expected below {o.n_dofs}, the number of free dofs"
+            )
         n_pairs = sum(len(interface.points) for interface in layout.interfaces)
         for what, given, expected in (
             ("pairs", n_pairs, o.n_pairs),

@@ -1,8 +1,8 @@
 """The nodes along the laminae: uniform, or read from a mesh file by meshio.
 
-Contact is node to node, so both laminae must have their nodes at the same places along x; a file
-says which line belongs to which lamina by physical groups (or any integer cell data with two
-values).
+Contact is node to node, so both laminae must have their nodes at the same positions x. Physical
+groups in the file (or any integer cell data with two values) say which line belongs to which
+lamina.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from delam_fem.case.definition import Case
 from delam_fem.case.toml import CaseError
 from delam_fem.numerics.arrays import FloatArray, IntArray
 
-NODE_TOLERANCE = 1e-9  # of the length: nodes closer than this along x are opposite
+NODE_TOLERANCE = 1e-9  # relative to the length: nodes closer than this along x are opposite
 
 
 def node_coordinates(case: Case) -> FloatArray:
@@ -40,20 +40,20 @@ def node_coordinates(case: Case) -> FloatArray:
 
 
 def _read(path: Path) -> Any:
-    """Read a file with meshio, whose own complaints become one message."""
+    """Read a file with meshio; turn any failure into one message."""
     import meshio
 
     if not path.is_file():
         raise CaseError(f"mesh.file: no such file: {path}")
     try:
-        # meshio would try another format of this suffix first, and print
+        # without the format, meshio would first try another one for this suffix, and print
         return meshio.read(path, file_format="gmsh" if path.suffix == ".msh" else None)
     except (Exception, SystemExit) as error:  # meshio exits on formats it does not know
         raise CaseError(f"mesh.file: meshio cannot read {path}: {error}") from error
 
 
 def _lamina_lines(path: Path, names: list[str]) -> list[tuple[FloatArray, IntArray]]:
-    """Return x of all points and the line cells of each lamina."""
+    """Return, for each lamina, x of all points and the line cells."""
     mesh = _read(path)
     lines = mesh.cells_dict.get("line")
     if lines is None:
@@ -79,7 +79,7 @@ def _lamina_lines(path: Path, names: list[str]) -> list[tuple[FloatArray, IntArr
 
 
 def _lamina_nodes(path: Path, x: FloatArray, cells: IntArray, length: float) -> FloatArray:
-    """Return the sorted node coordinates of one lamina after checking that it is one line."""
+    """Return the sorted node coordinates of one lamina; check that its cells form one line."""
     nodes = np.unique(cells)
     order = nodes[np.argsort(x[nodes])]
     place = np.full(len(x), -1)
@@ -100,7 +100,7 @@ def _lamina_nodes(path: Path, x: FloatArray, cells: IntArray, length: float) -> 
 
 
 def _require_opposite(path: Path, first: FloatArray, second: FloatArray, length: float) -> None:
-    """Raise unless the nodes of the two laminae are opposite."""
+    """Raise a CaseError unless the nodes of the two laminae are opposite."""
     for k, (a, b) in enumerate(zip(first, second, strict=False)):
         if abs(a - b) > NODE_TOLERANCE * length:
             raise CaseError(
@@ -109,6 +109,6 @@ def _require_opposite(path: Path, first: FloatArray, second: FloatArray, length:
             )
     if len(first) != len(second):
         raise CaseError(
-            f"mesh.file: {path}: expected as many nodes on both laminae, given "
+            f"mesh.file: {path}: expected the same number of nodes on both laminae, given "
             f"{len(first)} and {len(second)}"
         )

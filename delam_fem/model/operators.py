@@ -1,10 +1,10 @@
-"""The semi-discrete equations of motion, whatever made them.
+"""The semi-discrete equations of motion, independent of the discretisation.
 
     M a + C v + K u = -(m_b q''_b + c_b q'_b + k_b q_b) + H^T lambda,   gap = H u + g0
 
-u holds the free dofs in the fixed frame, q_b(t) the one motion that all clamped dofs share (paper
-eq. 10). What the matrices come from (beam, continuum, point mass) and how they are integrated is
-known elsewhere.
+u holds the free dofs in the fixed frame, q_b(t) is the motion that all clamped dofs share (paper
+eq. 10). This module does not know where the matrices come from (beam, continuum, point mass) or how
+they are integrated in time.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from delam_fem.numerics.arrays import FloatArray
 
 @dataclass(frozen=True)
 class BaseCoupling:
-    """Columns and corner of M, C, K that belong to the moving base (paper eq. 9).
+    """The columns and the corner of M, C, K that belong to the moving base (paper eq. 9).
 
     Attributes:
         mass: M_ba summed over the base dofs, shape (n,) [kg].
-        damping: C_ba likewise, shape (n,) [N s/m].
-        stiffness: K_ba likewise, shape (n,) [N/m].
+        damping: C_ba summed over the base dofs, shape (n,) [N s/m].
+        stiffness: K_ba summed over the base dofs, shape (n,) [N/m].
         corner: (M_aa, C_aa, K_aa) summed over the base dofs [kg, N s/m, N/m].
     """
 
@@ -36,13 +36,13 @@ class BaseCoupling:
 
     @classmethod
     def none(cls, n: int) -> BaseCoupling:
-        """Return the coupling of n dofs to a base that does nothing."""
+        """Return the coupling of n dofs to a base that has no effect on them."""
         return cls(np.zeros(n), np.zeros(n), np.zeros(n))
 
 
 @dataclass(frozen=True)
 class Operators:
-    """Matrices of one semi-discrete contact problem; SI units, float64, never changed.
+    """Matrices of one semi-discrete contact problem, in SI units and float64; never changed.
 
     Attributes:
         mass: M, the mass matrix of the time integration, CSR (n, n).
@@ -51,13 +51,13 @@ class Operators:
         base: coupling of the free dofs to the base.
         gap_matrix: H, CSR (n_pairs, n); gap rate = H v.
         gap0: gap at rest, shape (n_pairs,) [m]; positive is open.
-        lumped_mass: diagonal of the lumped mass matrix, shape (n,); None where there is none.
-            "lumped" impulses act on it.
-        pair_weights: by which the stiffness and damping of each pair's spring are multiplied, shape
-            (n_pairs,): tributary lengths [m] for springs per length, areas [m2] for springs per
-            area. None: springs are per pair, as in the paper.
-        probes: what is recorded at every step as linear functionals of u and v, CSR (n_probes, n).
-            None: an empty matrix is put in its place.
+        lumped_mass: diagonal of the lumped mass matrix, on which "lumped" impulses act, shape (n,);
+            None: there is none.
+        pair_weights: factors of the stiffness and damping of each pair's spring, shape (n_pairs,):
+            tributary lengths [m] for springs per length, areas [m2] for springs per area. None:
+            springs are per pair, as in the paper.
+        probes: the quantities that are recorded at every step, as linear functionals of u and of v,
+            CSR (n_probes, n). None: no probes (an empty matrix).
     """
 
     mass: sp.csr_matrix
@@ -71,7 +71,7 @@ class Operators:
     probes: sp.csr_matrix = None
 
     def __post_init__(self) -> None:
-        """Check the shapes, and take no probes where none are given.
+        """Check the shapes; replace missing probes by an empty matrix.
 
         Raises:
             ValueError: a matrix or vector does not fit the number of dofs or of pairs.
@@ -115,7 +115,7 @@ class Operators:
         """Return the diagonal of the lumped mass, shape (n,).
 
         Raises:
-            ValueError: there is none.
+            ValueError: there is no lumped mass.
         """
         if self.lumped_mass is None:
             raise ValueError(

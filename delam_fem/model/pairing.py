@@ -1,4 +1,4 @@
-"""Contact pairs of opposite points: the gap operator, the gap at rest, the weights of pairs."""
+"""Contact pairs of opposite points: the gap operator, the weights of pairs, the rows of probes."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from delam_fem.numerics.arrays import FloatArray, IntArray
 
 
 def opposite(parts: Sequence[Part], lower: int, upper: int, first_pair: int = 0) -> Interface:
-    """Pair the opposite points of two parts, but for those where both are held.
+    """Pair the opposite points of two parts, except points where both parts are held.
 
     Args:
-        parts: of the structure.
+        parts: all parts of the structure.
         lower: number of the lower part.
-        upper: number of the upper part, with as many points.
-        first_pair: row of the gap operator of the first pair.
+        upper: number of the upper part, which has the same number of points.
+        first_pair: row of the first pair in the gap operator.
     """
     free = [part.dofs[:, DISPLACEMENT] >= 0 for part in (parts[lower], parts[upper])]
     points = np.flatnonzero(free[0] | free[1])
@@ -31,7 +31,7 @@ def gap_matrix(
 ) -> sp.csr_matrix:
     """Return H of all pairs: gap rate = u̇ of the upper point − u̇ of the lower, (n_pairs, n_dofs).
 
-    Points that are held add nothing to their row.
+    A point that is held adds no entry to its row.
     """
     rows, columns, values, n_pairs = [], [], [], 0
     for interface in interfaces:
@@ -53,8 +53,8 @@ def gap_matrix(
 def tributary_lengths(parts: Sequence[Part], interface: Interface) -> FloatArray:
     """Return the length of the lower part that belongs to each pair, shape (n_pairs,) [m].
 
-    Half of both cells that meet at the point: springs per length times these weights do not
-    depend on the mesh.
+    A length is half of both cells that meet at the point. With these weights, springs per length do
+    not depend on the mesh.
     """
     h = np.diff(parts[interface.parts[0]].x)
     lengths = np.zeros(h.size + 1)
@@ -64,7 +64,7 @@ def tributary_lengths(parts: Sequence[Part], interface: Interface) -> FloatArray
 
 
 def probe_rows(layout: Layout, n_dofs: int) -> sp.csr_matrix:
-    """Return the rows of the probes of a layout, which show displacements of free points.
+    """Return the rows of the probes of a layout; they record displacements of free points.
 
     Shape (n_probes, n_dofs).
     """
@@ -73,6 +73,6 @@ def probe_rows(layout: Layout, n_dofs: int) -> sp.csr_matrix:
 
 
 def selection(dofs: Sequence[int] | IntArray, n_dofs: int) -> sp.csr_matrix:
-    """Return the probes that show single dofs, shape (n_probes, n_dofs)."""
+    """Return probe rows that each pick one dof, shape (n_probes, n_dofs)."""
     n = len(dofs)
     return sp.csr_matrix((np.ones(n), np.asarray(dofs), np.arange(n + 1)), shape=(n, n_dofs))

@@ -1,4 +1,4 @@
-"""The stability limit of the central difference, checked before a run."""
+"""The stability limit of the central difference scheme, checked before a run."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from delam_fem.model.operators import Operators
 
 
 def largest_stable_time_step(operators: Operators, spring_stiffness: float = 0.0) -> float:
-    """Return Δt = 2/ω_max of K (with every contact spring closed) and M [s]."""
+    """Return Δt = 2/ω_max of M and K, with every contact spring closed in K [s]."""
     o = operators
     H = o.gap_matrix
     K = sp.csc_matrix(o.stiffness + spring_stiffness * (H.T @ H))
@@ -21,10 +21,10 @@ def largest_stable_time_step(operators: Operators, spring_stiffness: float = 0.0
 
 
 def require_stable(operators: Operators, time_step: float, spring_stiffness: float = 0.0) -> None:
-    """Raise where the central difference would blow up.
+    """Raise a CaseError if the central difference would be unstable.
 
     Raises:
-        CaseError: the time step exceeds the largest stable one, which the message names.
+        CaseError: the time step exceeds the largest stable one; the message names both.
     """
     limit = largest_stable_time_step(operators, spring_stiffness)
     if time_step > limit:

@@ -1,1 +1,1 @@
-"""One paper reproduced: figures, numbers and claims."""
+"""Reproduction of one paper: its figures, its numbers and its claims."""

@@ -1,7 +1,7 @@
-"""The claims of the paper, and the table that sets them beside the computation.
+"""The claims of the paper, and the table that compares them with the computation.
 
-A claim is one statement of the paper that a number can decide. It has the paper's words, what the
-computation gave, and a verdict.
+A claim is one statement of the paper that a number can decide. It holds the paper's words, the
+computed result, and a verdict.
 """
 
 from __future__ import annotations
@@ -11,22 +11,22 @@ from dataclasses import dataclass
 from typing import Literal
 
 Verdict = Literal["holds", "does not hold", "open"]
-"""`open`: the paper's text does not allow a judgement."""
+"""`open`: the paper's text does not allow a verdict."""
 
 HEADING = ("figure", "the paper says", "where", "what came out", "verdict")
 
 
 @dataclass(frozen=True)
 class Claim:
-    """One statement of the paper beside what was measured.
+    """One statement of the paper with the computed result.
 
     Attributes:
         figure: short name of the figure that measures it.
-        text: what the paper says.
-        source: where it says so.
-        measured: what came out, in words and numbers.
-        verdict: whether that agrees.
-        is_headline: whether the short table has it too.
+        text: the paper's statement.
+        source: section of the paper that makes the statement.
+        measured: the computed result, in words and numbers.
+        verdict: whether the result agrees with the statement.
+        is_headline: whether the statement is also in the short table.
     """
 
     figure: str
@@ -43,12 +43,12 @@ class Claim:
 
 
 def judged(is_true: bool) -> Verdict:
-    """Return the verdict of a test."""
+    """Return the verdict "holds" or "does not hold"."""
     return "holds" if is_true else "does not hold"
 
 
 def markdown_table(claims: Iterable[Claim], *, with_source: bool = True) -> str:
-    """Return claims as a table of Markdown."""
+    """Return claims as a Markdown table."""
     keep = [k for k in range(len(HEADING)) if with_source or HEADING[k] != "where"]
     rows = [HEADING, *(claim.row for claim in claims)]
     lines = ["| " + " | ".join(row[k].replace("|", "\\|") for k in keep) + " |" for row in rows]

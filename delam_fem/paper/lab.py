@@ -1,8 +1,8 @@
-"""Compute what the figures of the paper need, each case once, on all cores.
+"""Compute the motions and sweeps that the figures of the paper need, each case once, on all cores.
 
-A plan says how much is computed. A laboratory computes it: histories by `run` (dolfinx assembles,
-compiled code steps), many points by `run_sweep`. It remembers the histories, because several
-figures show the same motion.
+A plan says how much is computed. A laboratory does the computing: single histories with `run`
+(dolfinx assembles, compiled code computes the steps), many points with `run_sweep`. It remembers
+the histories, because several figures show the same motion.
 """
 
 from __future__ import annotations
@@ -31,24 +31,25 @@ PaperMethod = Literal["3.1", "3.2"]
 _T = TypeVar("_T")
 
 LAWS: dict[PaperMethod, str] = {"3.1": "newton", "3.2": "newton-penalty"}
-"""The contact laws by the section of the paper that introduces them."""
+"""Names of the contact laws, by the section of the paper that introduces the law."""
 
 _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class Plan:
-    """How much is computed for all figures: lengths of histories, numbers of points.
+    """The amount of computation for all figures: lengths of histories, numbers of points.
 
     Attributes:
-        periods: of a history; the paper needs "some hundred".
-        plane_points: per axis of a parameter plane.
-        plane_periods: of each of its points.
-        response_step: between the frequencies of a stepped sine [Hz].
-        response_periods: at each of them.
+        periods: periods of a history; the paper needs "some hundred".
+        plane_points: points per axis of a parameter plane.
+        plane_periods: periods of each point of a plane.
+        response_step: distance between the frequencies of a stepped sine [Hz].
+        response_periods: periods at each frequency of a stepped sine.
         thresholds: number of values of γ.
-        gap_exponents: shapes of the gap g0 ~ (x/L)^p, which the paper leaves open.
-        has_long_ladders: whether the strip on the ground is computed on all meshes and steps.
+        gap_exponents: exponents p of the gap g0 ~ (x/L)^p; the paper does not give the shape.
+        has_long_ladders: whether the strip on the ground is computed on all meshes and with all
+            time steps.
     """
 
     periods: int = 300
@@ -70,19 +71,19 @@ FAST = Plan(
     gap_exponents=(1.0, 2.0, 3.0),
     has_long_ladders=False,
 )
-"""Histories are as long as in full: the paper's motions need their time."""
+"""The plan of a quick run. Its histories have full length: the paper's motions need that time."""
 
 
 @dataclass
 class Laboratory:
-    """Compute histories and sweeps on some processes, and remember the histories.
+    """Compute histories and sweeps on several processes, and remember the histories.
 
-    A figure asks its laboratory for the results it needs; it does not run cases itself.
+    A figure asks its laboratory for the results that it needs; it does not run cases itself.
 
     Attributes:
-        plan: how much is computed.
-        executor: computes them.
-        engine: what computes the steps.
+        plan: the amount of computation.
+        executor: runs the computations.
+        engine: name of the engine that computes the steps.
     """
 
     plan: Plan
@@ -92,16 +93,16 @@ class Laboratory:
     _begun: dict[str, Future[Any]] = field(default_factory=dict)
 
     def begin(self, name: str, function: Callable[..., _T], **given: Any) -> Future[_T]:
-        """Begin to compute a function, unless something has begun under this name before."""
+        """Start a computation in the background, unless this name has been started before."""
         if name not in self._begun:
             self._begun[name] = self.executor.submit(function, **given)
         return self._begun[name]
 
     def motions(self, cases: Sequence[Case]) -> list[Result]:
-        """Return the results of cases; compute those that are new, all at the same time.
+        """Return the results of cases; compute the new ones, all at the same time.
 
         Raises:
-            RuntimeError: a motion was not completed.
+            RuntimeError: a motion was not completed; the message contains the case.
         """
         keys = [case.to_toml() for case in cases]
         new = {key: case for key, case in zip(keys, cases, strict=True) if key not in self._results}
@@ -117,10 +118,10 @@ class Laboratory:
         return [self._results[key] for key in keys]
 
     def sweep(self, description: Mapping[str, Any]) -> xr.Dataset:
-        """Return a sweep of the preset `paper`; keys as in a sweep file.
+        """Compute a sweep of the preset `paper`; the keys are those of a sweep file.
 
         Raises:
-            KeyboardInterrupt: it was interrupted.
+            KeyboardInterrupt: the sweep was interrupted.
         """
         from delam_fem.studies.sweeps.grid import sweep_of
         from delam_fem.studies.sweeps.run import run_sweep
@@ -139,10 +140,10 @@ class Laboratory:
 def laboratory(
     plan: Plan, *, workers: int | None = None, engine: EngineName = "compiled"
 ) -> Iterator[Laboratory]:
-    """Open a laboratory on so many processes; 1 computes in this one.
+    """Open a laboratory with a number of worker processes; 1 computes in this process.
 
     Raises:
-        CaseError: there is no such number of workers.
+        CaseError: the number of workers is below 1.
     """
     if workers is not None and workers < 1:
         raise CaseError(f"workers: expected at least 1, given {workers}")
@@ -156,7 +157,7 @@ def motion_case(
     method: PaperMethod = "3.2",
     overrides: Mapping[str, object] | None = None,
 ) -> Case:
-    """Return the paper's case at a frequency [Hz] by one of its methods."""
+    """Return the paper's case at a frequency [Hz] with one of its two methods."""
     keys: dict[str, object] = {
         "excitation.frequency": frequency,
         "contact.law": LAWS[method],

@@ -1,4 +1,4 @@
-"""Measure a motion: contact phase, roughness, settling, kind, and its last periods as numbers."""
+"""Measure a motion: contact phase, roughness, settling, kind, and numbers of its last periods."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ if TYPE_CHECKING:
     from delam_fem.results.folder import Result
 
 SMOOTH_HARMONICS = 20
-"""The part of a signal above so many harmonics of the excitation counts as roughness."""
+"""The part of a signal above this harmonic of the excitation counts as roughness."""
 FREE_GAP = 1e-3
 """Tips farther apart than this are in free flight [m]."""
 CLEARLY = 0.8
-"""A roughness below this share of the other counts as a distinct improvement."""
+"""A roughness below this fraction of the other one counts as a distinct improvement."""
 SERIES_STEP = 4
-"""Every so many steps are kept in the numbers of a figure."""
+"""Distance in steps between the samples that are kept in the numbers of a figure."""
 
 
 def half_ranges(result: Result) -> FloatArray:
@@ -39,18 +39,25 @@ def near_share(result: Result) -> float:
 
 
 def rough_part(values: FloatArray, n_periods: int, above: int = SMOOTH_HARMONICS) -> FloatArray:
-    """Return the part of a signal of whole periods above so many harmonics, same shape."""
+    """Return the part of a signal above a harmonic of the excitation, same shape as `values`.
+
+    Args:
+        values: signal over whole periods along the last axis.
+        n_periods: number of periods in the signal.
+        above: number of the highest harmonic that is removed.
+    """
     spectrum = np.fft.rfft(values, axis=-1)
     spectrum[..., : above * n_periods + 1] = 0.0
     return np.fft.irfft(spectrum, n=values.shape[-1], axis=-1)
 
 
 def roughness(result: Result, *, free: bool, quantity: str = "tip_velocity") -> tuple[float, float]:
-    """Return rms of the rough part over rms of the whole signal, of both tips.
+    """Return, for both tips, the rms of the rough part over the rms of the whole signal [-].
 
     Args:
-        result: its window has whole periods.
-        free: over the steps at which the tips are more than `FREE_GAP` apart, or over the others.
+        result: a result whose window has whole periods.
+        free: True: use the steps at which the tips are more than `FREE_GAP` apart; False: use the
+            other steps.
         quantity: "tip_velocity" or "tip_displacement".
     """
     whole = diagnostics.last_periods(result.history, result.case)
@@ -65,17 +72,17 @@ def roughness(result: Result, *, free: bool, quantity: str = "tip_velocity") -> 
 
 
 def settling(strobe: FloatArray, half_range: FloatArray, periodicity: int, within: float) -> int:
-    """Return after how many periods a motion from rest stays near its stationary cycle.
+    """Return the number of periods after which a motion from rest stays near its stationary cycle.
 
     Args:
         strobe: displacement of both tips at the end of each period, shape (2, n) [m].
         half_range: half peak-to-peak of both tips, shape (2,) [m].
-        periodicity: of the stationary motion, P.
-        within: distance that counts as near, in half ranges [-].
+        periodicity: P, the number of periods after which the stationary motion repeats.
+        within: distance from the cycle that counts as near, in half ranges [-].
 
     Returns:
-        Number of the last period at whose end a tip is farther from the mean of the last strobes
-        of the same phase.
+        Number of the last period at whose end a tip is farther than that from the mean of the last
+        strobes of the same phase.
     """
     n = strobe.shape[1]
     last = 0
@@ -98,7 +105,11 @@ def describe(result: Result) -> str:
 
 
 def tip_positions(result: Result, count: int) -> tuple[FloatArray, FloatArray]:
-    """Return t/T from 0 and the positions of both tips over the last periods, (n,), (2, n) [mm]."""
+    """Return the time and the positions of both tips over the last periods.
+
+    Returns:
+        t/T from the start of these periods, shape (n,) [-]; positions, shape (2, n) [mm].
+    """
     last = diagnostics.last_periods(result.history, result.case, count)
     q = 1e3 * last["tip_displacement"].to_numpy()
     gap = 1e3 * float(result.history["gap0"][diagnostics.TIP])
@@ -111,12 +122,13 @@ class MotionNumbers(Numbers):
     """The numbers that characterise a motion, and the positions of the tips in its last periods.
 
     Attributes:
-        periodicity, …, energy_residual: as in the summary of a run.
+        periodicity, …, energy_residual: the same as in the summary of a run.
         kind: the motion in words.
-        is_as_described: whether it is what the paper describes for its frequency.
+        is_as_described: whether the motion is as the paper describes it for its frequency.
         strike_velocities: mean velocities of thick and thin tip before a strike [m/s].
         near_share: share of the time in which the tips are less than `FREE_GAP` apart [-].
-        t_over_T, position_mm: every `SERIES_STEP` steps, shapes (n,) and (2, n).
+        t_over_T, position_mm: time and tip positions, every `SERIES_STEP` steps, shapes (n,) and
+            (2, n).
     """
 
     periodicity: int | None

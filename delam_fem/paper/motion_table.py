@@ -1,4 +1,4 @@
-"""A table of the four reference motions: what a preset gives beside what the paper describes."""
+"""A table of the four reference motions, which compares a preset with the paper."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ def motion_rows(base: str, periods: int, engine: EngineName) -> tuple[list[tuple
 
     Args:
         base: name of the preset.
-        periods: of each run.
-        engine: what computes the steps.
+        periods: periods of each run.
+        engine: name of the engine that computes the steps.
 
     Returns:
-        A row below `HEADINGS` for each motion, and whether all are as the paper describes.
+        A row below `HEADINGS` for each motion, and whether all motions are as the paper describes.
     """
     results = [compute(base, m.frequency, engine, {"time.periods": periods}) for m in MOTIONS]
     rows = [row(motion, result) for motion, result in zip(MOTIONS, results, strict=True)]
@@ -37,7 +37,7 @@ def motion_rows(base: str, periods: int, engine: EngineName) -> tuple[list[tuple
 
 
 def compute(base: str, frequency: float, engine: EngineName, overrides: dict[str, Any]) -> Result:
-    """Run a preset at a frequency [Hz] and keep no fields."""
+    """Run a preset at a frequency [Hz] without keeping fields."""
     from delam_fem.pipeline import run
 
     keys = {"excitation.frequency": frequency, "output.fields_per_period": 0}
@@ -45,7 +45,7 @@ def compute(base: str, frequency: float, engine: EngineName, overrides: dict[str
 
 
 def row(motion: Motion, result: Result) -> tuple[str, ...]:
-    """Return the cells of a motion below `HEADINGS`."""
+    """Return the table cells of a motion, in the order of `HEADINGS`."""
     s = result.summary
     thick, thin = strikes(result).mean
     low, high = (1e3 * np.array(s[name]) for name in ("tip_min", "tip_max"))

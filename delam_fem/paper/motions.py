@@ -1,4 +1,4 @@
-"""The four reference motions of the paper, and what a strike is.
+"""The four reference motions of the paper, and the definition of a strike.
 
 The paper excites the laminae at four frequencies and describes the motion at each. `MOTIONS` holds
 these descriptions; every other module takes frequencies and descriptions from here.
@@ -19,12 +19,12 @@ if TYPE_CHECKING:
     from delam_fem.results.folder import Result
 
 STEPS_BEFORE = 2
-"""The velocities of a strike are read so many steps before it, because waves of impacts further
-down reach the tip in the very last step."""
+"""The velocities of a strike are read this number of steps before it, because waves from impacts
+nearer the clamp reach the tip in the very last step."""
 BEATS = 2.0
-"""The lamina that beats the other one is more than so many times as fast."""
+"""A lamina beats the other one if its tip is more than this factor faster."""
 SAME_FREQUENCY = 0.01
-"""A frequency this near to that of a motion is the same [Hz]."""
+"""Two frequencies count as the same if they differ by less than this [Hz]."""
 
 
 @dataclass(frozen=True)
@@ -32,11 +32,12 @@ class Strikes:
     """The strikes in the window of a run.
 
     A tip contact is a group of tip closures less than `diagnostics.GROUP_PERIODS` apart. A strike
-    is the beginning of a tip contact; if a period has several, it is that of the fastest approach.
+    is the beginning of a tip contact. If a period has several, the strike is the beginning with the
+    fastest approach.
 
     Attributes:
-        step: of the window, shape (n,).
-        velocity: of both tips before, shape (2, n) [m/s].
+        step: step of each strike within the window, shape (n,).
+        velocity: velocities of both tips before each strike, shape (2, n) [m/s].
     """
 
     step: IntArray
@@ -44,7 +45,7 @@ class Strikes:
 
     @property
     def mean(self) -> tuple[float, float]:
-        """Mean velocities of both tips before, NaN without strikes [m/s]."""
+        """Mean velocities of both tips before a strike [m/s]; NaN if there are no strikes."""
         if not self.step.size:
             return float("nan"), float("nan")
         thick, thin = self.velocity.mean(axis=1)
@@ -52,7 +53,7 @@ class Strikes:
 
     @property
     def approach(self) -> float:
-        """Mean speed of approach, 0 without strikes [m/s]."""
+        """Mean speed of approach [m/s]; 0 if there are no strikes."""
         thick, thin = self.mean
         return thick - thin if self.step.size else 0.0
 
@@ -92,10 +93,10 @@ class Motion:
     """A motion that the paper describes.
 
     Attributes:
-        frequency: of the base [Hz].
-        text: what the paper says, in short.
-        periodicity: periods of the base after which the motion repeats.
-        has_its_contacts: whether the tips of a result meet as the paper describes.
+        frequency: frequency of the base [Hz].
+        text: the paper's description, in short.
+        periodicity: number of base periods after which the motion repeats.
+        has_its_contacts: function that returns whether the tips of a result meet as described.
     """
 
     frequency: float
@@ -104,7 +105,7 @@ class Motion:
     has_its_contacts: Callable[[Result], bool]
 
     def is_shown_by(self, result: Result) -> bool:
-        """Say whether a result has the periodicity and the contacts of this motion."""
+        """Return whether a result has the periodicity and the contacts of this motion."""
         is_periodic = result.summary["periodicity"] == self.periodicity
         return bool(is_periodic and self.has_its_contacts(result))
 
@@ -115,24 +116,24 @@ def contacts(result: Result) -> float:
 
 
 def _no_tip_contact(result: Result) -> bool:
-    """Say whether the tips never meet (1.25 Hz)."""
+    """Return whether the tips never meet (1.25 Hz)."""
     return contacts(result) == 0.0 and result.summary["minimum_tip_gap"] > 0.0
 
 
 def _thin_beats_thick(result: Result) -> bool:
-    """Say whether the thin tip is much the faster one before a strike (1.60 Hz)."""
+    """Return whether the thin tip is much faster than the thick one before a strike (1.60 Hz)."""
     thick, thin = strikes(result).mean
     return contacts(result) >= 1.0 and abs(thin) > BEATS * abs(thick)
 
 
 def _opposite_velocities(result: Result) -> bool:
-    """Say whether the tips meet once a period with opposite velocities (3.25 Hz)."""
+    """Return whether the tips meet once a period with opposite velocities (3.25 Hz)."""
     thick, thin = strikes(result).mean
     return contacts(result) == 1.0 and thick > 0.0 > thin
 
 
 def _one_contact_in_two(result: Result) -> bool:
-    """Say whether the tips meet once in two periods (3.65 Hz)."""
+    """Return whether the tips meet once in two periods (3.65 Hz)."""
     return contacts(result) == 0.5
 
 
@@ -143,15 +144,15 @@ MOTIONS = (
     Motion(3.65, "one contact in two periods", 2, _one_contact_in_two),
 )
 FREQUENCIES = tuple(motion.frequency for motion in MOTIONS)
-"""The four excitations of the paper [Hz]."""
+"""The four excitation frequencies of the paper [Hz]."""
 RESONANT = FREQUENCIES[2]
-"""The excitation of Figs. 4, 5, 8 to 11 and 13 to 15 [Hz]."""
+"""The excitation frequency of Figs. 4, 5, 8 to 11 and 13 to 15 [Hz]."""
 
 
 def is_as_described(result: Result) -> bool:
-    """Say whether a result shows the motion that the paper describes for its frequency.
+    """Return whether a result shows the motion that the paper describes for its frequency.
 
-    It does not if the paper describes no motion at this frequency.
+    Return False if the paper describes no motion at this frequency.
     """
     frequency = 1.0 / result.case.period
     return any(

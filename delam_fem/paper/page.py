@@ -1,6 +1,6 @@
-"""The page over the figures of the paper, and the tables of its claims for the documentation.
+"""Write the HTML page of the paper's figures, and the tables of its claims for the documentation.
 
-All of it is made from the figNN.json files of a folder; nothing is computed here.
+Everything is made from the figNN.json files in a folder; nothing is computed here.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ ABOUT = (
     "lumped impulses with the consistent mass matrix."
 )
 README_MARKS = ("<!-- paper claims: begin -->", "<!-- paper claims: end -->")
-"""Between them README has the short table."""
+"""Marks in README.md; the short table stands between them."""
 HEADLINES = (
     ("3", "1.60 Hz: the thin lamina beats the thick one"),
     ("3", "3.25 Hz gives the maximum strike of all"),
@@ -50,11 +50,11 @@ Entry = Mapping[str, Any]
 
 
 def entries(directory: Path, stems: Iterable[str]) -> list[Entry]:
-    """Return what figNN.json files hold, those that are there.
+    """Return the contents of the figNN.json files that exist.
 
     Args:
-        directory: of the figures.
-        stems: names of the files without ending, in the order wanted.
+        directory: folder of the figures.
+        stems: file names without suffix, in the wanted order.
     """
     found = []
     for stem in stems:
@@ -65,12 +65,12 @@ def entries(directory: Path, stems: Iterable[str]) -> list[Entry]:
 
 
 def claims_of(figures: Iterable[Entry]) -> list[Claim]:
-    """Return the claims of figures, in their order."""
+    """Return the claims of all figures, in the order of the figures."""
     return [Claim(**claim) for figure in figures for claim in figure["claims"]]
 
 
 def write_page(directory: Path, figures: Sequence[Entry]) -> Path:
-    """Write index.html over the figures of a folder; it links to the files beside it.
+    """Write index.html, which shows the figures of a folder and links to its files.
 
     Raises:
         OSError: the file cannot be written.
@@ -87,7 +87,7 @@ def write_page(directory: Path, figures: Sequence[Entry]) -> Path:
 
 
 def tally(claims: Sequence[Claim]) -> str:
-    """Return how many claims hold."""
+    """Return a sentence that counts the claims by verdict."""
     count = {verdict: sum(c.verdict == verdict for c in claims) for verdict in _ROW_CLASS}
     return (
         f"{len(claims)} statements: {count['holds']} hold, {count['does not hold']} do not, "
@@ -102,15 +102,15 @@ def headlines(claims: Sequence[Claim]) -> list[Claim]:
 
 
 def write_docs(directory: Path, root: Path, figures: Sequence[Entry]) -> list[Path]:
-    """Write docs/paper.md, the short table of README.md, and the pictures that they show.
+    """Write docs/paper.md and the short table of README.md, and copy the pictures for the docs.
 
     Args:
-        directory: of the figures.
-        root: of the project.
-        figures: as `entries` returns them.
+        directory: folder of the figures.
+        root: folder of the project.
+        figures: figures from `entries`.
 
     Raises:
-        ValueError: README.md has not the marks.
+        ValueError: README.md lacks the marks.
         OSError: a file cannot be written.
     """
     claims = claims_of(figures)
@@ -139,20 +139,20 @@ def write_docs(directory: Path, root: Path, figures: Sequence[Entry]) -> list[Pa
 
 
 def between(text: str, marks: tuple[str, str], content: str) -> str:
-    """Return a text with what stands between two marks replaced.
+    """Return a text in which the part between two marks is replaced.
 
     Raises:
-        ValueError: it has not both marks once, in their order.
+        ValueError: the text does not contain both marks once and in this order.
     """
     begin, end = marks
     if text.count(begin) != 1 or text.count(end) != 1 or text.index(begin) > text.index(end):
-        raise ValueError(f"expected {begin} and then {end}, once each")
+        raise ValueError(f"README.md: expected {begin} and then {end}, once each; add these marks")
     head, rest = text.split(begin)
     return f"{head}{begin}\n{content}\n{end}{rest.split(end)[1]}"
 
 
 def _pictures(figure: Entry) -> list[str]:
-    """Return the names of the files of a figure's picture and its film."""
+    """Return the file names of a figure's picture and of its film, if it has one."""
     return [f"{figure['stem']}.png"] + ([figure["animation"]] if figure.get("animation") else [])
 
 
@@ -163,7 +163,7 @@ def _heading(figure: Entry) -> str:
 
 
 def _section(figure: Entry, figures: Sequence[Entry]) -> Section:
-    """Return a figure with its caption and its claims."""
+    """Return the section of a figure: picture, caption and claims."""
     caption = (f"{figure['caption']} ", Link("Numbers", f"{figure['stem']}.json"), ".")
     blocks: list[Block] = [Figure(_pictures(figure), _heading(figure), caption)]
     if figure["claims"]:

@@ -1,4 +1,4 @@
-"""Measure a plane of parameters (Fig. 15): kinds of motion, scatter, main effects."""
+"""Measure a plane of two parameters (Fig. 15): kinds of motion, scatter, main effects."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ if TYPE_CHECKING:
 
 
 KINDS = ("one-periodic", "higher order", "quasi-periodic", "irregular", "diverged", "failed")
-"""The paper's names of `attractors.KINDS`, in their order."""
+"""The paper's names for the kinds of motion, in the order of `attractors.KINDS`."""
 ONE_CONTACT = (0.95, 1.05)
-"""Tip contacts per period that count as one."""
+"""A number of tip contacts per period in this range counts as one."""
 
 
 def one_period_scatter(strobes: FloatArray, half_range: FloatArray) -> FloatArray:
-    """Return the rms difference of strobes one period apart in half ranges, of the worse tip.
+    """Return the rms difference of strobes one period apart, in half ranges, of the worse tip.
 
     Args:
-        strobes: shape (..., 2, n) [m].
+        strobes: displacements of both tips at the ends of periods, shape (..., 2, n) [m].
         half_range: half peak-to-peak of both tips, shape (..., 2) [m].
 
     Returns:
-        Shape (...) [-].
+        Scatter, shape (...) [-].
     """
     change = np.diff(strobes[..., -STROBES:], axis=-1)
     scatter: FloatArray = (np.sqrt((change**2).mean(axis=-1)) / half_range).max(axis=-1)
@@ -40,21 +40,21 @@ def one_period_scatter(strobes: FloatArray, half_range: FloatArray) -> FloatArra
 
 @dataclass(frozen=True)
 class Plane(Numbers):
-    """The motions over a plane of two parameters, (m, n) points.
+    """The motions over a plane of two parameters with m and n values.
 
     Attributes:
-        kind: of motion, an index into `KINDS`, shape (m, n).
-        kinds: names of the indices.
-        share: of the points, by kind [-].
-        scatter: rms difference one period apart, in half ranges, shape (m, n) [-].
+        kind: kind of motion, an index into `KINDS`, shape (m, n).
+        kinds: names of these indices.
+        share: share of the points by kind [-].
+        scatter: rms difference of strobes one period apart, in half ranges, shape (m, n) [-].
         tip_amplitude_m: half peak-to-peak of both tips, shape (m, n, 2).
-        tip_contacts_per_period: shape (m, n).
-        one_contact_share: of the points with one tip contact per period [-].
+        tip_contacts_per_period: tip contacts per period, shape (m, n).
+        one_contact_share: share of the points with one tip contact per period [-].
         amplitude_spread: standard deviation over mean of the amplitudes, shape (2,) [-].
         amplitude_by_first, amplitude_by_second: share of the amplitudes' variance that the first
             and the second parameter explain, shape (2,) [-].
         axes: names of both parameters.
-        first, second: their values, shapes (m,) and (n,).
+        first, second: values of both parameters, shapes (m,) and (n,).
     """
 
     kind: IntArray
@@ -72,13 +72,13 @@ class Plane(Numbers):
     second: FloatArray = field(metadata=NOT_IN_JSON)
 
     def to_json(self) -> Mapping[str, Any]:
-        """Return both parameters under their names, and the other fields."""
+        """Return both parameters under their own names, and the other fields."""
         parameters = dict(zip(self.axes, (self.first, self.second), strict=True))
         return {**parameters, **super().to_json()}
 
 
 def plane_of(data: xr.Dataset) -> Plane:
-    """Return kinds, scatter and amplitudes of a plane, and how far each axis changes them."""
+    """Return kinds, scatter and amplitudes of a plane, and the main effect of each axis."""
     first, second = axes_of(data)
     data = data.transpose(first, second, "lamina", "strobe", ...)
     strobes, amplitude = data["strobe_displacement"].to_numpy(), data["tip_amplitude"].to_numpy()
@@ -109,11 +109,11 @@ def plane_of(data: xr.Dataset) -> Plane:
 
 @dataclass(frozen=True)
 class Decade(Numbers):
-    """A decade of the penalty law's damping.
+    """A range of the penalty law's damping whose ends differ by a factor of ten.
 
     Attributes:
-        begin: its smallest c [N s/m].
-        one_periodic: share of its points [-].
+        begin: smallest damping c of the range [N s/m].
+        one_periodic: share of one-periodic points in the range [-].
         amplitude_spread: standard deviation over mean of the amplitudes, shape (2,) [-].
     """
 
@@ -122,7 +122,7 @@ class Decade(Numbers):
     amplitude_spread: FloatArray
 
     def to_json(self) -> Mapping[str, Any]:
-        """Return the fields; the first one under "from", which Python does not allow as a name."""
+        """Return the fields; `begin` is named "from", which Python does not allow as a name."""
         kept = dict(super().to_json())
         return {"from": kept.pop("begin"), **kept}
 
@@ -130,12 +130,12 @@ class Decade(Numbers):
 def best_decade(damping: FloatArray, kind: IntArray, amplitude: FloatArray) -> Decade:
     """Return the decade of the penalty law's damping with the most one-periodic points.
 
-    If several have as many, it is the one of the smallest damping.
+    If several decades have the same share, return the one with the smallest damping.
 
     Args:
-        damping: c, increasing, shape (m,) [N s/m].
-        kind: of motion, 0 is one-periodic, shape (m, n).
-        amplitude: shape (m, n, 2) [m].
+        damping: values of c, increasing, shape (m,) [N s/m].
+        kind: kind of motion at each point, 0 is one-periodic, shape (m, n).
+        amplitude: half peak-to-peak of both tips at each point, shape (m, n, 2) [m].
     """
     decades = []
     for low in damping[damping <= damping[-1] / 10.0 * (1.0 + 1e-9)]:
@@ -147,13 +147,13 @@ def best_decade(damping: FloatArray, kind: IntArray, amplitude: FloatArray) -> D
 
 
 def axes_of(data: xr.Dataset) -> tuple[str, str]:
-    """Return the names of a plane's axes: damping or restitution, stiffness."""
+    """Return the names of a plane's axes: first damping or restitution, then stiffness."""
     first = "restitution" if "restitution" in data.dims else "penalty_damping"
     return first, "penalty_stiffness"
 
 
 def main_effect(values: FloatArray, axis: int) -> FloatArray:
-    """Return the share of a plane's variance that the means along one axis have, (2,) [-]."""
+    """Return the share of a plane's variance that the means along one axis explain, (2,) [-]."""
     means = np.nanmean(values, axis=1 - axis)
     total = np.nanvar(values, axis=(0, 1))
     share: FloatArray = np.divide(

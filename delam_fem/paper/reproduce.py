@@ -1,7 +1,7 @@
-"""Reproduce the figures of the paper: measure each once, judge it, draw it, write all of it.
+"""Reproduce the figures of the paper: measure each once, judge it, draw it, and write its files.
 
-A figure is described by its `Piece` in one of the modules of `figures`; `page` writes the page over
-all of them.
+Each figure is described by a `Piece` in one of the modules of `figures`; page.py writes the page
+that shows all figures.
 """
 
 from __future__ import annotations
@@ -68,16 +68,16 @@ _log = logging.getLogger(__name__)
 
 
 def file_stem(name: str) -> str:
-    """Return the name of a figure's files: fig01, fig02a, …, or the word itself."""
+    """Return the stem of a figure's file names: fig01, fig02a, …, or the name itself."""
     digits = name.rstrip("abcdefghijklmnopqrstuvwxyz")
     return f"fig{int(digits):02d}{name[len(digits) :]}" if digits else name
 
 
 def chosen(names: Sequence[str]) -> list[str]:
-    """Return the known names among figures as users write them ("2a", "fig02a", "2" for all of 2).
+    """Return the known names for figure names given by a user ("2a", "fig02a", "2" for all of 2).
 
     Raises:
-        CaseError: there is no such figure.
+        CaseError: there is no such figure; the message lists the names.
     """
     found: list[str] = []
     for given in names or list(FIGURES):
@@ -85,8 +85,8 @@ def chosen(names: Sequence[str]) -> list[str]:
         fits = [name for name in FIGURES if name == short or name.rstrip("ab") == short]
         if not fits:
             raise CaseError(
-                f"figure {given!r}: expected one of {', '.join(FIGURES)}; without names all are "
-                "made"
+                f"figure {given!r}: expected one of {', '.join(FIGURES)}; give no names to make "
+                "all figures"
             )
         found += [name for name in fits if name not in found]
     return [name for name in FIGURES if name in found]
@@ -96,12 +96,12 @@ def reproduce(lab: Laboratory, directory: Path, names: Sequence[str]) -> list[Pa
     """Compute figures and write their pictures, numbers and films.
 
     Args:
-        lab: computes.
-        directory: gets figNN.png and figNN.json, and GIFs; made where it does not exist.
-        names: as `chosen` returns them.
+        lab: laboratory that computes.
+        directory: folder for figNN.png, figNN.json and GIFs; it is created if it does not exist.
+        names: figure names from `chosen`.
 
     Returns:
-        The files.
+        Paths of the written files.
 
     Raises:
         OSError: the folder cannot be written or the disk is full.
@@ -116,7 +116,7 @@ def reproduce(lab: Laboratory, directory: Path, names: Sequence[str]) -> list[Pa
 
 
 def _write(piece: Piece[Any], lab: Laboratory, directory: Path, begin: float) -> list[Path]:
-    """Write picture, numbers and film of a piece; files appear under their names when complete."""
+    """Write picture, numbers and film of a piece; each file appears only when it is complete."""
     picture, kept = (directory / f"{file_stem(piece.name)}.{end}" for end in ("png", "json"))
     numbers = piece.measure(lab)
     with styled(), atomic(picture) as temporary:
@@ -141,7 +141,7 @@ def _write(piece: Piece[Any], lab: Laboratory, directory: Path, begin: float) ->
 
 
 def plain(value: Any) -> Any:
-    """Return numbers as JSON has them: lists, seven digits, None instead of NaN and infinity."""
+    """Return numbers in the form of JSON: lists, seven digits, None instead of NaN and infinity."""
     if isinstance(value, Mapping):
         return {str(key): plain(entry) for key, entry in value.items()}
     if isinstance(value, np.ndarray | list | tuple):

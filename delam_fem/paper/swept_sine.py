@@ -1,4 +1,4 @@
-"""The experiment's 30-minute swept sine: the case, the record's envelope, where it peaks."""
+"""The experiment's 30-minute swept sine: its case, its envelope, and its peak frequency."""
 
 from __future__ import annotations
 
@@ -11,12 +11,19 @@ from delam_fem.numerics.arrays import FloatArray
 from delam_fem.results.folder import Result
 
 BAND = (0.5, 4.0)
-"""Frequencies of the experiment [Hz]."""
+"""Lowest and highest frequency of the experiment [Hz]."""
 SWEEP_SECONDS = 1800.0
 
 
 def swept_case(spacing: str, ends: tuple[float, float], law: str, steps: int) -> Case:
-    """Return the 30-minute swept sine."""
+    """Return the case of a 30-minute swept sine.
+
+    Args:
+        spacing: how the frequency grows: "linear" or "logarithmic".
+        ends: first and last frequency [Hz].
+        law: name of the contact law.
+        steps: steps per period of the highest frequency.
+    """
     return preset(
         "paper",
         {
@@ -35,10 +42,10 @@ def swept_case(spacing: str, ends: tuple[float, float], law: str, steps: int) ->
 
 
 def swept_extremes(result: Result) -> tuple[FloatArray, FloatArray]:
-    """Return the record of a swept sine as its extremes, kept per period of the highest frequency.
+    """Return the extremes of a swept sine, one pair per period of the highest frequency.
 
     Returns:
-        Instants, shape (n,) [s]; least and greatest displacement of both tips, shape (2, 2, n) [m].
+        Times, shape (n,) [s]; smallest and largest displacement of both tips, shape (2, 2, n) [m].
     """
     history = result.history
     extremes = np.stack([history[f"envelope_{end}"].to_numpy() for end in ("min", "max")])
@@ -46,10 +53,10 @@ def swept_extremes(result: Result) -> tuple[FloatArray, FloatArray]:
 
 
 def swept_envelope(result: Result) -> tuple[FloatArray, FloatArray]:
-    """Return frequency and half the range of both tips within each cycle of a swept sine.
+    """Return the frequency and half the range of both tips within each cycle of a swept sine.
 
-    The run keeps extremes per period of its highest frequency; as many of these as a cycle lasts
-    are put together.
+    The run keeps extremes per period of its highest frequency. Those within one cycle of the
+    current frequency are combined.
 
     Returns:
         Frequencies, shape (n,) [Hz]; half ranges, shape (2, n) [m].
@@ -63,9 +70,9 @@ def swept_envelope(result: Result) -> tuple[FloatArray, FloatArray]:
 
 
 def peak_frequency(result: Result, lamina: int) -> float:
-    """Return the frequency of the base when a tip's swing was the largest [Hz].
+    """Return the frequency of the base at which the amplitude of a tip is the largest [Hz].
 
-    The three largest neighbouring values are joined by a parabola over the index of the extremes.
+    If the largest amplitude occurs at several times, return the mean of their frequencies.
     """
     f, amplitude = swept_envelope(result)
     top = np.flatnonzero(amplitude[lamina] >= amplitude[lamina].max() * (1.0 - 1e-9))

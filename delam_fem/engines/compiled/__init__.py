@@ -1,1 +1,1 @@
-"""Whole periods in code that Numba compiles."""
+"""The compiled engine: it computes whole periods in code that Numba compiles."""

@@ -1,4 +1,4 @@
-"""Solutions, products and compliances in compiled code, whichever order the problem is in."""
+"""Solve with A and M, apply H and Hᵀ, and compute compliances, in lane order or in band order."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from delam_fem.engines.compiled.state import MOREAU
 
 @numba.njit(cache=True)
 def solve_step(system, X):  # type: ignore[no-untyped-def]
-    """Solve A z = r."""
+    """Solve A z = r for the fields R and Z of X."""
     if system.is_chained:
         lk.substitute(X, system.size, system.solution, R, Z)
     else:
@@ -23,7 +23,7 @@ def solve_step(system, X):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def solve_mass(system, X):  # type: ignore[no-untyped-def]
-    """Solve M z = r."""
+    """Solve M z = r for the fields R and Z of X."""
     if system.is_chained:
         lk.substitute(X, system.size, system.mass_solution, R, Z)
     else:
@@ -32,14 +32,14 @@ def solve_mass(system, X):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def clear(X, size, field):  # type: ignore[no-untyped-def]
-    """Set a field to 0."""
+    """Set a field of X to 0."""
     for i in range(field * size, (field + 1) * size):
         X[i] = 0.0
 
 
 @numba.njit(cache=True)
 def spread_one(system, X, pair, value):  # type: ignore[no-untyped-def]
-    """Add Hᵀ λ to r for a value on one pair."""
+    """Add Hᵀ λ to the field r, where λ has a value on one pair only."""
     H, shift = system.gap_rows, R * system.size
     for entry in range(H.start[pair], H.start[pair + 1]):
         X[shift + H.column[entry]] += value * H.value[entry]
@@ -47,7 +47,7 @@ def spread_one(system, X, pair, value):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def spread(system, X, pairs, values, n, sign):  # type: ignore[no-untyped-def]
-    """Write r = sign Hᵀ λ for values on n pairs."""
+    """Write sign Hᵀ λ into the field r, where λ has values on n pairs."""
     clear(X, system.size, R)
     for k in range(n):
         spread_one(system, X, pairs[k], sign * values[k])
@@ -55,7 +55,7 @@ def spread(system, X, pairs, values, n, sign):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def measure(system, X, ahead, gap, rate):  # type: ignore[no-untyped-def]
-    """Write the gaps of u + ahead v and the gap rates of all pairs."""
+    """Write the gaps at the displacements u + ahead v, and the gap rates, of all pairs."""
     for k in range(system.n_pairs):
         rate[k] = row_product(system.gap_rows, k, X, system.size)
         gap[k] = system.gap0[k] + row_product(system.gap_rows, k, X, 0) + ahead * rate[k]

@@ -1,7 +1,8 @@
-"""Any other system: rows of sparse matrices, and a banded factorisation after reordering.
+"""Sparse rows and a banded factorisation, for systems that do not fit the lane order.
 
-Scalar code without assumptions on the operators: a mass on a spring, a bar, laminae with their own
-damping. The order of the dofs is that of reverse Cuthill–McKee, which keeps the band narrow.
+This is scalar code without assumptions on the operators, for example for a mass on a spring, a bar,
+or laminae that have their own damping. The dofs are in reverse Cuthill–McKee order, which keeps the
+band narrow.
 """
 
 from __future__ import annotations
@@ -17,12 +18,12 @@ from delam_fem.numerics.arrays import FloatArray, IntArray
 
 
 class Rows(NamedTuple):
-    """A sparse matrix by rows.
+    """A sparse matrix, stored row by row.
 
     Attributes:
-        start: where each row begins, shape (n_rows + 1,).
+        start: index of the first entry of each row, shape (n_rows + 1,).
         column: columns of the entries, shape (n_entries,).
-        value: the entries, likewise.
+        value: values of the entries, shape (n_entries,).
     """
 
     start: IntArray
@@ -31,11 +32,11 @@ class Rows(NamedTuple):
 
 
 class Band(NamedTuple):
-    """L and U of a banded matrix, row by row; L has ones on its diagonal.
+    """The factors L and U of a banded matrix, row by row; L has ones on its diagonal.
 
     Attributes:
-        width: entries beside the diagonal on each side.
-        value: shape (n, 2 width + 1); the diagonal is that of U.
+        width: number of entries on each side of the diagonal.
+        value: entries of L and U, shape (n, 2 width + 1); the diagonal is that of U.
     """
 
     width: int
@@ -43,14 +44,14 @@ class Band(NamedTuple):
 
 
 def rows(matrix: sp.spmatrix) -> Rows:
-    """Return a sparse matrix by rows."""
+    """Return a sparse matrix as `Rows`."""
     csr = sp.csr_matrix(matrix)
     csr.sort_indices()
     return Rows(csr.indptr.astype(np.int64), csr.indices.astype(np.int64), csr.data.astype(float))
 
 
 def band_order(pattern: sp.spmatrix) -> IntArray:
-    """Return where each dof stands in an order with a narrow band, shape (n,)."""
+    """Return the place of each dof in an order with a narrow band, shape (n,)."""
     csr = sp.csr_matrix(abs(pattern))
     order = reverse_cuthill_mckee(csr, symmetric_mode=False)
     place = np.empty(order.size, dtype=np.int64)
@@ -59,10 +60,10 @@ def band_order(pattern: sp.spmatrix) -> IntArray:
 
 
 def factorise(matrix: sp.spmatrix) -> Band:
-    """Return L U of a matrix that needs no pivoting (positive definite).
+    """Return the factors L U of a matrix that needs no pivoting (positive definite).
 
     Raises:
-        ArithmeticError: a pivot vanishes: the matrix is singular.
+        ArithmeticError: a pivot is zero, so the matrix is singular.
     """
     entries = sp.coo_matrix(matrix)
     entries.sum_duplicates()
@@ -72,13 +73,16 @@ def factorise(matrix: sp.spmatrix) -> Band:
     value[entries.row, entries.col - entries.row + width] = entries.data
     bad = int(_factorise(value, width))
     if bad >= 0:
-        raise ArithmeticError(f"factorisation: the matrix is singular at row {bad}")
+        raise ArithmeticError(
+            f"factorisation: the matrix is singular at row {bad} (of the reordered dofs); check "
+            "that every free dof has mass"
+        )
     return Band(width, value)
 
 
 @numba.njit(cache=True)
 def _factorise(value, width):  # type: ignore[no-untyped-def]
-    """Replace a band by its factors; return the row of a vanishing pivot or -1."""
+    """Replace a band by its factors; return the row of a zero pivot, or -1."""
     n = value.shape[0]
     for i in range(n):
         if value[i, width] == 0.0:
@@ -94,7 +98,7 @@ def _factorise(value, width):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def substitute(X, size, band, right, out):  # type: ignore[no-untyped-def]
-    """Solve A x = r between two fields of X."""
+    """Solve A x = r; `right` and `out` are the numbers of the fields r and x of X."""
     r, x, width, value = right * size, out * size, band.width, band.value
     row = 2 * width + 1
     for i in range(size):
@@ -111,7 +115,7 @@ def substitute(X, size, band, right, out):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def row_product(matrix, row, X, shift):  # type: ignore[no-untyped-def]
-    """Return an entry of A x for the field of X that begins at `shift`."""
+    """Return the entry `row` of A x, where x is the field of X that begins at `shift`."""
     result = 0.0
     for entry in range(matrix.start[row], matrix.start[row + 1]):
         result += matrix.value[entry] * X[shift + matrix.column[entry]]
@@ -120,7 +124,7 @@ def row_product(matrix, row, X, shift):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def form(matrix, n, X, shift):  # type: ignore[no-untyped-def]
-    """Return xᵀ A x for the field of n numbers of X that begins at `shift`."""
+    """Return xᵀ A x, where x is the field of X with n numbers that begins at `shift`."""
     result = 0.0
     for row in range(n):
         result += X[shift + row] * row_product(matrix, row, X, shift)

@@ -1,7 +1,7 @@
-"""Contact in compiled code: who is hit, who rests on a spring, and what that changes.
+"""Contact in compiled code: find the pairs that are hit or rest, and change the state accordingly.
 
-The decisions are those of the laws in contact/, their execution is that of engines/petsc, in the
-same order. They happen in few steps; the code is scalar and runs over sparse rows.
+The decisions are those of the laws in contact/. They are carried out as in engines/petsc, in the
+same order. Only few steps have contact, so the code is scalar and runs over sparse rows.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ from delam_fem.engines.compiled.state import (
 )
 
 DONE, NOT_FINITE, UNSOLVED = 0, -1, -2
-"""How a decision ended: well, with velocities that are no numbers, with impulses not found."""
+"""Results of a law: success, velocities that are not finite, or impulses that were not found."""
 ROUND_OFF = 1e-12
-"""Shortfall of a gap rate that does not count, relative to the largest one."""
+"""A shortfall of a gap rate below this fraction of the largest shortfall is round-off."""
 
 
 @numba.njit(cache=True)
@@ -48,7 +48,7 @@ def _note(memory, log, step, n, energy):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def _coupled_impulses(system, law, memory, n, q):  # type: ignore[no-untyped-def]
-    """Solve 0 <= p ⊥ W p + q >= 0 on the n hit pairs; keep p and W p."""
+    """Solve 0 <= p ⊥ W p + q >= 0 on the n hit pairs; store p and W p."""
     W = compliance_block(system, law, memory, n)
     right, p = np.empty(n), np.zeros(n)
     for j in range(n):
@@ -67,7 +67,7 @@ def _coupled_impulses(system, law, memory, n, q):  # type: ignore[no-untyped-def
 
 @numba.njit(cache=True)
 def _separate_impulses(system, law, memory, n):  # type: ignore[no-untyped-def]
-    """Give each of the n hit pairs by itself the rate -e times its own (paper eq. 14)."""
+    """Compute impulse and gap rate after of each hit pair as if it were alone (paper eq. 14)."""
     H = system.gap_rows
     for j in range(n):
         inverse_mass = 0.0
@@ -88,7 +88,7 @@ def _apply_impulses(system, law, memory, n):  # type: ignore[no-untyped-def]
     else:
         for i in range(size):
             X[Z * size + i] = system.inverse_lumped[i] * X[R * size + i]
-    for i in range(size):  # mean of the velocities before and after
+    for i in range(size):  # mean of the velocities before and after the impact
         X[R * size + i] = X[size + i] + 0.5 * X[Z * size + i]
     energy = 0.0
     for i in range(size):
@@ -101,7 +101,7 @@ def _apply_impulses(system, law, memory, n):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def examine_impacts(system, law, memory, log, step):  # type: ignore[no-untyped-def]
-    """Release open springs, hit closed approaching pairs, rest slow ones (newton.Impacts)."""
+    """Release open springs, hit closed approaching pairs, rest slow pairs (newton.Impacts)."""
     X, resting = memory.X, memory.resting
     n, is_same = 0, True
     for k in range(system.n_pairs):
@@ -146,7 +146,7 @@ def examine_impacts(system, law, memory, log, step):  # type: ignore[no-untyped-
 
 @numba.njit(cache=True)
 def examine_penalty(system, law, memory):  # type: ignore[no-untyped-def]
-    """Put springs on the closed pairs and no others (penalty.PenaltySprings)."""
+    """Put springs on exactly the closed pairs (penalty.PenaltySprings)."""
     is_same = True
     for k in range(system.n_pairs):
         memory.gap[k] = system.gap0[k] + row_product(system.gap_rows, k, memory.X, 0)
@@ -164,7 +164,7 @@ def examine_penalty(system, law, memory):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def _push_within_step(system, law, memory, log, step, n):  # type: ignore[no-untyped-def]
-    """Add the impulses of the n hit pairs to a θ-step; pairs without an impulse were not hit."""
+    """Add the impulses of n pairs to a θ-step; a pair with a zero impulse does not count as hit."""
     X, size = memory.X, system.size
     n_pushed, energy = 0, 0.0
     for j in range(n):
@@ -194,7 +194,7 @@ def _push_within_step(system, law, memory, log, step, n):  # type: ignore[no-unt
 def examine_moreau(system, law, memory, log, step):  # type: ignore[no-untyped-def]
     """Add the impulses of the pairs whose predicted gap is closed (moreau.StepImpacts).
 
-    `memory.gap` and `memory.rate` are those at the start of the step.
+    `memory.gap` and `memory.rate` hold the values at the start of the step.
     """
     n, is_done, lacking = 0, True, memory.residual
     for k in range(system.n_pairs):
@@ -216,7 +216,7 @@ def examine_moreau(system, law, memory, log, step):  # type: ignore[no-untyped-d
 
 @numba.njit(cache=True)
 def _lacking(system, law, memory):  # type: ignore[no-untyped-def]
-    """Write what every gap rate lacks to its floor (contact.recovery_floor); return the least.
+    """Write the gap rates minus their floors (impulses.recovery_floor); return the smallest.
 
     The start of the step follows from its end: U = U⁺ - θ Δt H z, U̇ = (H z - U̇⁺) / ρ.
     """
@@ -238,7 +238,7 @@ def _lacking(system, law, memory):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def _join(system, memory, n, tolerance):  # type: ignore[no-untyped-def]
-    """Add pairs that n impulses push below their floor to the list of hits; return its length."""
+    """Add pairs that n impulses push below their floor to the hit pairs; return the new n."""
     lacking, n_pairs, total, j = memory.direction, system.n_pairs, 0, 0
     for k in range(n_pairs):
         if j < n and memory.hit[j] == k:
@@ -263,14 +263,14 @@ def _join(system, memory, n, tolerance):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def examine_recovery(system, law, memory, log, step):  # type: ignore[no-untyped-def]
-    """Hold every gap rate above its floor (recovery.Recovery)."""
+    """Hold every gap rate at or above its floor (recovery.Recovery)."""
     tolerance = -ROUND_OFF * _lacking(system, law, memory)
     lacking, free, n, n_before = memory.direction, memory.forces, 0, 0
     for k in range(system.n_pairs):
         if lacking[k] < 0.0:
             memory.hit[n] = k
             n += 1
-    while n > n_before:  # neighbours that the impulses push below their floor join in
+    while n > n_before:  # add neighbours that the impulses push below their floor
         n_before = n
         for j in range(n):
             memory.residual[j] = lacking[memory.hit[j]]
@@ -287,7 +287,7 @@ def examine_recovery(system, law, memory, log, step):  # type: ignore[no-untyped
 
 @numba.njit(cache=True)
 def examine(system, law, memory, log, step):  # type: ignore[no-untyped-def]
-    """Let the law act at the end of a step; return how it ended."""
+    """Apply the law at the end of a step; return DONE, NOT_FINITE or UNSOLVED."""
     if law.kind == IMPACTS:
         return examine_impacts(system, law, memory, log, step)
     if law.kind == PENALTY:

@@ -1,9 +1,9 @@
-"""The compiled engine: a period's steps in one call, for systems of modest size.
+"""The compiled engine: it computes all steps of a period in one call, for small systems.
 
-It fills the role `simulate.Engine` with the same laws, schemes, ledger and records as the PETSc
-engine and the same results to round-off. This file translates between the Python objects of the
-loop and the arrays of compiled code; the method is in loop.py and contact.py, the
-kernels are in lane_kernels.py and banded.py.
+It implements `simulation.loop.Engine`. Laws, schemes, energy ledger and records are the same as in
+the PETSc engine, and so are the results, to round-off. This file translates between the Python
+objects of the time loop and the arrays of compiled code. The method is in loop.py and contact.py,
+the kernels are in lane_kernels.py and banded.py.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from delam_fem.simulation.loop import State
 from delam_fem.simulation.recorder import PeriodRecord
 
 EVENTS, HITS_PER_PAIR = 256, 16
-"""Impacts, and hits per pair, after which the loop returns to have its buffers emptied."""
+"""Size of the event buffers: impacts, and hits per pair. A full buffer is emptied in Python."""
 
 
 def compiled_engine(
@@ -41,12 +41,12 @@ def compiled_engine(
 
     Args:
         operators: the semi-discrete problem.
-        law: one of the table `contact.laws.LAWS`.
+        law: a law of the table `contact.laws.LAWS`.
         scheme: the time integration.
         time_step: Δt [s].
 
     Raises:
-        ValueError: the law is not one of the table, or acts on a lumped mass that is missing.
+        ValueError: the law is not in the table, or it acts on a lumped mass that is missing.
     """
     numbers = law_numbers(law, scheme)
     if numbers.kind == state.IMPACTS and not numbers.is_coupled:
@@ -55,22 +55,22 @@ def compiled_engine(
 
 
 def step_numbers(scheme: Scheme, time_step: float) -> StepNumbers:
-    """Return a scheme as compiled code reads it."""
+    """Return the numbers of a scheme that compiled code needs."""
     if scheme.has_impulses_within:
         return StepNumbers.moreau_jean(time_step, scheme.theta)
     return StepNumbers.newmark(time_step, scheme.beta, scheme.gamma)
 
 
 def law_numbers(law: ContactLaw, scheme: Scheme) -> LawNumbers:
-    """Return a contact law as compiled code reads it.
+    """Return the numbers of a contact law that compiled code needs.
 
     Raises:
-        ValueError: the law is not one of the table.
+        ValueError: the law is not in the table.
     """
     if not isinstance(law, Law):
         raise ValueError(
             f'engine "compiled": expected one of the laws {", ".join(LAWS)}, given {law.name!r}; '
-            'laws of your own need engine "petsc"'
+            'use engine "petsc" for a law of your own'
         )
     e, (stiffness, damping), slow = law.restitution, law.spring, law.threshold_velocity
     within = scheme.has_impulses_within
@@ -86,24 +86,24 @@ def law_numbers(law: ContactLaw, scheme: Scheme) -> LawNumbers:
 
 
 class Compiled:
-    """The engine; its state is that of its stepper.
+    """The compiled engine; its stepper holds the state.
 
     Attributes:
         operators: the semi-discrete problem.
-        stepper: the state, as a recorder reads it.
+        stepper: the state, in the form that a recorder reads.
     """
 
     def __init__(self, operators: Operators, scheme: StepNumbers, law: LawNumbers) -> None:
-        """Factorise; the state is at rest.
+        """Factorise the matrices; the state is at rest.
 
         Args:
             operators: the semi-discrete problem.
             scheme: the time integration.
-            law: what happens in contact.
+            law: the contact law.
 
         Raises:
             ArithmeticError: a matrix is singular.
-            ValueError: law "recovery" with θ = 1, where the start of a step is forgotten.
+            ValueError: law "recovery" with θ = 1, where the start of a step cannot be recovered.
         """
         if law.kind == state.RECOVERY and scheme.rho == 0.0:
             raise ValueError(
@@ -114,21 +114,21 @@ class Compiled:
         self._events = Columns.room(EVENTS, HITS_PER_PAIR * operators.n_pairs)
 
     def state(self) -> State:
-        """Return the present state."""
+        """Return the current state."""
         s = self.stepper
         return State(s.state(), s.resting, (s.dissipated, s.contact_damped))
 
     def restore(self, state: State, base_state: FloatArray) -> None:
-        """Take over a state as it is; see `simulate.Engine`."""
+        """Take over a state unchanged; see `simulation.loop.Engine`."""
         self.stepper.memory.base[:] = base_state
         self.stepper.restore(state.motion, state.resting)
         self.stepper.dissipated, self.stepper.contact_damped = state.losses
 
     def destroy(self) -> None:
-        """Do nothing: there is only memory to free."""
+        """Do nothing: Python frees the memory."""
 
     def run_period(self, record: PeriodRecord, floor: float) -> int:
-        """Compute the steps of a period into its record; see `simulate.Engine`.
+        """Compute the steps of a period and write its record; see `simulation.loop.Engine`.
 
         Raises:
             ArithmeticError: no impulses were found, or velocities before an impact are not finite.
@@ -152,7 +152,7 @@ class Compiled:
         return int(step)
 
     def _log(self, record: PeriodRecord) -> Log:
-        """Return where compiled code writes a period."""
+        """Return the buffers into which compiled code writes a period."""
         n_frames, size = record.frame_steps.size, self.stepper.system.size
         return Log(
             n_steps=len(record.base_states) - 1,
@@ -175,15 +175,21 @@ class Compiled:
         )
 
     def _empty_events(self, record: PeriodRecord) -> None:
-        """Give the filled part of the event buffers to the record."""
+        """Copy the filled part of the event buffers into the record."""
         n, n_hits = self.stepper.memory.counts[[N_EVENTS, N_HITS]].tolist()
         if n:
             record.jumps.extend(self._events.first(n, n_hits))
 
 
 def _require_impulses(ending: int) -> None:
-    """Raise where the impulses could not be found; the words are those of complementarity.py."""
+    """Raise if the impulses were not found; the messages are those of complementarity.py."""
     if ending == contact.NOT_FINITE:
-        raise ArithmeticError("impulses: the velocities before the impact are not finite")
+        raise ArithmeticError(
+            "impulses: the velocities before the impact are not finite; the motion diverges: use a "
+            "smaller time step"
+        )
     if ending == contact.UNSOLVED:
-        raise ArithmeticError("impulses: no solution found (is the compliance symmetric?)")
+        raise ArithmeticError(
+            "impulses: no solution found; check that the mass, damping and stiffness matrices are "
+            "symmetric"
+        )

@@ -1,21 +1,21 @@
-"""The step in lane order (lanes.py): sweeps over the rows, four chains at a time.
+"""Compute a step in lane order (lanes.py): sweeps over the rows, four chains at a time.
 
-All fields of the state stand in one array X; a field begins at its number times the size. The
-θ-scheme, and the average acceleration as its case θ = 1/2, is a step from (u, v) to
+All fields of the state are in one array X; field number k begins at k times the size. The θ-scheme,
+and the average acceleration as its case θ = 1/2, is a step from (u, v) to
 
     A v_θ = M v + θ Δt (f_θ - K u),   A = M + θ Δt C + θ² Δt² K
     u⁺ = u + Δt v_θ,   v⁺ = v_θ/θ - ρ v,   ρ = 1/θ - 1
 
-Where C = αM + βK, A = c_M M + c_K K, so that one of the two products on the right can be expressed
-by A itself. With z = v_θ/θ = v⁺ + ρ v the step becomes
+If C = αM + βK, then A = c_M M + c_K K, so that A itself can express one of the two products on the
+right. With z = v_θ/θ = v⁺ + ρ v the step becomes
 
     z = A⁻¹ (Δt f_θ + B w) + κ h,   w = u + s v                                              (L1)
     u⁺ = u + θ Δt z,   v⁺ = z - ρ v                                                          (L2)
     B = -Δt K,              h = v,  κ = 1/(θ c_M)                                             (L3)
     B = Δt (c_M/c_K) M,     h = u,  κ = -Δt/c_K                                               (L4)
 
-and s = c_K/(θ Δt c_M). L4 needs no product with a matrix when M is diagonal. There are no
-accelerations: what they would be follows from the equation of motion.
+with s = c_K/(θ Δt c_M). L4 needs no product with a matrix if M is diagonal. A step computes no
+accelerations; they follow from the equation of motion.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ from delam_fem.engines.compiled.simd import (
 )
 
 U, V, A, Y, Z, R, P = range(7)
-"""Fields: u, v, a, half-solved, solution, right-hand side, v⁺ + ρ v."""
+"""Numbers of the fields: u, v, a, half-solved, solution, right-hand side, z = v⁺ + ρ v."""
 N_FIELDS = 7
 S, KAPPA, TO_U, MINUS_RHO = range(4)
-"""Coefficients of L1 and L2, each over the four lanes."""
+"""Rows of the coefficients of L1 and L2; each row has one number per lane."""
 N_COEFFICIENTS = 4
 ROW = 8
-"""Numbers of a row: two components over four lanes."""
+"""Numbers in a row: two components times four lanes."""
 
 
 @numba.njit(cache=True, forceinline=True)
@@ -52,7 +52,7 @@ def total(a):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, forceinline=True)
 def _forth(solution, t, right, before):  # type: ignore[no-untyped-def]
-    """Return y_j = r_j - L_j y_{j-1} of a row."""
+    """Return y_j = r_j - L_j y_{j-1}, the forward substitution of one row."""
     (r0, r1), (y0, y1) = right, before
     r0 = fma(load(solution, t), y0, r0)
     r1 = fma(load(solution, t + 8), y0, r1)
@@ -61,7 +61,7 @@ def _forth(solution, t, right, before):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, forceinline=True)
 def _back(solution, t, own, after):  # type: ignore[no-untyped-def]
-    """Return x_j = D_j⁻¹ y_j - U_j x_{j+1} of a row."""
+    """Return x_j = D_j⁻¹ y_j - U_j x_{j+1}, the backward substitution of one row."""
     (y0, y1), (x0_next, x1_next) = own, after
     x0 = fma(load(solution, t + 20), y1, load(solution, t + 16) * y0)
     x1 = fma(load(solution, t + 28), y1, load(solution, t + 24) * y0)
@@ -72,7 +72,7 @@ def _back(solution, t, own, after):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, forceinline=True)
 def _flow(form, q, own, after):  # type: ignore[no-untyped-def]
-    """Return what a row of z adds to half of C z, so that z · of it sums up to zᵀ C z."""
+    """Return one row's part of half of C z; the products of z with all parts sum up to zᵀ C z."""
     (z0, z1), (z0_next, z1_next) = own, after
     flow0 = fma(load(form, q + 4), z1, load(form, q) * z0)
     flow1 = load(form, q + 8) * z1
@@ -83,7 +83,10 @@ def _flow(form, q, own, after):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, forceinline=True)
 def eliminate_diagonal(X, size, c, load_tape, solution, force0, force1):  # type: ignore[no-untyped-def]
-    """Go to the middle with r = Δt f + B w, B diagonal: y_j = r_j - L_j y_{j-1}."""
+    """Substitute from the ends to the middle with r = Δt f + B w for a diagonal B.
+
+    Each row gets y_j = r_j - L_j y_{j-1}.
+    """
     s, v, y = load(c, 4 * S), V * size, Y * size
     w0, w1 = fma(s, load(X, v), load(X, 0)), fma(s, load(X, v + 4), load(X, 4))
     y0, y1 = fma(load(load_tape, 0), w0, force0), fma(load(load_tape, 4), w1, force1)
@@ -101,7 +104,10 @@ def eliminate_diagonal(X, size, c, load_tape, solution, force0, force1):  # type
 
 @numba.njit(cache=True, forceinline=True)
 def eliminate_chained(X, size, c, load_tape, solution, force0, force1):  # type: ignore[no-untyped-def]
-    """Go to the middle with r = Δt f + B w, B block tridiagonal: y_j = r_j - L_j y_{j-1}."""
+    """Substitute from the ends to the middle with r = Δt f + B w for a block tridiagonal B.
+
+    Each row gets y_j = r_j - L_j y_{j-1}.
+    """
     s, v, y, zero = load(c, 4 * S), V * size, Y * size, splat(0.0)
     y0 = y1 = before0 = before1 = zero
     r0, r1 = force0, force1
@@ -133,10 +139,11 @@ def eliminate_chained(X, size, c, load_tape, solution, force0, force1):  # type:
 
 @numba.njit(cache=True, forceinline=True)
 def finish(X, size, c, solution, form, rest, held, ahead, keeps):  # type: ignore[no-untyped-def]
-    """Go back to the ends, complete the step (L1, L2), and measure it on the way.
+    """Substitute back from the middle to the ends, complete the step (L1, L2), and measure it.
 
-    `held` is the field h of L1, `keeps` tells whether z is kept in the field P; the rest is from
-    `compiled_system.System`. The gaps are those of u⁺, or of u + ahead v⁺ where `ahead` is not 0.
+    `held` is the number of the field h of L1. If `keeps` is true, z is kept in the field P. The
+    other arguments are members of `system.System`. The gaps are those of u⁺, or of u + ahead v⁺ if
+    `ahead` is not 0.
 
     Returns:
         zᵀ C z and the smallest gap.
@@ -173,9 +180,9 @@ def finish(X, size, c, solution, form, rest, held, ahead, keeps):  # type: ignor
 
 @numba.njit(cache=True, forceinline=True)
 def step(system, X, base_state, ahead, keeps):  # type: ignore[no-untyped-def]
-    """Make a candidate state; return zᵀ C z and the smallest gap.
+    """Compute a candidate state; return zᵀ C z and the smallest gap.
 
-    `base_state` is (q, q', q'') at θ; for `ahead` and `keeps` see `finish`.
+    `base_state` is (q, q', q'') of the base at θ. For `ahead` and `keeps` see `finish`.
     """
     q, dq, ddq = base_state
     size, c, base, dt = system.size, system.coefficients, system.base, system.scheme.time_step
@@ -195,7 +202,7 @@ def step(system, X, base_state, ahead, keeps):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, forceinline=True)
 def base_rows(system, X, out, first):  # type: ignore[no-untyped-def]
-    """Write m_b·u, c_b·u, k_b·u, which only the first row enters, to out[first:]."""
+    """Write m_b·u, c_b·u, k_b·u to out[first:]; only the first row of u contributes."""
     u0, u1, base, size = load(X, 0), load(X, 4), system.base, system.size
     for j in range(3):
         terms = fma(load(base, j * size + 4), u1, load(base, j * size) * u0)
@@ -204,14 +211,14 @@ def base_rows(system, X, out, first):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, forceinline=True)
 def _smallest(gap):  # type: ignore[no-untyped-def]
-    """Return the smallest lane."""
+    """Return the smallest number of the four lanes."""
     gap = smaller(gap, swap_neighbours(gap))
     return lane(smaller(gap, swap_halves(gap)), 0)
 
 
 @numba.njit(cache=True)
 def loss(X, size, form):  # type: ignore[no-untyped-def]
-    """Return pᵀ C p of the field P."""
+    """Return pᵀ C p, where p is the field P."""
     first, last = P * size, size - 8
     p0_next = swap_neighbours(load(X, first + last))
     p1_next = swap_neighbours(load(X, first + last + 4))
@@ -227,7 +234,7 @@ def loss(X, size, form):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, forceinline=True)
 def smallest_gap(X, size, rest, ahead):  # type: ignore[no-untyped-def]
-    """Return the smallest gap of u + ahead v."""
+    """Return the smallest gap at the displacements u + ahead v."""
     gap, time = splat(np.inf), splat(ahead)
     for i in range(0, size, 8):
         u = fma(time, load(X, size + i), load(X, i))
@@ -237,7 +244,7 @@ def smallest_gap(X, size, rest, ahead):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def substitute(X, size, solution, right, out):  # type: ignore[no-untyped-def]
-    """Solve A x = r between two fields."""
+    """Solve A x = r; `right` and `out` are the numbers of the fields r and x of X."""
     r, x = right * size, out * size
     y0, y1 = load(X, r), load(X, r + 4)
     store(X, x, y0)

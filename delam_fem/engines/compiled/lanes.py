@@ -1,8 +1,8 @@
-"""Two laminae as four chains of nodes that run from both ends to the middle, side by side.
+"""Store two laminae as four chains of nodes that run from both ends to the middle, side by side.
 
-Each lamina is a chain of 2×2 blocks (u, φ) that only neighbours couple. Eliminating it from the
-clamp and from the tip at once, up to the middle, makes two chains of half the length; the two
-laminae make four. They are the four lanes of a vector:
+Each lamina is a chain of 2×2 blocks (u, φ) that are coupled to their neighbours only. Eliminating
+it from the clamp and from the tip at once, up to the middle, makes two chains of half the length.
+Two laminae make four chains, and these are the four lanes of a vector:
 
     row      lane 0 (lamina 1)   lane 1 (lamina 1)   lane 2 (lamina 2)   lane 3 (lamina 2)
     0        node 1              node n              node 1              node n
@@ -10,9 +10,9 @@ laminae make four. They are the four lanes of a vector:
     …                            (n odd: lanes 1 and 3 begin with an empty row instead of node n)
     m - 1    node m              node m + 1          node m              node m + 1
 
-The row that follows the last one is the last one with its neighbours swapped, so that every kernel
-in lane_kernels.py treats the middle as any other row. Coefficients are laid out row by row in the
-order in which a kernel reads them (a tape).
+The row that follows the last row is the last row with its neighbouring lanes swapped, so that every
+kernel in lane_kernels.py treats the middle as any other row. A "tape" holds coefficients row by row
+in the order in which a kernel reads them.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ BLOCK = 2
 """Dofs per node."""
 LANES = simd.WIDTH
 RAYLEIGH_TOLERANCE = 1e-13
-"""Of C - αM - βK relative to C: round-off of an assembly."""
+"""Largest entry of C - αM - βK relative to C that is round-off of an assembly."""
 
 
 @dataclass(frozen=True)
@@ -39,9 +39,10 @@ class Chains:
     """A block tridiagonal matrix in lane order.
 
     Attributes:
-        before: coupling of each row to the one before it, shape (m, lanes, 2, 2).
-        middle: diagonal blocks, likewise; the identity has no place here: empty rows are 0.
-        after: coupling of each row to the next; the last row's to its swapped self.
+        before: coupling of each row to the row before it, shape (m, lanes, 2, 2).
+        middle: diagonal blocks, shape (m, lanes, 2, 2); blocks of empty rows are 0, not identities.
+        after: coupling of each row to the next row, shape (m, lanes, 2, 2); the last row couples to
+            itself with swapped lanes.
     """
 
     before: FloatArray
@@ -55,13 +56,13 @@ class Chains:
         )
 
     def scaled(self, factors: FloatArray) -> Chains:
-        """Return the matrix with each lane multiplied by its own factor, shape (4,)."""
+        """Return the matrix with each lane multiplied by its own factor; factors: shape (4,)."""
         by = factors[None, :, None, None]
         return Chains(by * self.before, by * self.middle, by * self.after)
 
 
 def lane_order(n_elements: int) -> IntArray:
-    """Return where each dof of two laminae stands in lane order, shape (4 n,)."""
+    """Return the place of each dof of two laminae in lane order, shape (4 n,)."""
     m = (n_elements + 1) // 2
     dof = np.arange(4 * n_elements)
     lamina, rest = np.divmod(dof, 2 * n_elements)
@@ -72,7 +73,7 @@ def lane_order(n_elements: int) -> IntArray:
 
 
 def chains(matrix: sp.csr_matrix, order: IntArray) -> Chains | None:
-    """Return a matrix in lane order, None where it couples more than neighbours of a lamina."""
+    """Return a matrix in lane order, or None if it couples more than neighbours of a lamina."""
     m = -(-matrix.shape[0] // (4 * BLOCK))
     entries = sp.coo_matrix(matrix)
     entries.sum_duplicates()
@@ -103,9 +104,9 @@ def _place(index: IntArray) -> tuple[IntArray, IntArray, IntArray]:
 
 
 def rayleigh(operators: Operators) -> tuple[FloatArray, FloatArray] | None:
-    """Return (α [1/s], β [s]) of both laminae, each of shape (2,), with C = αM + βK.
+    """Return (α [1/s], β [s]) of both laminae, each of shape (2,), such that C = αM + βK.
 
-    None where C is not of that form to round-off.
+    Return None if C does not have this form to round-off.
     """
     half = operators.n_dofs // 2
     found = []
@@ -139,26 +140,26 @@ def diagonal_tape(matrix: Chains) -> FloatArray:
 
 
 def form_tape(matrix: Chains) -> FloatArray:
-    """Return the coefficients of xᵀ A x, each pair of rows once, shape (28 m,).
+    """Return the coefficients of xᵀ A x, with each pair of rows once, shape (28 m,).
 
-    Per row D00, D01 + D10, D11 and the coupling to the next row from both sides.
+    Each row has D00, D01 + D10, D11 and its coupling to the next row from both sides.
     """
     D, both = matrix.middle, matrix.after.copy()
-    both[:-1] += matrix.before[1:].swapaxes(-1, -2)  # in the middle each lane counts its own side
+    both[:-1] += matrix.before[1:].swapaxes(-1, -2)  # at the middle each lane has its own side
     diagonal = np.stack([D[..., 0, 0], D[..., 0, 1] + D[..., 1, 0], D[..., 1, 1]], axis=1)
     coupling = both.transpose(0, 2, 3, 1).reshape(len(D), 4, LANES)
     return flat(np.concatenate([diagonal, coupling], axis=1))
 
 
 def solution_tape(matrix: Chains) -> FloatArray:
-    """Factorise A from both ends to the middle, shape (48 m,).
+    """Factorise A from both ends to the middle; return its tape, shape (48 m,).
 
         y_j = r_j - L_j y_{j-1},   x_j = D_j⁻¹ y_j - U_j x_{j+1}
         L_j = B_j D_{j-1}⁻¹,   D_j = A_jj - L_j F_{j-1},   U_j = D_j⁻¹ F_j
 
-    with B and F the couplings backwards and forwards. In the last row the two chains of a lamina
-    meet in a 4×4 system, whose inverse takes the places of D⁻¹ and U, with y swapped for the next
-    x.
+    B and F are the couplings to the row before and to the next row. In the last row the two chains
+    of a lamina meet in a 4×4 system. The blocks of its inverse take the places of D⁻¹ and U, and
+    the swapped y takes the place of the next x.
 
     Returns:
         -L_j, D_j⁻¹, -U_j of each row.
@@ -185,12 +186,12 @@ def solution_tape(matrix: Chains) -> FloatArray:
 
 
 def _tape(*blocks: FloatArray) -> FloatArray:
-    """Return 2×2 blocks of shape (m, lanes, 2, 2) row by row, each entry over all lanes."""
+    """Return 2×2 blocks of shape (m, lanes, 2, 2) as one tape, each entry for all lanes."""
     return flat(np.stack([block.transpose(0, 2, 3, 1) for block in blocks], axis=1))
 
 
 def flat(values: FloatArray) -> FloatArray:
-    """Return all values in a row that begins at a cache line."""
+    """Return all values as one row that begins at a cache line."""
     result = simd.aligned_zeros(values.size)
     result[:] = values.ravel()
     return result

@@ -1,4 +1,4 @@
-"""The steps of a period in compiled code: step, law, ledger and record, no Python in between."""
+"""Compute the steps of a period in compiled code: step, contact law, energy ledger and record."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ from delam_fem.engines.compiled.state import (
 )
 
 COMPLETED, DIVERGED, FULL = 0, 1, 2
-"""How the loop ended, besides the failures of compiled_contact.py."""
+"""Results of the loop, besides the failures that contact.py defines."""
 OPEN, HIT, RESTING = (np.int8(k) for k in range(3))
-"""Contact states of a frame; see simulation/recorder.py."""
+"""Contact states of a pair in a frame; see simulation/recorder.py."""
 
 
 @numba.njit(cache=True)
 def _advance_banded(system, memory, base_state):  # type: ignore[no-untyped-def]
-    """Make the candidate state of any system; return zᵀ C z and the smallest gap."""
+    """Compute the candidate state in band order; return zᵀ C z and the smallest gap."""
     X, size, column, scheme = memory.X, system.size, system.base, system.scheme
     q, dq, ddq = base_state
     for i in range(size):
@@ -62,7 +62,7 @@ def _advance_banded(system, memory, base_state):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def _loss(system, X):  # type: ignore[no-untyped-def]
-    """Return zᵀ C z of the field P."""
+    """Return zᵀ C z, where z is the field P."""
     if system.is_chained:
         return lk.loss(X, system.size, system.form)
     return banded.form(system.damping, system.size, X, lk.P * system.size)
@@ -70,7 +70,7 @@ def _loss(system, X):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def _smallest_gap(system, X, ahead):  # type: ignore[no-untyped-def]
-    """Return the smallest gap of u + ahead v."""
+    """Return the smallest gap at the displacements u + ahead v."""
     if system.is_chained:
         return lk.smallest_gap(X, system.size, system.rest, ahead)
     smallest = np.inf
@@ -84,7 +84,7 @@ def _smallest_gap(system, X, ahead):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def _anticipated_gap(system, X):  # type: ignore[no-untyped-def]
-    """Return the smallest U + Δt U̇⁺, U at the start of the step."""
+    """Return the smallest U + Δt U̇⁺, where U is the gap at the start of the step."""
     smallest, scheme = np.inf, system.scheme
     for k in range(system.n_pairs):
         gap = system.gap0[k] + row_product(system.gap_rows, k, X, 0)
@@ -96,9 +96,9 @@ def _anticipated_gap(system, X):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, forceinline=True)
 def _look_ahead(system, law, memory):  # type: ignore[no-untyped-def]
-    """Return the smallest gap that is predicted (J2); keep gaps and rates where one is closed.
+    """Return the smallest predicted gap (theta.py, J2); store gaps and rates if one is closed.
 
-    Infinite for laws that look at the end of the step.
+    Return infinity for laws that look at the gaps at the end of the step.
     """
     if memory.counts[N_RESTING]:
         memory.counts[N_RESTING] = 0
@@ -115,7 +115,7 @@ def _look_ahead(system, law, memory):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, forceinline=True)
 def _mix_base(system, base, states, step):  # type: ignore[no-untyped-def]
-    """Return the base at θ within a step, and take over its state at the end."""
+    """Return the base state at θ within a step, and store the base state at its end."""
     after, k = system.scheme.theta, 3 * step
     before = 1.0 - after
     q = after * states[k] + before * base[0]
@@ -127,7 +127,10 @@ def _mix_base(system, base, states, step):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, forceinline=True)
 def _observe(system, X, u, v, row):  # type: ignore[no-untyped-def]
-    """Write row `row` of m_b·u, c_b·u, k_b·u and the probes of u; of the probes of v."""
+    """Write the recorded quantities into row `row` of u and v.
+
+    u gets m_b·u, c_b·u, k_b·u and the probes of u; v gets the probes of v.
+    """
     n = system.n_probes
     first_u, first_v = row * (3 + n), row * n
     if system.is_chained:
@@ -147,11 +150,11 @@ def _observe(system, X, u, v, row):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def _glide(system, law, memory, log, steps, touch):  # type: ignore[no-untyped-def]
-    """Compute steps in lane order while no gap is as small as `touch`; there are no springs.
+    """Compute steps in lane order while all gaps are larger than `touch`, without springs.
 
     Returns:
-        A step whose candidate touches, not yet recorded, its zᵀ C z and smallest gap; where none
-        does, the step after the last.
+        The first step whose candidate touches, which is not yet recorded, with its zᵀ C z and
+        smallest gap. If no candidate touches: the step after the last one, 0 and infinity.
     """
     X, totals, weight = memory.X, memory.totals, system.scheme.weight
     anticipates, (first, last) = law.kind == RECOVERY, steps
@@ -171,7 +174,7 @@ def _glide(system, law, memory, log, steps, touch):  # type: ignore[no-untyped-d
 
 @numba.njit(cache=True)
 def _advance(system, law, memory, log, step):  # type: ignore[no-untyped-def]
-    """Make one candidate of any kind, springs included; return zᵀ C z and the smallest gap."""
+    """Compute one candidate, with springs if any; return zᵀ C z and the smallest gap."""
     X, predicted = memory.X, _look_ahead(system, law, memory)
     base_state = _mix_base(system, memory.base, log.base_states, step)
     if system.is_chained:
@@ -188,7 +191,7 @@ def _advance(system, law, memory, log, step):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def _keep_frame(system, memory, log, step):  # type: ignore[no-untyped-def]
-    """Keep the whole state of a step and who touches whom."""
+    """Store the whole state of a step and the contact state of each pair."""
     n, size = memory.counts[N_FRAMES], system.size
     for i in range(size):
         log.frames[2 * n * size + i] = memory.X[i]
@@ -206,7 +209,7 @@ def _keep_frame(system, memory, log, step):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def _contact(system, law, memory, log, step, flow):  # type: ignore[no-untyped-def]
-    """Account for the damping of a candidate and let the law act; return how it ended."""
+    """Account for the damping of a candidate and apply the law; return the result of the law."""
     if law.kind < MOREAU:
         memory.totals[DISSIPATED] += system.scheme.weight * flow
         return contact.examine(system, law, memory, log, step)
@@ -217,7 +220,7 @@ def _contact(system, law, memory, log, step, flow):  # type: ignore[no-untyped-d
 
 @numba.njit(cache=True)
 def _run_steps(system, law, memory, log, first, floor):  # type: ignore[no-untyped-def]
-    """Compute steps with bare addresses; see `run_steps`."""
+    """Compute steps with bare pointers; see `run_steps`."""
     counts, step, touch = memory.counts, first, floor if law.kind == NONE else 0.0
     while step <= log.n_steps:
         if counts[N_EVENTS] == log.n_events or counts[N_HITS] + system.n_pairs > log.n_hits:
@@ -263,11 +266,11 @@ def _store_energies(system, law, memory):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, nogil=True)
 def run_steps(system, law, memory, log, first, floor):  # type: ignore[no-untyped-def]
-    """Compute the steps from `first` to the end of the period; store the energies there.
+    """Compute the steps from `first` to the end of the period; store the energies at the end.
 
     Returns:
-        The last step done and how the loop ended: COMPLETED, DIVERGED, FULL (empty the event
-        buffers and go on), or a failure of compiled_contact.py.
+        The last completed step, and the result of the loop: COMPLETED, DIVERGED, FULL (empty the
+        event buffers and call again), or a failure that contact.py defines.
     """
     bare, state = pointers(system), pointers(memory)
     ending = _run_steps(bare, law, state, pointers(log), first, floor)
@@ -277,7 +280,7 @@ def run_steps(system, law, memory, log, first, floor):  # type: ignore[no-untype
 
 @numba.njit(cache=True)
 def observe(system, memory, u, v):  # type: ignore[no-untyped-def]
-    """Write m_b·u, c_b·u, k_b·u and the probes of u; the probes of v."""
+    """Write m_b·u, c_b·u, k_b·u and the probes of u into `u`; the probes of v into `v`."""
     _observe(pointers(system), pointers(memory).X, u, v, 0)
 
 
@@ -289,11 +292,11 @@ def renew(system, law, memory):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def list_springs(system, memory):  # type: ignore[no-untyped-def]
-    """Bring the list of spring pairs in line with `resting`."""
+    """Update the list of spring pairs from `resting`."""
     springs.list_springs(pointers(system), pointers(memory))
 
 
 @numba.njit(cache=True)
 def store_energies(system, law, memory):  # type: ignore[no-untyped-def]
-    """Bring `Memory.stored` up to date."""
+    """Update `Memory.stored`."""
     _store_energies(pointers(system), law, pointers(memory))

@@ -1,8 +1,8 @@
-"""Four doubles side by side in compiled code, so that four chains are worked on at once.
+"""Vectors of four doubles in compiled code, so that one instruction works on four chains.
 
-Numba by itself leaves loops over four lanes scalar (they are too short for its loop vectoriser, and
-vectorisation of straight code is off). `float64x4` is LLVM's <4 x double>: two or four instructions
-on a machine without registers of that width.
+Numba by itself leaves loops over four lanes scalar: they are too short for its loop vectoriser, and
+vectorisation of straight code is off. `float64x4` is LLVM's <4 x double>. On a machine without
+registers of that width it takes two or four instructions.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from numba.extending import intrinsic, models, overload, register_model
 from delam_fem.numerics.arrays import FloatArray
 
 WIDTH = 4
-"""Doubles in a vector."""
+"""Number of doubles in a vector."""
 _ALIGNMENT = 64
-"""Bytes of a cache line: no load of a vector then straddles two."""
+"""Bytes of a cache line; arrays aligned to it have no vector that lies in two cache lines."""
 _VECTOR = ir.VectorType(ir.DoubleType(), WIDTH)
 _LANES = ir.VectorType(ir.IntType(32), WIDTH)
 
 
 class _Float64x4(types.Type):  # type: ignore[misc]
-    """Numba's type of four doubles."""
+    """Numba's type for a vector of four doubles."""
 
     def __init__(self) -> None:
         super().__init__(name="float64x4")
@@ -37,14 +37,14 @@ float64x4 = _Float64x4()
 
 @register_model(_Float64x4)
 class _Model(models.PrimitiveModel):  # type: ignore[misc]
-    """Keeps a vector as LLVM's own."""
+    """Stores the type as LLVM's own vector."""
 
     def __init__(self, manager, kind):  # type: ignore[no-untyped-def]
         super().__init__(manager, kind, _VECTOR)
 
 
 def aligned_zeros(size: int) -> FloatArray:
-    """Return zeros that begin at a cache line, shape (size,)."""
+    """Return an array of zeros that begins at a cache line, shape (size,)."""
     raw = np.zeros(size + _ALIGNMENT // 8)
     first = (-raw.ctypes.data % _ALIGNMENT) // 8
     return raw[first : first + size]
@@ -52,11 +52,11 @@ def aligned_zeros(size: int) -> FloatArray:
 
 @intrinsic
 def pointers(typing, arrays):  # type: ignore[no-untyped-def]
-    """Return a named tuple with the bare addresses of its arrays; tuples within it likewise.
+    """Return a named tuple with bare pointers in place of its arrays, also in nested tuples.
 
     Compiled code that passes arrays on counts references to them all the time, which costs more
-    than a step. The caller keeps the arrays alive; indices are not checked and count through the
-    rows of a matrix.
+    than a step. The caller must keep the arrays alive. Indices are not checked, and an index into a
+    matrix counts through its rows.
     """
 
     def code(context, builder, signature, values):  # type: ignore[no-untyped-def]
@@ -66,7 +66,7 @@ def pointers(typing, arrays):  # type: ignore[no-untyped-def]
 
 
 def _bare_type(kind: types.Type) -> types.Type:
-    """Return the type of a value without its references."""
+    """Return the type of a value with pointers in place of arrays."""
     if isinstance(kind, types.Array):
         return types.CPointer(kind.dtype)
     if isinstance(kind, types.BaseNamedTuple):
@@ -76,7 +76,7 @@ def _bare_type(kind: types.Type) -> types.Type:
 
 
 def _bare_value(context, builder, kind, value):  # type: ignore[no-untyped-def]
-    """Return a value without its references."""
+    """Return a value with pointers in place of arrays."""
     if isinstance(kind, types.Array):
         return context.make_array(kind)(context, builder, value).data
     if isinstance(kind, types.BaseNamedTuple):
@@ -91,14 +91,14 @@ def _bare_value(context, builder, kind, value):  # type: ignore[no-untyped-def]
 
 
 def _address(context, builder, signature, values):  # type: ignore[no-untyped-def]
-    """Return pointer + index as the address of a vector."""
+    """Return the address of a vector at pointer + index."""
     index = context.cast(builder, values[1], signature.args[1], types.intp)
     return builder.bitcast(builder.gep(values[0], [index]), _VECTOR.as_pointer())
 
 
 @intrinsic
 def load(typing, pointer, index):  # type: ignore[no-untyped-def]
-    """Return the four numbers from an index of a pointer on."""
+    """Return the four numbers that begin at an index of a pointer."""
 
     def code(context, builder, signature, values):  # type: ignore[no-untyped-def]
         place = _address(context, builder, signature, values)  # type: ignore[no-untyped-call]
@@ -109,7 +109,7 @@ def load(typing, pointer, index):  # type: ignore[no-untyped-def]
 
 @intrinsic
 def store(typing, pointer, index, value):  # type: ignore[no-untyped-def]
-    """Write four numbers from an index of a pointer on."""
+    """Write four numbers that begin at an index of a pointer."""
 
     def code(context, builder, signature, values):  # type: ignore[no-untyped-def]
         place = _address(context, builder, signature, values)  # type: ignore[no-untyped-call]
@@ -121,7 +121,7 @@ def store(typing, pointer, index, value):  # type: ignore[no-untyped-def]
 
 @intrinsic
 def splat(typing, x):  # type: ignore[no-untyped-def]
-    """Return (x, x, x, x)."""
+    """Return the vector (x, x, x, x)."""
 
     def code(context, builder, signature, values):  # type: ignore[no-untyped-def]
         scalar = context.cast(builder, values[0], signature.args[0], types.float64)
@@ -136,7 +136,7 @@ def splat(typing, x):  # type: ignore[no-untyped-def]
 
 @intrinsic
 def fma(typing, a, b, c):  # type: ignore[no-untyped-def]
-    """Return a b + c, rounded once where the machine can."""
+    """Return a b + c, rounded once if the machine has such an instruction."""
 
     def code(context, builder, signature, values):  # type: ignore[no-untyped-def]
         kind = ir.FunctionType(_VECTOR, [_VECTOR] * 3)
@@ -147,7 +147,7 @@ def fma(typing, a, b, c):  # type: ignore[no-untyped-def]
 
 
 def _elementwise(name: str):  # type: ignore[no-untyped-def]
-    """Return the intrinsic of an LLVM instruction on two vectors."""
+    """Return an intrinsic that applies an LLVM instruction to two vectors."""
 
     @intrinsic
     def function(typing, a, b):  # type: ignore[no-untyped-def]
@@ -160,7 +160,7 @@ def _elementwise(name: str):  # type: ignore[no-untyped-def]
 
 
 def _shuffled(order: tuple[int, ...]):  # type: ignore[no-untyped-def]
-    """Return the intrinsic that takes the lanes of a vector in another order."""
+    """Return an intrinsic that reorders the lanes of a vector."""
 
     @intrinsic
     def function(typing, a):  # type: ignore[no-untyped-def]
@@ -180,7 +180,7 @@ swap_halves = _shuffled((2, 3, 0, 1))
 
 @intrinsic
 def smaller(typing, a, b):  # type: ignore[no-untyped-def]
-    """Return the smaller value in each lane; a value in a that is not a number is passed over."""
+    """Return the smaller number in each lane; where a is NaN, return b."""
 
     def code(context, builder, signature, values):  # type: ignore[no-untyped-def]
         return builder.select(builder.fcmp_ordered("<", *values), *values)
@@ -190,7 +190,7 @@ def smaller(typing, a, b):  # type: ignore[no-untyped-def]
 
 @intrinsic
 def lane(typing, a, index):  # type: ignore[no-untyped-def]
-    """Return one of the four doubles."""
+    """Return one of the four doubles of a vector."""
 
     def code(context, builder, signature, values):  # type: ignore[no-untyped-def]
         index = context.cast(builder, values[1], signature.args[1], types.int32)

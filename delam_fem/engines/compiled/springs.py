@@ -1,6 +1,6 @@
-"""The springs of resting pairs in compiled code, and the acceleration that they cause.
+"""Springs of resting pairs in compiled code, and the accelerations that they cause.
 
-A step is first made without springs and then corrected by their forces (newmark.py, N2). Where
+A step is first computed without springs and then corrected by their forces (newmark.py, N2). If
 pairs have weights w, the springs act on gaps times √w.
 """
 
@@ -15,24 +15,24 @@ from delam_fem.engines.compiled.lane_kernels import R, Z
 from delam_fem.engines.compiled.state import CONTACT_DAMPED, N_SPRINGS
 
 RELATIVE_RESIDUAL = 1e-14
-"""Of the conjugate gradients for spring forces: round-off, since the ledger must close."""
+"""Relative residual of the conjugate gradients for spring forces; the energy ledger must close."""
 
 
 @numba.njit(cache=True)
 def _spring_gap(system, X, k):  # type: ignore[no-untyped-def]
-    """Return the gap of a pair times the root of its weight."""
+    """Return the gap of a pair, times the square root of its weight."""
     return system.roots[k] * (system.gap0[k] + row_product(system.gap_rows, k, X, 0))
 
 
 @numba.njit(cache=True)
 def _spring_rate(system, X, k, shift):  # type: ignore[no-untyped-def]
-    """Return H x of a pair times the root of its weight, x being the field at `shift`."""
+    """Return H x of a pair, times the square root of its weight; x is the field at `shift`."""
     return system.roots[k] * row_product(system.gap_rows, k, X, shift)
 
 
 @numba.njit(cache=True)
 def _spread_springs(system, memory, values, sign):  # type: ignore[no-untyped-def]
-    """Write r = sign Hᵀ λ for values on the spring pairs."""
+    """Write sign Hᵀ λ into the field r, where λ has values on the spring pairs."""
     clear(memory.X, system.size, R)
     for j in range(memory.counts[N_SPRINGS]):
         k = memory.pairs[j]
@@ -41,7 +41,7 @@ def _spread_springs(system, memory, values, sign):  # type: ignore[no-untyped-de
 
 @numba.njit(cache=True)
 def _spring_loads(system, law, memory, out):  # type: ignore[no-untyped-def]
-    """Write k U + c U̇ of the spring pairs at the end of the step."""
+    """Write k U + c U̇ of the spring pairs at the end of the step to `out`."""
     X = memory.X
     for j in range(memory.counts[N_SPRINGS]):
         k = memory.pairs[j]
@@ -52,7 +52,7 @@ def _spring_loads(system, law, memory, out):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def _mean_spring_loads(system, law, memory, out):  # type: ignore[no-untyped-def]
-    """Write k U + c U̇ of the spring pairs in the middle of the step.
+    """Write k U + c U̇ of the spring pairs in the middle of the step to `out`.
 
     U(θ) = U⁺ - (1-θ) Δt θ H z and U̇ = θ H z, θ = 1/2.
     """
@@ -66,7 +66,7 @@ def _mean_spring_loads(system, law, memory, out):  # type: ignore[no-untyped-def
 
 @numba.njit(cache=True)
 def spring_energy(system, law, memory):  # type: ignore[no-untyped-def]
-    """Return the energy of the springs at the present gaps [J]."""
+    """Return the energy of the springs at the current gaps [J]."""
     total = 0.0
     if law.stiffness != 0.0:
         for j in range(memory.counts[N_SPRINGS]):
@@ -77,10 +77,10 @@ def spring_energy(system, law, memory):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def _spring_forces(system, law, memory):  # type: ignore[no-untyped-def]
-    """Return λ of (I + softness S_PP) λ = k U + c U̇ (newmark.py, N2) by conjugate gradients.
+    """Solve (I + softness S_PP) λ = k U + c U̇ by conjugate gradients; return λ (newmark.py, N2).
 
-    S = H A⁻¹ Hᵀ; each product with it is one solve with A. In lane order λ is the mean over the
-    step.
+    S = H A⁻¹ Hᵀ; each product with S_PP is one solve with A. In lane order λ is the mean force over
+    the step.
     """
     X, n, pairs = memory.X, memory.counts[N_SPRINGS], memory.pairs
     residual, forces, direction = memory.residual, memory.forces, memory.direction
@@ -121,7 +121,7 @@ def _spring_forces(system, law, memory):  # type: ignore[no-untyped-def]
 def push_springs(system, law, memory):  # type: ignore[no-untyped-def]
     """Correct the candidate of a step by the springs.
 
-    Lane order: Δz = -Δt A⁻¹ Hᵀ λ; otherwise Δa = -A⁻¹ Hᵀ λ.
+    In lane order Δz = -Δt A⁻¹ Hᵀ λ; in band order Δa = -A⁻¹ Hᵀ λ.
     """
     X, size, scheme = memory.X, system.size, system.scheme
     forces = _spring_forces(system, law, memory)
@@ -145,7 +145,7 @@ def push_springs(system, law, memory):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def list_springs(system, memory):  # type: ignore[no-untyped-def]
-    """Bring the list of spring pairs in line with `resting`."""
+    """Update the list of spring pairs from `resting`."""
     n = 0
     for k in range(system.n_pairs):
         if memory.resting[k]:
@@ -156,7 +156,7 @@ def list_springs(system, memory):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def renew_acceleration(system, law, memory):  # type: ignore[no-untyped-def]
-    """Compute a from M a = f - C v - K u - Hᵀ λ at the present state."""
+    """Compute a from M a = f - C v - K u - Hᵀ λ at the current state."""
     X, size, base = memory.X, system.size, memory.base
     for i in range(size):
         load = row_product(system.stiffness, i, X, 0) + row_product(system.damping, i, X, size)

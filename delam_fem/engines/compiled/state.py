@@ -1,6 +1,6 @@
-"""What compiled code changes while it runs, and the contact law as numbers.
+"""The arrays that compiled code changes while it runs, and the contact law as numbers.
 
-Arrays are made once; compiled functions get them as members of these tuples.
+The arrays are allocated once; compiled functions get them as members of named tuples.
 """
 
 from __future__ import annotations
@@ -15,26 +15,27 @@ from delam_fem.engines.compiled.simd import aligned_zeros
 from delam_fem.numerics.arrays import FloatArray, IntArray
 
 NONE, IMPACTS, PENALTY, MOREAU, RECOVERY = range(5)
-"""Kinds of laws; "newton" is IMPACTS without a threshold, the last two go with the θ-scheme."""
+"""Kinds of laws. "newton" is IMPACTS without a threshold; MOREAU and RECOVERY use the θ-scheme."""
 DISSIPATED, CONTACT_DAMPED, IMPACT, RELEASED = range(4)
-"""Places in `Memory.totals`."""
+"""Indices into `Memory.totals`."""
 KINETIC, STRAIN, SPRING, MOMENTUM, ATTACHMENT = range(5)
-"""Places in `Memory.stored`."""
+"""Indices into `Memory.stored`."""
 N_SPRINGS, N_EVENTS, N_HITS, N_FRAMES, N_RESTING = range(5)
-"""Places in `Memory.counts`."""
+"""Indices into `Memory.counts`."""
 
 
 class LawNumbers(NamedTuple):
-    """A contact law as compiled code reads it.
+    """The numbers of a contact law that compiled code needs.
 
     Attributes:
         kind: NONE, IMPACTS, PENALTY, MOREAU or RECOVERY.
-        is_coupled: simultaneous impacts feel one another ("consistent").
+        is_coupled: whether simultaneous impacts influence one another ("consistent").
         restitution: e [-].
-        stiffness: of the springs [N/m].
-        damping: of the springs [N s/m].
-        threshold: rate after an impact below which a pair rests on a spring, -inf: never; MOREAU
-            and RECOVERY: approach slower than this counts as resting [m/s].
+        stiffness: stiffness of a pair's spring [N/m].
+        damping: damping of a pair's spring [N s/m].
+        threshold: speed limit for resting pairs [m/s]. IMPACTS: a pair that leaves slower than this
+            rests on a spring; -inf: never. MOREAU and RECOVERY: a pair that approaches slower than
+            this counts as resting.
     """
 
     kind: int
@@ -46,24 +47,26 @@ class LawNumbers(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """State and work space.
+    """The state and the work space of compiled code.
 
     Attributes:
-        X: fields of lane_kernels.py one after the other, shape (8 size,).
-        base: q, q', q'' of the base now, shape (3,).
-        totals: dissipated, damped in contacts, by impacts, released by springs so far [J].
-        stored: kinetic, strain and spring energy of the free dofs [J], m_b·v and k_b·u when last
-            asked for, or when a period ended.
-        counts: springs, what is filled of the event buffers, pairs at rest under the θ-scheme.
-        resting: pairs at rest; they carry a spring but under the θ-scheme, shape (n_pairs,).
-        pairs: those with a spring as a list, its first counts[N_SPRINGS].
-        compliance: W = H B⁻¹ Hᵀ, columns as far as known, shape (n_pairs, n_pairs).
-        is_known: which, shape (n_pairs,).
-        gap, rate: of all pairs at the examined instant, each of shape (n_pairs,).
-        hit: pairs that are hit now, a list.
-        impulse, rate_pre, rate_post: of these.
-        change: W p of the hit pairs [m/s].
-        forces, residual, direction, image: work space of springs and impulses.
+        X: the fields of lane_kernels.py one after the other, shape (N_FIELDS size,).
+        base: current q, q', q'' of the base, shape (3,).
+        totals: energies so far: dissipated, damped in contacts, by impacts, released by springs,
+            shape (4,) [J].
+        stored: kinetic, strain and spring energy of the free dofs [J], m_b·v and k_b·u, at the last
+            call of `store_energies` or at the end of a period, shape (5,).
+        counts: numbers of springs, of filled entries in the buffers for events, hits and frames,
+            and of pairs at rest with the θ-scheme, shape (5,).
+        resting: pairs at rest, shape (n_pairs,); they carry a spring, except with the θ-scheme.
+        pairs: the first counts[N_SPRINGS] entries list the pairs with a spring, shape (n_pairs,).
+        compliance: W = H B⁻¹ Hᵀ, of which the known columns are filled, shape (n_pairs, n_pairs).
+        is_known: whether a column of W is known, shape (n_pairs,).
+        gap, rate: gaps and gap rates of all pairs at the examined instant, each shape (n_pairs,).
+        hit: a list of the pairs that are hit now, shape (n_pairs,).
+        impulse, rate_pre, rate_post: values of the hit pairs, each of shape (n_pairs,).
+        change: W p of the hit pairs, shape (n_pairs,) [m/s].
+        forces, residual, direction, image: work space for springs and impulses.
     """
 
     X: FloatArray
@@ -89,20 +92,22 @@ class Memory(NamedTuple):
 
 
 class Log(NamedTuple):
-    """Where a period is written.
+    """The buffers into which a period is written.
 
     Attributes:
         n_steps: N.
-        n_frames: frames to keep.
-        n_events, n_hits: room in the event buffers.
+        n_frames: number of frames to keep.
+        n_events, n_hits: sizes of the event buffers.
         base_states: q, q', q'' of the base at each step, shape (N + 1, 3).
         u: m_b·u, c_b·u, k_b·u and the probes of u at each step, shape (N + 1, 3 + n_probes).
-        v: probes of v, shape (N + 1, n_probes).
-        frame_steps: steps whose state is kept.
-        frames: u and v of these in internal order, shape (n_frames, 2, size).
+        v: the probes of v at each step, shape (N + 1, n_probes).
+        frame_steps: steps whose state is kept, shape (n_frames,).
+        frames: u and v at these steps in internal order, shape (n_frames, 2, size).
         contact: 0 open, 1 hit, 2 resting, shape (n_frames, n_pairs).
-        event_step, event_size, event_energy: step, number of hits, energy change of each impact.
-        hit, impulse, rate_pre, rate_post: of the hits of all impacts one after the other.
+        event_step, event_size, event_energy: step, number of hits, energy change of each impact,
+            each of shape (n_events,).
+        hit, impulse, rate_pre, rate_post: values of the hits of all impacts one after the other,
+            each of shape (n_hits,).
     """
 
     n_steps: int
@@ -125,7 +130,7 @@ class Log(NamedTuple):
 
 
 def memory(size: int, n_pairs: int) -> Memory:
-    """Return a state at rest."""
+    """Allocate the memory of a problem; the state is at rest."""
     return Memory(
         X=aligned_zeros(N_FIELDS * size),
         base=np.zeros(3),

@@ -1,4 +1,4 @@
-"""The state of a problem in compiled code, as recorder and engine see it from Python."""
+"""The state of a problem in compiled code, with the Python interface for recorder and engine."""
 
 from __future__ import annotations
 
@@ -17,14 +17,15 @@ class CompiledStepper:
     """A problem, its scheme, its law and its state.
 
     Attributes:
-        system, law, memory: what compiled functions get.
+        system, law, memory: the arguments of compiled functions.
         order: place of each dof in the internal order, shape (n,).
-        seen_u: m_b·u, c_b·u, k_b·u and the probes of u, as of the last `observe`.
-        seen_v: probes of v likewise.
+        seen_u: m_b·u, c_b·u, k_b·u and the probes of u at the last `observe`, shape
+            (3 + n_probes,).
+        seen_v: the probes of v at the last `observe`, shape (n_probes,).
     """
 
     def __init__(self, operators: Operators, scheme: StepNumbers, law: LawNumbers) -> None:
-        """Factorise; the state is at rest."""
+        """Factorise the matrices; the state is at rest."""
         self.law, self._has_acceleration = law, scheme.has_acceleration
         self.system, self.order = system.build(operators, scheme)
         self.memory = state.memory(self.system.size, operators.n_pairs)
@@ -52,11 +53,11 @@ class CompiledStepper:
 
     @property
     def resting(self) -> BoolArray:
-        """Pairs at rest on one another, shape (n_pairs,)."""
+        """Pairs at rest, shape (n_pairs,)."""
         return self.memory.resting.astype(np.bool_)
 
     def observe(self) -> None:
-        """Bring `seen_u` and `seen_v` up to date."""
+        """Update `seen_u` and `seen_v` from the current state."""
         loop.observe(self.system, self.memory, self.seen_u, self.seen_v)
 
     def energies(self) -> Energies:
@@ -65,7 +66,7 @@ class CompiledStepper:
         return self.stored_energies()
 
     def stored_energies(self) -> Energies:
-        """Return the energies as of the end of the last period that was computed, see above."""
+        """Return the energies at the end of the last computed period; see `energies`."""
         kinetic, strain, spring, momentum, attachment = self.memory.stored.tolist()
         mass, _, stiffness = self._corner
         q, dq, _ = self.memory.base.tolist()
@@ -77,7 +78,7 @@ class CompiledStepper:
         )
 
     def state(self) -> FloatArray:
-        """Return (u, v, a) of all dofs, a from the equation of motion, shape (3, n)."""
+        """Return (u, v, a) of all dofs, with a from the equation of motion, shape (3, n)."""
         self.renew_acceleration()
         return np.asarray(self._fields()[:, self.order])
 
@@ -90,7 +91,7 @@ class CompiledStepper:
             loop.list_springs(self.system, self.memory)
 
     def renew_acceleration(self) -> None:
-        """Compute a from the equation of motion; the θ-scheme has none."""
+        """Compute a from the equation of motion; do nothing with the θ-scheme, which has no a."""
         if self._has_acceleration:
             loop.renew(self.system, self.law, self.memory)
 

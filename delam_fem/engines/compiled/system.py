@@ -1,8 +1,8 @@
-"""What compiled code knows of a problem: the operators in its own order, the scheme, the factors.
+"""Prepare a problem for compiled code: order the dofs, and compute scheme numbers and factors.
 
-Two laminae with Rayleigh damping, under the θ-scheme or the average acceleration, go in lane order
-(lane_kernels.py). Everything else goes by sparse rows and bands (banded.py), where a step of either
-scheme is
+Two laminae with Rayleigh damping are stored in lane order (lane_kernels.py) if the scheme is the
+θ-scheme or the average acceleration. Everything else is stored by sparse rows and bands
+(banded.py), where a step of either scheme is
 
     ũ = u + Δt v + c2 a,   ṽ = v + c3 a                                                        (G1)
     A a⁺ = f - C ṽ - K (ũ + g ṽ),   A = M + p C + q K                                           (G2)
@@ -33,15 +33,17 @@ from delam_fem.numerics.arrays import FloatArray, IntArray
 
 
 class StepNumbers(NamedTuple):
-    """A scheme with its time step as compiled code reads it; see the module.
+    """The numbers of a scheme and its time step that compiled code needs.
 
     Attributes:
         time_step: Δt [s].
-        p, q, c2, c3, g, d1, d2, rho: see the module.
-        weight: of the damping loss [s].
-        theta: where in the step the load of the base is taken: 1 at its end.
-        gap_ahead: time by which gaps are extrapolated from the start; 0: those of the end [s].
-        is_midpoint: whether it is the θ-scheme but for the gaps (θ = 1/2: average acceleration).
+        p, q, c2, c3, g, d1, d2, rho: see the table in the module docstring.
+        weight: factor of zᵀ C z in the damping loss [s].
+        theta: position within the step at which the base load is taken; 1: at its end.
+        gap_ahead: time by which gaps are extrapolated from the start of the step [s]; 0: the law
+            sees the gaps at its end.
+        is_midpoint: whether the motion is that of a θ-scheme (also true for the average
+            acceleration, θ = 1/2, which differs only in the gaps that the law sees).
     """
 
     time_step: float
@@ -60,7 +62,7 @@ class StepNumbers(NamedTuple):
 
     @classmethod
     def newmark(cls, time_step: float, beta: float = 0.25, gamma: float = 0.5) -> StepNumbers:
-        """Return Newmark's scheme; β = 0 is the central difference."""
+        """Return the numbers of Newmark's scheme; β = 0 is the central difference."""
         dt = time_step
         p, q = gamma * dt, beta * dt**2
         return cls(
@@ -70,7 +72,7 @@ class StepNumbers(NamedTuple):
 
     @classmethod
     def moreau_jean(cls, time_step: float, theta: float = 0.5) -> StepNumbers:
-        """Return the θ-scheme."""
+        """Return the numbers of the θ-scheme."""
         dt, p = time_step, theta * time_step
         return cls(
             dt, p, p**2, 0.0, 0.0, (theta - 1.0) * dt, theta * dt**2, dt, 1.0 / theta - 1.0,
@@ -83,34 +85,34 @@ class StepNumbers(NamedTuple):
         return self.gap_ahead == 0.0
 
     def as_theta(self) -> StepNumbers:
-        """Return the same motion as a θ-scheme, where `is_midpoint`."""
+        """Return a θ-scheme with the same motion; valid only if `is_midpoint`."""
         theta = self.p / self.time_step
         return StepNumbers.moreau_jean(self.time_step, theta)._replace(gap_ahead=self.gap_ahead)
 
 
 class System(NamedTuple):
-    """A problem as compiled code reads it; all vectors in internal order, of `size` numbers.
+    """A problem in the form that compiled code reads; vectors have `size` numbers, internal order.
 
     Attributes:
         size: numbers per field.
-        n_pairs: contact pairs.
-        n_probes: recorded probes.
-        is_chained: two laminae in lane order; otherwise sparse rows and bands.
-        is_diagonal_load: L2's B is diagonal.
+        n_pairs: number of contact pairs.
+        n_probes: number of probes.
+        is_chained: True: two laminae in lane order; False: sparse rows and bands.
+        is_diagonal_load: whether the matrix B of L1 is diagonal (L4).
         scheme: the time integration.
-        coefficients: of L1 and L2, shape (16,).
+        coefficients: coefficients of L1 and L2, shape (16,).
         load_tape, solution, mass_solution, form, rest: tapes of lane_kernels.py.
-        band, mass_band: factors of A and M where not chained.
-        mass, damping, stiffness: by rows.
+        band, mass_band: factors of A and M if not chained.
+        mass, damping, stiffness: M, C, K by rows.
         base: base columns of M, C, K, shape (3, size).
-        inverse_lumped: shape (size,).
-        gap_rows: H.
+        inverse_lumped: inverse of the lumped mass, shape (size,).
+        gap_rows: H by rows.
         gap0: gaps at rest, shape (n_pairs,) [m].
         roots: √w of the weights of the pairs, shape (n_pairs,).
         base_rows: base by rows.
-        is_selecting: every probe shows a single dof.
-        selected: places of these dofs, nothing otherwise.
-        probe_rows: the probes by rows, nothing where they select.
+        is_selecting: whether every probe picks a single dof.
+        selected: places of these dofs; empty if the probes do not pick single dofs.
+        probe_rows: the probes by rows; empty if they pick single dofs.
     """
 
     size: int
@@ -142,7 +144,7 @@ class System(NamedTuple):
 
 
 _KEPT: deque[tuple[Operators, StepNumbers, tuple[System, IntArray]]] = deque(maxlen=4)
-"""Of the last calls of `build`; nothing of a system is ever written to."""
+"""Results of the last calls of `build`; nobody ever writes to a system."""
 _NO_BAND = Band(0, np.zeros((0, 1)))
 _NOTHING = np.zeros(0)
 _NO_PLACES: IntArray = np.zeros(0, dtype=np.int64)
@@ -160,10 +162,10 @@ class _Tapes:
 
 
 def build(operators: Operators, scheme: StepNumbers) -> tuple[System, IntArray]:
-    """Return a problem for compiled code, and where it keeps each dof, shape (n,).
+    """Return a problem for compiled code, and the place of each dof in it, shape (n,).
 
-    The last ones are kept: the points of a sweep mostly share operators and scheme, and making a
-    system of 20 elements takes as long as twenty periods.
+    The last results are kept: the points of a sweep mostly share operators and scheme, and building
+    a system of 20 elements takes as long as computing twenty periods.
 
     Raises:
         ArithmeticError: M or A is singular.
@@ -232,13 +234,13 @@ def _system(
 
 
 def _is_selecting(o: Operators) -> bool:
-    """Return whether every probe shows a single dof, as it is."""
+    """Return whether every probe picks a single dof with the factor 1."""
     P = o.probes
     return bool((np.diff(P.indptr) == 1).all() and (P.data == 1.0).all())
 
 
 def _tapes(o: Operators, scheme: StepNumbers, order: IntArray) -> _Tapes | None:
-    """Return what the lane kernels read, None where the operators are not two such laminae."""
+    """Return the tapes of the lane kernels, or None if the operators do not fit the lane order."""
     M, C, K = (lanes.chains(matrix, order) for matrix in (o.mass, o.damping, o.stiffness))
     damping, rest = lanes.rayleigh(o), _rest(o, order)
     is_at_clamp = all(
@@ -269,9 +271,10 @@ def _tapes(o: Operators, scheme: StepNumbers, order: IntArray) -> _Tapes | None:
 
 
 def _prefers_mass(o: Operators, c_K: float) -> bool:
-    """Return whether L4 serves: M is diagonal, and 1/c_K no larger than what M⁻¹K may amplify.
+    """Choose L3 or L4, whichever loses fewer digits; return True for L4, which needs a diagonal M.
 
-    u/c_K is a part of L4's acceleration, K u / M of L3's; whose part is larger loses more digits.
+    The acceleration has a part u/c_K with L4 and a part M⁻¹ K u with L3. The larger of these parts
+    loses more digits, so L4 is chosen if 1/c_K is at most the norm of M⁻¹ K.
     """
     M = sp.coo_matrix(o.mass)
     if np.any((M.row != M.col) & (M.data != 0.0)):
@@ -281,9 +284,9 @@ def _prefers_mass(o: Operators, c_K: float) -> bool:
 
 
 def _rest(o: Operators, order: IntArray) -> FloatArray | None:
-    """Return gaps at rest in lane order, shape (4 m,), infinite where there is none.
+    """Return the gaps at rest in lane order, shape (4 m,), infinite where there is no pair.
 
-    None where the gaps are not those between opposite nodes of two laminae.
+    Return None if the gaps are not those between opposite nodes of two laminae.
     """
     n = o.n_pairs
     if o.n_dofs != 4 * n:

@@ -1,1 +1,1 @@
-"""Steps in PETSc, a supervisor asked after each."""
+"""The PETSc engine: it computes single steps and asks a supervisor after each step."""

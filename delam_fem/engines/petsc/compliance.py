@@ -1,4 +1,4 @@
-"""How gaps answer to loads on pairs: H B^-1 H^T, which impact laws and springs need."""
+"""Compute the compliance H B^-1 H^T: the gap (or gap rate) changes per unit load on the pairs."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from delam_fem.numerics.arrays import FloatArray, IntArray
 
 
 class Responding(Protocol):
-    """What can be loaded; see dynamics.py."""
+    """An object that computes the response of all gaps to a load on one pair; see dynamics.py."""
 
     operators: Operators
 
     def response(self, factor: linear_algebra.Factor, pair: int) -> FloatArray:
-        """Return H x for what the factor gives of a unit load on a pair, shape (n_pairs,)."""
+        """Return H x, where x is the factor's solution for a unit load on a pair, (n_pairs,)."""
 
 
 class LazyCompliance:
-    """H B^-1 H^T of a factorised matrix B, a column per pair, computed when first asked for."""
+    """H B^-1 H^T of a factorised matrix B; each column is computed when it is first needed."""
 
     def __init__(self, dynamics: Responding, factor: linear_algebra.Factor) -> None:
-        """Keep what is needed to compute columns.
+        """Prepare the computation of columns; compute none yet.
 
         Args:
-            dynamics: owner of H.
+            dynamics: object that owns H and computes responses.
             factor: factor of B.
         """
         n = dynamics.operators.n_pairs
@@ -60,7 +60,7 @@ class LazyCompliance:
 
 
 class LumpedCompliance:
-    """H D^-1 H^T of the lumped mass D; pairs of different nodes do not feel one another."""
+    """H D^-1 H^T of the lumped mass D; pairs of different nodes do not influence one another."""
 
     def __init__(self, operators: Operators) -> None:
         """Compute the matrix, which is sparse."""

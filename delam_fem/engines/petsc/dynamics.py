@@ -1,6 +1,6 @@
 """The PETSc state that every stepper shares: matrices, vectors, gaps, resting pairs, energies.
 
-A stepper adds the time integration. All vectors are made once; the time loop only fills them.
+A stepper adds the time integration. All vectors are allocated once; the time loop only fills them.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ class Dynamics:
     """Matrices and state of M a + C v + K u = f(t) + contact, in PETSc.
 
     Attributes:
-        operators: what was given.
+        operators: the semi-discrete problem.
         u, v, a: displacements, velocities and accelerations of the free dofs.
-        resting: pairs at rest on one another, shape (n_pairs,); replaced, never written to.
-        is_resting: whether there is any.
-        spring_stiffness: of the spring that a resting pair carries [N/m]; 0: none.
+        resting: pairs at rest, shape (n_pairs,); the array is replaced, never written to.
+        is_resting: whether any pair rests.
+        spring_stiffness: stiffness of the spring that a resting pair carries [N/m]; 0: no spring.
         dissipated: energy that damping has taken from the free dofs so far [J].
         contact_damped: energy that contact dampers have taken so far [J].
     """
 
     def __init__(self, operators: Operators, time_step: float, comm: PETSc.Comm) -> None:
-        """Make all matrices and vectors; the state is at rest."""
+        """Create all matrices and vectors; the state is at rest."""
         self.operators, self.time_step, self.comm = operators, time_step, comm
         o = operators
         self._M, self._C, self._K, self._H = (
@@ -58,16 +58,16 @@ class Dynamics:
         """Begin a period.
 
         Args:
-            base_states: q, q', q'' of the base at its start and at its steps, shape (k, 3).
+            base_states: q, q', q'' of the base at the start and at each step, shape (k, 3).
         """
         self._base_states, self._step = base_states.tolist(), 0
 
     def rest(self, pairs: BoolArray) -> None:
-        """Take over which pairs rest, shape (n_pairs,)."""
+        """Set which pairs rest, shape (n_pairs,)."""
         self.resting, self.is_resting = pairs, bool(pairs.any())
 
     def _make_observation(self) -> None:
-        """Make the rows of recorded quantities."""
+        """Create the matrices and vectors of the recorded quantities."""
         o = self.operators
         rows = sp.csr_matrix(np.vstack([o.base.mass, o.base.damping, o.base.stiffness]))
         self._observe_u = linear_algebra.matrix(sp.vstack([rows, o.probes]), self.comm)
@@ -85,7 +85,7 @@ class Dynamics:
         self._set(result, values)
         return result
 
-    # -- what a contact law sees -----------------------------------------------------------------
+    # -- for contact laws ------------------------------------------------------------------------
 
     @property
     def gap(self) -> FloatArray:
@@ -98,23 +98,23 @@ class Dynamics:
         return self._rate.gather()
 
     def response(self, factor: linear_algebra.Factor, pair: int) -> FloatArray:
-        """Return H x for what the factor gives of a unit load on a pair, shape (n_pairs,)."""
+        """Return H x, where x is the factor's solution for a unit load on a pair, (n_pairs,)."""
         self._impulse.values[:] = 0.0
         self._impulse.values[pair] = 1.0
         self._impulse.spread()
         self._H.multTranspose(self._impulse.vector, self._load)
         factor.solve(self._load, self._response)
-        # new vectors: a law may be looking at the usual gaps
+        # new vectors, because a law may still read the values of the usual ones
         gaps = linear_algebra.Shared(self._H.createVecLeft())
         self._H.mult(self._response, gaps.vector)
         result = gaps.gather().copy()
         gaps.destroy()
         return result
 
-    # -- what a recorder sees -----------------------------------------------------------------
+    # -- for recorders ------------------------------------------------------------------------
 
     def observe(self) -> None:
-        """Bring `seen_u` = (m_b·u, c_b·u, k_b·u, u of the probes) and `seen_v` up to date."""
+        """Update `seen_u` = (m_b·u, c_b·u, k_b·u, probes of u) and `seen_v` = (probes of v)."""
         self._observe_u.mult(self.u, self._seen_u.vector)
         self._observe_v.mult(self.v, self._seen_v.vector)
         self._seen_u.gather()
@@ -137,7 +137,7 @@ class Dynamics:
         )
 
     def spring_energy(self, pairs: BoolArray) -> float:
-        """Return the energy of springs on some pairs at the present gaps [J]."""
+        """Return the energy of springs on some pairs at the current gaps [J]."""
         if not self.spring_stiffness:
             return 0.0
         self._H.multAdd(self.u, self._gap0, self._gap.vector)

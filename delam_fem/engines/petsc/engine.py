@@ -1,4 +1,4 @@
-"""The engine that takes each step in PETSc and then asks a contact law."""
+"""The engine that computes each step in PETSc and then asks a contact law."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ def petsc_engine(
     time_step: float,
     comm: MPI.Intracomm = MPI.COMM_SELF,
 ) -> StepByStep:
-    """Return the engine that takes single steps.
+    """Return the engine that computes single steps in PETSc.
 
     Args:
         operators: the semi-discrete problem.
-        law: of contact; one of the table, or one of your own.
+        law: the contact law: one of the table, or a law of your own.
         scheme: the time integration.
         time_step: Δt [s].
         comm: communicator that shares the work.
@@ -41,7 +41,7 @@ def petsc_engine(
 def _stepper(
     operators: Operators, law: ContactLaw, scheme: Scheme, time_step: float, comm: PETSc.Comm
 ) -> Newmark | MoreauJean:
-    """Return the stepper of a scheme as the law needs it."""
+    """Return the stepper of a scheme, set up for a law."""
     if scheme.has_impulses_within:
         return MoreauJean(
             operators,

@@ -1,8 +1,8 @@
-"""PETSc objects from gathered CSR matrices: distributed matrices, kept factors, shared vectors.
+"""PETSc objects from CSR matrices: distributed matrices, factors that are kept, shared vectors.
 
-Every rank holds the whole (small) operators; PETSc holds each rank's rows. Serial factors are
-PETSc's own, which at 80 dofs solve in about 1 µs; parallel ones are MUMPS. Whoever makes an object
-destroys it.
+Every rank holds the whole (small) operators; a PETSc matrix holds the rows of its rank. Serial
+factors are PETSc's own, which solve 80 dofs in about 1 µs; parallel factors are MUMPS. The code
+that creates an object also destroys it.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from delam_fem.numerics.arrays import FloatArray
 
 
 def matrix(csr: sp.spmatrix, comm: PETSc.Comm) -> PETSc.Mat:
-    """Return the rows of a CSR matrix distributed over `comm`.
+    """Return a CSR matrix as a PETSc matrix whose rows are distributed over `comm`.
 
     Args:
         csr: the whole matrix, the same on every rank.
@@ -38,12 +38,12 @@ def matrix(csr: sp.spmatrix, comm: PETSc.Comm) -> PETSc.Mat:
 
 
 def _share_of(size: int, comm: PETSc.Comm) -> int:
-    """Return how many of `size` rows this rank owns (PETSc's own split)."""
+    """Return how many of `size` rows this rank owns (the same split as PETSc's)."""
     return size // comm.size + (1 if comm.rank < size % comm.size else 0)
 
 
 def _first_of(size: int, comm: PETSc.Comm) -> int:
-    """Return the first of `size` rows that this rank owns."""
+    """Return the number of the first row that this rank owns, of `size` rows."""
     return comm.rank * (size // comm.size) + min(comm.rank, size % comm.size)
 
 
@@ -51,8 +51,8 @@ class Factor:
     """A factorised matrix B; `solve(b, x)` is PETSc's MatSolve on preallocated vectors.
 
     Attributes:
-        scale: s; what is factorised is s B, so that `solve` gives x = B⁻¹ b / s. Steppers choose s
-            so that a residual needs no further factor.
+        scale: s. The factor is that of s B, so that `solve` gives x = B⁻¹ b / s. Steppers choose s
+            such that the solution for a residual needs no further scaling.
     """
 
     def __init__(self, csr: sp.spmatrix, comm: PETSc.Comm, prefix: str, scale: float = 1.0) -> None:
@@ -61,7 +61,7 @@ class Factor:
         Args:
             csr: B, the whole square matrix, the same on every rank.
             comm: PETSc communicator.
-            prefix: options prefix, ends in `_` and names the owner.
+            prefix: prefix of the PETSc options; it names the owner and ends in `_`.
             scale: s.
 
         Raises:
@@ -77,7 +77,7 @@ class Factor:
         if comm.size > 1:
             preconditioner.setFactorSolverType("mumps")
         else:
-            preconditioner.setFactorOrdering("natural")  # the dofs are banded already
+            preconditioner.setFactorOrdering("natural")  # the matrix is banded already
         self._solver.setOperators(self._matrix)
         self._solver.setFromOptions()
         self._solver.setUp()
@@ -85,7 +85,7 @@ class Factor:
         self.solve = self._factor.solve
 
     def destroy(self) -> None:
-        """Free the factor and its matrix; petsc4py only defers what Python lets go of."""
+        """Free the factor and its matrix; petsc4py defers this if Python collects them instead."""
         self._factor.destroy()
         self._preconditioner.destroy()
         self._solver.destroy()
@@ -93,7 +93,7 @@ class Factor:
 
 
 class Shared:
-    """A short vector that every rank sees whole.
+    """A short vector whose entries are all known on every rank.
 
     In serial `values` is the memory of the vector itself, so that gathering and spreading cost
     nothing.
@@ -116,14 +116,14 @@ class Shared:
             self._range = slice(*vector.getOwnershipRange())
 
     def gather(self) -> FloatArray:
-        """Bring `values` up to date with the vector (collective) and return them."""
+        """Update `values` from the vector (collective) and return them."""
         if self._scatter is not None:
             self._scatter.scatter(self.vector, self._whole)
             self.values[:] = self._whole.array
         return self.values
 
     def spread(self) -> None:
-        """Bring the vector up to date with `values`."""
+        """Update the vector from `values`."""
         if self._scatter is not None:
             self._local[:] = self.values[self._range]
 

@@ -4,16 +4,16 @@
     u* = u + Δt v + (1/2 - β) Δt² a,   v* = v + (1 - γ) Δt a
     u⁺ = u* + β Δt² a⁺,   v⁺ = v* + γ Δt a⁺
 
-β = 1/4, γ = 1/2 is the average acceleration of the paper, β = 0, γ = 1/2 the central difference. A
-is factorised once. With springs λ = k U + c U̇ on the pairs P the exact correction of the
+β = 1/4, γ = 1/2 is the average acceleration of the paper; β = 0, γ = 1/2 is the central difference.
+A is factorised once. With springs λ = k U + c U̇ on the pairs P, the exact correction of the
 candidate is
 
     (I + (k β Δt² + c γ Δt) S_PP) λ = k U + c U̇,   S = H A⁻¹ Hᵀ,   Δa = -A⁻¹ Hᵀ λ               (N2)
 
-Where pairs have weights w, the springs act on the gaps times √w: U, H and S stand for √w U, √w H
-and √w S √w, so that the stiffness of a pair is w k.
+If pairs have weights w, the springs act on the gaps times √w: U, H and S stand for √w U, √w H and
+√w S √w, so that the stiffness of a pair is w k.
 
-No contact decisions are taken here.
+This file takes no contact decisions.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ from delam_fem.model.operators import Operators
 from delam_fem.numerics.arrays import BoolArray, FloatArray
 
 DIRECT_PAIRS = 64
-"""Up to so many springs N2 is inverted as a dense matrix; above, conjugate gradients solve it."""
+"""N2 is inverted as a dense matrix for up to this number of springs, else solved iteratively."""
 RELATIVE_RESIDUAL = 1e-14
-"""Of the conjugate gradients on N2: round-off, since the ledger must close."""
+"""Relative residual of the conjugate gradients on N2; round-off, so the energy ledger closes."""
 
 
 class Newmark(Dynamics):
-    """A stepper: `advance` makes a candidate state, `jump` carries a decision out."""
+    """A stepper: `advance` computes a candidate state, `jump` carries a decision out."""
 
     def __init__(
         self,
@@ -48,16 +48,16 @@ class Newmark(Dynamics):
         spring: tuple[float, float] = (0.0, 0.0),
         comm: PETSc.Comm = PETSc.COMM_SELF,
     ) -> None:
-        """Factorise A and M.
+        """Factorise A and M; the state is at rest.
 
         Args:
             operators: the semi-discrete problem.
             time_step: Δt [s].
             beta: Newmark's β (the paper's α_N).
             gamma: Newmark's γ (the paper's β_N).
-            coupled_impulses: impulses act through M⁻¹ ("consistent") rather than through the lumped
-                mass alone.
-            spring: stiffness [N/m] and damping [N s/m] that a resting pair has.
+            coupled_impulses: True: impulses act through M⁻¹ ("consistent"); False: through the
+                lumped mass alone.
+            spring: stiffness [N/m] and damping [N s/m] of a resting pair's spring.
             comm: PETSc communicator.
         """
         super().__init__(operators, time_step, comm)
@@ -65,7 +65,7 @@ class Newmark(Dynamics):
         self._to_u, self._to_v = beta * time_step**2, gamma * time_step
         self._keep_u, self._keep_v = (0.5 - beta) * time_step**2, (1.0 - gamma) * time_step
         A = o.mass + self._to_v * o.damping + self._to_u * o.stiffness
-        # scale -1: a solve with the residual K u + C v - f gives an acceleration
+        # scale -1: solving with the residual K u + C v - f gives an acceleration
         self._A = linear_algebra.Factor(A, comm, "newmark_", scale=-1.0)
         self._M_factor = linear_algebra.Factor(o.mass, comm, "newmark_mass_", scale=-1.0)
         self._velocities = self._M.createVecRight()
@@ -89,7 +89,7 @@ class Newmark(Dynamics):
     rate_free = rate_pre
 
     def advance(self) -> float:
-        """Make the candidate state of the next step; return its smallest gap [m]."""
+        """Compute the candidate state of the next step; return its smallest gap [m]."""
         u, v, a, both = self.u, self.v, self.a, self._velocities
         self._step += 1
         v.copy(both)
@@ -125,7 +125,7 @@ class Newmark(Dynamics):
     # -- springs ------------------------------------------------------------------------------
 
     def _push_springs(self) -> None:
-        """Correct the candidate by the springs, N2."""
+        """Correct the candidate by the spring forces (N2)."""
         k, c = self.spring_stiffness, self._spring_damping
         self._H.multAdd(self.u, self._gap0, self._gap.vector)
         drive = k * self._of_springs(self._gap.gather())
@@ -142,12 +142,12 @@ class Newmark(Dynamics):
         self.v.axpy(self._to_v, self._response)
 
     def _of_springs(self, values: FloatArray) -> FloatArray:
-        """Return gaps or gap rates of the spring pairs, times √w where pairs have weights."""
+        """Return gaps or gap rates of the spring pairs, times √w if pairs have weights."""
         own = values[self._pairs]
         return own if self._roots is None else self._roots[self._pairs] * own
 
     def _push(self, forces: FloatArray) -> None:
-        """Write the load H^T λ of forces on the spring pairs."""
+        """Write the load H^T λ of forces λ on the spring pairs."""
         if self._roots is not None:
             forces = self._roots[self._pairs] * forces
         self._force.values[self._pairs] = forces
@@ -175,7 +175,7 @@ class Newmark(Dynamics):
         return forces
 
     def rest(self, pairs: BoolArray) -> None:
-        """Take over which pairs rest and so carry a spring, and prepare N2 for them."""
+        """Set which pairs rest and so carry a spring, and prepare N2 for them."""
         super().rest(pairs)
         self._force.values[:] = 0.0
         self._pairs = np.flatnonzero(pairs)
@@ -196,7 +196,7 @@ class Newmark(Dynamics):
             decision: impulses and the new set of springs.
 
         Returns:
-            Change of energy by the impulses and by switching springs [J].
+            Change of energy by the impulses, and by switching springs [J].
         """
         impact = self._impact(decision) if decision.hit.size else 0.0
         switched = 0.0
@@ -219,13 +219,13 @@ class Newmark(Dynamics):
             change.scale(self._M_factor.scale)
         else:
             change.pointwiseMult(load, self._inverse_lumped)
-        mean.waxpy(0.5, change, self.v)  # of the velocities before and after
+        mean.waxpy(0.5, change, self.v)  # of the velocities before and after the impact
         self._M.mult(change, load)
         self.v.axpy(1.0, change)
         return float(load.dot(mean))
 
     def renew_acceleration(self) -> None:
-        """Compute a from M a = f - C v - K u - H^T λ at the present state."""
+        """Compute a from M a = f - C v - K u - H^T λ at the current state."""
         self._find_residual()
         if self._pairs.size:
             self._H.multAdd(self.u, self._gap0, self._gap.vector)

@@ -4,7 +4,7 @@
     u⁺ = u + Δt [θ v⁺ + (1 - θ) v]
     0 <= p  ⊥  U̇⁺ + e U̇ >= 0   on the pairs with U + Δt/2 U̇ <= 0                           (J2)
 
-f_θ is the load of the base at θ between the two times. Energy is conserved for θ = 1/2 between
+f_θ = θ f⁺ + (1 - θ) f is the base load within the step. For θ = 1/2 energy is conserved between
 impacts.
 """
 
@@ -21,7 +21,7 @@ from delam_fem.numerics.arrays import FloatArray
 
 
 class MoreauJean(Dynamics):
-    """A stepper: `advance` makes the free velocity, `jump` adds the impulses of J2."""
+    """A stepper: `advance` computes the free motion, `jump` adds the impulses of J2."""
 
     def __init__(
         self,
@@ -32,21 +32,21 @@ class MoreauJean(Dynamics):
         anticipates: bool = False,
         comm: PETSc.Comm = PETSc.COMM_SELF,
     ) -> None:
-        """Factorise Â.
+        """Factorise Â; the state is at rest.
 
         Args:
             operators: the semi-discrete problem.
             time_step: Δt [s].
             theta: θ, from 1/2 (no numerical damping) to 1.
-            anticipates: show the law every gap before it closes (`contact.recovery_floor`) instead
-                of the pairs of J2.
+            anticipates: show the law every gap before it closes (`impulses.recovery_floor`)
+                instead of the pairs of J2.
             comm: PETSc communicator.
         """
         super().__init__(operators, time_step, comm)
         o, self._theta, self._anticipates = operators, theta, anticipates
         to = theta * time_step
         A = o.mass + to * o.damping + to**2 * o.stiffness
-        # scale -1/Δt: a solve with the residual of J1 gives v⁺ - v
+        # scale -1/Δt: solving with the residual of J1 gives v⁺ - v
         self._A = linear_algebra.Factor(A, comm, "moreau_", scale=-1.0 / time_step)
         self.compliance = LazyCompliance(self, self._A)
         self._start, self._point = (self._M.createVecRight() for _ in range(2))
@@ -59,7 +59,8 @@ class MoreauJean(Dynamics):
     def gap(self) -> FloatArray:
         """Gaps that the law examines, shape (n_pairs,) [m].
 
-        Those at the start of the step where the law anticipates, else predicted as in J2.
+        They are the gaps at the start of the step if the law anticipates, and the predicted gaps of
+        J2 otherwise.
         """
         return self._gap.gather() if self._anticipates else self._predicted.gather()
 
@@ -72,7 +73,7 @@ class MoreauJean(Dynamics):
         return self.gap_rate()
 
     def advance(self) -> float:
-        """Make the free motion of the next step; return the smallest predicted gap [m]."""
+        """Compute the free motion of the next step; return the smallest predicted gap [m]."""
         u, v, dt, theta = self.u, self.v, self.time_step, self._theta
         residual, point = self._residual, self._point
         predicted, rate = self._predicted.vector, self._rate_start.vector
@@ -82,7 +83,7 @@ class MoreauJean(Dynamics):
         if self.is_resting:
             self.rest(self._none_resting)
         v.copy(self._start)
-        point.waxpy(theta * dt, v, u)  # where the stiffness acts: u + θ Δt v
+        point.waxpy(theta * dt, v, u)  # the stiffness acts at u + θ Δt v
         self._K.mult(point, residual)
         self._C.multAdd(v, residual, residual)
         before, after = self._base_states[self._step : self._step + 2]
@@ -104,7 +105,7 @@ class MoreauJean(Dynamics):
         """Add the impulses of a decision to the step.
 
         Returns:
-            Change of energy by the impulses and by switching springs (0) [J].
+            Change of energy by the impulses, and by switching springs (0) [J].
         """
         self._impulse.values[:] = 0.0
         self._impulse.values[decision.hit] = decision.impulses
@@ -119,7 +120,7 @@ class MoreauJean(Dynamics):
         return float(decision.impulses @ mean_rate), 0.0
 
     def observe(self) -> None:
-        """Bring the recorded values up to date and account for the damping of a finished step."""
+        """Update the recorded values, and account for the damping of a completed step."""
         super().observe()
         if not self._is_unaccounted:
             return

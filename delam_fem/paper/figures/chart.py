@@ -1,4 +1,4 @@
-"""Fig. 11 of the paper: the flow chart of the contact algorithm with what really happened in it."""
+"""Fig. 11 of the paper: the flow chart of the contact algorithm with the recorded decisions."""
 
 from __future__ import annotations
 
@@ -24,15 +24,16 @@ if TYPE_CHECKING:
     from delam_fem.results.folder import Result
 
 OPEN, SEPARATING, STRUCK, BEGUN, HELD, RELEASED = range(6)
-"""Decisions of the supervisor on a pair at the end of a step: U > 0 without a spring; U <= 0 but
-parting already; sudden impact with separation (Γₛ); impact and beginning of permanent contact
-(Γₚ₀); permanent contact goes on (Γₚₚ); the spring is taken away (eq. 21)."""
+"""Decisions of the supervisor on a pair at the end of a step. OPEN: U > 0 without a spring;
+SEPARATING: U <= 0, but the pair is already parting; STRUCK: sudden impact with separation (Γₛ);
+BEGUN: impact and beginning of permanent contact (Γₚ₀); HELD: permanent contact goes on (Γₚₚ);
+RELEASED: the spring is removed (eq. 21)."""
 NAMES = (
     "open", "closed, separating", "Γₛ: impact, separates", "Γₚ₀: impact, stays",
     "Γₚₚ: stays on spring", "spring released",
 )  # fmt: skip
 MARGIN = 0.005
-"""Around the contact phase, in periods."""
+"""Margin of the close view around the contact phase, in periods."""
 COLOURS = ("#ffffff", "#bbbbbb", VERMILLION, ORANGE, BLUE, SKY)
 
 
@@ -41,8 +42,8 @@ class Decisions:
     """The decisions on every pair at every step of the window.
 
     Attributes:
-        state: index into `NAMES`, shape (n_steps, n_pairs).
-        violations: pair-steps that do not follow eq. 17 as corrected.
+        state: decision as an index into `NAMES`, shape (n_steps, n_pairs).
+        violations: number of decisions (one per pair and step) that break eq. 17 as corrected.
     """
 
     state: npt.NDArray[np.int8]
@@ -50,14 +51,14 @@ class Decisions:
 
     @property
     def counts(self) -> IntArray:
-        """Pair-steps by decision, shape (6,)."""
+        """Number of pair-steps by decision, shape (6,)."""
         return np.bincount(self.state.ravel(), minlength=len(NAMES))
 
 
 def decisions(result: Result) -> Decisions:
-    """Read the supervisor's decisions from a run whose frames are its steps.
+    """Read the supervisor's decisions from a run that keeps a frame at every step.
 
-    The first step of the window is left out: what a pair was before is not known there.
+    The first step of the window is left out, because the state of the pairs before it is unknown.
     """
     history = result.history
     held = history["contact_state"].to_numpy()[:, 1:] == 2
@@ -81,16 +82,16 @@ def decisions(result: Result) -> Decisions:
 
 @dataclass(frozen=True)
 class Chart(Numbers):
-    """How often the supervisor decides what.
+    """How often the supervisor takes each decision.
 
     Attributes:
         states: names of the decisions.
-        pair_steps_per_period: by decision, shape (6,).
-        violations: decisions that break the partition.
+        pair_steps_per_period: pair-steps per period by decision, shape (6,).
+        violations: number of decisions that break the partition.
         pair_steps: number of decisions.
-        impacts_followed_by_contact: share of all impacts [-].
-        mean_contact_steps: mean length of permanent contacts.
-        decisions: all of them.
+        impacts_followed_by_contact: share of the impacts that begin permanent contact [-].
+        mean_contact_steps: mean length of permanent contacts, in steps.
+        decisions: the decisions themselves.
         steps_per_period: N.
     """
 
@@ -153,7 +154,7 @@ def draw(numbers: Chart) -> Figure:
 
 
 def _flow(axes: Axes, counts: FloatArray, total: int) -> None:
-    """Draw the chart: questions as rounded boxes, outcomes coloured, numbers on the way."""
+    """Draw the chart: questions as rounded boxes, coloured outcomes, numbers on the arrows."""
     axes.axis("off")
     axes.set(xlim=(0.0, 100.0), ylim=(0.0, 100.0))
     with_spring = counts[HELD] + counts[RELEASED]
@@ -200,7 +201,7 @@ def _flow(axes: Axes, counts: FloatArray, total: int) -> None:
 
 
 def _arrow(axes: Axes, begin: Text, end: Text, text: str) -> None:
-    """Draw an arrow from the edge of a box to that of another, with a number in its middle."""
+    """Draw an arrow from the edge of a box to the edge of another, with a number in its middle."""
     start, stop = begin.get_position(), end.get_position()
     is_level = start[1] == stop[1]
     axes.annotate(
@@ -219,7 +220,7 @@ def _arrow(axes: Axes, begin: Text, end: Text, text: str) -> None:
 
 
 def _timeline(axes: Axes, state: npt.NDArray[np.int8]) -> None:
-    """Draw the decisions on each pair over one period, as marks, so that rare ones are seen."""
+    """Draw the decisions on each pair over one period, as marks, so that rare ones are visible."""
     N, n_pairs = state.shape
     axes.grid(False)
     for kind, marker in (

@@ -23,18 +23,18 @@ if TYPE_CHECKING:
     from delam_fem.results.folder import Result
 
 DETAIL = (0.10, 0.25)
-"""Part of a period before and after the strike that details show."""
+"""Time before and after the strike that details show, in periods."""
 
 
 @dataclass(frozen=True)
 class StrikeDetail:
-    """The motion of both tips about the last strike that fits.
+    """The motion of both tips around the last strike whose details are all in the window.
 
     Attributes:
-        names: of the laminae.
+        names: names of the laminae.
         time: t/T since the strike, shape (n,) [-].
-        position: shape (2, n) [mm].
-        velocity: shape (2, n) [m/s].
+        position: positions of the tips, shape (2, n) [mm].
+        velocity: velocities of the tips, shape (2, n) [m/s].
     """
 
     names: tuple[str, str]
@@ -44,7 +44,7 @@ class StrikeDetail:
 
     @classmethod
     def of(cls, result: Result) -> Self:
-        """Return the detail of a result that has a strike."""
+        """Return the detail of a result that has at least one strike."""
         N = result.case.time.steps_per_period
         t, y = tip_positions(result, PORTRAIT_PERIODS)
         v = diagnostics.phase_portrait(result.history, result.case, PORTRAIT_PERIODS)[:, 1]
@@ -56,7 +56,7 @@ class StrikeDetail:
 
 
 def _draw(details: Mapping[PaperMethod, StrikeDetail]) -> Figure:
-    """Draw the phase portrait and the history about a strike; one row per method."""
+    """Draw the phase portrait and the history around a strike; one row per method."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(WIDTH, 0.5 + 4.1 * len(details)), layout="constrained")
@@ -86,9 +86,9 @@ class Impacts(Numbers):
     """The contact phase by method 3.1.
 
     Attributes:
-        roughness_velocity, roughness_displacement: of both tips while they are near [-].
-        impacts_per_period: by method 3.1 and by method 3.2.
-        detail: about a strike.
+        roughness_velocity, roughness_displacement: roughness of both tips while they are near [-].
+        impacts_per_period: impacts per period, by method 3.1 and by method 3.2.
+        detail: motion around a strike.
     """
 
     roughness_velocity: tuple[float, float]
@@ -152,9 +152,9 @@ class Contact(Numbers):
     """The contact phase by both methods.
 
     Attributes:
-        roughness_near: of both tips while they are near, by method [-].
-        ratio: the same by method 3.2 over that by method 3.1, shape (2,) [-].
-        details: about a strike, by method.
+        roughness_near: roughness of both tips while they are near, by method [-].
+        ratio: roughness by method 3.2 over that by method 3.1, shape (2,) [-].
+        details: motion around a strike, by method.
     """
 
     roughness_near: dict[PaperMethod, tuple[float, float]]

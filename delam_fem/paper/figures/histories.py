@@ -1,4 +1,4 @@
-"""Fig. 3 of the paper: time histories of the four motions, both methods."""
+"""Fig. 3 of the paper: time histories of the four motions by both methods."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LARGE = 0.1
-"""A share of the period from which on a contact phase counts as relatively large."""
+"""A contact phase longer than this share of the period counts as relatively large."""
 
 
 @dataclass(frozen=True)
@@ -32,12 +32,13 @@ class Histories(Numbers):
     """The four motions by both methods.
 
     Attributes:
-        motions: by frequency [Hz] and method.
-        curves: t/T and the positions of both tips, shapes (n,) and (2, n) [mm], by the same keys.
+        motions: numbers of each motion, by frequency [Hz] and method.
+        curves: t/T and the positions of both tips, shapes (n,) and (2, n) [mm], by frequency [Hz]
+            and method.
         approach: mean speed of approach before strikes by method 3.2, by frequency [m/s].
-        strongest_impulses: at 1.25 Hz and 3.25 Hz by method 3.2 [N s].
-        farthest_impact: from the clamp, at 1.25 Hz by method 3.2 [m].
-        length: of the laminae [m].
+        strongest_impulses: largest impulse at 1.25 Hz and at 3.25 Hz by method 3.2 [N s].
+        farthest_impact: largest distance of an impact from the clamp, 1.25 Hz, method 3.2 [m].
+        length: length of the laminae [m].
     """
 
     motions: dict[tuple[float, PaperMethod], MotionNumbers]
@@ -48,7 +49,7 @@ class Histories(Numbers):
     length: float
 
     def to_json(self) -> Mapping[str, Any]:
-        """Return the motions, with the keys in words."""
+        """Return the motions, with keys in words."""
         return {f"{f:g} Hz, {m}": motion.to_json() for (f, m), motion in self.motions.items()}
 
 
@@ -69,7 +70,7 @@ def measure(lab: Laboratory) -> Histories:
 
 
 def draw(numbers: Histories) -> Figure:
-    """Draw the positions of both tips over four periods at the four frequencies, both methods."""
+    """Draw the positions of both tips over four periods at four frequencies, by both methods."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(WIDTH, 8.4), layout="constrained")
@@ -91,7 +92,7 @@ def draw(numbers: Histories) -> Figure:
 
 
 def judge(numbers: Histories) -> tuple[Claim, ...]:
-    """Judge what the paper says about the four motions; by method 3.2."""
+    """Judge the paper's statements about the four motions, with method 3.2."""
     return (
         *_claims_without_tip_contact(numbers),
         *_claims_on_strikes(numbers),
@@ -100,7 +101,7 @@ def judge(numbers: Histories) -> tuple[Claim, ...]:
 
 
 def _claims_without_tip_contact(numbers: Histories) -> tuple[Claim, Claim]:
-    """Judge the motion at 1.25 Hz."""
+    """Judge the statements about the motion at 1.25 Hz."""
     low = numbers.motions[FREQUENCIES[0], "3.2"]
     d, (weak, strong) = low.distortion_factor, numbers.strongest_impulses
     reach, length = numbers.farthest_impact, numbers.length
@@ -121,7 +122,7 @@ def _claims_without_tip_contact(numbers: Histories) -> tuple[Claim, Claim]:
 
 
 def _claims_on_strikes(numbers: Histories) -> tuple[Claim, ...]:
-    """Judge the motions whose tips strike one another."""
+    """Judge the statements about the motions whose tips strike one another."""
     thin, thick, double = (numbers.motions[f, "3.2"] for f in FREQUENCIES[1:])
     speeds = numbers.approach
     return (
@@ -147,7 +148,7 @@ def _claims_on_strikes(numbers: Histories) -> tuple[Claim, ...]:
 
 
 def _claim_on_contact_phase(numbers: Histories) -> Claim:
-    """Judge how long the tips are near one another."""
+    """Judge how long the tips stay near one another."""
     share = [numbers.motions[f, "3.2"].near_share for f in FREQUENCIES[1:]]
     return Claim(
         "3", "1.60 … 3.65 Hz: the interval of contact is relatively large", "sec. 2.2",

@@ -1,4 +1,4 @@
-"""Fig. 9 of the paper: phase portraits by method 3.1; and how Fig. 14 draws them, too."""
+"""Fig. 9 of the paper: phase portraits by method 3.1, and the drawing that Fig. 14 also uses."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     from delam_fem.results.folder import Result
 
 SCATTERS = 3.0
-"""Distance from the stationary cycle that counts as near, in its own scatter (rms)."""
+"""A distance from the stationary cycle counts as near up to this number of its scatters (rms)."""
 LONG = 100
-"""Periods from which on a transient counts as some hundred."""
+"""A transient of at least this number of periods counts as "some hundred"."""
 
 
 @dataclass(frozen=True)
@@ -34,9 +34,9 @@ class Portrait:
     """The phase portraits of both tips over the last `PORTRAIT_PERIODS` periods.
 
     Attributes:
-        names: of the laminae.
+        names: names of the laminae.
         motion: displacement [m] and velocity [m/s] of both tips, shape (2 laminae, 2, n).
-        gap_at_rest: of the tips [m].
+        gap_at_rest: gap of the tips at rest [m].
         steps_per_period: N.
     """
 
@@ -59,12 +59,12 @@ class Portrait:
 
 @dataclass(frozen=True)
 class ImpactPortraits(Numbers):
-    """Motions by method 3.1.
+    """The motions by method 3.1.
 
     Attributes:
-        motion: the one at 3.25 Hz.
-        settled: periods after which each of the four motions is stationary.
-        portrait: of the motion at 3.25 Hz.
+        motion: numbers of the motion at 3.25 Hz.
+        settled: number of periods after which each of the four motions is stationary.
+        portrait: portraits of the motion at 3.25 Hz.
     """
 
     motion: MotionNumbers
@@ -72,7 +72,7 @@ class ImpactPortraits(Numbers):
     portrait: Portrait
 
     def to_json(self) -> Mapping[str, Any]:
-        """Return the motion at 3.25 Hz."""
+        """Return the numbers of the motion at 3.25 Hz."""
         return self.motion.to_json()
 
 
@@ -85,7 +85,7 @@ def measure(lab: Laboratory) -> ImpactPortraits:
 
 
 def _settling(result: Result) -> int:
-    """Return after how many periods a motion is as near its stationary cycle as it will be."""
+    """Return the number of periods after which a motion stays near its stationary cycle."""
     strobe = result.history["strobe_displacement"].to_numpy()
     half = 0.5 * np.ptp(result.history["tip_displacement"].to_numpy(), axis=1)
     scatter = result.summary["strobe_scatter"] or diagnostics.PERIODIC_SCATTER
@@ -125,12 +125,12 @@ def judge(numbers: ImpactPortraits) -> tuple[Claim, ...]:
 def two_portraits(
     portraits: Sequence[Portrait], titles: Sequence[str], *, has_row_below: bool = False
 ) -> tuple[Figure, list[Axes]]:
-    """Draw the portraits of thick and thin in columns, motions in rows.
+    """Draw the portraits of the thick and the thin tip in two columns, with one row per motion.
 
     Args:
-        portraits: at least one.
-        titles: of the rows.
-        has_row_below: whether to leave a row for something else.
+        portraits: at least one portrait.
+        titles: titles of the rows.
+        has_row_below: whether to leave a row of axes below the portraits.
 
     Returns:
         The figure, and the axes of the row below.

@@ -1,4 +1,4 @@
-"""Fig. 2a of the paper: frequency responses of each lamina alone."""
+"""Fig. 2a of the paper: frequency responses of each lamina alone, without contact."""
 
 from __future__ import annotations
 
@@ -41,19 +41,20 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LINEAR_STEPS = 250
-"""Steps per period of the highest frequency; the resonances have more per period of theirs."""
+"""Steps per period of the highest frequency; the periods of the resonances have more steps."""
 LINEAR_PERIODS = 200
-"""After each step of the linear stepped sine: e^(-2πD·200) = 4e-5 of a transient is left."""
+"""Periods at each frequency of the linear stepped sine; e^(-2πD·200) = 4e-5 of a transient is
+left."""
 PRINTED = {"thin": 1.47, "thick": 3.17}
-"""Natural frequencies as the paper prints them [Hz]."""
+"""Natural frequencies as printed in the paper [Hz]."""
 PRINTED_DIGIT = 0.005
 SWEEP_PEAK = (1.455, 1.465)
-"""Where the swept sine of the thin lamina must peak to explain what is printed [Hz]."""
+"""Range in which the swept sine of the thin lamina must peak to explain the printed value [Hz]."""
 STATIONARY = 0.15
 """Shortfall up to which the peak of a swept sine counts as stationary [-]."""
 LINEAR = 0.5
-"""Rise of the frequency at large amplitudes, in damping ratios, up to which a resonance is linear:
-its curve leans by less than a quarter of its width."""
+"""A resonance counts as linear if its frequency rises by at most this number of damping ratios at
+large amplitudes; its curve then leans by less than a quarter of its width."""
 SWEEPS = {
     "linear, up": ("linear", BAND), "linear, down": ("linear", BAND[::-1]),
     "logarithmic, up": ("logarithmic", BAND), "logarithmic, down": ("logarithmic", BAND[::-1]),
@@ -63,11 +64,11 @@ _STYLES = {
     "logarithmic, up": (SKY, "--"), "logarithmic, down": (ORANGE, "--"),
 }  # fmt: skip
 _ZOOM = 0.06
-"""Half width of the close views, relative to the frequency."""
+"""Half width of the close views, relative to the natural frequency."""
 
 
 def stepped_frequencies(case: Case, step: float) -> FloatArray:
-    """Return the frequencies of the linear stepped sine: even, and dense at the resonances."""
+    """Return the frequencies of the linear stepped sine, evenly spaced but denser at resonances."""
     even = np.arange(BAND[0], BAND[1] + 0.5 * step, step)
     near = [_lowest_frequency(lam) * (1.0 + np.linspace(-0.04, 0.04, 17)) for lam in case.lamina]
     frequencies: FloatArray = np.unique(np.round(np.concatenate([even, *near]), 5))
@@ -76,21 +77,25 @@ def stepped_frequencies(case: Case, step: float) -> FloatArray:
 
 @dataclass(frozen=True)
 class WithoutContact(Numbers):
-    """Linear responses of thick and thin lamina, exact and computed.
+    """Linear responses of the thick and the thin lamina, exact and computed.
 
     Attributes:
-        natural_frequency_hz: exact lowest ones.
-        exact_peak_hz, exact_peak_m: where the exact responses are the largest, and how large.
-        frequency_rise_at_peak: of a beam that keeps its length at this amplitude [-].
+        natural_frequency_hz: exact lowest natural frequencies.
+        exact_peak_hz, exact_peak_m: frequency and size of the largest exact responses.
+        frequency_rise_at_peak: relative rise of the lowest frequency at this amplitude, for a beam
+            that keeps its length [-].
         damping_ratio: D [-].
-        sweep_peak_hz, sweep_peak_m: the same of the swept sines, by their names.
-        stepped_frequency_hz: of the stepped sine, shape (n,).
-        stepped_amplitude_m: of the tips, shape (2, n).
-        stepped_over_exact: the same over the exact amplitude, shape (2, n) [-].
-        largest_deviation_of_stepped: from the exact amplitude, relative [-].
-        case: whose laminae they are.
-        envelopes: frequencies [Hz] and amplitudes (2, n) [m] of the swept sines, by their names.
-        record: instants [s] and extremes (2, 2, n) [m] of the linear up-sweep.
+        sweep_peak_hz, sweep_peak_m: frequency and size of the largest responses of the swept sines,
+            by name of the sweep.
+        stepped_frequency_hz: frequencies of the stepped sine, shape (n,).
+        stepped_amplitude_m: tip amplitudes of the stepped sine, shape (2, n).
+        stepped_over_exact: tip amplitudes of the stepped sine over the exact ones, shape (2, n)
+            [-].
+        largest_deviation_of_stepped: largest relative deviation from the exact amplitude [-].
+        case: case with these laminae.
+        envelopes: frequencies, shape (n,) [Hz], and amplitudes, shape (2, n) [m], of the swept
+            sines, by name of the sweep.
+        record: times, shape (n,) [s], and extremes, shape (2, 2, n) [m], of the linear up-sweep.
     """
 
     natural_frequency_hz: list[float]
@@ -165,7 +170,7 @@ def _lowest_frequency(lamina: Lamina) -> float:
 
 
 def draw(numbers: WithoutContact) -> Figure:
-    """Draw the responses of both laminae, a close view of the resonances, and a record."""
+    """Draw the responses of both laminae, close views of the resonances, and a record."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(WIDTH, 9.4), layout="constrained")
@@ -221,7 +226,7 @@ def _record_panel(panel: Axes, numbers: WithoutContact, i: int) -> None:
 
 
 def judge(numbers: WithoutContact) -> tuple[Claim, ...]:
-    """Judge the natural frequencies that the paper prints, and its swept sine."""
+    """Judge the natural frequencies that the paper prints, and the effect of its swept sine."""
     thick, thin = numbers.natural_frequency_hz
     up, down = (numbers.sweep_peak_hz[f"linear, {way}"] for way in ("up", "down"))
     rise, damping = numbers.frequency_rise_at_peak, min(numbers.damping_ratio)

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 ELEMENTS = (20, 50)
 LONG_WINDOW = {"output.window_periods": 40, "output.fields_per_period": 0}
-"""For the roughness of motions whose cycles scatter."""
+"""A long window, to measure the roughness of motions whose cycles scatter."""
 VARIANTS: dict[str, dict[str, object]] = {
     "as printed": {},
     "consistent impulses": {"contact.impulse": "consistent"},
@@ -46,11 +46,11 @@ VARIANTS: dict[str, dict[str, object]] = {
         "damping.rayleigh": "stiffness",
     },
 }
-"""Schemes with which the finer mesh is tried; "as printed" can add energy at impacts."""
+"""Schemes that are tried on the finer mesh; "as printed" can add energy at impacts."""
 OVER_GAPS = ("as printed", "consistent impulses")
-"""Schemes that are tried with every shape of the gap; the latter cannot add energy."""
+"""Schemes that are tried with every shape of the gap; "consistent impulses" cannot add energy."""
 SUBSTANTIAL = 1.25
-"""Increase of a time from which on it counts as substantial."""
+"""An increase of the time by this factor or more counts as substantial."""
 
 
 @dataclass(frozen=True)
@@ -58,16 +58,16 @@ class FinerMesh(Numbers):
     """The motion on both meshes of `ELEMENTS`.
 
     Attributes:
-        roughness_free: of both tips in free flight, on both meshes [-].
+        roughness_free: roughness of both tips in free flight, on both meshes [-].
         roughness: rms of the rough part of both tip velocities, on both meshes [m/s].
         ratio: rough velocity on the fine mesh over the coarse one, by scheme, shape (2,) [-].
-        ratio_by_gap_exponent: the same by scheme and by the exponent of the gap's shape.
-        kind_by_gap_exponent: the motion on the fine mesh in words, likewise.
-        energy_gain_of_impacts_J: on both meshes with the scheme as printed, by exponent.
-        cost: time per step on the fine mesh over the coarse one, median [-].
-        pairs: of runs that are compared.
-        motions: as printed, by the number of elements.
-        portraits: the same.
+        ratio_by_gap_exponent: ratio as above, by scheme and by the exponent of the gap's shape.
+        kind_by_gap_exponent: motion on the fine mesh in words, by scheme and by exponent.
+        energy_gain_of_impacts_J: energy gain on both meshes with "as printed", by exponent.
+        cost: median of the time per step on the fine mesh over that on the coarse one [-].
+        pairs: number of compared pairs of runs.
+        motions: numbers of the motions with "as printed", by number of elements.
+        portraits: portraits of the same motions, in the same order.
     """
 
     roughness_free: list[tuple[float, float]]
@@ -119,7 +119,7 @@ def measure(lab: Laboratory) -> FinerMesh:
 
 
 def _pairs(lab: Laboratory) -> dict[tuple[str, float], Pair]:
-    """Compute pairs of runs, coarse and fine, by scheme and by the exponent of the gap's shape."""
+    """Compute pairs of runs (coarse, fine), by scheme and by the exponent of the gap's shape."""
     variants = {(name, 2.0): keys for name, keys in VARIANTS.items()} | {
         (name, p): VARIANTS[name] | {"gap.exponent": p}
         for name in OVER_GAPS
@@ -135,7 +135,7 @@ def _pairs(lab: Laboratory) -> dict[tuple[str, float], Pair]:
 
 
 def rough_velocity(result: Result) -> FloatArray:
-    """Return rms of the rough part of both tip velocities, shape (2,) [m/s]."""
+    """Return the rms of the rough part of both tip velocities, shape (2,) [m/s]."""
     whole = diagnostics.last_periods(result.history, result.case)["tip_velocity"].to_numpy()
     rough = rough_part(whole, whole.shape[1] // result.case.time.steps_per_period)
     rms: FloatArray = np.sqrt((rough**2).mean(axis=1))
@@ -143,7 +143,7 @@ def rough_velocity(result: Result) -> FloatArray:
 
 
 def draw(numbers: FinerMesh) -> Figure:
-    """Draw the phase portraits with 50 elements beside those with 20, and over the gap's shape."""
+    """Draw the phase portraits with 20 and 50 elements, and the roughness over the gap's shape."""
     titles = [f"{n} elements" for n in ELEMENTS]
     figure, below = two_portraits(numbers.portraits, titles, has_row_below=True)
     _ratio_panels(below, numbers.ratio_by_gap_exponent)
@@ -166,7 +166,7 @@ def _ratio_panels(panels: list[Axes], ratios: dict[str, dict[str, FloatArray]]) 
 
 
 def judge(numbers: FinerMesh) -> tuple[Claim, ...]:
-    """Judge what the finer mesh changes, and what it costs."""
+    """Judge the effect of the finer mesh on the motion, and its cost."""
     ratio, cost, fine = numbers.ratio, numbers.cost, numbers.motions[ELEMENTS[1]]
     printed = ratio["as printed"]
     bands = {name: _band(by_gap) for name, by_gap in numbers.ratio_by_gap_exponent.items()}
@@ -192,7 +192,7 @@ def judge(numbers: FinerMesh) -> tuple[Claim, ...]:
 
 
 def _band(by_gap: dict[str, FloatArray]) -> str:
-    """Return the least and the greatest ratio of both tips in words."""
+    """Return the smallest and the largest ratio of both tips in words."""
     values = np.array(list(by_gap.values()))
     (a, b), (c, d) = values.min(axis=0), values.max(axis=0)
     return f"{a:.2f} … {c:.2f} / {b:.2f} … {d:.2f}"

@@ -1,4 +1,4 @@
-"""Fig. 15 of the paper: the plane (e, k_con) at 3.25 Hz, and beside it that of the penalty law."""
+"""Fig. 15 of the paper: the plane (e, k_con) at 3.25 Hz, compared with that of the penalty law."""
 
 from __future__ import annotations
 
@@ -23,30 +23,30 @@ if TYPE_CHECKING:
 
 RESTITUTIONS = (0.0, 0.5)
 STIFFNESSES = (10.0, 1000.0)
-"""Ranges of e and k_con [N/m], the latter a decade to both sides of 100; the paper's axes are not
+"""Ranges of e and k_con [N/m]; k_con goes a decade to both sides of 100. The paper's axes are not
 known."""
 PENALTY_STIFFNESSES = (100.0, 10000.0)
 PENALTY_DAMPINGS = (0.01, 10.0)
 """Ranges of k [N/m] and c [N s/m] of the classical law. Softer springs let the laminae pass through
-one another; a pair of nodes is critically damped at c = 2 sqrt(k m1 m2/(m1 + m2)) = 1 … 10."""
+one another. A pair of nodes is critically damped at c = 2 sqrt(k m1 m2/(m1 + m2)) = 1 … 10."""
 STROBES = 128
-"""Of the 200 periods, by which the kind of motion is told."""
+"""Number of last strobes, of 200 periods, that decide the kind of motion."""
 FEW = 0.1
-"""A share of exceptions that counts as few."""
+"""A share of exceptions below this counts as few."""
 CORRECT_SHARE = 0.5
 KIND_COLOURS = (SKY, ORANGE, GREEN, "#bbbbbb", BLACK, "#ffffff")
 
 
 @dataclass(frozen=True)
 class Planes(Numbers):
-    """The planes of both laws.
+    """The parameter planes of both laws.
 
     Attributes:
-        impact: of method 3.2, newton-penalty.
-        penalty: of the classical penalty law.
-        best_decade: of the penalty law's damping.
-        points: per axis.
-        periods: of each point.
+        impact: plane of method 3.2, newton-penalty.
+        penalty: plane of the classical penalty law.
+        best_decade: best decade of the penalty law's damping.
+        points: points per axis.
+        periods: periods of each point.
     """
 
     impact: Plane
@@ -77,7 +77,7 @@ def measure(lab: Laboratory) -> Planes:
 
 
 def _sweep(lab: Laboratory, law: str) -> xr.Dataset:
-    """Compute the plane of a law."""
+    """Compute the parameter plane of a law."""
     n = lab.plan.plane_points
     x: dict[str, Any] = {"key": "contact.restitution", "start": RESTITUTIONS[0]}
     x |= {"stop": RESTITUTIONS[1], "count": n}
@@ -117,7 +117,7 @@ def draw(numbers: Planes) -> Figure:
 
 
 def _kinds(panel: Axes, plane: Plane, title: str) -> None:
-    """Draw the kinds of motion of a plane."""
+    """Draw the kinds of motion in a plane."""
     from matplotlib.colors import ListedColormap
 
     panel.grid(False)
@@ -130,7 +130,7 @@ def _kinds(panel: Axes, plane: Plane, title: str) -> None:
 
 
 def _scatter(figure: Figure, panel: Axes, plane: Plane, top: float) -> None:
-    """Draw the scatter of a plane."""
+    """Draw the scatter in a plane."""
     from matplotlib.colors import LogNorm
 
     panel.grid(False)
@@ -156,12 +156,12 @@ def _label(panel: Axes, plane: Plane) -> None:
 
 
 def judge(numbers: Planes) -> tuple[Claim, ...]:
-    """Judge how robust method 3.2 is, and how sensitive the classical penalty law."""
+    """Judge the robustness of method 3.2 and the sensitivity of the classical penalty law."""
     return *_claims_on_robustness(numbers.impact), _claim_on_penalty(numbers)
 
 
 def _claims_on_robustness(ours: Plane) -> tuple[Claim, ...]:
-    """Judge the plane of method 3.2."""
+    """Judge the statements about the plane of method 3.2."""
     spread, by_e, by_k = ours.amplitude_spread, ours.amplitude_by_first, ours.amplitude_by_second
     kinds = ", ".join(f"{100 * v:.0f} % {k}" for k, v in ours.share.items() if v > 0.0)
     return (
@@ -187,7 +187,7 @@ def _claims_on_robustness(ours: Plane) -> tuple[Claim, ...]:
 
 
 def _claim_on_penalty(numbers: Planes) -> Claim:
-    """Judge the penalty law, in its best decade of damping, against method 3.2."""
+    """Compare the penalty law, in its best decade of damping, with method 3.2."""
     ours, penalty, best = numbers.impact, numbers.penalty, numbers.best_decade
     share = [plane.share["one-periodic"] for plane in (ours, penalty)]
     spread = [plane.amplitude_spread for plane in (ours, penalty)]

@@ -1,4 +1,4 @@
-"""Fig. 12 of the paper: phase portraits of the four motions, both methods."""
+"""Fig. 12 of the paper: phase portraits of the four motions by both methods."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Portraits(Numbers):
-    """The four motions by both methods; all by frequency [Hz] and method.
+    """The four motions by both methods; the keys are frequency [Hz] and method.
 
     Attributes:
-        motions: their numbers.
-        roughness_free: of both tips in free flight [-]; see `roughness`.
-        portraits: their phase portraits.
+        motions: numbers of each motion.
+        roughness_free: roughness of both tips in free flight [-]; see `roughness`.
+        portraits: phase portraits of each motion.
     """
 
     motions: dict[tuple[float, PaperMethod], MotionNumbers]
@@ -48,7 +48,7 @@ class Portraits(Numbers):
     portraits: dict[tuple[float, PaperMethod], Portrait]
 
     def to_json(self) -> Mapping[str, Any]:
-        """Return the motions with their roughness, the keys in words."""
+        """Return the motions with their roughness, with keys in words."""
         return {
             f"{f:g} Hz, {m}": {
                 **motion.to_json(), "roughness_free": self.roughness_free[f, m],
@@ -87,7 +87,7 @@ def draw(numbers: Portraits) -> Figure:
 
 
 def _draw_both_tips(panel: Axes, portrait: Portrait) -> None:
-    """Draw the portraits of both tips into one panel, over their positions."""
+    """Draw the portraits of both tips into one panel, over the tips' positions."""
     ends = slice(portrait.steps_per_period - 1, None, portrait.steps_per_period)
     shift = (0.0, 1e3 * portrait.gap_at_rest)
     for i, colour in enumerate(LAMINA_COLOURS):
@@ -98,7 +98,7 @@ def _draw_both_tips(panel: Axes, portrait: Portrait) -> None:
 
 
 def judge(numbers: Portraits) -> tuple[Claim, ...]:
-    """Judge whether one set of parameters gives all motions, stable and smooth."""
+    """Judge whether one set of parameters gives all motions, all of them stable and smooth."""
     kinds = {m: [numbers.motions[f, m].is_as_described for f in FREQUENCIES] for m in LAWS}
     scatter = [numbers.motions[f, "3.2"].strobe_scatter for f in FREQUENCIES]
     rough = {m: np.array([numbers.roughness_free[f, m] for f in FREQUENCIES[1:]]) for m in LAWS}

@@ -1,4 +1,4 @@
-"""Fig. 2b of the paper: frequency responses in contact, up and down."""
+"""Fig. 2b of the paper: frequency responses with contact, up and down."""
 
 from __future__ import annotations
 
@@ -35,33 +35,36 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 WAYS = {"up": BAND, "down": BAND[::-1]}
-"""Ends of the swept sines [Hz]."""
+"""First and last frequency of the swept sines, by direction [Hz]."""
 CONTACT_STEPS = 1000
 """Steps per period of the highest frequency of a swept sine."""
 DIFFERS = 0.15
-"""Amplitudes that differ by more belong to different motions."""
+"""Amplitudes with a larger relative difference belong to different motions."""
 MANY = 3
-"""So many periods, and numbers of contacts in two periods, make a bifurcation scenario."""
+"""A bifurcation scenario has at least this number of different periodicities, and of different
+numbers of contacts in two periods."""
 JUMP = 3.0
-"""A jump of the amplitude is so many times larger than the changes beside it."""
+"""A jump of the amplitude is this factor larger than the changes beside it."""
 
 
 @dataclass(frozen=True)
 class WithContact(Numbers):
-    """Responses of the tips in contact; both laminae, up and down.
+    """Responses of the tips with contact, of both laminae, up and down.
 
     Attributes:
-        frequency_hz: of the stepped sine, shape (n,).
-        amplitude_up_m, amplitude_down_m: half peak-to-peak, shape (2, n).
-        periodicity_up, periodicity_down: NaN where the motion has none, shape (n,).
-        tip_contacts_per_period: up and down, shape (2, n).
+        frequency_hz: frequencies of the stepped sine, shape (n,).
+        amplitude_up_m, amplitude_down_m: half peak-to-peak of the tips, shape (2, n).
+        periodicity_up, periodicity_down: periodicity, NaN if the motion has none, shape (n,).
+        tip_contacts_per_period: tip contacts per period, up and down, shape (2, n).
         hysteresis_hz: frequencies at which up and down differ.
-        jumps_up_hz, jumps_down_hz: where the amplitude of each tip jumps.
-        largest_amplitude_m, largest_amplitude_at_hz: of each tip.
-        largest_swept_amplitude_m: of each tip, by the way of the swept sine.
+        jumps_up_hz, jumps_down_hz: frequencies at which the amplitude of each tip jumps.
+        largest_amplitude_m, largest_amplitude_at_hz: largest amplitude of each tip, and its
+            frequency.
+        largest_swept_amplitude_m: largest amplitude of each tip, by direction of the swept sine.
         linear_peak_m: largest amplitude of each lamina alone.
-        case: whose laminae they are.
-        envelopes: frequencies [Hz] and amplitudes (2, n) [m] of the swept sines, up and down.
+        case: case with these laminae.
+        envelopes: frequencies, shape (n,) [Hz], and amplitudes, shape (2, n) [m], of the swept
+            sines, up and down.
         marked_m: amplitude of both tips at the paper's four excitations, from rest, shape (4, 2).
     """
 
@@ -122,7 +125,7 @@ def measure(lab: Laboratory) -> WithContact:
 
 
 def _stepped_sine(lab: Laboratory) -> xr.Dataset:
-    """Compute the stepped sine up and down, each frequency going on from the one before."""
+    """Compute the stepped sine up and down; each frequency continues from the one before."""
     step = lab.plan.response_step
     values = np.round(np.arange(BAND[0], BAND[1] + 0.5 * step, step), 6)
     return lab.sweep(
@@ -137,7 +140,7 @@ def _stepped_sine(lab: Laboratory) -> xr.Dataset:
 
 
 def _differ(up: FloatArray, down: FloatArray) -> BoolArray:
-    """Say where the amplitudes up and down belong to different motions, same shape."""
+    """Return where the amplitudes up and down belong to different motions, same shape as `up`."""
     differ: BoolArray = np.abs(up - down) > DIFFERS * np.maximum(up, down)
     return differ
 
@@ -186,7 +189,7 @@ def _contact_panel(panel: Axes, numbers: WithContact, i: int) -> None:
 
 
 def _mark(panel: Axes, text: str, point: tuple[float, float], *, is_right: bool) -> None:
-    """Write beside a point, on the side where the curves are not."""
+    """Write a text beside a point, to the right or to the left of it."""
     panel.annotate(
         text, point, (8 if is_right else -8, 4), textcoords="offset points", zorder=6,
         ha="left" if is_right else "right",
@@ -195,14 +198,17 @@ def _mark(panel: Axes, text: str, point: tuple[float, float], *, is_right: bool)
 
 
 def jumps(f: FloatArray, amplitude: FloatArray) -> list[float]:
-    """Return where an amplitude jumps: it changes by `DIFFERS` and by `JUMP` times its neighbours.
+    """Return the frequencies at which an amplitude jumps [Hz].
+
+    A jump is a change between neighbouring frequencies of more than the share `DIFFERS` of the
+    amplitude, and more than `JUMP` times the changes beside it.
 
     Args:
         f: frequencies, shape (n,) [Hz].
-        amplitude: shape (n,).
+        amplitude: amplitudes, shape (n,).
 
     Returns:
-        The middles of the intervals [Hz].
+        The middles of the intervals with a jump [Hz].
     """
     change = np.abs(np.diff(amplitude))
     large = change > DIFFERS * np.maximum(amplitude[1:], amplitude[:-1])
@@ -212,7 +218,10 @@ def jumps(f: FloatArray, amplitude: FloatArray) -> list[float]:
 
 
 def doubled_window(numbers: WithContact, frequency: float) -> tuple[float, float] | None:
-    """Return the frequencies about a given one at which both directions have period 2 [Hz]."""
+    """Return the ends of the range around a frequency where both directions have period 2 [Hz].
+
+    Return None if the motion at this frequency does not have period 2 in both directions.
+    """
     f = numbers.frequency_hz
     both = (numbers.periodicity_up == 2) & (numbers.periodicity_down == 2)
     first = last = int(np.abs(f - frequency).argmin())
@@ -226,7 +235,7 @@ def doubled_window(numbers: WithContact, frequency: float) -> tuple[float, float
 
 
 def judge(numbers: WithContact) -> tuple[Claim, ...]:
-    """Judge what the paper says about the response in contact."""
+    """Judge the paper's statements about the response with contact."""
     largest = numbers.largest_amplitude_m
     reduced = largest / numbers.linear_peak_m
     at = numbers.largest_amplitude_at_hz

@@ -1,4 +1,4 @@
-"""Fig. 6 of the paper: a strip that falls on the ground along which it lies."""
+"""Fig. 6 of the paper: a strip that falls on the ground on which it lies."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 NEARLY_ALL = 0.9
-"""Share of the energy that counts as nearly all."""
+"""A share of the energy above this counts as nearly all."""
 FROM_CLAMP = 0.5
-"""Rank correlation of place and time from which on the contact line runs from clamp to tip."""
+"""With a larger rank correlation of place and time, the contact line runs from clamp to tip."""
 
 
 @dataclass(frozen=True)
 class RollingStrip(Numbers):
-    """The strip that falls on the ground along which it lies; runs as `Rolling.numbers`.
+    """The strip that falls on the ground on which it lies; each run as in `Rolling.numbers`.
 
     Attributes:
-        by_law: the thin strip, by the name of the law.
-        stiff: the stiff strip.
-        by_height_mm: the thin strip, by the height of its tip.
+        by_law: runs of the thin strip, by the name of the law.
+        stiff: run of the stiff strip.
+        by_height_mm: runs of the thin strip, by the height of its tip.
         ladder: shares of the energy, one entry for each `StripRung`.
-        study: all of it.
-        block: the second experiment, whose set-up is drawn.
+        study: all results of the first experiment.
+        block: results of the second experiment, whose set-up is drawn.
     """
 
     by_law: Mapping[str, Mapping[str, Any]]
@@ -49,24 +49,24 @@ class RollingStrip(Numbers):
 
 
 def measure(lab: Laboratory) -> RollingStrip:
-    """Compute the first experiment and its variations, and the second one at the same time."""
+    """Compute the first experiment and its variations; compute the second at the same time."""
     begun = lab.begin("rolling study", rolling_study, fast=not lab.plan.has_long_ladders)
     block = struck_block(lab)
     return RollingStrip.of(begun.result(), block)
 
 
 def draw(numbers: RollingStrip) -> Figure:
-    """Draw the set-up, and the strip that falls on the ground along which it lies."""
+    """Draw the set-up, and the results of the strip that falls on the ground on which it lies."""
     return figure06(numbers.study, numbers.block)
 
 
 def judge(numbers: RollingStrip) -> tuple[Claim, ...]:
-    """Judge how a strip lands on the ground, and where its energy goes."""
+    """Judge the landing of a strip on the ground, and the loss of its energy."""
     return _claim_on_contact_line(numbers), _claim_on_dissipation(numbers), _claim_on_lift(numbers)
 
 
 def _claim_on_contact_line(numbers: RollingStrip) -> Claim:
-    """Judge which way the contact line runs."""
+    """Judge the direction in which the contact line runs."""
     main, stiff = numbers.by_law["newton@moreau-jean"], numbers.stiff
     direction, sag = main["front_direction"], main["sag_mm"]
     rolled = [

@@ -1,4 +1,4 @@
-"""Fig. 4 of the paper: deflection shapes over one period, still and moving."""
+"""Fig. 4 of the paper: deflection shapes over one period, as pictures and as a film."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from delam_fem.results.folder import Result
 
 PHASES = (-0.2, -0.05, -0.01, 0.0, 0.01, 0.05, 0.2, 0.5)
-"""Instants shown, in periods after the strike of the tips."""
+"""Times of the shapes that are shown, in periods after the strike of the tips."""
 FILM_FRAMES = 50
 FILM_RATE = 12
 """Frames per second of the film."""
@@ -35,24 +35,25 @@ CLOSED = 1e-4
 
 
 def detailed_case(lab: Laboratory, frequency: float = RESONANT) -> Case:
-    """Return the case of method 3.2 with the state of every pair at every step of two periods."""
+    """Return the case of method 3.2 that keeps every pair's state at every step of two periods."""
     keys = {"output.fields_per_period": 1000, "output.window_periods": 2}
     return motion_case(frequency, lab.plan, "3.2", keys)
 
 
 @dataclass(frozen=True)
 class Shapes(Numbers):
-    """The shapes of both laminae in one period, and how long each pair is in contact.
+    """The shapes of both laminae in one period, and the contact time of each pair.
 
     Attributes:
-        x_m: places of the pairs, shape (n_pairs,).
-        share_closed, share_near: of the time, for each pair, shape (n_pairs,) [-].
-        periods_after_strike: instants shown.
-        position_mm: of both laminae at these, shape (2, n_shown, n_nodes).
-        names: of the laminae.
-        x: places of the nodes, shape (n_nodes,) [mm].
-        position: over the whole period, shape (2, n_frames, n_nodes) [mm].
-        shown: frames of the instants shown.
+        x_m: positions of the pairs, shape (n_pairs,).
+        share_closed, share_near: share of the time in which each pair is closed, and nearer than
+            `CLOSED`, shape (n_pairs,) [-].
+        periods_after_strike: times of the shapes that are shown.
+        position_mm: positions of both laminae at these times, shape (2, n_shown, n_nodes).
+        names: names of the laminae.
+        x: positions of the nodes along the laminae, shape (n_nodes,) [mm].
+        position: positions of both laminae over the period, shape (2, n_frames, n_nodes) [mm].
+        shown: numbers of the frames that are shown.
     """
 
     x_m: FloatArray
@@ -67,7 +68,10 @@ class Shapes(Numbers):
 
 
 def measure(lab: Laboratory) -> Shapes:
-    """Compute the motion at 3.25 Hz; the last period counts from the smallest gap of the tips."""
+    """Compute the motion at 3.25 Hz and take shapes from its last period.
+
+    The time of the strike is that of the smallest gap of the tips.
+    """
     (result,) = lab.motions([detailed_case(lab)])
     last = _last_period(result)
     n, x = last.sizes["frame"], last["x"].to_numpy()
@@ -97,21 +101,21 @@ def positions(frames: xr.Dataset) -> FloatArray:
 
 
 def contact_shares(result: Result) -> tuple[FloatArray, FloatArray]:
-    """Return for how much of the time pairs are closed, and nearer than `CLOSED`, (n,) [-]."""
+    """Return the shares of time in which pairs are closed, and nearer than `CLOSED`, (n,) [-]."""
     gap = diagnostics.gap_field(result.history)[:, 1:]
     held = result.history["contact_state"].to_numpy()[:, 1:] > 0
     return ((gap <= 0.0) | held).mean(axis=0), (gap < CLOSED).mean(axis=0)
 
 
 def _last_period(result: Result) -> xr.Dataset:
-    """Return the frames of the last period alone."""
+    """Return the frames of the last period only."""
     n = result.case.output.fields_per_period
     frames = result.history.sizes["frame"]
     return result.history.isel(frame=slice(frames - n, frames))
 
 
 def draw(numbers: Shapes) -> Figure:
-    """Draw both laminae at instants of one period, and how long each pair is in contact."""
+    """Draw both laminae at several times of one period, and the contact time of each pair."""
     from matplotlib.figure import Figure
 
     x, position = numbers.x, numbers.position
@@ -142,7 +146,7 @@ def draw(numbers: Shapes) -> Figure:
 
 
 def _draw_shape(axes: Axes, x: FloatArray, position: FloatArray) -> None:
-    """Draw both laminae at one instant."""
+    """Draw both laminae at one time."""
     axes.fill_betweenx(x, position[0], position[1], color=GAP_COLOUR)
     for i, colour in enumerate(LAMINA_COLOURS):
         axes.plot(position[i], x, color=colour, linewidth=2.2 - 0.8 * i)
@@ -151,7 +155,7 @@ def _draw_shape(axes: Axes, x: FloatArray, position: FloatArray) -> None:
 
 
 def _legend(figure: Figure, names: tuple[str, str]) -> None:
-    """Say above all panels which lamina is which."""
+    """Draw a legend of the laminae above all panels."""
     from matplotlib.lines import Line2D
 
     handles = [
@@ -164,13 +168,13 @@ def _legend(figure: Figure, names: tuple[str, str]) -> None:
 
 
 def _touching(position: FloatArray) -> BoolArray:
-    """Say which pairs touch at one instant, shape (n_pairs,)."""
+    """Return which pairs touch at one time, shape (n_pairs,)."""
     touching: BoolArray = position[1, 1:] - position[0, 1:] < 1e3 * CLOSED
     return touching
 
 
 def film(numbers: Shapes, path: Path) -> None:
-    """Write the motion of one period as GIF."""
+    """Write the motion over one period as a GIF."""
     from matplotlib.animation import PillowWriter
     from matplotlib.figure import Figure
 
@@ -200,7 +204,7 @@ def film(numbers: Shapes, path: Path) -> None:
 
 
 def judge(numbers: Shapes) -> tuple[Claim, ...]:
-    """Judge whether pairs are in contact for different times."""
+    """Judge whether the contact time differs between pairs."""
     closed, near = numbers.share_closed, numbers.share_near
     touched = closed[closed > 0.0]
     return (

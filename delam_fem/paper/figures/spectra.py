@@ -1,4 +1,4 @@
-"""Fig. 5 of the paper: spectra at 3.25 Hz, distortion along the laminae, and the gap's shape."""
+"""Fig. 5 of the paper: spectra at 3.25 Hz, distortion along the laminae and over gap shapes."""
 
 from __future__ import annotations
 
@@ -29,31 +29,31 @@ if TYPE_CHECKING:
     from delam_fem.results.folder import Result
 
 PRINTED = (0.0014, 0.0260)
-"""d of thick and thin as the paper prints them."""
+"""d of the thick and the thin lamina as printed in the paper."""
 PRINTED_DIGIT = 0.1
 """Relative difference up to which d counts as reproduced."""
 SHOWN = 20
-"""Harmonics shown."""
+"""Number of harmonics that are shown."""
 COUNTED = 40
-"""Harmonics counted in d of velocities and accelerations, which does not converge with more."""
+"""Number of harmonics in d of velocities and accelerations, which does not converge with more."""
 ORDERS = ("displacement", "velocity", "acceleration")
 PRESET_EXPONENT = "2"
-"""Exponent of the gap's shape in the preset, as a key."""
+"""Exponent of the gap's shape in the preset, as a dictionary key."""
 
 
 @dataclass(frozen=True)
 class Spectra(Numbers):
-    """Harmonics and distortion at 3.25 Hz. Dictionaries by order have the keys `ORDERS`.
+    """Harmonics and distortion at 3.25 Hz. Dictionaries "by order" have the keys `ORDERS`.
 
     Attributes:
-        harmonics_m: of the displacement of both tips, shape (2, `COUNTED`).
-        d, thd: of both tips, by order, shape (2,) [-].
-        d_at_nodes, thd_at_nodes: of both laminae, by order, shape (2, n_nodes) [-].
-        d_by_gap_exponent: of both tips, by the exponent of the gap's shape [-].
-        kind_by_gap_exponent: the motion in words.
-        tip_min_by_gap_exponent, tip_max_by_gap_exponent: extremes of both tips [m].
-        names: of the laminae.
-        x: places of the nodes, shape (n_nodes,) [mm].
+        harmonics_m: harmonics of the displacement of both tips, shape (2, `COUNTED`).
+        d, thd: distortion of both tips, by order, shape (2,) [-].
+        d_at_nodes, thd_at_nodes: distortion of both laminae, by order, shape (2, n_nodes) [-].
+        d_by_gap_exponent: distortion of both tips, by the exponent of the gap's shape [-].
+        kind_by_gap_exponent: motion in words, by exponent.
+        tip_min_by_gap_exponent, tip_max_by_gap_exponent: extremes of both tips, by exponent [m].
+        names: names of the laminae.
+        x: positions of the nodes, shape (n_nodes,) [mm].
     """
 
     harmonics_m: FloatArray
@@ -93,7 +93,7 @@ def measure(lab: Laboratory) -> Spectra:
 
 
 def tip_harmonics(result: Result) -> dict[str, FloatArray]:
-    """Return the harmonics of both tips by what is differentiated, each (2, n) [m, m/s, m/s2]."""
+    """Return the harmonics of both tips by order, each of shape (2, n) [m, m/s, m/s2]."""
     whole = diagnostics.last_periods(result.history, result.case)
     n_periods = whole.sizes["time"] // result.case.time.steps_per_period
     return _with_derivatives(
@@ -102,7 +102,7 @@ def tip_harmonics(result: Result) -> dict[str, FloatArray]:
 
 
 def node_distortion(result: Result) -> dict[str, FloatArray]:
-    """Return d at every node by what is differentiated, each of shape (2, n_nodes) [-]."""
+    """Return d at every node by order, each of shape (2, n_nodes) [-]."""
     u = result.history["displacement"].to_numpy().swapaxes(1, 2)
     amplitudes = harmonic_amplitudes(u, result.case.n_window_periods)
     return {
@@ -111,7 +111,7 @@ def node_distortion(result: Result) -> dict[str, FloatArray]:
 
 
 def _with_derivatives(amplitudes: FloatArray, result: Result) -> dict[str, FloatArray]:
-    """Return amplitudes A_n, n ω A_n, (n ω)^2 A_n; those of derivatives up to `COUNTED`."""
+    """Return A_n, n ω A_n, (n ω)^2 A_n by order; those of derivatives only up to `COUNTED`."""
     rotation = 2.0 * np.pi / result.case.period * np.arange(1, amplitudes.shape[-1] + 1)
     part = slice(0, COUNTED)
     return {
@@ -152,7 +152,7 @@ def _spectrum(panel: Axes, numbers: Spectra, i: int) -> None:
 
 
 def _along_lamina(panel: Axes, numbers: Spectra, i: int) -> None:
-    """Draw d along a lamina, with THD on the other side."""
+    """Draw d along a lamina, with THD on the right axis."""
     x = numbers.x
     for order, line in zip(ORDERS, ("-", "--", ":"), strict=True):
         d = 100.0 * numbers.d_at_nodes[order][i, 1:]
@@ -164,7 +164,7 @@ def _along_lamina(panel: Axes, numbers: Spectra, i: int) -> None:
 
 
 def _over_exponent(panel: Axes, numbers: Spectra, i: int) -> None:
-    """Draw d of a tip over the exponent of the gap."""
+    """Draw d of a tip over the exponent of the gap's shape."""
     exponents = [float(p) for p in numbers.d_by_gap_exponent]
     d = np.array([both[i] for both in numbers.d_by_gap_exponent.values()])
     panel.plot(exponents, 100.0 * d, "o-", color=LAMINA_COLOURS[i], label="computed")
@@ -180,19 +180,19 @@ def _over_exponent(panel: Axes, numbers: Spectra, i: int) -> None:
 
 
 def _thd_of(d: npt.ArrayLike) -> FloatArray:
-    """Return the THD that belongs to a d, d = sqrt(1 + THD²) - 1, both in percent."""
+    """Return the THD that belongs to a value of d, d = sqrt(1 + THD²) - 1, both in percent."""
     share = np.maximum(np.asarray(d, dtype=np.float64) / 100.0, 0.0)
     return np.asarray(100.0 * np.sqrt(share * (2.0 + share)))
 
 
 def _d_of(thd: npt.ArrayLike) -> FloatArray:
-    """Return the d that belongs to a THD, both in percent."""
+    """Return the d that belongs to a value of THD, both in percent."""
     share = np.asarray(thd, dtype=np.float64) / 100.0
     return np.asarray(100.0 * (np.sqrt(1.0 + share**2) - 1.0))
 
 
 def judge(numbers: Spectra) -> tuple[Claim, ...]:
-    """Judge d as printed, and what the paper says about the spectra."""
+    """Judge the printed values of d, and the paper's statements about the spectra."""
     d, thd = numbers.d, numbers.thd
     band = np.array(list(numbers.d_by_gap_exponent.values()))
     first, *_, last = numbers.d_by_gap_exponent

@@ -1,4 +1,4 @@
-"""Fig. 8 of the paper: velocities of the tips, and the coefficient of restitution read off them."""
+"""Fig. 8 of the paper: tip velocities and the coefficient of restitution that follows."""
 
 from __future__ import annotations
 
@@ -23,26 +23,26 @@ if TYPE_CHECKING:
 
 SHOWN_PERIODS = 2
 MEASURED = (0.0, 0.1)
-"""Range of e that the paper's experiment gave."""
+"""Range of e from the paper's experiment."""
 MARGIN = 0.05
-"""By which a mean of e may lie outside of the measured range."""
+"""Distance by which a mean of e may lie outside the measured range."""
 
 
 @dataclass(frozen=True)
 class Velocities(Numbers):
-    """The velocities of the tips at 3.25 Hz, and the strikes that are seen in them.
+    """The velocities of the tips at 3.25 Hz, and the strikes that they show.
 
     Attributes:
-        strike_time_s: shape (n,).
-        before, after: velocities of both tips, shape (n, 2) [m/s].
+        strike_time_s: times of the strikes, shape (n,).
+        before, after: velocities of both tips before and after a strike, shape (n, 2) [m/s].
         restitution: e by eq. 3, shape (n,) [-].
         restitution_by_lamina: e by eq. 4, shape (n, 2) [-].
-        apparent_mass_ratio: m1/m2 from the jumps, shape (n,) [-].
+        apparent_mass_ratio: m1/m2 from the velocity jumps, shape (n,) [-].
         mass_ratio: m1/m2 of the laminae [-].
-        names: of the laminae.
-        given_restitution: e of every pair [-].
+        names: names of the laminae.
+        given_restitution: e that the case gives to every pair [-].
         period: T [s].
-        time, velocity: the end of the record, shapes (k,) [s] and (2, k) [m/s].
+        time, velocity: end of the record of tip velocities, shapes (k,) [s] and (2, k) [m/s].
     """
 
     strike_time_s: FloatArray
@@ -89,11 +89,11 @@ def mass_ratio(result: Result) -> float:
 
 
 def tip_strikes(result: Result) -> tuple[Strike, ...]:
-    """Find the strikes in the tip velocities alone, as the experiment does; one per period.
+    """Find strikes from the tip velocities alone, as the experiment does; at most one per period.
 
-    A strike of `motions.strikes` is found by the gap, which the experiment does not measure. The
-    samples beside a jump are taken as they are: lines through several of them would be bent by the
-    waves that arrive at the tip.
+    `motions.strikes` finds strikes from the gap, which the experiment does not measure. The samples
+    beside a jump are used directly: the waves that arrive at the tip would distort lines fitted
+    through several samples.
     """
     history = result.history
     return identify(
@@ -107,10 +107,10 @@ def tip_strikes(result: Result) -> tuple[Strike, ...]:
 
 
 def printed_ratio(before: FloatArray, e: float, mass_ratio: float) -> float:
-    """Return the gap rate after over that before by eq. 4 with the signs as printed [-].
+    """Return the ratio of gap rates after and before by eq. 4 with the signs as printed [-].
 
     Args:
-        before: velocities of lamina 1 and 2, shape (2,) [m/s].
+        before: velocities of laminae 1 and 2 before the strike, shape (2,) [m/s].
         e: coefficient of restitution [-].
         mass_ratio: m1/m2 [-].
     """
@@ -121,7 +121,7 @@ def printed_ratio(before: FloatArray, e: float, mass_ratio: float) -> float:
 
 
 def draw(numbers: Velocities) -> Figure:
-    """Draw the tip velocities over two periods with the jumps that e is read off."""
+    """Draw the tip velocities over two periods with the jumps from which e follows."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(WIDTH, 7.0), layout="constrained")
@@ -132,7 +132,7 @@ def draw(numbers: Velocities) -> Figure:
 
 
 def _draw_velocities(panel: Axes, numbers: Velocities) -> None:
-    """Draw the velocities of both tips with those before and after each strike."""
+    """Draw the velocities of both tips, with marks before and after each strike."""
     start, T = numbers.time[0], numbers.period
     for i, colour in enumerate(LAMINA_COLOURS):
         label = f"{numbers.names[i]}  $\\dot y_{i + 1}$"
@@ -148,7 +148,7 @@ def _draw_velocities(panel: Axes, numbers: Velocities) -> None:
 
 
 def _draw_restitution(panel: Axes, numbers: Velocities) -> None:
-    """Draw e of each strike, beside the paper's range and the given one."""
+    """Draw e of each strike, with the paper's range and the given value."""
     e, by_lamina = numbers.restitution, numbers.restitution_by_lamina
     number = np.arange(1, e.size + 1)
     panel.plot(number, e, "o", color=BLACK, label="eq. 3")
@@ -161,7 +161,7 @@ def _draw_restitution(panel: Axes, numbers: Velocities) -> None:
 
 
 def judge(numbers: Velocities) -> tuple[Claim, ...]:
-    """Judge e as measured in the paper, and its eq. 4."""
+    """Judge the value of e measured in the paper, and its eq. 4."""
     e, by_lamina = numbers.restitution, numbers.restitution_by_lamina
     jump = np.abs(numbers.after - numbers.before).sum(axis=1)
     mean = float(e.mean())

@@ -17,22 +17,22 @@ if TYPE_CHECKING:
 
 MUCH_SMALLER = 0.5
 STRONGLY = 0.5
-"""Share of the energy before up to which the contact has dissipated strongly."""
+"""The contact dissipates strongly if less than this share of the energy is left."""
 NO_REBOUND = 0.05
-"""Share of the speed or height before that counts as none after."""
+"""A rebound below this share of the speed or height before the impact counts as none."""
 PEAK_US = 30.0
 """Duration of the force peak in the paper [µs]."""
 EXTREMELY_SHORT = 0.01
-"""Share of the lowest period below which a time counts as extremely short."""
+"""A time below this share of the lowest period counts as extremely short."""
 
 
 @dataclass(frozen=True)
 class StruckTip(Numbers):
-    """The strip whose tip falls on a block.
+    """The results of a strip whose tip falls on a block.
 
     Attributes:
-        values: by name, as `TipBlock.numbers` returns them.
-        block: the signals.
+        values: numbers by name, from `TipBlock.numbers`.
+        block: the computed signals.
     """
 
     values: Mapping[str, Any]
@@ -44,7 +44,7 @@ class StruckTip(Numbers):
 
 
 def struck_block(lab: Laboratory) -> TipBlock:
-    """Compute the second experiment once, while others may be computed."""
+    """Compute the second experiment once; other computations may run at the same time."""
     return lab.begin("tip block", tip_block).result()
 
 

@@ -1,4 +1,4 @@
-"""Fig. 1 of the paper: the system, drawn from the case."""
+"""Fig. 1 of the paper: the system, drawn from the data of the case."""
 
 from __future__ import annotations
 
@@ -23,23 +23,23 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 EXPONENTS = (1.0, 1.5, 2.0, 2.5, 3.0)
-"""Shapes g0(L) (x/L)^p of the gap that the paper leaves open."""
+"""Exponents p of possible gap shapes g0(L) (x/L)^p; the paper does not give the shape."""
 SHOWN_POINTS = 200
 NEAR = 0.05
-"""A stiffness within this share of the other counts as equal."""
+"""Two stiffnesses or mass ratios count as equal if they differ by less than this."""
 
 
 @dataclass(frozen=True)
 class System(Numbers):
-    """The case, and what follows from it.
+    """The case, and properties that follow from it.
 
     Attributes:
-        case: as TOML.
+        case: the case as TOML.
         mass_ratio: m1/m2 [-].
-        natural_frequencies_hz: the first four of both laminae.
+        natural_frequencies_hz: first four natural frequencies of both laminae.
         stiffness_over_EbH3_12: given EI over that of the section, of both laminae [-].
-        x_m: places along the laminae.
-        gap_m: gap at these places, by the exponent of its shape.
+        x_m: positions along the laminae.
+        gap_m: gap at these positions, by the exponent of its shape.
         drawn_case: the case itself.
     """
 
@@ -77,7 +77,7 @@ def measure(lab: Laboratory) -> System:
 
 
 def draw(numbers: System) -> Figure:
-    """Draw the laminae at rest, their gap, the base and the sensors, and list what they are."""
+    """Draw the laminae at rest, their gap, the base and the sensors, and list their properties."""
     from matplotlib.figure import Figure
 
     case = numbers.drawn_case
@@ -128,7 +128,7 @@ def _draw_laminae(axes: Axes, case: Case) -> None:
 
 
 def _properties(case: Case) -> list[tuple[str, str, str]]:
-    """Return rows: property, thick, thin."""
+    """Return rows of (property, value of the thick lamina, value of the thin lamina)."""
     thick, thin = case.lamina
     computed = [lam.young_modulus * lam.width * lam.thickness**3 / 12.0 for lam in case.lamina]
     f = [lam.angular_frequencies(2) / (2.0 * math.pi) for lam in case.lamina]
@@ -169,7 +169,7 @@ def _list_properties(axes: Axes, case: Case) -> None:
 
 
 def judge(numbers: System) -> tuple[Claim, ...]:
-    """Judge what the paper says about masses and stiffnesses."""
+    """Judge the paper's statements about masses and stiffnesses."""
     ratio = numbers.mass_ratio
     off = [given - 1.0 for given in numbers.stiffness_over_EbH3_12]
     return (

@@ -1,4 +1,4 @@
-"""The paper's remarks on its numerical parameters: the threshold γ, the time integration."""
+"""The paper's remarks on its numerical parameters: the threshold γ and the time integration."""
 
 from __future__ import annotations
 
@@ -22,31 +22,32 @@ if TYPE_CHECKING:
     from delam_fem.results.folder import Result
 
 CLAPPING = FREQUENCIES[1:]
-"""The excitations at which the tips meet [Hz]."""
+"""The excitation frequencies at which the tips meet [Hz]."""
 THRESHOLDS = (1e-5, 1e-1)
 PRINTED = 0.5e-3
 """γ of the paper [m/s]."""
 SLIGHT = 0.05
-"""A change of an extreme by this share of the peak-to-peak amplitude counts as slight."""
+"""A change of the amplitude by less than this share of its mean counts as slight."""
 MODERATE = 0.011
-"""Up to twenty times the printed threshold [m/s]."""
+"""Upper end of moderate thresholds, about twenty times the printed one [m/s]."""
 ORDER = 3.0
-"""Factor up to which a number counts as "close to"."""
+"""A number counts as "close to" another one if their ratio is below this factor."""
 
 
 @dataclass(frozen=True)
 class Threshold(Numbers):
-    """The motions with other thresholds γ. Dictionaries are by frequency, lists over γ.
+    """The motions with other thresholds γ. Dictionaries are by frequency; their lists run over γ.
 
     Attributes:
-        gamma_m_s: shape (n,).
-        staying_share: of the impacts that are followed by permanent contact [-].
-        amplitude_mm: half peak-to-peak of both tips, shape (2,) each.
-        periodicity: None where the motion has none.
-        contacts: of the tips per period.
-        largest_tip_gap_rate_m_s: at 3.25 Hz with the paper's γ.
-        central_difference_steps_per_period: from which on that scheme is stable.
-        impacts_per_period: on all pairs.
+        gamma_m_s: values of γ, shape (n,).
+        staying_share: share of the impacts that are followed by permanent contact [-].
+        amplitude_mm: half peak-to-peak of both tips, each of shape (2,).
+        periodicity: periodicity, None if the motion has none.
+        contacts: tip contacts per period.
+        largest_tip_gap_rate_m_s: largest gap rate of the tips at 3.25 Hz with the paper's γ.
+        central_difference_steps_per_period: smallest number of steps per period at which the
+            central difference is stable.
+        impacts_per_period: impacts per period on all pairs.
     """
 
     gamma_m_s: FloatArray
@@ -94,7 +95,7 @@ def staying_share(result: Result, gamma: float) -> float:
 
 
 def _study(lab: Laboratory, frequency: float, gammas: FloatArray) -> list[Result]:
-    """Compute the motion at a frequency with each γ."""
+    """Compute the motion at a frequency with each value of γ."""
     keys = [{"contact.threshold_velocity": float(g)} for g in gammas]
     return lab.motions([motion_case(frequency, lab.plan, "3.2", key) for key in keys])
 
@@ -124,16 +125,16 @@ def draw(numbers: Threshold) -> Figure:
 
 
 def _spread(amplitudes: FloatArray) -> float:
-    """Return by how much amplitudes vary over γ, relative to their mean, the larger of both tips.
+    """Return the range of amplitudes over γ relative to their mean; the larger of both tips.
 
     Args:
-        amplitudes: shape (n, 2).
+        amplitudes: half peak-to-peak of both tips for each γ, shape (n, 2).
     """
     return float(np.max(np.ptp(amplitudes, axis=0) / amplitudes.mean(axis=0)))
 
 
 def judge(numbers: Threshold) -> tuple[Claim, ...]:
-    """Judge what the paper says about γ and the central difference scheme."""
+    """Judge the paper's statements about γ and the central difference scheme."""
     ends = [(f, (s[0], s[-1])) for f, s in numbers.staying_share.items()]
     spread, moderate = (
         {f: _spread(np.array(a)[chosen]) for f, a in numbers.amplitude_mm.items()}

@@ -1,4 +1,4 @@
-"""Runs of a lamina against the ground: `Operators` and a law → compiled engine → time loop."""
+"""Run a lamina against the ground with the compiled engine, given its operators and a law."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from delam_fem.simulation.span import Span
 LIFT = 0.050
 """Height of the tip before the release [m]."""
 STRETCH = 1e-4
-"""Between two entries of the energy ledger [s]."""
+"""Time between two entries of the energy ledger [s]."""
 UNBOUNDED = 10.0
-"""Height at which a motion counts as diverged [m]; the strip is lifted by centimetres."""
+"""A motion above this height counts as diverged [m]; the strip is lifted by centimetres."""
 _STORED = [LEDGER.index(name) for name in ("kinetic", "strain", "spring")]
 _DAMPED = [LEDGER.index(name) for name in ("damping_loss", "contact_damping_loss")]
 _IMPACT, _RELEASED = LEDGER.index("impact_loss"), LEDGER.index("spring_released")
@@ -32,14 +32,14 @@ _RESIDUAL = LEDGER.index("residual")
 
 @dataclass(frozen=True)
 class GroundLaw:
-    """What happens where a node meets the ground; impulses are consistent (through M⁻¹).
+    """The contact law between a node and the ground; impulses are consistent (through M⁻¹).
 
     Attributes:
-        name: of the contact law, as in case files.
+        name: name of the contact law, as in case files.
         restitution: e [-].
-        stiffness: of the springs of newton-penalty and penalty, per node [N/m].
+        stiffness: stiffness of a spring per node, for newton-penalty and penalty [N/m].
         threshold_velocity: γ [m/s].
-        scheme: time integration, as in case files.
+        scheme: name of the time integration, as in case files.
     """
 
     name: LawName
@@ -50,7 +50,7 @@ class GroundLaw:
 
     @property
     def law(self) -> Law:
-        """The contact law."""
+        """The contact law as engines need it."""
         return Law(
             self.name,
             restitution=self.restitution,
@@ -61,15 +61,15 @@ class GroundLaw:
 
 @dataclass(frozen=True)
 class Energy:
-    """Where the energy is at the ends of equal stretches of a run, and where it went [J].
+    """The stored and the lost energy at the ends of equal stretches of a run [J].
 
     Attributes:
-        time: shape (m,), the start included [s].
-        stored: kinetic, strain and spring energy together.
-        damped: lost to damping so far.
-        impact: lost at impacts so far.
-        released: set free by switching springs so far.
-        residual: largest of what does not add up over a stretch.
+        time: ends of the stretches, and the start, shape (m,) [s].
+        stored: kinetic, strain and spring energy together, shape (m,).
+        damped: energy lost to damping so far, shape (m,).
+        impact: energy lost at impacts so far, shape (m,).
+        released: energy released by switching springs so far, shape (m,).
+        residual: largest error of the energy balance over a stretch.
     """
 
     time: FloatArray
@@ -82,17 +82,17 @@ class Energy:
 
 @dataclass(frozen=True)
 class GroundRun:
-    """What came out.
+    """The results of a run against the ground.
 
     Attributes:
-        time: of all steps, the start included, shape (k,) [s].
+        time: times of all steps, and the start, shape (k,) [s].
         u: observed displacements, shape (k, n_observed) [m].
-        v: observed velocities likewise [m/s].
+        v: observed velocities, shape (k, n_observed) [m/s].
         frames: (u, v) of all dofs at `energy.time` without the start, shape (m - 1, 2, n).
-        impulses: all pushes; `rate_pre` is the velocity of the node, downwards negative.
-        energy: the ledger.
-        state: at the end.
-        outcome: how it ended.
+        impulses: all impulses; `rate_pre` is the velocity of the node, negative downwards.
+        energy: the energy ledger.
+        state: the state at the end.
+        outcome: how the run ended.
     """
 
     time: FloatArray
@@ -106,7 +106,7 @@ class GroundRun:
 
 
 def released(shape: FloatArray, operators: Operators) -> State:
-    """Return the state of a lamina that is let go from rest in a shape, (u, φ) of all free dofs."""
+    """Return the state of a lamina released from rest in a shape, (u, φ) of all free dofs."""
     motion = np.array([shape, np.zeros_like(shape), np.zeros_like(shape)])
     return State(motion, np.zeros(operators.n_pairs, dtype=np.bool_))
 
@@ -121,19 +121,20 @@ def run(
     n_stretches: int,
     stop: Callable[[float, float], bool] = lambda u, v: False,
 ) -> GroundRun:
-    """Run a problem; energies and frames are kept at the ends of the stretches.
+    """Run a problem; keep energies and frames at the ends of the stretches.
 
     Args:
-        law: what happens in contact.
-        operators: lamina and ground.
-        start: displacements, velocities and springs.
+        law: the contact law.
+        operators: operators of the lamina over the ground.
+        start: state at the start.
         time_step: Δt [s].
         steps_per_stretch: N.
-        n_stretches: how many.
-        stop: asked after each stretch with the first observed u [m] and v [m/s].
+        n_stretches: number of stretches.
+        stop: called after each stretch with the first observed u [m] and v [m/s]; True ends the
+            run.
 
     Returns:
-        All of it; what there is, where the motion diverges or `stop` ends it.
+        The results; if the motion diverges or `stop` ends it, the results up to that time.
     """
 
     def ends(done: int) -> bool:
@@ -157,7 +158,7 @@ def run(
 
 
 def _energy(recorder: Recorder, records: list[PeriodRecord], time_step: float) -> Energy:
-    """Return the ledger as running sums."""
+    """Return the energy ledger as running sums."""
     ledger = recorder.ledger[: recorder.n_closed]
     at_start = records[0].start[0].total
     steps = np.cumsum([0] + [record.n_steps for record in records])

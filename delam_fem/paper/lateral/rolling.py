@@ -1,7 +1,7 @@
-"""A strip that lies on the ground, is lifted and let go (paper 2.3, the first experiment).
+"""A strip that lies on the ground, is lifted and released (paper 2.3, the first experiment).
 
-Times go by the strip's lowest period as a cantilever: then only the ratio of the height of the tip
-to the strip's sag under its weight matters, besides law, mesh and step.
+All times are relative to the strip's lowest period as a cantilever. Then only the ratio of the tip
+height to the strip's sag under its weight matters, besides law, mesh and time step.
 """
 
 from __future__ import annotations
@@ -19,33 +19,33 @@ from delam_fem.paper.lateral.ground_run import LIFT, Energy, GroundLaw
 from delam_fem.simulation.solution import ImpactTable
 
 FRONT_FROM = 0.25
-"""The contact line is followed from this part of the length on: nodes nearer the clamp hardly
+"""The contact line is followed from this fraction of the length on: nodes nearer the clamp hardly
 leave the ground and are hit by every ripple."""
 FRONT_WITHIN = 0.04
-"""Time in which the contact line passes, in periods; pushes on new nodes later belong to the next
-swing [-]."""
+"""Time within which the contact line passes, in periods; later first hits belong to the next swing
+[-]."""
 SETTLED = 0.02
-"""Time after half of the strip has landed at which what is lost is told, in periods [-]."""
+"""Time between the landing of half of the strip and the reading of the losses, in periods [-]."""
 STRETCHES = 500
 """Entries of the energy ledger per period."""
 
 
 @dataclass(frozen=True)
 class Rolling:
-    """A strip that falls on the ground it lies on.
+    """The fall of a strip on the ground on which it lies.
 
     Attributes:
         lamina: the strip.
-        law: contact with the ground.
-        lift: what held it before the release.
+        law: contact law with the ground.
+        lift: load that held the strip before the release.
         gravity: g [m/s2].
         x: positions of the free nodes, shape (n,) [m].
-        steps_per_period: of the lowest period [-].
-        time: of the steps, shape (k,) [s].
+        steps_per_period: time steps per lowest period [-].
+        time: times of the steps, shape (k,) [s].
         tip: height of the tip, shape (k,) [m].
         top: height of the highest node at `energy.time` without the start, shape (m - 1,) [m].
-        impulses: all pushes of the ground; `pair` is the index into x.
-        energy: where it is and where it went; `stored` is 0 at rest on the ground.
+        impulses: all impulses of the ground; `pair` is the index into x.
+        energy: stored and lost energy; `stored` is 0 at rest on the ground.
         outcome: "completed" or "diverged".
     """
 
@@ -69,27 +69,27 @@ class Rolling:
 
     @property
     def contact_line(self) -> FloatArray:
-        """When each node is first pushed, shape (n,) [s]; NaN: never."""
+        """Time of the first hit of each node, shape (n,) [s]; NaN: it is never hit."""
         first = np.full(self.x.size, np.nan)
-        pushed, row = np.unique(self.impulses.pair, return_index=True)  # rows go by time
+        pushed, row = np.unique(self.impulses.pair, return_index=True)  # rows are sorted by time
         first[pushed] = self.impulses.time[row]
         return first
 
     @property
     def landing(self) -> tuple[float, float]:
-        """First push beyond `FRONT_FROM`, and when half of the nodes there had theirs [s].
+        """Times [s] of the first hit beyond `FRONT_FROM`, and when half the nodes there were hit.
 
-        Not when the last one had it: single nodes may be left out until the next swing.
+        The last node is not used: single nodes may not be hit until the next swing.
         """
         beyond = self.contact_line[self.x > FRONT_FROM * self.lamina.length]
         return float(np.nanmin(beyond)), float(np.nanquantile(beyond, 0.5))
 
     def front(self) -> tuple[float, float]:
-        """Return direction and speed of the contact line soon after the first push.
+        """Return direction and speed of the contact line soon after the first hit.
 
         Returns:
             Rank correlation of place and time (1: from the clamp to the tip, -1: from the tip to
-            the clamp, 0: neither), and the length covered over the time that it took [m/s].
+            the clamp, 0: neither), and the length that the line covers per time [m/s].
         """
         line = self.contact_line
         is_front = (self.x > FRONT_FROM * self.lamina.length) & (
@@ -102,7 +102,7 @@ class Rolling:
         return float(np.corrcoef(ranks)[0, 1]), float(np.ptp(x) / np.ptp(t))
 
     def shares(self, time: float) -> dict[str, float]:
-        """Return the parts of the energy at a time: lost at impacts, to damping, and left [-]."""
+        """Return the shares of the energy at a time: lost at impacts, lost to damping, left [-]."""
         e, half = self.energy, 0.5 * self.period / STRETCHES
         at = int(np.searchsorted(self.energy.time, time - half))
         at = min(at, e.time.size - 1)
@@ -111,7 +111,7 @@ class Rolling:
         return shares | {"lost": shares["impacts"] + shares["damping"]}
 
     def numbers(self) -> dict[str, Any]:
-        """Return what the figures quote."""
+        """Return the numbers that the figures quote."""
         direction, speed = self.front()
         begin, end = self.landing
         settled = end + SETTLED * self.period
@@ -158,20 +158,20 @@ def rolling(
     steps_per_period: int = 20_000,
     periods: float = 0.5,
 ) -> Rolling:
-    """Let a strip fall on the ground it lies on.
+    """Compute the fall of a strip on the ground on which it lies.
 
     Args:
-        lamina: default: `thin_strip`.
-        law: default: newton@moreau-jean with the e = 0.1 of the paper.
-        height: of the tip before the release [m].
-        lift: what holds it up until then; the paper lifts the free end.
+        lamina: the strip; None: `thin_strip`.
+        law: contact law; None: newton@moreau-jean with the paper's e = 0.1.
+        height: height of the tip before the release [m].
+        lift: load that holds the strip until then; the paper lifts the free end.
         gravity: g [m/s2].
         n_elements: n; each free node is a contact pair.
-        steps_per_period: of the strip's lowest period, a multiple of `STRETCHES`.
-        periods: from the release.
+        steps_per_period: time steps per lowest period, a multiple of `STRETCHES`.
+        periods: duration of the run from the release, in lowest periods.
 
     Raises:
-        ValueError: a part of the strip would not be lifted.
+        ValueError: the load would not lift a part of the strip.
     """
     lamina = lamina or thin_strip()
     law = law or GroundLaw("newton", 0.1, scheme="moreau-jean")

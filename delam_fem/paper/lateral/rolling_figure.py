@@ -1,4 +1,4 @@
-"""Figure 6: the set-up of the paper's second experiment and the course of the first (paper 2.3)."""
+"""Draw figure 6: the set-up of the second experiment and the results of the first (paper 2.3)."""
 
 from __future__ import annotations
 
@@ -32,18 +32,18 @@ LAW_COLOURS = {
     "newton-penalty@newmark": ORANGE,
 }
 MARKERS = {20: "s", 40: "^", 80: "o"}
-"""Of the meshes of a ladder, by elements."""
+"""Markers of the meshes of a ladder, by number of elements."""
 SHOWN_LANDING = (-0.02, 0.06)
 SHOWN_ENERGY = (-0.05, 0.25)
-"""Parts of the period round the first touch that are drawn."""
+"""Parts of the period around the first hit that are drawn."""
 
 
 def figure06(study: RollingStudy, block: TipBlock) -> Figure:
-    """Draw the set-up of the second experiment and the course of the first.
+    """Draw the set-up of the second experiment and the results of the first.
 
     Args:
-        study: a strip that falls on the ground along which it lies.
-        block: gives the strip and the places of the gauges.
+        study: results of a strip that falls on the ground on which it lies.
+        block: second experiment; it gives the strip and the positions of the gauges.
     """
     from matplotlib.figure import Figure
 
@@ -63,7 +63,7 @@ def figure06(study: RollingStudy, block: TipBlock) -> Figure:
 
 
 def _draw_setup(axes: Axes, block: TipBlock) -> None:
-    """Draw the strip, lifted and free of stress, with its sensors, to scale."""
+    """Draw the strip with its sensors to scale, once lifted and once free of stress."""
     from matplotlib.patches import Rectangle
 
     strip, n = block.lamina, 100
@@ -99,12 +99,12 @@ def _draw_setup(axes: Axes, block: TipBlock) -> None:
 
 
 def _draw_contact_line(axes: Axes, run: Rolling) -> None:
-    """Draw the pushes of the ground over time and place, the first one of each node in front."""
+    """Draw the hits of the nodes over time and place, with the first hit of each node on top."""
     pushes, x = run.impulses, 1e3 * run.x
     shown = run.landing[0] + run.period * np.array(SHOWN_LANDING)
     is_shown = (pushes.time > shown[0]) & (pushes.time < shown[1])
     time, pair = pushes.time[is_shown], pushes.pair[is_shown]
-    apart = np.ptp(shown) / 400.0  # more dots than that would not be seen
+    apart = np.ptp(shown) / 400.0  # more dots than that cannot be distinguished
     _, seen = np.unique(np.stack([np.floor(time / apart), pair]), axis=1, return_index=True)
     line = 1e3 * run.contact_line
     axes.plot(
@@ -120,14 +120,14 @@ def _draw_contact_line(axes: Axes, run: Rolling) -> None:
 
 
 def _strip(run: Rolling) -> str:
-    """Return how thick and long a strip is, and how high it was lifted."""
+    """Return thickness, length, sag and lifting height of a strip in words."""
     size = f"{1e3 * run.lamina.thickness:g} mm × {1e3 * run.lamina.length:.0f} mm"
     sag = 1e3 * ground.sag(run.lamina, run.gravity)
     return f"{size}, sag {sag:.0f} mm, lifted {1e3 * run.tip[0]:.0f} mm"
 
 
 def _draw_energy(axes: Axes, run: Rolling) -> None:
-    """Draw where the energy is and where it went."""
+    """Draw the stored and the lost energy over time."""
     energy = run.energy
     parts = np.array([energy.stored, energy.damped, energy.impact]) / energy.stored[0]
     names = ("in the strip", "lost to damping", "lost at impacts")
@@ -140,7 +140,7 @@ def _draw_energy(axes: Axes, run: Rolling) -> None:
 
 
 def _draw_ladder(axes: Axes, study: RollingStudy) -> None:
-    """Draw the shares lost in all and at impacts over the time step; damped strip."""
+    """Draw the total loss and the loss at impacts over the time step, for the damped strip."""
     from matplotlib.ticker import NullLocator
 
     damping_ratio = max(rung.damping_ratio for rung in study.ladder)
@@ -166,12 +166,12 @@ _SIGNS = {"s": "□", "^": "△", "o": "○"}
 
 
 def _label(law: str, n: int) -> str:
-    """Return a law's name for one of its lines, no entry in the legend for the others."""
+    """Return a law's name for the one line in the legend, and no label for its other lines."""
     return law if n == max(MARKERS) else "_nolegend_"
 
 
 def _draw_tips(axes: Axes, study: RollingStudy) -> None:
-    """Draw the height of the tip by each law."""
+    """Draw the height of the tip over time for each law."""
     for name, run in study.by_law.items():
         axes.plot(1e3 * run.time, 1e3 * run.tip, color=LAW_COLOURS[name], label=name)
     axes.set(xlabel="time after the release  [ms]", ylabel="height of the tip  [mm]")
@@ -182,7 +182,7 @@ def _draw_tips(axes: Axes, study: RollingStudy) -> None:
 
 
 def _draw_heights(axes: Axes, study: RollingStudy) -> None:
-    """Draw how the contact line runs over the height of the tip, in sags of the strip."""
+    """Draw the direction of the contact line over the height of the tip, in sags of the strip."""
     runs = [*study.by_height.values(), study.stiff]
     ratio = [run.tip[0] / ground.sag(run.lamina, run.gravity) for run in runs]
     direction = [run.front()[0] for run in runs]

@@ -1,7 +1,7 @@
 """The paper's experiments on lateral impact (section 2.3), with the studies that its figures need.
 
-`rolling` lets a strip fall on the ground along which it lies, `tip_block` lets its tip fall on a
-block. `rolling_study` repeats the first with other strips, heights, laws, meshes and steps.
+`rolling` lets a strip fall on the ground on which it lies. `tip_block` lets its tip fall on a
+block. `rolling_study` repeats the first with other strips, heights, laws, meshes and time steps.
 """
 
 from __future__ import annotations
@@ -23,25 +23,25 @@ LAWS = {
     "recovery@moreau-jean": GroundLaw("recovery", 0.1, scheme="moreau-jean"),
     "newton-penalty@newmark": GroundLaw("newton-penalty", 0.1, stiffness=100.0),
 }
-"""The laws compared, with the paper's e = 0.1, γ and springs: the thin strip is as soft as its
-laminae."""
+"""The laws that are compared, with the paper's e = 0.1, γ and spring stiffness (the thin strip is
+as soft as the paper's laminae)."""
 HEIGHTS = (0.014, 0.02, 0.03, 0.04, 0.05, 0.07, 0.085, 0.1, 0.15)
-"""Of the tip of the thin strip, which sags by 34 mm under its weight [m]."""
+"""Tip heights of the thin strip, which sags by 34 mm under its weight [m]."""
 DAMPING_RATIOS = (0.0, 0.002)
-"""D of modes 1 and 2: none at all, and about that of a clamped steel strip."""
+"""D of modes 1 and 2: no damping, and about the damping of a clamped steel strip."""
 LONG = 0.8
-"""Duration of the runs that show a rebound, in periods: it ends at about 0.76."""
+"""Duration of the runs that show a rebound, in periods; the rebound ends at about 0.76."""
 
 
 @dataclass(frozen=True)
 class StripRung:
-    """Where the energy goes in one run of a ladder.
+    """The energy shares of one run of a ladder.
 
     Attributes:
         law: name of the law.
         damping_ratio: D [-].
         elements: n.
-        steps_per_period: of the lowest period [-].
+        steps_per_period: time steps per lowest period [-].
         impacts, damping, left: shares of the energy after half a period [-].
         outcome: "completed" or "diverged".
     """
@@ -58,12 +58,12 @@ class StripRung:
 
 @dataclass(frozen=True)
 class RollingStudy:
-    """The first experiment and its variations, all lifted by a force at the tip.
+    """The first experiment and its variations; a force at the tip lifts every strip.
 
     Attributes:
-        by_law: the thin strip, for each of `LAWS`.
-        stiff: the strip of the second experiment, newton@moreau-jean.
-        by_height: the thin strip lifted by other heights [m], on a coarser mesh.
+        by_law: the thin strip, by the name of the law in `LAWS`.
+        stiff: the strip of the second experiment with newton@moreau-jean.
+        by_height: the thin strip by height of its tip [m], on a coarser mesh.
         ladder: the thin strip on other meshes and with other time steps.
     """
 
@@ -73,7 +73,7 @@ class RollingStudy:
     ladder: tuple[StripRung, ...]
 
     def rungs(self, law: str, damping_ratio: float, elements: int) -> list[StripRung]:
-        """Return the completed rungs of a law, damping and mesh, from few to many steps."""
+        """Return the completed runs of a law, a damping and a mesh, by increasing steps."""
         return [
             rung
             for rung in sorted(self.ladder, key=lambda rung: rung.steps_per_period)
@@ -82,7 +82,7 @@ class RollingStudy:
         ]
 
     def numbers(self) -> dict[str, Any]:
-        """Return what the figure quotes."""
+        """Return the numbers that the figure quotes."""
         return {
             "by_law": {name: run.numbers() for name, run in self.by_law.items()},
             "stiff": self.stiff.numbers(),
@@ -95,7 +95,7 @@ def rolling_study(*, fast: bool = False) -> RollingStudy:
     """Compute the first experiment with other strips, heights, laws, meshes and time steps.
 
     Args:
-        fast: with a shorter ladder.
+        fast: whether to compute a shorter ladder.
     """
     elements, steps = (
         ((20, 80), (5_000, 20_000)) if fast else ((20, 40, 80), (5_000, 20_000, 80_000))
@@ -119,13 +119,13 @@ def rolling_study(*, fast: bool = False) -> RollingStudy:
 
 
 def rung(law: str, damping_ratio: float, elements: int, steps_per_period: int) -> StripRung:
-    """Return where the energy of the thin strip goes with a law of `LAWS`.
+    """Compute the energy shares of the thin strip with a law of `LAWS`.
 
     Args:
-        law: its name.
+        law: name of the law.
         damping_ratio: D [-].
         elements: n.
-        steps_per_period: of the lowest period [-].
+        steps_per_period: time steps per lowest period [-].
     """
     run = rolling(
         thin_strip(damping_ratio),

@@ -1,4 +1,4 @@
-"""A strip whose tip falls on a block (paper 2.3, the second experiment): signals and measures."""
+"""Signals and measures of a strip whose tip falls on a block (paper 2.3, the second experiment)."""
 
 from __future__ import annotations
 
@@ -15,31 +15,31 @@ from delam_fem.paper.lateral.ground_run import LIFT, Energy
 PEAK_WITHIN = 1e-4
 """The first peak of the force lies within this time after the touch [s]."""
 SENT_WITHIN = 1e-3
-"""The wave of the first peak has passed both gauges by then [s]."""
+"""Within this time the wave of the first peak has passed both gauges [s]."""
 BLOCK_STIFFNESSES = (5e7, 1e9)
-"""What a brass block, a quartz force transducer (by data sheets about 1e9 N/m) and the dent at the
-tip may have in series [N/m]."""
+"""Possible stiffness of a brass block, a quartz force transducer (by data sheets about 1e9 N/m) and
+the dent at the tip in series: least and greatest [N/m]."""
 FAINT = 0.3
-"""Share of its largest value from which a wave counts; what comes before is faster than the peak of
-the force is short, and left the tip before that peak."""
+"""The wave begins where the strain first exceeds this fraction of its largest value. Weaker waves
+before have higher frequencies than the peak of the force, and left the tip before that peak."""
 
 
 def exact_beam(lamina: Lamina) -> StruckBeam:
-    """Return the exact beam without length that has the section of a strip."""
+    """Return the exact semi-infinite beam with the section of a strip."""
     return StruckBeam(lamina.flexural_rigidity, lamina.mass_per_length, lamina.thickness)
 
 
 @dataclass(frozen=True)
 class TipMotion:
-    """A strip whose tip meets the block; times count from the touch.
+    """The motion of a strip whose tip meets the block; times count from the touch.
 
     Attributes:
-        time: shape (k,) [s].
+        time: times of the steps, shape (k,) [s].
         tip: height of the tip, shape (k,) [m].
-        tip_velocity: [m/s].
-        strain: at the gauges, shape (2, k) [-].
-        impulse: that the block has given so far, shape (k,) [N s].
-        energy: where it is and where it went; the same zero of time.
+        tip_velocity: velocity of the tip, shape (k,) [m/s].
+        strain: strain at the gauges, shape (2, k) [-].
+        impulse: impulse that the block has given so far, shape (k,) [N s].
+        energy: stored and lost energy; its times also count from the touch.
         first_mode: energy in the first mode at `energy.time` without the start [J].
     """
 
@@ -58,16 +58,18 @@ class TipBlock:
 
     Attributes:
         lamina: the strip.
-        gauges: places of the strain gauges from the clamp, near it and further on, shape (2,) [m].
-        n_elements, time_step: of the computation [-, s].
-        stiffness: of the block's surface and force transducer [N/m].
-        fall_time: from the release to the touch [s].
-        speed: of the tip then, the mean over the time of the peak: it ripples by 0.5 % [m/s].
-        energy: given to the strip by lifting it [J].
-        static_strain: at the gauges before the release, shape (2,) [-].
-        free: without a block.
-        spring: with the block of finite stiffness.
-        rigid: with the rigid block, newton@moreau-jean with e = 0.
+        gauges: positions of the two strain gauges from the clamp, the nearer one first, shape (2,)
+            [m].
+        n_elements, time_step: number of elements [-] and Δt [s] of the computation.
+        stiffness: stiffness of the block's surface and force transducer [N/m].
+        fall_time: time from the release to the touch [s].
+        speed: speed of the tip at the touch, the mean over the time of the peak, since it ripples
+            by 0.5 % [m/s].
+        energy: energy given to the strip by lifting it [J].
+        static_strain: strain at the gauges before the release, shape (2,) [-].
+        free: motion without a block.
+        spring: motion with the block of finite stiffness.
+        rigid: motion with the rigid block, newton@moreau-jean with e = 0.
     """
 
     lamina: Lamina
@@ -87,34 +89,34 @@ class TipBlock:
     def force(self) -> FloatArray:
         """Force of the block of finite stiffness, k times its compression, shape (k,) [N].
 
-        That of the rigid block is not defined; it has an impulse.
+        The rigid block has no defined force; it has an impulse.
         """
         return self.stiffness * np.maximum(-self.spring.tip, 0.0)
 
     def wave(self, motion: TipMotion) -> FloatArray:
-        """Return the strain that the block alone has caused, shape (2, k): the strip is linear."""
+        """Return the strain that the block alone causes, shape (2, k); the strip is linear."""
         return motion.strain - self.free.strain
 
     def peak(self) -> tuple[float, float]:
-        """Return the largest force of the first peak [N] and when a minimum ends it [s]."""
+        """Return the largest force of the first peak [N] and the time of its end, a minimum [s]."""
         time, force = self.spring.time, self.force
         highest = int(np.argmax(np.where(self._is_peak(), force, 0.0)))
         rising = highest + int(np.argmax(np.diff(force[highest:]) > 0.0))
         return float(force[highest]), float(time[rising])
 
     def undisturbed(self) -> float:
-        """Return how long the second gauge sees little of what the clamp sends back [s].
+        """Return how long the second gauge hardly sees waves that the clamp reflects [s].
 
-        Waves of twice the frequency that the peak's duration gives are the fastest that matter.
+        The fastest waves that matter have twice the frequency that belongs to the peak's duration.
         """
         fastest = exact_beam(self.lamina).group_speed(2.0 / self.peak()[1])
         return float((self.lamina.length + self.gauges[1]) / fastest)
 
     def half_waves(self) -> tuple[FloatArray, FloatArray]:
-        """Return the half waves that pass the second gauge, from zero to zero of its signal.
+        """Return the half waves at the second gauge, each between two zeros of its signal.
 
         Returns:
-            The middle of each, counted from the largest force [s], and its frequency [Hz].
+            Middle of each half wave, counted from the largest force [s], and its frequency [Hz].
         """
         time, signal = self.spring.time, self.wave(self.spring)[1]
         is_seen = (time > 0.0) & (time < self.undisturbed())
@@ -127,17 +129,17 @@ class TipBlock:
         return 0.5 * (zeros[1:] + zeros[:-1]) - strongest, 0.5 / np.diff(zeros)
 
     def exact_wave(self) -> FloatArray:
-        """Return the strains that `spring_force` sends to the gauges without a clamp, (2, k)."""
+        """Return the strains that `spring_force` causes at the gauges without a clamp, (2, k)."""
         beam, since = exact_beam(self.lamina), np.maximum(self.spring.time, 0.0)
         force = beam.spring_force(since, self.speed, self.stiffness)
         distances = self.lamina.length - self.gauges
         return np.array([beam.strain(force, self.time_step, x) for x in distances])
 
     def exact_peak_waves(self) -> FloatArray:
-        """Return the largest strains at the gauges of the wave that the first peak alone sends.
+        """Return the largest strains at the gauges from the wave of the first peak alone.
 
-        Without a clamp, shape (2,): the wave that follows the peak, of a force that fades slowly,
-        has the same largest strain everywhere.
+        The beam has no clamp; shape (2,) [-]. The wave after the peak, from a slowly fading force,
+        is left out, because it has the same largest strain everywhere.
         """
         beam, step = exact_beam(self.lamina), self.time_step
         time = step * np.arange(round(SENT_WITHIN / step))
@@ -147,7 +149,7 @@ class TipBlock:
         return np.array([np.abs(beam.strain(force, step, x)).max() for x in distances])
 
     def numbers(self) -> dict[str, Any]:
-        """Return what the figures quote, each beside the exact beam where there is one."""
+        """Return the numbers that the figures quote, with the exact beam's where there are any."""
         length, x = self.lamina.length, self.gauges
         static = 1.5 * LIFT * self.lamina.thickness * (length - x) / length**3
         return {
@@ -186,7 +188,7 @@ class TipBlock:
         }
 
     def _wave_numbers(self) -> dict[str, Any]:
-        """Return sizes and speeds of the wave before the clamp sends it back."""
+        """Return sizes and speeds of the wave before the clamp reflects it."""
         beam, (middle, frequency) = exact_beam(self.lamina), self.half_waves()
         distance = self.lamina.length - self.gauges[1]
         early = self.spring.time < self.undisturbed()
@@ -210,7 +212,7 @@ class TipBlock:
         return np.abs(self.spring.time) < PEAK_WITHIN
 
     def _rebound(self, motion: TipMotion) -> dict[str, float]:
-        """Return what becomes of the strip after the impact, as shares of the energy of lifting."""
+        """Return the motion after the impact, with energies as shares of the energy of lifting."""
         pushed = np.flatnonzero(np.diff(motion.impulse) > 0.0)
         last = int(pushed[-1]) + 1
         first_mode = float(motion.first_mode[-1]) / self.energy

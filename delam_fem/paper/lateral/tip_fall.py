@@ -1,4 +1,4 @@
-"""Compute the fall of a strip's tip on a block: one fall, then three kinds of block."""
+"""Compute the fall of a strip's tip on a block: one fall, then impacts on three blocks."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from delam_fem.paper.lateral.tip_block import TipBlock, TipMotion, exact_beam
 from delam_fem.simulation.loop import State
 
 DAMPING_RATIO = 2e-5
-"""D of modes 1 and 2; Rayleigh damping makes 0.4 % of it at 30 kHz, as of steel [-]."""
+"""D of modes 1 and 2 [-]; Rayleigh damping then has 0.4 % at 30 kHz, as steel has."""
 FALL_STEPS = 4
-"""Steps of the impact in one of the fall, in which only the lowest modes move."""
+"""Steps of the impact per step of the fall, in which only the lowest modes move."""
 
 
 def tip_block(
@@ -32,22 +32,23 @@ def tip_block(
     gauges: tuple[float, float] | None = None,
     peak_duration: float = 30e-6,
 ) -> TipBlock:
-    """Let a strip fall with its tip on a block.
+    """Compute the fall of a strip with its tip on a block.
 
     Args:
-        lamina: default: the 20 Hz steel strip with `DAMPING_RATIO`.
+        lamina: the strip; None: the 20 Hz steel strip with `DAMPING_RATIO`.
         n_elements: n.
         time_step: Δt, a divisor of an eighth of `STRETCH` [s].
-        duration: from shortly before the touch [s].
-        gauges: places from the clamp; default 20 mm and half the length [m].
-        peak_duration: of the force; the block's stiffness follows from it by the exact beam [s].
+        duration: duration of the impact run, which starts shortly before the touch [s].
+        gauges: positions of the gauges from the clamp; None: 20 mm and half the length [m].
+        peak_duration: duration of the force peak; the block's stiffness follows from it by the
+            exact beam [s].
     """
     lamina = lamina or ground.steel_strip(damping_ratio=DAMPING_RATIO)
     stiffness = exact_beam(lamina).stiffness_for(peak_duration)
     places = np.array(gauges or (0.020, 0.5 * lamina.length))
     rows = ground.strain_rows(lamina, n_elements, places)
     dofs = np.unique(rows.indices)
-    observed = np.concatenate([[2 * n_elements - 2], dofs])  # the tip first
+    observed = np.concatenate([[2 * n_elements - 2], dofs])  # u of the tip first
     operators = ground.on_ground(lamina, n_elements, "tip", observed)
     start = ground_run.released(ground.lifted(lamina, n_elements, LIFT, "tip force"), operators)
     fall = _fall(lamina, operators, start, FALL_STEPS * time_step)
@@ -93,16 +94,16 @@ def _impact(
 
 
 def _steps(time_step: float) -> int:
-    """Return the steps of an impact in half a stretch."""
+    """Return the number of impact steps in half a stretch."""
     return round(0.5 * STRETCH / time_step)
 
 
 def _touch(free: GroundRun, n_steps: int) -> tuple[float, float]:
-    """Return when a tip without a block passes the ground [s], and how fast [m/s].
+    """Return when the tip without a block passes the ground [s], and how fast [m/s].
 
     Args:
         free: a run without a block.
-        n_steps: steps after the touch over which the speed is the mean.
+        n_steps: number of steps after the touch over which the speed is averaged.
     """
     first = int(np.argmax(free.u[:, 0] <= 0.0))
     touch = float(free.time[first] - free.u[first, 0] / free.v[first, 0])
@@ -110,7 +111,7 @@ def _touch(free: GroundRun, n_steps: int) -> tuple[float, float]:
 
 
 def _fall(lamina: Lamina, operators: Operators, start: State, time_step: float) -> GroundRun:
-    """Return the fall to shortly before the touch: two stretches ahead the tip would be below."""
+    """Run the fall until the tip, at its current velocity, would touch within `STRETCH`."""
     half_period = float(np.pi / lamina.angular_frequencies(1)[0])
     return ground_run.run(
         GroundLaw("none"),
@@ -125,11 +126,11 @@ def _fall(lamina: Lamina, operators: Operators, start: State, time_step: float) 
 
 @dataclass(frozen=True)
 class _FirstMode:
-    """Takes the energy in the first mode from a state.
+    """Computes the energy in the first mode from a state.
 
     Attributes:
         of_u: φᵀ M ω / √2 for the mode φ with φᵀ M φ = 1, shape (n,).
-        of_v: φᵀ M / √2.
+        of_v: φᵀ M / √2, shape (n,).
     """
 
     of_u: FloatArray
@@ -144,7 +145,7 @@ class _FirstMode:
         return cls(np.sqrt(square[0]) * projection, projection)
 
     def energy(self, frames: FloatArray) -> FloatArray:
-        """Return the energy of states (m, 2, n), shape (m,) [J]."""
+        """Return the energy of states of shape (m, 2, n), shape (m,) [J]."""
         return np.asarray((frames[:, 0] @ self.of_u) ** 2 + (frames[:, 1] @ self.of_v) ** 2)
 
 
@@ -155,7 +156,7 @@ def _motion(
     mode: _FirstMode,
     stiffness: float | None = None,
 ) -> TipMotion:
-    """Return a run with the touch as zero of time; with a stiffness, the block is a spring."""
+    """Return the motion of a run, with times from the touch; with a stiffness: a spring block."""
     tip, impulse = out.u[:, 0], np.zeros(out.time.size)
     if stiffness is not None:
         force = stiffness * np.maximum(-tip, 0.0)

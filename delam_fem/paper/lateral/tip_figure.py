@@ -1,4 +1,4 @@
-"""Figure 7: a strip whose tip falls on a block (paper 2.3), known from the text alone."""
+"""Draw figure 7: a strip whose tip falls on a block (paper 2.3); the original is not available."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ if TYPE_CHECKING:
 
 GAUGE_COLOURS = (BLUE, VERMILLION)
 SHOWN_WAVE = 350.0
-"""Time after the touch in which the wave is drawn [µs]."""
+"""Time after the touch up to which the wave is drawn [µs]."""
 
 
 def figure07(block: TipBlock) -> Figure:
     """Draw strains and contact force: the signals, the first wave, its dispersion.
 
     Args:
-        block: a strip whose tip falls on a block.
+        block: results of a strip whose tip falls on a block.
     """
     from matplotlib.figure import Figure
 
@@ -71,7 +71,7 @@ def _draw_force(axes: Axes, block: TipBlock) -> None:
 
 
 def _draw_waves(axes: Axes, block: TipBlock) -> None:
-    """Draw the strain that the block causes, beside the beam without a clamp."""
+    """Draw the strain that the block causes, with that of the exact beam without a clamp."""
     time = 1e6 * block.spring.time
     wave, exact = 1e6 * block.wave(block.spring), 1e6 * block.exact_wave()
     for k, colour in enumerate(GAUGE_COLOURS):
@@ -86,7 +86,7 @@ def _draw_waves(axes: Axes, block: TipBlock) -> None:
 
 
 def _draw_dispersion(axes: Axes, block: TipBlock) -> None:
-    """Draw frequency over arrival at the second gauge, beside the dispersion relation."""
+    """Draw frequency over arrival time at the second gauge, with the dispersion relation."""
     middle, frequency = block.half_waves()
     distance = float(block.lamina.length - block.gauges[1])
     shown = np.geomspace(0.5 * frequency.min(), 1.3 * frequency.max(), 100)
