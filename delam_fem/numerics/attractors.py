@@ -28,8 +28,8 @@ KINDS = ("period 1", "higher order", "quasi-periodic", "irregular", "diverged", 
 LINES = 4
 """Number of spectral lines that hold nearly all stroboscopic power of a quasi-periodic motion."""
 LINE_SHARE = 0.9
-"""Smallest share of the power in these lines that counts as quasi-periodic; for white noise the
-four strongest lines hold about 0.6 (64 strobes)."""
+"""Smallest share of the power in these lines that counts as quasi-periodic; for white noise
+with 64 bins the four strongest lines hold about 0.6."""
 LINE_WIDTH = 2
 """Bins on each side that belong to a line, because the Hann window spreads it."""
 FEWEST_STROBES = 64
@@ -121,7 +121,8 @@ def attractors(
     A fingerprint consists of the extremes of both tips and the mean and standard deviation of their
     strobes. It does not depend on which of its periods a period-doubled motion ends with. A point
     belongs to an attractor if every number of its fingerprint differs from that of the attractor's
-    first point by at most `SAME_ATTRACTOR` times the half peak-to-peak amplitude of the larger tip.
+    first point by at most `SAME_ATTRACTOR` times half the peak-to-peak amplitude of the tip that
+    moves more.
 
     Args:
         periodicity: NaN if not periodic, shape (...).
