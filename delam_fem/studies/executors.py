@@ -1,4 +1,4 @@
-"""Provide the executors of sweeps and ladders: a process pool, the ranks of MPI, or this process."""
+"""Provide executors for sweeps and ladders: a process pool, the ranks of MPI, or this process."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ class Pool:
 
     @property
     def renew(self) -> Callable[[], Executor] | None:
-        """Function that replaces a broken executor; None with MPI, where all workers die together."""
+        """Function that replaces a broken process pool; None for the other kinds of executors."""
         return self._renewed if self.name == "process" else None
 
     def _renewed(self) -> Executor:

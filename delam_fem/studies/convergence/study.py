@@ -16,7 +16,7 @@ STIFFNESSES = (1e2, 1e3, 1e4, 1e5)
 LAWS = tuple(method(law) for law in ("newton", "newton-penalty", "newton@moreau-jean", "recovery"))
 LITERAL = tuple(method(f"{law}/lumped") for law in ("newton", "newton-penalty"))
 LITERAL_PERIODS = 300
-"""Enough for a growing motion to grow visibly."""
+"""Number of periods that suffice to show whether a motion grows."""
 
 
 def case(damping: str, **keys: object) -> Case:
@@ -25,7 +25,7 @@ def case(damping: str, **keys: object) -> Case:
 
 
 def varied(law: str, label: str, **keys: object) -> Method:
-    """Return a method with a parameter of its own."""
+    """Return the method of a law (with its scheme) with other contact parameters."""
     return Method(
         f"{law} {label}", (("contact.law", law), *((f"contact.{k}", v) for k, v in keys.items()))
     )
