@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[1]
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Write the files."""
+    """Write the documents and print their paths."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("directory", type=Path, help="folder that `delam-fem paper` has written")
     parser.add_argument("--root", type=Path, default=ROOT, help="folder of README.md and docs")

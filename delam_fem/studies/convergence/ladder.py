@@ -194,7 +194,7 @@ class Ladder:
 
     @property
     def identity(self) -> str:
-        """Text that is equal for ladders that can share rungs; methods, meshes and steps may differ."""
+        """Text that is equal for ladders that can share rungs; methods and sizes may differ."""
         sizes = {"mesh.elements": 1, "time.steps_per_period": 1000, "time.periods": 1}
         kept = {"output.fields_per_period": 0, "output.window_periods": 1}
         case = self.case.with_overrides({**sizes, **kept, "contact.law": "none@newmark"})

@@ -1,4 +1,4 @@
-"""Define the ladders behind docs/convergence.md."""
+"""Define the ladders from which docs/convergence.md is made."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from delam_fem.studies.convergence.ladder import Ladder, Method, method
 
 MESHES = (10, 20, 40, 80, 160)
 FEW = (1000, 4000, 16000, 64000, 256000)
+"""Few numbers of steps per period, up to very small steps."""
 LAST = FEW[-1]
 DAMPINGS = ("stiffness", "two-mode")
 FREQUENCIES = (1.25, 1.60, 3.25, 3.65)
@@ -15,6 +16,7 @@ RESTITUTIONS = (0.1, 0.0, 0.5)
 STIFFNESSES = (1e2, 1e3, 1e4, 1e5)
 LAWS = tuple(method(law) for law in ("newton", "newton-penalty", "newton@moreau-jean", "recovery"))
 LITERAL = tuple(method(f"{law}/lumped") for law in ("newton", "newton-penalty"))
+"""Methods of the paper taken literally: Newmark with lumped impulses."""
 LITERAL_PERIODS = 300
 """Number of periods that suffice to show whether a motion grows."""
 

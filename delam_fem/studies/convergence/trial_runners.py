@@ -99,7 +99,7 @@ def densely(
 
 
 def runners() -> dict[str, Runner]:
-    """Return all trial methods by name; the first ones are methods of the package."""
+    """Return all trial methods by name; the first three are methods of the package."""
     found: dict[str, Runner] = {
         name: partial(by_engine, name, 0.5)
         for name in ("recovery@moreau-jean", LIMIT, "newton@newmark")

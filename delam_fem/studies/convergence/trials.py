@@ -36,7 +36,7 @@ class Found:
     extremes: dict[int, FloatArray]
 
     def error(self, steps: int, limit: FloatArray) -> float:
-        """Return the largest difference from `limit`, relative to half the peak-to-peak values [-]."""
+        """Return the largest difference from the limit over half its peak-to-peak values [-]."""
         half = 0.5 * (limit[1] - limit[0])
         return float((np.abs(self.extremes[steps] - limit) / half).max())
 

@@ -129,7 +129,7 @@ class Schedule:
                 take_in(results)
 
     def _hand_out(self) -> None:
-        """Submit chunks until every worker has enough; after a worker died, submit single points."""
+        """Submit chunks until every worker has enough, or single points after a worker died."""
         limit = 1 if self._suspects else IN_FLIGHT * self.n_workers
         while self.ready and len(self._flying) < limit:
             track = self.ready.popleft()
