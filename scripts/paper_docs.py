@@ -1,7 +1,9 @@
 """Write docs/paper.md and the table of README.md from the numbers of `delam-fem paper`.
 
-.venv/bin/delam-fem paper -o runs/paper
-.venv/bin/python scripts/paper_docs.py runs/paper
+Run these commands in this order:
+
+    .venv/bin/delam-fem paper -o runs/paper
+    .venv/bin/python scripts/paper_docs.py runs/paper
 """
 
 from __future__ import annotations

@@ -56,7 +56,7 @@ class Case(Section):
         excitation: the motion of the base.
         contact: the contact law.
         time: the time integration.
-        output: what a run records.
+        output: the window and the frames that a run records.
     """
 
     name: Annotated[

@@ -228,7 +228,7 @@ class TimeStepping(Section):
 
 
 class Output(Section):
-    """What a run records.
+    """The record of a run: its window and its frames.
 
     Attributes:
         window_periods: number of last periods that are recorded at every step (the window).

@@ -61,7 +61,7 @@ Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Show no progress, no
 def main(
     version: Annotated[bool, typer.Option("--version", help="Show the version and exit.")] = False,
 ) -> None:
-    """Two delaminated laminae that clap under base motion, by finite elements."""
+    """Simulate two delaminated laminae that clap under base motion, by finite elements."""
     if version:
         from delam_fem import __version__
 

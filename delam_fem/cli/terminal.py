@@ -37,7 +37,7 @@ def reported(quiet: bool = False) -> Iterator[None]:
 
 
 class _EchoHandler(logging.Handler):
-    """Log handler that writes to the present stderr, also if a test has replaced it."""
+    """Log handler that writes to stderr, also if stderr has been replaced meanwhile."""
 
     def emit(self, record: logging.LogRecord) -> None:
         """Write one record of the log."""

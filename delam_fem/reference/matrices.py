@@ -156,7 +156,7 @@ def gap_at_rest(gap: Gap, x: FloatArray, length: float) -> FloatArray:
     Args:
         gap: the section `gap` of the case.
         x: positions of the nodes, shape (n_nodes,) [m].
-        length: of the laminae [m].
+        length: length of the laminae [m].
     """
     if gap.file is not None:
         table = np.genfromtxt(gap.file, delimiter=",", encoding="utf-8-sig")

@@ -24,8 +24,7 @@ class Prescribed(Protocol):
 
 
 BaseStates = Callable[[int], FloatArray]
-"""Function of the number of a period that returns (q, q', q'') at its N + 1 steps, shape (N + 1,
-3)."""
+"""Function of the number of a period: (q, q', q'') at its N + 1 steps, shape (N + 1, 3)."""
 
 
 def motion_of(case: Case) -> BaseStates:

@@ -82,7 +82,7 @@ def _framed(body: str, match: re.Match[str]) -> str:
 
 
 def literal_figure() -> Figure:
-    """Draw the growth of the tip motion with Newton's law taken literally, for three dampings."""
+    """Draw the motion of tip 1 with Newton's law, by lumped (literal) and consistent impulses."""
     from delam_fem.pipeline import run
 
     figure = Figure(figsize=(WIDTH, 4.4), layout="constrained")

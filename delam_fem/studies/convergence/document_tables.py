@@ -52,9 +52,9 @@ def mm(found: Convergence, rung: Rung, digits: int = 2) -> str:
 def limit_row(found: Convergence, rungs: Sequence[Rung], others: Sequence[Rung]) -> list[str]:
     """Return extremes and contact work of the last rung as text, with estimated errors.
 
-    The estimated error is the largest of three numbers: the change by the last refinement, twice
-        the
-    standard error, and the difference from the last rung of `others`, which uses another law.
+    The estimated error is the largest of three numbers. These are the change by the last
+    refinement, twice the standard error, and the difference from the last rung of `others` (another
+    law).
     """
     last, before = rungs[-1], rungs[-2]
     cells = []

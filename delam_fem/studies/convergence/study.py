@@ -8,8 +8,9 @@ from delam_fem.studies.convergence.ladder import Ladder, Method, method
 
 MESHES = (10, 20, 40, 80, 160)
 FEW = (1000, 4000, 16000, 64000, 256000)
-"""Few numbers of steps per period, up to very small steps."""
+"""Numbers of steps per period, from practical to very small steps."""
 LAST = FEW[-1]
+"""Steps per period of the rigid limit."""
 DAMPINGS = ("stiffness", "two-mode")
 FREQUENCIES = (1.25, 1.60, 3.25, 3.65)
 RESTITUTIONS = (0.1, 0.0, 0.5)

@@ -30,8 +30,10 @@ FIRST_STEPS = 1000
 """Steps per period at which a threshold γ scaled with Δt equals that of the case."""
 
 Runner: TypeAlias = Callable[[Case, Operators], FloatArray]
-"""Function of a case and its operators that returns the extremes of both tips in each period, shape
-(n_periods, 2, 2) [m]."""
+"""Function of a case and its operators that returns the extremes of both tips in each period [m].
+
+The extremes have the shape (n_periods, 2, 2).
+"""
 
 
 LIMIT = "newton@moreau-jean"

@@ -99,7 +99,7 @@ def exact_matrices(d: Problem, dt: float, restitution: float, is_spread: bool) -
 
 
 def alpha_matrices(d: Problem, dt: float, restitution: float, radius: float) -> Matrices:
-    """Return the matrices of `alpha_step`: Chung and Hulbert's generalised-α, by its radius ρ∞."""
+    """Return the matrices of `alpha_step`: generalised-α of Chung and Hulbert, given its ρ∞."""
     am, af = (2 * radius - 1) / (radius + 1), radius / (radius + 1)
     gamma = 0.5 + af - am
     beta = 0.25 * (gamma + 0.5) ** 2

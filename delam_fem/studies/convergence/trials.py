@@ -29,8 +29,8 @@ class Found:
     """Results of a method: mean extremes of both tips by steps per period.
 
     Attributes:
-        extremes: by steps per period, smallest and largest tip displacements, shape (2, 2) [m];
-            NaN if the motion diverged.
+        extremes: smallest and largest tip displacements by steps per period, each of shape (2, 2)
+            [m]; NaN if the motion diverged.
     """
 
     extremes: dict[int, FloatArray]

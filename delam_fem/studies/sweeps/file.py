@@ -122,7 +122,7 @@ class Axis(Section):
 
 
 class Record(Section):
-    """What a sweep records at each point.
+    """The quantities that a sweep records at each point.
 
     Attributes:
         summary: whether to record the numbers of summary.json that describe the motion.
@@ -161,7 +161,7 @@ class SweepFile(Section):
             directions, as two sets of points.
         engine: name of the engine that computes the steps.
         operators: method that assembles the matrices.
-        record: what is recorded at each point.
+        record: quantities that are recorded at each point.
     """
 
     name: Annotated[
