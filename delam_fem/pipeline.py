@@ -66,7 +66,7 @@ def run(
         CaseError: the case cannot be computed, or there is no checkpoint to resume from.
     """
     if case.unread:
-        _log.info("the case sets keys that this run does not use: %s", ", ".join(case.unread))
+        _log.debug("this run ignores keys that are given, but not read: %s", ", ".join(case.unread))
     structure = beam.assemble(case, comm=comm) if structure is None else structure
     kept = None if directory is None else checkpoint.path_in(Path(directory))
     with session_of(case, structure.operators, initial=initial, engine=engine, comm=comm) as opened:

@@ -269,7 +269,7 @@ def measure(short: bool) -> dict[str, Any]:
 
 HEADINGS = (
     *("elements", "dofs", "MatSolve + 2 MatMult", "plain loop", "PETSc", "PETSc / bare"),
-    *("compiled", "of it engine", "PETSc / compiled", "ratio of engines"),
+    *("compiled", "compiled, steps only", "PETSc / compiled", "ratio, steps only"),
 )
 
 
@@ -329,12 +329,14 @@ def markdown(figures: dict[str, Any]) -> str:
     """Return the text of docs/performance.md."""
     parts = [
         "# Performance\n",
-        "Made by `scripts/benchmark.py -o docs`; all figures of one run on one machine, the "
-        "fastest of several repeats, in µs per step at 1000 steps per period and 3.25 Hz from "
-        "rest, ledger and record included. *MatSolve + 2 MatMult* is what PETSc needs for the "
-        "bare linear algebra of a step, *plain loop* the readable NumPy and SciPy loop of "
-        "`reference_loop.py`, *of it engine* the compiled steps without the record of each "
-        "period, *ratio of engines* that of PETSc's to it.\n",
+        "This page is written by `scripts/benchmark.py -o docs`. All numbers are from one run on "
+        "one machine, each the fastest of several repeats. Times are in µs per step, at 1000 "
+        "steps per period and 3.25 Hz from rest, with ledger and record.\n",
+        "- *MatSolve + 2 MatMult*: what PETSc needs for the bare linear algebra of a step.\n"
+        "- *plain loop*: the readable NumPy and SciPy loop of `delam_fem/reference/loop.py`.\n"
+        "- *PETSc / bare*: the time of PETSc's steps over that of its linear algebra.\n"
+        "- *compiled, steps only*: without the record of each period.\n"
+        "- *ratio, steps only*: PETSc over compiled, both without the record.\n",
         "![Cost of a step](figures/performance.png)\n",
     ]
     for name, rows in tables(figures).items():
@@ -344,9 +346,9 @@ def markdown(figures: dict[str, Any]) -> str:
     parts.append("## Cores and memory\n")
     parts.append("\n".join(f"- {line}" for line in closing_lines(figures)) + "\n")
     parts.append(
-        "A run fills the four lanes of a vector with its four chains (both laminae, from both "
-        "ends); what it leaves of a core to latency, a second process takes. Runs in lockstep "
-        "across wider vectors are not built: they would have to wait for one another's contacts.\n"
+        "A run uses the four lanes of a vector for its four chains (both laminae, from both "
+        "ends). A second process takes what latency leaves of a core. Runs in lockstep across "
+        "wider vectors are not built: they would have to wait for one another's contacts.\n"
     )
     return "\n".join(parts)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import os
 import signal
 import subprocess
@@ -213,3 +214,18 @@ def test_dolfinx_pictures_and_netcdf_live_in_one_process(tmp_path: Path) -> None
     done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "ball.png").stat().st_size > 1000
+
+
+def test_keys_that_nothing_reads_are_in_the_summary_and_the_log(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    with caplog.at_level(logging.DEBUG, logger="delam_fem.pipeline"):
+        result = df.run(short(contact__law="none", time__periods=1), "compiled")
+    expected = ["contact.impulse", "contact.penalty_stiffness", "contact.restitution"]
+    assert result.summary["unread_keys"] == [*expected, "contact.threshold_velocity"]
+    assert "given, but not read: contact.impulse" in caplog.text
+
+
+def test_an_unknown_engine_is_refused() -> None:
+    with pytest.raises(df.CaseError, match="engine: expected 'petsc' or 'compiled', given 'fast'"):
+        df.run(short(), "fast")  # type: ignore[arg-type]

@@ -26,6 +26,10 @@ BLOCK = re.compile(
 )
 COMMAND = ".venv/bin/delam-fem"
 LONGEST = 600  # s
+MOST_BYTES = 8192
+"""Of README; all else is in docs."""
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")), ROOT / "meshes" / "README.md"]
+LINK = re.compile(r"\]\((?!https?:)([^)#\s]+)(?:#([\w-]+))?\)")
 
 
 class Block(NamedTuple):
@@ -103,6 +107,25 @@ def test_bash_block_runs(block: Block, checkout: Path) -> None:
             continue
         assert Path(words[0]).name == "delam-fem", words
         run([str(checkout / COMMAND), *words[1:]], checkout)
+
+
+def test_readme_is_short_and_shows_pictures() -> None:
+    assert len(README.encode()) <= MOST_BYTES
+    assert README.count("![") >= 3
+
+
+def anchors(page: Path) -> set[str]:
+    """Return the anchors of the headings of a page."""
+    headings = re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w -]", "", text.lower()).replace(" ", "-") for text in headings}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_links_of_the_documentation_lead_somewhere(page: Path) -> None:
+    for target, anchor in LINK.findall(page.read_text(encoding="utf-8")):
+        place = page.parent / target
+        assert place.exists(), target
+        assert not anchor or anchor in anchors(place), f"{target}#{anchor}"
 
 
 def test_readme_has_blocks_of_both_kinds_that_run() -> None:

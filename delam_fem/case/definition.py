@@ -88,9 +88,7 @@ class Case(Section):
         try:
             combination(self.contact.law, self.time.scheme)
         except ValueError as error:
-            raise inconsistent(
-                "contact.law", f"{error}; set both keys, or contact.law=LAW@SCHEME by an override"
-            ) from None
+            raise inconsistent("contact.law", str(error)) from None
         if self.output.fields_per_period > self.time.steps_per_period:
             raise inconsistent(
                 "output.fields_per_period",

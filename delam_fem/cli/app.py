@@ -54,6 +54,10 @@ Overrides = Annotated[
 Folder = Annotated[
     Path | None, typer.Option("-o", "--output", metavar="DIR", help="Folder of the results.")
 ]
+Verbose = Annotated[
+    bool,
+    typer.Option("-v", "--verbose", help="Show more messages, e.g. keys that nothing reads."),
+]
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Show no progress, no table.")]
 
 
@@ -80,9 +84,10 @@ def run_command(
     ] = "petsc",
     resume: Annotated[bool, typer.Option("--resume", help="Continue an interrupted run.")] = False,
     quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Compute a case and write the results to DIR (default: runs/NAME)."""
-    with reported(quiet):
+    with reported(quiet, verbose):
         case = case_of(case_name, overrides)
         directory = writable(output or Path("runs") / case.name)
         from mpi4py import MPI

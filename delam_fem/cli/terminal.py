@@ -15,14 +15,15 @@ DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
 
 @contextmanager
-def reported(quiet: bool = False) -> Iterator[None]:
+def reported(quiet: bool = False, verbose: bool = False) -> Iterator[None]:
     """Show the log of the package, and turn errors into a message and an exit status."""
     from delam_fem.case.toml import CaseError
 
     log = logging.getLogger("delam_fem")
     handler = _EchoHandler()
     log.addHandler(handler)
-    log.setLevel(logging.WARNING if quiet else logging.INFO)
+    propagates, log.propagate = log.propagate, False  # FFCx gives the root logger a handler
+    log.setLevel(logging.DEBUG if verbose else logging.WARNING if quiet else logging.INFO)
     try:
         yield
     except CaseError as error:
@@ -33,6 +34,7 @@ def reported(quiet: bool = False) -> Iterator[None]:
     except KeyboardInterrupt:
         fail("interrupted", INTERRUPTED)
     finally:
+        log.propagate = propagates
         log.removeHandler(handler)
 
 

@@ -222,9 +222,11 @@ def combination(law: str, scheme: str) -> Combination:
         ValueError: they do not go together; the message says what does.
     """
     if (law, scheme) not in COMBINATIONS:
-        fitting = [f'"{name}"' for name in SCHEMES if (law, name) in COMBINATIONS]
+        fitting = [name for name in SCHEMES if (law, name) in COMBINATIONS]
+        words = " or ".join(f'"{name}"' for name in fitting)
         raise ValueError(
-            f'the law "{law}" goes with the scheme {" or ".join(fitting)}, given "{scheme}"'
+            f'the law "{law}" goes with the scheme {words}, given "{scheme}"; for example '
+            f"{combined_name(law, fitting[0])}"
         )
     return COMBINATIONS[law, scheme]
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 
 from delam_fem.case.definition import Case
 from delam_fem.case.toml import CaseError
-from delam_fem.contact.laws import ContactLaw, Law
+from delam_fem.contact.laws import ContactLaw, Law, combination
 from delam_fem.model.operators import Operators
 from delam_fem.model.stability import require_stable
 from delam_fem.numerics.schemes import SCHEMES, Scheme
@@ -50,6 +50,8 @@ def engine_of(
     if scheme.is_explicit:
         require_stable(operators, time_step, law.spring[0])
     try:
+        if isinstance(law, Law):
+            combination(law.name, scheme.name)
         if name == "compiled":
             from delam_fem.engines.compiled.engine import compiled_engine
 

@@ -17,9 +17,16 @@ from delam_fem.contact.laws import ContactLaw
 from delam_fem.engines.choose import EngineName, engine_of, law_of, scheme_of
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.schemes import Scheme
-from delam_fem.simulation.base_states import BaseStates, Prescribed, at_rest, by_period, motion_of
 from delam_fem.simulation.loop import Engine, Outcome, State, set_initial, simulate
 from delam_fem.simulation.recorder import Recorder
+from delam_fem.simulation.setup import (
+    BaseStates,
+    Prescribed,
+    at_rest,
+    by_period,
+    motion_of,
+    span_of,
+)
 from delam_fem.simulation.solution import Solution
 from delam_fem.simulation.span import Span
 
@@ -108,7 +115,7 @@ def session_of(
         law_of(case),
         scheme_of(case),
         motion_of(case),
-        Span.of(case),
+        span_of(case),
         initial=initial,
         engine=engine,
         comm=comm,

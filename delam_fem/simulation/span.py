@@ -5,11 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from delam_fem.case.definition import Case
-
-DIVERGED_LENGTHS = 10.0
-"""Gap or displacement, in lengths of the laminae, beyond which a motion has no meaning any more."""
-
 
 @dataclass(frozen=True)
 class Span:
@@ -30,15 +25,3 @@ class Span:
     window_periods: int = 1
     frames_per_period: int = 0
     limit: float = math.inf
-
-    @classmethod
-    def of(cls, case: Case) -> Span:
-        """Return the span of a case."""
-        return cls(
-            case.time_step,
-            case.time.steps_per_period,
-            case.n_periods,
-            case.n_window_periods,
-            case.output.fields_per_period,
-            DIVERGED_LENGTHS * case.lamina[0].length,
-        )

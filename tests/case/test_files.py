@@ -304,3 +304,33 @@ def test_saved_xdmf_mesh_keeps_its_numbers(tmp_path: Path) -> None:
         (tmp_path / name).write_text(name)
     save_case(preset("paper", {"mesh.file": str(tmp_path / "m.xdmf")}), tmp_path / "run")
     assert (tmp_path / "run" / "m.h5").read_text() == "m.h5"
+
+
+def test_a_law_may_be_set_with_its_scheme() -> None:
+    case = preset("paper", {"contact.law": "newton@moreau-jean"})
+    assert (case.contact.law, case.time.scheme) == ("newton", "moreau-jean")
+    with pytest.raises(CaseError, match=r"time\.scheme: expected 'newmark'"):
+        preset("paper", {"contact.law": "newton@euler"})
+
+
+@pytest.mark.parametrize("name", ["paper", "default"])
+def test_presets_have_only_keys_that_are_read(name: str) -> None:
+    assert preset(name).unread == ()
+
+
+def test_keys_that_nothing_reads_are_named_not_refused() -> None:
+    case = preset("paper", {"contact.law": "newton"})
+    assert case.unread == ("contact.penalty_stiffness", "contact.threshold_velocity")
+    again = Case.from_toml(case.to_toml())
+    assert again == case
+    assert again.unread == case.unread
+    swept = {"excitation.kind": "sweep", "excitation.start_frequency": 1.0}
+    swept |= {"excitation.end_frequency": 2.0, "excitation.duration": 3.0}
+    assert preset("paper", swept).unread == ("time.periods",)
+
+
+def test_keys_that_were_not_given_are_never_named() -> None:
+    text = preset("default").to_toml()
+    case = Case.from_toml(text).with_overrides({"contact.law": "none"})
+    assert case.unread == ("contact.restitution", "contact.threshold_velocity")
+    assert "penalty_stiffness" not in text

@@ -310,3 +310,16 @@ def test_bar_on_a_terminal(tmp_path: Path) -> None:
                 report(done, 5)
         screen.seek(0)
         assert "period 5 of 5" in screen.read()
+
+
+def test_a_note_is_written_once_whatever_other_packages_log(
+    fake: FakeRun, capfd: pytest.CaptureFixture[str]
+) -> None:
+    handler = logging.StreamHandler()  # as FFCx gives the root logger one
+    logging.getLogger().addHandler(handler)
+    try:
+        result = CliRunner().invoke(app, ["run", "paper"])
+    finally:
+        logging.getLogger().removeHandler(handler)
+    both = result.output + capfd.readouterr().err
+    assert both.count("note of the run") == 1

@@ -149,7 +149,7 @@ def test_lumped_mass_of_the_integration_is_diagonal(paper: Case) -> None:
 
 
 def test_default_nodes_are_uniform(paper: Case) -> None:
-    np.testing.assert_allclose(assemble(paper).x, np.linspace(0.0, 0.685, 6), rtol=ROUND_OFF)
+    np.testing.assert_allclose(assemble(paper).layout.x, np.linspace(0.0, 0.685, 6), rtol=ROUND_OFF)
 
 
 def test_nodes_that_do_not_reach_the_tip_are_refused(paper: Case) -> None:

@@ -15,13 +15,23 @@ from typer.testing import CliRunner
 
 from delam_fem.case.toml import CaseError
 from delam_fem.cli.app import app
+from delam_fem.paper import page as page_module
 from delam_fem.paper import plane_measures, reproduce, swept_sine
-from delam_fem.paper.claims import Claim, markdown_table
+from delam_fem.paper.claims import HEADING, Claim, markdown_table
 from delam_fem.paper.figures import chart, response, spectra, system
 from delam_fem.paper.figures import strikes as strike_figure
 from delam_fem.paper.lab import Laboratory, Plan, laboratory, motion_case
 from delam_fem.paper.measures import rough_part, settling, tip_positions
-from delam_fem.paper.page import README_MARKS, between, entries, tally, write_docs, write_page
+from delam_fem.paper.page import (
+    HEADLINES,
+    README_MARKS,
+    between,
+    entries,
+    headlines,
+    tally,
+    write_docs,
+    write_page,
+)
 from delam_fem.studies.executors import Serial
 
 PLAN = Plan(
@@ -239,7 +249,7 @@ def test_a_motion_that_diverges_is_told() -> None:
 def folder(tmp_path: Path) -> Path:
     """A folder with two figures, without their computation."""
     claims = [
-        Claim("1", "a | b", "sec. 1", "1 < 2", "holds", True),
+        Claim("1", "a | b", "sec. 1", "1 < 2", "holds"),
         Claim("1", "c", "sec. 2", "no", "does not hold"),
     ]
     for name, own in (("1", claims), ("2a", [])):
@@ -266,7 +276,10 @@ def test_page_links_to_what_is_there(folder: Path) -> None:
     assert "1 &lt; 2" in page and "what &amp; what" in page
 
 
-def test_documentation_is_written_from_the_numbers(folder: Path, tmp_path: Path) -> None:
+def test_documentation_is_written_from_the_numbers(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(page_module, "HEADLINES", (("1", "c"), ("2a", "not computed")))
     root = tmp_path / "root"
     root.mkdir()
     (root / "README.md").write_text(f"head\n{README_MARKS[0]}\noutdated\n{README_MARKS[1]}\ntail\n")
@@ -276,14 +289,25 @@ def test_documentation_is_written_from_the_numbers(folder: Path, tmp_path: Path)
     assert {readme, docs} <= set(paths)
     text = readme.read_text("utf-8")
     assert "outdated" not in text and text.startswith("head") and text.endswith("tail\n")
-    assert "a \\| b" in text and "| c |" not in text
-    assert "| c |" in docs.read_text("utf-8")
+    assert "| 1 | c | no | does not hold |" in text and "a \\| b" not in text
+    assert "a \\| b" in docs.read_text("utf-8")
     pictures = re.findall(r"\((figures/\S+)\)", docs.read_text("utf-8"))
     assert "figures/paper_fig02a.gif" in pictures
     for picture in pictures:
         assert (root / "docs" / picture).is_file()
     write_docs(folder, root, found)
     assert readme.read_text("utf-8") == text
+
+
+def test_readme_has_the_headlines_of_the_page() -> None:
+    root = Path(__file__).parents[2]
+    page, readme = ((root / name).read_text("utf-8") for name in ("docs/paper.md", "README.md"))
+    rows = [line.strip("| ").split(" | ") for line in page.splitlines() if line.startswith("| ")]
+    table = [Claim(*row) for row in rows[1:] if len(row) == len(HEADING)]  # type: ignore[arg-type]
+    main = headlines(table)
+    assert [(claim.figure, claim.text) for claim in main] == list(HEADLINES)
+    assert tally(table) in page and tally(table) in readme
+    assert markdown_table(main, with_source=False) in readme
 
 
 def test_script_of_the_documentation_wants_all_figures(

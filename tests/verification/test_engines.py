@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,9 +12,10 @@ import pytest
 from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
 from delam_fem.contact.laws import COMBINATIONS
-from delam_fem.engines.choose import EngineName
+from delam_fem.engines.choose import ENGINES, EngineName
 from delam_fem.engines.session import session_of
 from delam_fem.model import closed_form
+from delam_fem.model.pairing import tributary_lengths
 from delam_fem.pipeline import run
 from delam_fem.simulation.loop import State
 from delam_fem.simulation.recorder import LEDGER, Recorder
@@ -126,6 +128,25 @@ def test_stiff_springs_on_many_pairs() -> None:
     assert compiled.ledger[:, LEDGER.index("contact_damping_loss")].min() > 0.0
     assert_same(petsc, compiled)
     assert compiled.energy_residual() < CLOSED
+
+
+@pytest.mark.parametrize("law", ["penalty", "newton-penalty"])
+def test_weighted_pairs(law: str) -> None:
+    """Springs per length: what a pair carries is its tributary length times the stiffness."""
+    more = {"contact.penalty_stiffness": 3e3, "contact.threshold_velocity": 0.05}
+    case = case_of(law, "consistent", "consistent", "newmark", **more)
+    structure = closed_form.assemble(case)
+    weights = tributary_lengths(structure.layout.parts, structure.layout.interfaces[0])
+    operators = replace(structure.operators, pair_weights=weights)
+    found = []
+    for name in ENGINES:
+        with session_of(case, operators, engine=name) as opened:
+            assert opened.run() == "completed"
+            found.append(opened.recorder)
+    assert_same(*found)
+    assert found[0].energy_residual() < CLOSED
+    unweighted, _ = compute(case, "compiled")
+    assert np.abs(unweighted.strobe - found[0].strobe).max() > 1e3 * SAME
 
 
 def test_small_steps_choose_the_other_product() -> None:

@@ -9,7 +9,7 @@ from delam_fem.case.files import preset
 from delam_fem.model.closed_form import assemble
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.cantilever import transmissibility
-from delam_fem.reference.loop import State, simulate_reference
+from delam_fem.reference.loop import Standing, simulate_reference
 
 FREQUENCY_DOMAIN = 1e-5  # 20 elements: f1 is 5e-8 off, amplified 20-fold at 3.25 Hz; higher modes
 TIME_DOMAIN = 1e-4  # N = 2000: (omega dt)^2/12 = 8e-7, amplified near resonance
@@ -41,12 +41,12 @@ def exact(case: Case, omega: float) -> np.ndarray:
     )
 
 
-def steady_start(case: Case, ops: Operators) -> State:
+def steady_start(case: Case, ops: Operators) -> Standing:
     """Return the semi-discrete steady state at t = 0, so that nothing rings."""
     omega = 2.0 * np.pi * case.excitation.frequency
     response = case.excitation.amplitude * steady(ops, omega)
     no_pairs = np.zeros(ops.n_pairs, dtype=bool)
-    return State(0, response.imag, (1j * omega * response).imag, no_pairs)
+    return Standing(0, response.imag, (1j * omega * response).imag, no_pairs)
 
 
 @pytest.mark.parametrize("frequency", [1.25, 1.60, 3.25, 3.65])

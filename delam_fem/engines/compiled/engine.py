@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from delam_fem.contact.laws import LAWS, ContactLaw, Law, combination
+from delam_fem.contact.laws import LAWS, ContactLaw, Law
 from delam_fem.engines.compiled import contact, loop, state
 from delam_fem.engines.compiled.state import (
     IMPACT,
@@ -46,7 +46,7 @@ def compiled_engine(
         time_step: Δt [s].
 
     Raises:
-        ValueError: the law is not one of the table, or does not go with the scheme.
+        ValueError: the law is not one of the table, or acts on a lumped mass that is missing.
     """
     numbers = law_numbers(law, scheme)
     if numbers.kind == state.IMPACTS and not numbers.is_coupled:
@@ -65,14 +65,13 @@ def law_numbers(law: ContactLaw, scheme: Scheme) -> LawNumbers:
     """Return a contact law as compiled code reads it.
 
     Raises:
-        ValueError: the law is not one of the table, or does not go with the scheme.
+        ValueError: the law is not one of the table.
     """
     if not isinstance(law, Law):
         raise ValueError(
             f'engine "compiled": expected one of the laws {", ".join(LAWS)}, given {law.name!r}; '
             'laws of your own need engine "petsc"'
         )
-    combination(law.name, scheme.name)
     e, (stiffness, damping), slow = law.restitution, law.spring, law.threshold_velocity
     within = scheme.has_impulses_within
     return {

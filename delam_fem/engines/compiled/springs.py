@@ -1,6 +1,7 @@
 """The springs of resting pairs in compiled code, and the acceleration that they cause.
 
-A step is first made without springs and then corrected by their forces (newmark.py, N2).
+A step is first made without springs and then corrected by their forces (newmark.py, N2). Where
+pairs have weights w, the springs act on gaps times √w.
 """
 
 from __future__ import annotations
@@ -8,7 +9,7 @@ from __future__ import annotations
 import numba
 
 from delam_fem.engines.compiled import lane_kernels as lk
-from delam_fem.engines.compiled.algebra import solve_mass, solve_step, spread, spread_one
+from delam_fem.engines.compiled.algebra import clear, solve_mass, solve_step, spread_one
 from delam_fem.engines.compiled.banded import row_product
 from delam_fem.engines.compiled.lane_kernels import R, Z
 from delam_fem.engines.compiled.state import CONTACT_DAMPED, N_SPRINGS
@@ -18,14 +19,35 @@ RELATIVE_RESIDUAL = 1e-14
 
 
 @numba.njit(cache=True)
+def _spring_gap(system, X, k):  # type: ignore[no-untyped-def]
+    """Return the gap of a pair times the root of its weight."""
+    return system.roots[k] * (system.gap0[k] + row_product(system.gap_rows, k, X, 0))
+
+
+@numba.njit(cache=True)
+def _spring_rate(system, X, k, shift):  # type: ignore[no-untyped-def]
+    """Return H x of a pair times the root of its weight, x being the field at `shift`."""
+    return system.roots[k] * row_product(system.gap_rows, k, X, shift)
+
+
+@numba.njit(cache=True)
+def _spread_springs(system, memory, values, sign):  # type: ignore[no-untyped-def]
+    """Write r = sign Hᵀ λ for values on the spring pairs."""
+    clear(memory.X, system.size, R)
+    for j in range(memory.counts[N_SPRINGS]):
+        k = memory.pairs[j]
+        spread_one(system, memory.X, k, sign * (system.roots[k] * values[j]))
+
+
+@numba.njit(cache=True)
 def _spring_loads(system, law, memory, out):  # type: ignore[no-untyped-def]
     """Write k U + c U̇ of the spring pairs at the end of the step."""
     X = memory.X
     for j in range(memory.counts[N_SPRINGS]):
         k = memory.pairs[j]
-        out[j] = law.stiffness * (system.gap0[k] + row_product(system.gap_rows, k, X, 0))
+        out[j] = law.stiffness * _spring_gap(system, X, k)
         if law.damping != 0.0:
-            out[j] += law.damping * row_product(system.gap_rows, k, X, system.size)
+            out[j] += law.damping * _spring_rate(system, X, k, system.size)
 
 
 @numba.njit(cache=True)
@@ -38,8 +60,8 @@ def _mean_spring_loads(system, law, memory, out):  # type: ignore[no-untyped-def
     by_rate = law.damping * scheme.theta - law.stiffness * scheme.p * (1.0 - scheme.theta)
     for j in range(memory.counts[N_SPRINGS]):
         k = memory.pairs[j]
-        out[j] = law.stiffness * (system.gap0[k] + row_product(system.gap_rows, k, X, 0))
-        out[j] += by_rate * row_product(system.gap_rows, k, X, lk.P * system.size)
+        out[j] = law.stiffness * _spring_gap(system, X, k)
+        out[j] += by_rate * _spring_rate(system, X, k, lk.P * system.size)
 
 
 @numba.njit(cache=True)
@@ -48,8 +70,7 @@ def spring_energy(system, law, memory):  # type: ignore[no-untyped-def]
     total = 0.0
     if law.stiffness != 0.0:
         for j in range(memory.counts[N_SPRINGS]):
-            k = memory.pairs[j]
-            gap = system.gap0[k] + row_product(system.gap_rows, k, memory.X, 0)
+            gap = _spring_gap(system, memory.X, memory.pairs[j])
             total += gap * gap
     return 0.5 * law.stiffness * total
 
@@ -79,11 +100,11 @@ def _spring_forces(system, law, memory):  # type: ignore[no-untyped-def]
     for _ in range(2 * n):
         if square <= goal:
             break
-        spread(system, X, pairs, direction, n, 1.0)
+        _spread_springs(system, memory, direction, 1.0)
         solve_step(system, X)
         curvature = 0.0
         for j in range(n):
-            answer = row_product(system.gap_rows, pairs[j], X, Z * system.size)
+            answer = _spring_rate(system, X, pairs[j], Z * system.size)
             image[j] = direction[j] + softness * answer
             curvature += direction[j] * image[j]
         length, previous, square = square / curvature, square, 0.0
@@ -104,7 +125,7 @@ def push_springs(system, law, memory):  # type: ignore[no-untyped-def]
     """
     X, size, scheme = memory.X, system.size, system.scheme
     forces = _spring_forces(system, law, memory)
-    spread(system, X, memory.pairs, forces, memory.counts[N_SPRINGS], -1.0)
+    _spread_springs(system, memory, forces, -1.0)
     solve_step(system, X)
     to_u, to_v = scheme.d1, scheme.d2
     if system.is_chained:
@@ -118,7 +139,7 @@ def push_springs(system, law, memory):  # type: ignore[no-untyped-def]
     if law.damping != 0.0:
         total = 0.0
         for j in range(memory.counts[N_SPRINGS]):
-            total += row_product(system.gap_rows, memory.pairs[j], X, lk.P * size) ** 2
+            total += _spring_rate(system, X, memory.pairs[j], lk.P * size) ** 2
         memory.totals[CONTACT_DAMPED] += system.scheme.weight * law.damping * total
 
 
@@ -145,7 +166,8 @@ def renew_acceleration(system, law, memory):  # type: ignore[no-untyped-def]
     if memory.counts[N_SPRINGS]:
         _spring_loads(system, law, memory, memory.residual)
         for j in range(memory.counts[N_SPRINGS]):
-            spread_one(system, X, memory.pairs[j], -memory.residual[j])
+            k = memory.pairs[j]
+            spread_one(system, X, k, -system.roots[k] * memory.residual[j])
     solve_mass(system, X)
     for i in range(size):
         X[lk.A * size + i] = X[Z * size + i]

@@ -106,6 +106,7 @@ class System(NamedTuple):
         inverse_lumped: shape (size,).
         gap_rows: H.
         gap0: gaps at rest, shape (n_pairs,) [m].
+        roots: √w of the weights of the pairs, shape (n_pairs,).
         base_rows: base by rows.
         is_selecting: every probe shows a single dof.
         selected: places of these dofs, nothing otherwise.
@@ -133,6 +134,7 @@ class System(NamedTuple):
     inverse_lumped: FloatArray
     gap_rows: Rows
     gap0: FloatArray
+    roots: FloatArray
     base_rows: Rows
     is_selecting: bool
     selected: IntArray
@@ -221,6 +223,7 @@ def _system(
         inverse_lumped=to @ inverse_lumped,
         gap_rows=banded.rows(o.gap_matrix @ to.T),
         gap0=np.array(o.gap0, dtype=float),
+        roots=np.ones(o.n_pairs) if o.pair_weights is None else np.sqrt(o.pair_weights),
         base_rows=banded.rows(sp.csr_matrix(base)),
         is_selecting=is_selecting,
         selected=order[probes.indices] if is_selecting else _NO_PLACES,

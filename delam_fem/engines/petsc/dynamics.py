@@ -142,6 +142,8 @@ class Dynamics:
             return 0.0
         self._H.multAdd(self.u, self._gap0, self._gap.vector)
         gap = self._gap.gather()[pairs]
+        if self.operators.pair_weights is not None:
+            gap = gap * np.sqrt(self.operators.pair_weights[pairs])
         return 0.5 * self.spring_stiffness * float(gap @ gap)
 
     def state(self) -> FloatArray:

@@ -10,6 +10,9 @@ candidate is
 
     (I + (k β Δt² + c γ Δt) S_PP) λ = k U + c U̇,   S = H A⁻¹ Hᵀ,   Δa = -A⁻¹ Hᵀ λ               (N2)
 
+Where pairs have weights w, the springs act on the gaps times √w: U, H and S stand for √w U, √w H
+and √w S √w, so that the stiffness of a pair is w k.
+
 No contact decisions are taken here.
 """
 
@@ -76,6 +79,7 @@ class Newmark(Dynamics):
         self._softness = self.spring_stiffness * self._to_u + self._spring_damping * self._to_v
         self._S = LazyCompliance(self, self._A)
         self._pairs = np.flatnonzero(self.resting)
+        self._roots = None if o.pair_weights is None else np.sqrt(o.pair_weights)
         self._resistance: FloatArray | None = None
 
     def rate_pre(self) -> FloatArray:
@@ -103,7 +107,7 @@ class Newmark(Dynamics):
         self.dissipated += 0.25 * self.time_step * self._load.dot(both)
         if self._spring_damping and self._pairs.size:
             self._H.mult(both, self._rate.vector)
-            rate = self._rate.gather()[self._pairs]
+            rate = self._of_springs(self._rate.gather())
             self.contact_damped += 0.25 * self.time_step * self._spring_damping * float(rate @ rate)
         self._H.multAdd(u, self._gap0, self._gap.vector)
         return float(self._gap.vector.min()[1])
@@ -124,9 +128,9 @@ class Newmark(Dynamics):
         """Correct the candidate by the springs, N2."""
         k, c = self.spring_stiffness, self._spring_damping
         self._H.multAdd(self.u, self._gap0, self._gap.vector)
-        drive = k * self._gap.gather()[self._pairs]
+        drive = k * self._of_springs(self._gap.gather())
         if c:
-            drive += c * self.gap_rate()[self._pairs]
+            drive += c * self._of_springs(self.gap_rate())
         if self._resistance is not None:
             forces = self._resistance @ drive
         else:
@@ -137,8 +141,15 @@ class Newmark(Dynamics):
         self.u.axpy(self._to_u, self._response)
         self.v.axpy(self._to_v, self._response)
 
+    def _of_springs(self, values: FloatArray) -> FloatArray:
+        """Return gaps or gap rates of the spring pairs, times √w where pairs have weights."""
+        own = values[self._pairs]
+        return own if self._roots is None else self._roots[self._pairs] * own
+
     def _push(self, forces: FloatArray) -> None:
         """Write the load H^T λ of forces on the spring pairs."""
+        if self._roots is not None:
+            forces = self._roots[self._pairs] * forces
         self._force.values[self._pairs] = forces
         self._force.spread()
         self._H.multTranspose(self._force.vector, self._load)
@@ -155,7 +166,7 @@ class Newmark(Dynamics):
             self._push(direction)
             self._A.solve(self._load, self._response)
             self._H.mult(self._response, self._rate.vector)
-            image = direction - self._softness * self._rate.gather()[self._pairs]
+            image = direction - self._softness * self._of_springs(self._rate.gather())
             length = square / float(direction @ image)
             forces += length * direction
             residual -= length * image
@@ -171,6 +182,8 @@ class Newmark(Dynamics):
         self._resistance = None
         if 0 < self._pairs.size <= DIRECT_PAIRS:
             matrix = self._softness * self._S.block(self._pairs)
+            if self._roots is not None:
+                matrix *= np.outer(self._roots[self._pairs], self._roots[self._pairs])
             matrix.flat[:: self._pairs.size + 1] += 1.0
             self._resistance = np.linalg.inv(matrix)
 
@@ -216,9 +229,9 @@ class Newmark(Dynamics):
         self._find_residual()
         if self._pairs.size:
             self._H.multAdd(self.u, self._gap0, self._gap.vector)
-            forces = self.spring_stiffness * self._gap.gather()[self._pairs]
+            forces = self.spring_stiffness * self._of_springs(self._gap.gather())
             if self._spring_damping:
-                forces += self._spring_damping * self.gap_rate()[self._pairs]
+                forces += self._spring_damping * self._of_springs(self.gap_rate())
             self._push(forces)
             self._residual.axpy(1.0, self._load)
         self._M_factor.solve(self._residual, self.a)

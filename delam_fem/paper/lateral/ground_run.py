@@ -12,9 +12,9 @@ from delam_fem.engines.session import session
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.numerics.schemes import SCHEMES, SchemeName
-from delam_fem.simulation.base_states import at_rest
 from delam_fem.simulation.loop import Outcome, State
 from delam_fem.simulation.recorder import LEDGER, PeriodRecord, Recorder
+from delam_fem.simulation.setup import at_rest
 from delam_fem.simulation.solution import ImpactTable
 from delam_fem.simulation.span import Span
 

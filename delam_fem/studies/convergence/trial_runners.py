@@ -17,8 +17,7 @@ from delam_fem.engines.choose import law_of, scheme_of
 from delam_fem.engines.session import Session, session
 from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.simulation.base_states import motion_of
-from delam_fem.simulation.span import Span
+from delam_fem.simulation.setup import motion_of, span_of
 from delam_fem.studies.convergence import trial_schemes as ts
 from delam_fem.studies.convergence import trial_steps as steps
 
@@ -53,7 +52,7 @@ def _session(
     """Open a session of a case with another method."""
     other = case.with_overrides({"contact.law": method})
     scheme = replace(scheme_of(other), theta=theta)
-    return session(operators, law_of(other), scheme, motion_of(case), Span.of(case))
+    return session(operators, law_of(other), scheme, motion_of(case), span_of(case))
 
 
 def by_modes(method: str, modes: int, case: Case, operators: Operators) -> FloatArray:

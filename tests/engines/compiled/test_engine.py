@@ -20,9 +20,9 @@ from delam_fem.engines.compiled.state import IMPACTS, MOREAU, PENALTY, RECOVERY,
 from delam_fem.engines.compiled.system import StepNumbers, build
 from delam_fem.model import closed_form
 from delam_fem.model.operators import BaseCoupling, Operators
-from delam_fem.simulation.base_states import motion_of
 from delam_fem.simulation.loop import State, set_initial, simulate
 from delam_fem.simulation.recorder import Recorder
+from delam_fem.simulation.setup import motion_of, span_of
 from delam_fem.simulation.span import Span
 
 ROUND_OFF = 1e-11
@@ -246,7 +246,7 @@ def test_ball_on_a_spring() -> None:
 def start(case: Case) -> tuple[Compiled, Recorder]:
     operators = closed_form.assemble(case).operators
     engine = compiled_engine(operators, law_of(case), scheme_of(case), case.time_step)
-    recorder = Recorder(operators.base, Span.of(case), operators.n_probes)
+    recorder = Recorder(operators.base, span_of(case), operators.n_probes)
     set_initial(engine, None, motion_of(case)(0)[0])
     return engine, recorder
 

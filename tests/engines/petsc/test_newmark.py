@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -44,11 +46,15 @@ def dense_step(o: Operators, state: np.ndarray, base: np.ndarray, spring: np.nda
 
 @pytest.mark.parametrize("direct_pairs", [64, 0], ids=["direct", "conjugate gradients"])
 @pytest.mark.parametrize("stiffness", [100.0, 1e5])
+@pytest.mark.parametrize("is_weighted", [False, True])
 def test_springs_are_those_of_a_stiffer_matrix(
-    direct_pairs: int, stiffness: float, monkeypatch: pytest.MonkeyPatch
+    direct_pairs: int, stiffness: float, is_weighted: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(newmark, "DIRECT_PAIRS", direct_pairs)
     o = problem()
+    weights = np.linspace(0.3, 2.0, o.n_pairs) if is_weighted else np.ones(o.n_pairs)
+    if is_weighted:
+        o = replace(o, pair_weights=weights)
     stepper = Newmark(o, DT, spring=(stiffness, 0.0))
     base_states = shaken(50)
     stepper.begin(base_states)
@@ -57,9 +63,12 @@ def test_springs_are_those_of_a_stiffer_matrix(
     state = stepper.state()
     for base in base_states[1:]:
         stepper.advance()
-        state = dense_step(o, state, base, stiffness * resting)
+        state = dense_step(o, state, base, stiffness * weights * resting)
     for given, expected in zip(stepper.state(), state, strict=True):
         assert np.abs(given - expected).max() <= ROUND_OFF * np.abs(expected).max()
+    gap = o.gap_matrix @ state[0] + o.gap0
+    energy = 0.5 * stiffness * float((weights * gap**2)[resting].sum())
+    assert stepper.energies().spring == pytest.approx(energy, rel=1e-6)
     stepper.destroy()
 
 

@@ -37,7 +37,7 @@ def made_up(rung: Rung) -> RungResult:
     found = {name: (excess * value, 1e-9) for name, value in LIMITS.items()}
     found |= {"blocks": (30.0, 0.0), "periodicity": (1.0, 0.0), "impact_gain": (1e-5, 0.0)}
     found |= {"contact_work": (9.9e-4, 1e-9)}
-    if rung.method == "newton/lumped" and rung.elements == 160:
+    if rung.method == "newton@newmark/lumped" and rung.elements == 160:
         return RungResult(rung.key, "diverged", "diverged in period 77", {}, 0.3, 77)
     return RungResult(rung.key, "completed", "", found, 0.3, 60)
 
@@ -56,12 +56,12 @@ def test_tables_of_the_document(tables: dict[str, Table]) -> None:
     assert laws["newton@moreau-jean"] == tuple(
         f"{-20.0 * (1.0 + 1.0 / math.sqrt(n)):.2f}" for n in (1000, 4000, 16000, 64000, 256000)
     )
-    assert "penalty k = 100000 N/m" in laws
+    assert "penalty@newmark k = 100000 N/m" in laws
     last = 1.0 + 1.0 / math.sqrt(256000)
     change = 20.0 * (1.0 / math.sqrt(64000) - 1.0 / math.sqrt(256000))
     assert tables["motions"].rows[2][:2] == ("3.25", f"{-20.0 * last:.4g} ± {change:.2g}")
     literal = {row[:3]: row[3:] for row in tables["literal"].rows}
-    assert literal["mass", "newton", "1000"][-2:] == ("1 %", "**diverged in period 77**")
+    assert literal["mass", "newton@newmark", "1000"][-2:] == ("1 %", "**diverged in period 77**")
     for table in tables.values():
         assert {len(row) for row in table.rows} == {len(table.heading)}
 

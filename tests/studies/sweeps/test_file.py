@@ -199,3 +199,24 @@ def test_the_examples_of_the_documentation_are_sweeps(path: Path) -> None:
     assert made.n_points > 100
     kind = {"plane": 2, "basins": 2}.get(path.stem, 1)
     assert len(made.dimensions) == kind
+
+
+def test_an_axis_of_laws_names_each_with_its_scheme() -> None:
+    law: dict[str, object] = {
+        "key": "contact.law",
+        "values": ["newton-penalty@newmark", "newton@moreau-jean", "recovery@moreau-jean"],
+    }
+    made = sweep(law)
+    found = [(case.contact.law, case.time.scheme) for case in map(made.case, range(3))]
+    assert found == [
+        ("newton-penalty", "newmark"),
+        ("newton", "moreau-jean"),
+        ("recovery", "moreau-jean"),
+    ]
+    assert made.dimensions[0].values == tuple(law["values"])  # type: ignore[arg-type]
+    assert made.case(1).unread == (
+        "contact.impulse",
+        "contact.penalty_stiffness",
+    )  # of the base; given, not refused
+    with pytest.raises(CaseError, match='the law "recovery" goes with the scheme "moreau-jean"'):
+        sweep({"key": "contact.law", "values": ["newton-penalty", "recovery"]})

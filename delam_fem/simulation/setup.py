@@ -1,4 +1,4 @@
-"""Tabulate the motion of the base period by period, as the time loop needs it.
+"""Set a run up: its length, and the motion of its base period by period, with or without a case.
 
 This module imports neither dolfinx nor PETSc, so that the workers of a sweep start fast.
 """
@@ -15,6 +15,9 @@ from delam_fem.case.excitation import base_motion
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.simulation.span import Span
 
+DIVERGED_LENGTHS = 10.0
+"""Gap or displacement, in lengths of the laminae, beyond which a motion has no meaning any more."""
+
 
 class Prescribed(Protocol):
     """A prescribed motion of the base: the part of its interface that a run needs."""
@@ -27,10 +30,22 @@ BaseStates = Callable[[int], FloatArray]
 """Function of the number of a period: (q, q', q'') at its N + 1 steps, shape (N + 1, 3)."""
 
 
+def span_of(case: Case) -> Span:
+    """Return the span of a case: the length of its run, and what the run records."""
+    return Span(
+        case.time_step,
+        case.time.steps_per_period,
+        case.n_periods,
+        case.n_window_periods,
+        case.output.fields_per_period,
+        DIVERGED_LENGTHS * case.lamina[0].length,
+    )
+
+
 def motion_of(case: Case) -> BaseStates:
     """Return the base motion of a case as a function of the period."""
     is_periodic = case.excitation.kind == "harmonic"
-    return by_period(base_motion(case), Span.of(case), is_periodic=is_periodic)
+    return by_period(base_motion(case), span_of(case), is_periodic=is_periodic)
 
 
 def by_period(motion: Prescribed, span: Span, *, is_periodic: bool) -> BaseStates:

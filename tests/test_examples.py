@@ -1,0 +1,70 @@
+"""The examples of docs/examples run as they stand and give the numbers that they promise."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from project import ROOT
+
+from delam_fem.studies.sweeps.grid import load_sweep
+
+FOLDER = ROOT / "docs" / "examples"
+SCRIPTS = sorted(FOLDER.glob("*.py"))
+SWEEPS = sorted(FOLDER.glob("*.toml"))
+LONGEST = 600  # s; with nothing compiled before
+SAID = {
+    "clapping": r"^tip contacts per period: 1\.00$",
+    "free_vibration": r"^logarithmic decrement: 0\.050267, exact 0\.050267$",
+    "modes": r"^order of convergence: (3\.9|4\.0)\d \(thick\), (3\.9|4\.0)\d \(thin\)$",
+    "one_impact": r"^\d\d single impacts, the strongest lost \d\.\d+e-05 J$",
+    "own_law": r"^speeds of approach \[m/s\]: \[1\. +0\.5333\d 0\.3368\d 0\.2306\d\] exact",
+    "own_operators": r"^pairs hit: \[0 1 0\] velocities at the end \[m/s\]: \[-0\.25 +-0\.125\]$",
+    "sweep": r"^3\.65 Hz: period 2, 0\.50 tip contacts per period$",
+}
+"""A line that each example prints; a new one must at least print a number."""
+
+
+def printed(path: Path, folder: Path) -> str:
+    """Run an example in a folder of its own and return what it prints."""
+    searched = [str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
+    done = subprocess.run(
+        [sys.executable, str(path)],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(searched), "MPLBACKEND": "Agg"},
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        timeout=LONGEST,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.stem)
+def test_example_runs_and_says_its_numbers(path: Path, tmp_path: Path) -> None:
+    assert re.search(SAID.get(path.stem, r"\d"), printed(path, tmp_path), re.MULTILINE)
+
+
+@pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.stem)
+def test_example_explains_itself_and_checks_its_numbers(path: Path) -> None:
+    text = path.read_text(encoding="utf-8")
+    assert text.startswith('"""')
+    assert re.search(r"^assert ", text, re.MULTILINE)
+
+
+@pytest.mark.parametrize("path", SWEEPS, ids=lambda path: path.stem)
+def test_example_of_a_sweep_is_read(path: Path) -> None:
+    assert load_sweep(path).n_points > 1
+
+
+def test_all_examples_are_listed() -> None:
+    text = (FOLDER / "README.md").read_text(encoding="utf-8")
+    listed = set(re.findall(r"\]\((\w+\.(?:py|toml))\)", text))
+    assert listed == {path.name for path in [*SCRIPTS, *SWEEPS]}
+    assert set(SAID) <= {path.stem for path in SCRIPTS}
