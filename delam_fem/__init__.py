@@ -1,30 +1,30 @@
-"""delam_fem: two delaminated laminae that clap under base motion, by finite elements.
+"""Simulate two delaminated laminae that clap together under base motion, by finite elements.
 
     import delam_fem as df
     case = df.preset("paper", {"excitation.frequency": 3.65})
     result = df.run(case)
 
-Letters that the code shares with the mathematics (SI units, float64 throughout):
+The code uses these letters of the mathematics (SI units and float64 everywhere):
 
     x, L            position from the clamp, length of a lamina [m]
     E, I, A, rho    Young's modulus [Pa], second moment [m4], section [m2], density [kg/m3]
     M, C, K         mass, damping and stiffness matrix of the free dofs
-    m, c, k (_b)    their coupling to the motion q_b of the base
+    m, c, k (_b)    columns of M, C and K that couple the free dofs to the base motion q_b
     u, v, a         displacement from the stress-free shape (fixed frame), velocity, acceleration
-    q               displacement u at one point, as the paper writes it
+    q               displacement u at one point, in the paper's notation
     f, omega, T     frequency [Hz], angular frequency [rad/s], period of the excitation [s]
     dt, N           time step [s], steps per period
-    beta, gamma     Newmark's numbers (the paper's alpha_N and beta_N): 1/4 and 1/2
-    alpha, beta     Rayleigh's numbers of C = alpha M + beta K [1/s, s], in the modules on damping
+    beta, gamma     parameters of Newmark's scheme (the paper's alpha_N and beta_N): 1/4 and 1/2
+    alpha, beta     coefficients of Rayleigh damping C = alpha M + beta K [1/s, s]
     D               damping ratio [-]
     g0, gap         gap at rest, gap g0 + u_2 - u_1 [m]; positive is open
     H               gap operator: gap = H u + g0, gap rate = H v
-    W               H M^-1 H^T, the compliance of the contact pairs to impulses [1/kg]
+    W               H M^-1 H^T: gap rates of the pairs per unit impulse on the pairs [1/kg]
     p, lambda       contact impulse [N s], contact force [N]
     e               coefficient of restitution [-]
 
-The names below are loaded at their first use, so that `import delam_fem` alone is cheap and does
-not import dolfinx.
+The public names below are loaded at their first use. `import delam_fem` alone is therefore fast and
+does not import dolfinx.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ _HOMES = {
     "save_case": "case.files",
     "solve": "engines.session",
 }
-"""The module of each public name."""
+"""Module that defines each public name, relative to the package."""
 
 __all__ = [
     "LAWS",
@@ -105,12 +105,12 @@ __all__ = [
 
 try:
     __version__: str = metadata.version("delam_fem")
-except metadata.PackageNotFoundError:  # run from a copy of the sources that is not installed
+except metadata.PackageNotFoundError:  # the sources run without being installed
     __version__ = "0.1.0"
 
 
 def __getattr__(name: str) -> object:
-    """Load a public name at its first use."""
+    """Import the module of a public name at its first use, and return the object."""
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     value: object = getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)

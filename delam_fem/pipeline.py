@@ -1,6 +1,7 @@
-"""From a case to its result: assemble, set the run up, run the loop, collect.
+"""Turn a case into a result: assemble the structure, run the time loop, collect the record.
 
-Nothing is computed here. `engines.session.solve` does the same without a case.
+This module only connects other modules and computes nothing itself. `engines.session.solve` runs
+operators, a law, a scheme and a motion without any case.
 """
 
 from __future__ import annotations
@@ -43,29 +44,29 @@ def run(
     initial: State | None = None,
     comm: MPI.Intracomm = MPI.COMM_SELF,
 ) -> Result:
-    """Compute a case.
+    """Compute a case and return its result.
 
     Args:
-        case: what to compute.
-        engine: what computes the steps.
-        directory: where checkpoints of a long run are kept; None: nowhere.
-        resume: go on from the checkpoint in `directory`.
-        progress: called after each period with the periods done and all periods.
-        structure: the discretised case, if it is not to be assembled by `beam.assemble`.
-        initial: state at t = 0, for example `Result.state` of another run; None: at rest. Its
-            accelerations are renewed.
-        comm: communicator that shares the work; every rank returns the result. With "compiled"
-            every rank computes the same.
+        case: the case to compute.
+        engine: name of the engine that computes the steps.
+        directory: folder for the checkpoints of a long run; None: no checkpoints.
+        resume: whether to continue from the checkpoint in `directory`.
+        progress: called after each period with the number of finished periods and of all periods.
+        structure: the discretised case; None: `beam.assemble` makes it.
+        initial: state at t = 0, for example `Result.state` of another run; None: at rest. The run
+            computes the accelerations of this state anew.
+        comm: communicator whose ranks share the work; every rank returns the result. With the
+            engine "compiled" every rank computes the same run.
 
     Returns:
-        The result; `history.attrs["outcome"]` says whether the run was completed, diverged or was
-        interrupted (Ctrl-C), in which case it holds what was computed.
+        The result. `history.attrs["outcome"]` is "completed", "diverged" or "interrupted" (Ctrl-C);
+        in the last two cases the result holds the steps computed so far.
 
     Raises:
-        CaseError: the case cannot be computed as it stands, or there is nothing to resume.
+        CaseError: the case cannot be computed, or there is no checkpoint to resume from.
     """
     if case.unread:
-        _log.debug("given, but not read: %s", ", ".join(case.unread))
+        _log.debug("this run ignores keys that are given, but not read: %s", ", ".join(case.unread))
     structure = beam.assemble(case, comm=comm) if structure is None else structure
     kept = None if directory is None else checkpoint.path_in(Path(directory))
     with session_of(case, structure.operators, initial=initial, engine=engine, comm=comm) as opened:
@@ -98,7 +99,7 @@ def run(
 def _summary(
     engine: EngineName, outcome: Outcome, recorder: Recorder, n_new: int, seconds: float
 ) -> dict[str, Any]:
-    """Return what is known of the computation itself; `n_new` periods were computed now."""
+    """Return outcome, engine, number of steps and times; this call computed `n_new` periods."""
     n_steps, last = recorder.steps_per_period, recorder.window[-1].n_steps
     return {
         "outcome": outcome,
@@ -112,7 +113,7 @@ def _summary(
 def _result(
     case: Case, structure: Structure, recorder: Recorder, state: State, summary: dict[str, Any]
 ) -> Result:
-    """Collect what was computed."""
+    """Return the result: the dataset of a run with its summary and warnings."""
     attributes = {
         "outcome": summary["outcome"],
         "engine": summary["engine"],
@@ -135,11 +136,11 @@ def _result(
 
 
 def _divergence(case: Case, history: Any) -> str:
-    """Say when and with what energy a run diverged, and what may help."""
+    """Return a message: when a run diverged, with what energy, and what may help."""
     energy = float(history.energy_kinetic[-1] + history.energy_strain[-1])
     law = case.contact.law
     if law == "none":
-        remedy = "a smaller excitation.amplitude: linear beams know no large displacements"
+        remedy = "a smaller excitation.amplitude: linear beams hold for small displacements only"
     elif energy_gain.may_add_energy(case):
         remedy = energy_gain.REMEDY
     else:

@@ -1,9 +1,9 @@
-"""Generate the meshes of this folder with gmsh: two straight lines, one per lamina.
+"""Generate the mesh files of this folder with gmsh: two straight lines, one for each lamina.
 
     python meshes/generate.py [-o FOLDER]
 
-Each lamina is a physical group of lines, "thick" or "thin". The lines stand side by side only to be
-told apart in a picture: the gap of a run comes from the section `gap` of its case.
+Each lamina is a physical group of lines, "thick" or "thin". The lines lie at a distance only to
+make them visible in pictures; the gap of a run comes from the section `gap` of its case.
 """
 
 from __future__ import annotations
@@ -14,17 +14,17 @@ from pathlib import Path
 
 import gmsh
 
-LENGTH = 0.685  # m, of the paper's laminae
-DISTANCE = 0.012  # m, between the two lines in the file
+LENGTH = 0.685  # m, length of the paper's laminae
+DISTANCE = 0.012  # m, distance of the two lines in the file
 
 
 @dataclass(frozen=True)
 class Division:
-    """How one lamina is divided, in a geometric progression from clamp to tip.
+    """The division of a lamina into elements, whose lengths form a geometric progression.
 
     Attributes:
         elements: number of elements.
-        tip_ratio: length of the last element, at the tip, over that of the first, at the clamp.
+        tip_ratio: length of the element at the tip over the length of the element at the clamp.
     """
 
     elements: int
@@ -36,15 +36,15 @@ MESHES = {
     "laminae_50": (Division(50), Division(50)),
     "laminae_graded": (Division(24, tip_ratio=0.25), Division(24, tip_ratio=0.25)),
 }
-"""The divisions of the thick and the thin lamina of each file."""
+"""Divisions of the thick and the thin lamina by the name of the mesh file."""
 
 
 def write(thick: Division, thin: Division, path: Path) -> None:
-    """Write the mesh of both laminae to a file; its ending chooses the format.
+    """Write the mesh of both laminae to a file; the suffix of the file selects the format.
 
     Args:
-        thick: how the thick lamina is divided.
-        thin: how the thin lamina is divided; the same for nodes that are opposite.
+        thick: division of the thick lamina.
+        thin: division of the thin lamina; equal to `thick` if the nodes must be opposite.
         path: file to write.
     """
     gmsh.initialize()
@@ -60,7 +60,7 @@ def write(thick: Division, thin: Division, path: Path) -> None:
 
 
 def _add_line(name: str, y: float, division: Division) -> None:
-    """Add a lamina at height y [m] to gmsh's current model."""
+    """Add a lamina at the height y [m] to the current model of gmsh."""
     geometry = gmsh.model.geo
     line = geometry.addLine(geometry.addPoint(0.0, y, 0.0), geometry.addPoint(LENGTH, y, 0.0))
     growth = division.tip_ratio ** (1.0 / max(division.elements - 1, 1))
@@ -70,7 +70,7 @@ def _add_line(name: str, y: float, division: Division) -> None:
 
 
 def main() -> None:
-    """Write all meshes."""
+    """Write all mesh files to a folder."""
     parser = argparse.ArgumentParser(description="Generate the meshes of the laminae with gmsh.")
     parser.add_argument("-o", "--output", type=Path, default=Path(__file__).parent)
     folder = parser.parse_args().output

@@ -1,9 +1,10 @@
-"""Measure what a step costs, all in one run, so that the ratios mean something.
+"""Measure the cost of a time step for all engines, schemes and mesh sizes in one run.
 
     .venv/bin/python scripts/benchmark.py [--short] [-o docs]
 
-Machines are noisy: each figure is the fastest of several runs. Prints tables; with -o also writes
-performance.json, performance.md and figures/performance.png there.
+All numbers come from one run on one machine, so that their ratios are meaningful. Each time is the
+fastest of several repeats, because machines are noisy. The script prints tables; with -o it also
+writes performance.json, performance.md and figures/performance.png to that folder.
 """
 
 from __future__ import annotations
@@ -49,16 +50,17 @@ SCHEMES: dict[str, dict[str, Any]] = {
 BASELINE = "newton-penalty, lumped mass and impulses"
 SIZES = (5, 20, 50, 200, 500, 1000, 2000)
 COUPLED_UP_TO = 200
-"""Elements; beyond, simultaneous impacts of hundreds of pairs would take the whole time."""
+"""Largest number of elements with consistent impulses; beyond it, simultaneous impacts of hundreds
+of pairs would take all the time."""
 PLANE = Path(__file__).parents[1] / "docs" / "examples" / "plane.toml"
 REPEATS = 3
-"""Of what takes seconds; the best counts, since machines are noisy."""
+"""Number of repeats of measurements that take seconds; the fastest counts."""
 PLAIN_UP_TO = 50
-"""Elements up to which the plain loop is worth waiting for."""
+"""Largest number of elements for which the plain loop is measured."""
 
 
 def fastest(action: Callable[[], object], repeats: int, per_call: int = 1) -> float:
-    """Return the least time of a call [µs], each measurement being `per_call` calls."""
+    """Return the shortest time of a call [µs]; each measurement makes `per_call` calls."""
     times = []
     for _ in range(repeats):
         begin = time.perf_counter()
@@ -69,7 +71,7 @@ def fastest(action: Callable[[], object], repeats: int, per_call: int = 1) -> fl
 
 
 def bare_operations(case: df.Case, repeats: int) -> float:
-    """Return the time of one MatSolve and two MatMult of the matrices of a case [µs]."""
+    """Return the time of one MatSolve and two MatMult with the matrices of a case [µs]."""
     o = closed_form.assemble(case).operators
     dt = case.time_step
     A = linear_algebra.Factor(
@@ -88,14 +90,14 @@ def bare_operations(case: df.Case, repeats: int) -> float:
 
 
 def case_of(elements: int, periods: int, **settings: Any) -> df.Case:
-    """Return the preset `paper` at 3.25 Hz on a mesh, from rest, without fields."""
+    """Return the preset `paper` with a number of elements and of periods, without fields."""
     keys: dict[str, Any] = {"mesh.elements": elements, "time.periods": periods}
     keys |= {"output.window_periods": 1, "output.fields_per_period": 0}
     return df.preset("paper", keys | settings)
 
 
 def step(case: df.Case, repeats: int, engine: EngineName) -> dict[str, float]:
-    """Return the time of a step with all that a run does in it, and in the engine alone [µs]."""
+    """Return the time of a step in the whole run ("run") and in the engine alone [µs]."""
     operators = closed_form.assemble(case).operators
     whole, inner = [], []
     for _ in range(repeats):
@@ -113,14 +115,14 @@ def step(case: df.Case, repeats: int, engine: EngineName) -> dict[str, float]:
 
 
 class Stopwatch:
-    """Adds up the time of calls."""
+    """A function that adds up the time of its calls."""
 
     def __init__(self, action: Callable[..., int]) -> None:
-        """Take over the call."""
+        """Store the function to call."""
         self._action, self.seconds = action, 0.0
 
     def __call__(self, *arguments: Any) -> int:
-        """Call and count."""
+        """Call the function and add the time."""
         begin = time.perf_counter()
         result = self._action(*arguments)
         self.seconds += time.perf_counter() - begin
@@ -128,15 +130,15 @@ class Stopwatch:
 
 
 class Timed:
-    """An engine of which the periods are timed."""
+    """An engine whose periods are timed."""
 
     def __init__(self, engine: Any, run_period: Stopwatch) -> None:
-        """Take over the engine."""
+        """Store the stepper of the engine and its timed `run_period`."""
         self.stepper, self.run_period = engine.stepper, run_period
 
 
 def plain_loop(case: df.Case, repeats: int) -> float:
-    """Return the time of a step of the plain NumPy and SciPy loop of the reference [µs]."""
+    """Return the time of a step in the plain NumPy and SciPy loop of the reference [µs]."""
     model = closed_form.assemble(case)
     steps = case.n_periods * case.time.steps_per_period
     loop = fastest(
@@ -146,7 +148,7 @@ def plain_loop(case: df.Case, repeats: int) -> float:
 
 
 def _one_run(periods: int) -> int:
-    """Compute so many periods in a worker; return the steps."""
+    """Compute some periods in a worker; return the number of steps."""
     case = case_of(20, periods, **SCHEMES[BASELINE])
     operators = closed_form.assemble(case).operators
     with session_of(case, operators) as opened:
@@ -155,9 +157,9 @@ def _one_run(periods: int) -> int:
 
 
 def throughput(workers: int, periods: int) -> float:
-    """Return steps per second of so many processes, each with runs of its own [1/s]."""
+    """Return steps per second of several processes, each with its own runs [1/s]."""
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        list(pool.map(_one_run, [2] * workers))  # compiled code is loaded
+        list(pool.map(_one_run, [2] * workers))  # this loads the compiled code
         rates = []
         for _ in range(REPEATS):
             begin = time.perf_counter()
@@ -168,7 +170,7 @@ def throughput(workers: int, periods: int) -> float:
 
 @numba.njit(cache=True, fastmath=True)
 def _arithmetic(values, rounds):  # type: ignore[no-untyped-def]
-    """Keep the vector units of a core busy."""
+    """Do arithmetic that keeps the vector units of a core busy."""
     for _ in range(rounds):
         for i in range(values.size):
             values[i] = 0.999 * values[i] + 0.001
@@ -180,9 +182,9 @@ def _spin(rounds: int) -> float:
 
 
 def machine_scaling(workers: int, rounds: int) -> float:
-    """Return what so many processes gain over one where nothing is shared but the machine [-].
+    """Return the speed-up by several processes that share nothing but the machine [-].
 
-    Processors may be two threads of one core: then dense arithmetic gains nothing from the second.
+    Two processors may be threads of one core; then dense arithmetic gains nothing from the second.
     """
     times = []
     for n in (1, workers):
@@ -195,7 +197,7 @@ def machine_scaling(workers: int, rounds: int) -> float:
 
 
 def plane_seconds(workers: int, periods: int) -> float:
-    """Return the time that the sweep of the paper's Fig. 15, 20 × 20 points, takes [s]."""
+    """Return the time of the sweep for the paper's Fig. 15 with 20 × 20 points [s]."""
     sweep = df.load_sweep(PLANE, {"time.periods": periods})
     with tempfile.TemporaryDirectory() as folder:
         begin = time.perf_counter()
@@ -213,7 +215,7 @@ from delam_fem.model import closed_form
 case = preset("default", {"time.periods": 1})
 run(case, "compiled", structure=closed_form.assemble(case))
 """
-"""What a user waits for before the first result: imports, cached compiled code, a period."""
+"""Program of a first run: imports, loading of compiled code, one period."""
 
 
 def start_seconds() -> float:
@@ -222,12 +224,12 @@ def start_seconds() -> float:
     def start() -> None:
         subprocess.run([sys.executable, "-c", FIRST_STEPS], check=True)
 
-    start()  # fills the cache
+    start()  # this fills the cache
     return fastest(start, REPEATS) / 1e6
 
 
 def memory_growth(periods: tuple[int, int]) -> float:
-    """Return by how much the peak memory grows from a short to a long run [MB]."""
+    """Return the growth of the peak memory from a short to a long run [MB]."""
     peaks = []
     for n in periods:
         df.run(case_of(20, n))
@@ -236,7 +238,7 @@ def memory_growth(periods: tuple[int, int]) -> float:
 
 
 def measure(short: bool) -> dict[str, Any]:
-    """Return all figures."""
+    """Measure everything and return the numbers."""
     repeats = 2 if short else 4
     rows = []
     for n in (5, 20, 50) if short else SIZES:
@@ -272,7 +274,7 @@ HEADINGS = (
 
 
 def cells(row: dict[str, Any], scheme: str) -> list[str]:
-    """Return the cells of a mesh and a scheme, µs and ratios."""
+    """Return the cells of a table row: times [µs] and ratios for a mesh and a scheme."""
     by_petsc, by_compiled = row[scheme]["petsc"]["run"], row[scheme]["compiled"]
     plain = f"{row['plain']:.0f}" if scheme == BASELINE and "plain" in row else "–"
     return [
@@ -290,12 +292,12 @@ def cells(row: dict[str, Any], scheme: str) -> list[str]:
 
 
 def tables(figures: dict[str, Any]) -> dict[str, list[list[str]]]:
-    """Return the rows of a table for each scheme."""
+    """Return the rows of the table of each scheme by name."""
     return {name: [cells(row, name) for row in figures["rows"] if name in row] for name in SCHEMES}
 
 
 def closing_lines(figures: dict[str, Any]) -> list[str]:
-    """Return what stands below the tables."""
+    """Return the lines below the tables."""
     short, long = figures["periods"]
     lines = [
         f"{workers} process(es): {rate / 1e6:.2f} million steps/s"
@@ -324,7 +326,7 @@ def closing_lines(figures: dict[str, Any]) -> list[str]:
 
 
 def markdown(figures: dict[str, Any]) -> str:
-    """Return docs/performance.md."""
+    """Return the text of docs/performance.md."""
     parts = [
         "# Performance\n",
         "This page is written by `scripts/benchmark.py -o docs`. All numbers are from one run on "
@@ -352,7 +354,7 @@ def markdown(figures: dict[str, Any]) -> str:
 
 
 def figure(figures: dict[str, Any]) -> Figure:
-    """Return cost over dofs, log–log."""
+    """Draw the time of a step over the number of dofs, log–log."""
     result = Figure(figsize=(9.0, 4.8), layout="constrained")
     axes = result.add_subplot(
         xscale="log", yscale="log", xlabel="degrees of freedom [–]", ylabel="time of a step [µs]"
@@ -376,7 +378,7 @@ def figure(figures: dict[str, Any]) -> Figure:
 
 
 def write(figures: dict[str, Any], folder: Path) -> None:
-    """Write numbers, page and figure."""
+    """Write the numbers, the page and the figure to a folder."""
     (folder / "figures").mkdir(parents=True, exist_ok=True)
     (folder / "performance.json").write_text(json.dumps(figures, indent=2) + "\n")
     (folder / "performance.md").write_text(markdown(figures), encoding="utf-8")
@@ -384,7 +386,7 @@ def write(figures: dict[str, Any], folder: Path) -> None:
 
 
 def main(arguments: list[str] | None = None) -> dict[str, Any]:
-    """Measure, print and write."""
+    """Measure, print the tables, and write the files if a folder is given."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--short", action="store_true", help="small meshes, few repeats")
     parser.add_argument("-o", "--output", type=Path, help="folder for numbers, page and figure")

@@ -1,6 +1,6 @@
-# To be sourced: keeps another Python (conda, pyenv, an active venv, environment modules) from
-# misleading what follows. The distribution's compiler, pkg-config and mpirun come first, since its
-# dolfinx compiles forms with them.
+# Source this file: it keeps another Python (conda, pyenv, an active venv, environment modules) from
+# misleading later commands. The distribution's compiler, pkg-config and mpirun come first in PATH,
+# because its dolfinx compiles forms with them.
 unset PYTHONHOME PYTHONPATH PYTHONSTARTUP PYTHONUSERBASE PYTHONPLATLIBDIR VIRTUAL_ENV
 unset CONDA_PREFIX CONDA_DEFAULT_ENV
 unset CC CXX CPP CFLAGS CXXFLAGS CPPFLAGS LDFLAGS PKG_CONFIG PKG_CONFIG_PATH PKG_CONFIG_LIBDIR

@@ -1,8 +1,9 @@
-"""Compare ways to step through contact: errors against the rigid limit, for docs/convergence.md.
+"""Compare trial methods for contact by their errors against the rigid limit.
 
     .venv/bin/python scripts/contact_trials.py [--periods 160] [--workers 2]
 
-Writes the table between `<!-- table trials -->` and `<!-- end -->` of the document and its figure.
+The script replaces the table between `<!-- table trials -->` and `<!-- end -->` in
+docs/convergence.md and writes the figure of the comparison.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ FIGURE = ROOT / "docs" / "figures" / "convergence_trials.png"
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Compute, print and bring the document up to date; return the exit status."""
+    """Compute and print the comparison, update the document, and return the exit status."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--periods", type=int, default=160)
     parser.add_argument("--workers", type=int, default=None)

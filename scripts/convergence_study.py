@@ -1,9 +1,9 @@
-"""Compute the ladders behind docs/convergence.md and bring its tables and figures up to date.
+"""Compute the ladders for docs/convergence.md and update its tables and figures.
 
     .venv/bin/python scripts/convergence_study.py [--folder runs/convergence] [--workers 2]
 
-What is finished is kept in the folder and not computed again. Between lines such as
-`<!-- table NAME -->` and `<!-- end -->` of the document its tables are replaced.
+The folder keeps finished rungs, which are not computed again. The script replaces each table of the
+document between the lines `<!-- table NAME -->` and `<!-- end -->`.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ FIGURES = ROOT / "docs" / "figures"
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Compute what is missing, then write figures and document; return the exit status."""
+    """Compute missing rungs, write figures and document, and return the exit status."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--folder", type=Path, default=ROOT / "runs" / "convergence")
     parser.add_argument("--workers", type=int, default=None)

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Sets up, then runs the main job: the preset `paper` at 3.25 Hz with figures, fields and report.
-# Usage: scripts/demo.sh [FOLDER]    (default: runs/demo of this project)
+# Sets delam_fem up, then runs the preset `paper` at 3.25 Hz and writes figures, fields and report.
+# Usage: scripts/demo.sh [FOLDER]    (default: runs/demo in this project)
 set -euo pipefail
 
 root=$(cd -P -- "$(dirname -- "$(readlink -f -- "${BASH_SOURCE[0]}")")/.." && pwd)

@@ -1,9 +1,9 @@
-"""Keep the first impacts of the four reference motions, for comparison between releases.
+"""Compute the first impacts of the four reference motions and store them for the tests.
 
     .venv/bin/python scripts/first_impacts.py [FILE]    (default: tests/data/first_impacts.npz)
 
-What is kept was computed with dolfinx 0.5.2; the tests compare every other version with it. To be
-run again only when the model itself changes.
+The stored file was computed with dolfinx 0.5.2, and the tests compare all other versions with it.
+Run the script again only if the model itself changes.
 """
 
 from __future__ import annotations
@@ -18,22 +18,22 @@ import delam_fem as df
 from delam_fem.paper.motions import FREQUENCIES
 
 IMPACTS = 20
-"""Counted by pairs; all of them fall into the first period."""
+"""Number of stored impacts, counted by pairs; all of them are in the first period."""
 EVERY = 20
-"""Steps between the states kept besides those at impacts."""
+"""Number of steps between stored states; the states at impacts are stored as well."""
 KEPT = Path(__file__).parents[1] / "tests" / "data" / "first_impacts.npz"
 
 
 def first_impacts(frequency: float, **overrides: object) -> dict[str, npt.NDArray[np.generic]]:
-    """Compute a reference motion from rest up to its 20th impact.
+    """Compute a reference motion from rest up to impact 20.
 
     Args:
-        frequency: of the base [Hz].
+        frequency: frequency of the base [Hz].
         overrides: keys of the case to change, with `__` for the dot.
 
     Returns:
-        step, node, velocity_before [m/s] and impulse [N s] of the impacts, shape (20,) each; and
-        displacement [m], shape (2 laminae, states, nodes), at the steps `state_step`.
+        Arrays by name: step, node, velocity_before [m/s] and impulse [N s] of the impacts, each of
+        shape (20,); displacement [m], shape (2 laminae, states, nodes), at the steps `state_step`.
     """
     changes = {key.replace("__", "."): value for key, value in overrides.items()}
     case = df.preset(
@@ -61,7 +61,7 @@ def first_impacts(frequency: float, **overrides: object) -> dict[str, npt.NDArra
 
 
 def main(arguments: list[str]) -> int:
-    """Write the file."""
+    """Compute all motions and write the file; return the exit status."""
     path = Path(arguments[0]) if arguments else KEPT
     arrays = {
         f"{frequency:.2f} {name}": values

@@ -1,7 +1,9 @@
 """Write docs/paper.md and the table of README.md from the numbers of `delam-fem paper`.
 
-.venv/bin/delam-fem paper -o runs/paper
-.venv/bin/python scripts/paper_docs.py runs/paper
+Run these commands in this order:
+
+    .venv/bin/delam-fem paper -o runs/paper
+    .venv/bin/python scripts/paper_docs.py runs/paper
 """
 
 from __future__ import annotations
@@ -16,7 +18,7 @@ ROOT = Path(__file__).parents[1]
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Write the files."""
+    """Write the documents and print their paths."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("directory", type=Path, help="folder that `delam-fem paper` has written")
     parser.add_argument("--root", type=Path, default=ROOT, help="folder of README.md and docs")

@@ -1,8 +1,8 @@
-"""Compute the four reference motions and lay them beside what the paper describes.
+"""Compute the four reference motions and compare them with the paper's descriptions.
 
     .venv/bin/python scripts/reference_motions.py [--preset paper] [--periods 300] [--engine petsc]
 
-Exit status 1 where a motion is of another kind.
+The exit status is 1 if a motion is of another kind than in the paper.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
 #!/usr/bin/env bash
-# Sets delam_fem up on Debian: dolfinx and its company from apt, the rest from PyPI in .venv.
-# Safe to repeat; does nothing when nothing changed since the last time.
+# Sets delam_fem up on Debian: installs dolfinx and related packages with apt, and all other packages
+# from PyPI in .venv. The script can be repeated; it does nothing if nothing has changed meanwhile.
 set -euo pipefail
 
 ROOT=$(cd -P -- "$(dirname -- "$(readlink -f -- "${BASH_SOURCE[0]}")")/.." && pwd)
 VENV=$ROOT/.venv
 STAMP=$VENV/delam_fem-setup.sha256
-PYTHON=/usr/bin/python3 # the one that sees the distribution's dolfinx, whatever PATH says
+PYTHON=/usr/bin/python3 # sees the distribution's dolfinx, for any PATH
 PACKAGES=(
     python3-dolfinx python3-petsc4py python3-mpi4py python3-meshio python3-gmsh python3-numpy
     python3-venv
@@ -23,8 +23,8 @@ die() {
     exit 1
 }
 
-# Prints the codename of the Debian release that the file $1 (os-release) describes; testing and
-# unstable, which call themselves alike, are both "sid".
+# Prints the codename of the Debian release that the file $1 (os-release) describes. Testing and
+# unstable have the same name in this file; both give "sid".
 debian_codename() {
     local id='' name=''
     if [[ -r $1 ]]; then
@@ -32,7 +32,7 @@ debian_codename() {
         name=$(. "$1" && [[ ${PRETTY_NAME:-} != */sid* ]] && printf '%s' "${VERSION_CODENAME:-}") || true
     fi
     if [[ $id != debian ]]; then
-        die "expected Debian 12, 13 or sid, found ${id:-no os-release}. Elsewhere dolfinx comes from" \
+        die "expected Debian 12, 13 or sid, found ${id:-no os-release}. On other systems install dolfinx with" \
             "conda:  conda create -n delam -c conda-forge fenics-dolfinx petsc4py mpi4py meshio python-gmsh" \
             "        conda activate delam && pip install -e '$ROOT[test]'" \
             "docker: docker run -it -v '$ROOT':/delam_fem -w /delam_fem dolfinx/dolfinx:stable" \
@@ -41,7 +41,7 @@ debian_codename() {
     printf '%s\n' "${name:-sid}"
 }
 
-# Prints the packages that are not installed.
+# Prints the Debian packages that are not installed yet.
 missing_packages() {
     local package
     for package in "${PACKAGES[@]}"; do
@@ -50,15 +50,15 @@ missing_packages() {
     done
 }
 
-# Runs a command as root, or says what an administrator has to run.
+# Runs a command as root, or ends with the command that an administrator must run.
 as_root() {
     if [[ $(id -u) == 0 ]]; then
         "$@"
     elif command -v sudo >/dev/null && { sudo -n true 2>/dev/null || { [[ -t 0 ]] && sudo -v; }; }; then
         sudo "$@"
     else
-        die "Debian packages are missing, and this is neither root nor a user whom sudo lets in." \
-            "Ask an administrator to run the following, then run this again:" \
+        die "Debian packages are missing, and this user is neither root nor allowed to use sudo." \
+            "Ask an administrator to run the following command, then run this script again:" \
             "  apt-get update && apt-get install -y --no-install-recommends $(missing_packages | tr '\n' ' ')"
     fi
 }
@@ -76,26 +76,26 @@ install_packages() {
     mapfile -t missing < <(missing_packages)
     ((${#missing[@]})) || return 0
     say "installing from Debian: ${missing[*]}"
-    lists_are_fresh || apt_get update || say "apt-get update failed; going on with the lists at hand"
+    lists_are_fresh || apt_get update || say "apt-get update failed; going on with the present package lists"
     apt_get install -y --no-install-recommends "${missing[@]}" ||
         { apt_get update && apt_get install -y --no-install-recommends "${missing[@]}"; } ||
         die "apt-get could not install: ${missing[*]}" \
-            "Its own message above says why; 'apt-cache policy python3-dolfinx' shows whether the sources have dolfinx."
+            "See its message above; 'apt-cache policy python3-dolfinx' shows whether the sources have dolfinx."
 }
 
-# Prints the upstream version of the distribution's numpy, which its dolfinx is compiled for.
+# Prints the upstream version of the distribution's numpy, for which its dolfinx is compiled.
 distribution_numpy() {
     dpkg-query -W -f '${Version}' python3-numpy | sed -E 's/^[0-9]+://; s/[+~-].*$//'
 }
 
-# Prints the constraints of release $1; where they leave numpy open, the distribution's is added.
+# Prints the constraints of release $1; adds the distribution's numpy if they do not set numpy.
 constraints() {
     local file=$ROOT/scripts/constraints-$1.txt
     [[ ! -r $file ]] || cat "$file"
     grep -qs '^numpy==' "$file" || printf 'numpy==%s\n' "$(distribution_numpy)"
 }
 
-# Prints what decides whether the set-up has to be done again, for release $1.
+# Prints a checksum of everything that the set-up for release $1 depends on.
 fingerprint() {
     {
         printf '%s\n' "$ROOT" "$1"
@@ -109,7 +109,7 @@ is_done() {
     [[ -x $VENV/bin/delam-fem && -r $STAMP && $(<"$STAMP") == "$(fingerprint "$1")" ]]
 }
 
-# True for an environment in this place, of this interpreter, that sees the system's packages.
+# Succeeds if .venv was made in this place by this interpreter and sees the system's packages.
 venv_is_usable() {
     local describe='import sys; print(sys.version, sys.base_prefix)'
     grep -qs '^include-system-site-packages = true' "$VENV/pyvenv.cfg" &&
@@ -121,12 +121,12 @@ venv_is_usable() {
 make_venv() {
     if ! venv_is_usable; then
         if [[ -e $VENV && ! -e $VENV/pyvenv.cfg && -n $(ls -A "$VENV") ]]; then
-            die "$VENV is there, but is not a Python environment: move it away and run this again"
+            die "$VENV exists, but is not a Python environment: move it away and run this script again"
         fi
         say "making $VENV"
         "$PYTHON" -m venv --clear --system-site-packages "$VENV"
     fi
-    # Packages of 'pip install --user' would come before the distribution's.
+    # Otherwise packages of 'pip install --user' would hide those of the distribution.
     local site
     site=$("$VENV/bin/python" -I -c 'import sysconfig; print(sysconfig.get_path("purelib"))')
     printf 'import site; site.ENABLE_USER_SITE = False\n' >"$site/no_user_site.pth"
@@ -138,12 +138,12 @@ install_python_packages() {
     say "installing from PyPI (about 1 GB)"
     constraints "$1" >"$VENV/constraints.txt"
     "$VENV/bin/python" -I -m pip install "${options[@]}" -c "$VENV/constraints.txt" -e "$ROOT[test]" ||
-        die "pip could not install the Python packages; its own message above says why"
+        die "pip could not install the Python packages; see its message above"
 }
 
 verify() {
     local expected=$1
-    "$VENV/bin/python" -I - "$expected" <<'PYTHON' || die "the packages do not work together; remove $VENV and run this again"
+    "$VENV/bin/python" -I - "$expected" <<'PYTHON' || die "the packages do not work together; remove $VENV and run this script again"
 import sys
 
 import numpy
@@ -176,7 +176,7 @@ main() {
         return
     fi
     [[ -r $ROOT/scripts/constraints-$release.txt ]] ||
-        say "Debian $release is untested with this version; going on, with only numpy held at the distribution's"
+        say "Debian $release is untested with this version; going on, with only numpy fixed to the distribution's version"
     rm -f "$STAMP"
     install_packages
     make_venv

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Sets up, checks style and types, and runs all tests with the coverage of branches, which has to reach
-# what pyproject.toml says. Arguments go to pytest instead of that: "scripts/test.sh tests/test_gap.py".
+# Sets delam_fem up, checks style and types, and runs all tests with branch coverage, which must reach
+# the limit in pyproject.toml. Arguments go to pytest instead: "scripts/test.sh tests/case/test_gap.py".
 set -euo pipefail
 
 cd -P -- "$(dirname -- "$(readlink -f -- "${BASH_SOURCE[0]}")")/.."

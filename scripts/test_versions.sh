@@ -1,16 +1,16 @@
 #!/usr/bin/env bash
-# Tests the project on other Debian releases, each in a fresh tree that debootstrap makes: installs it
-# there as its README says, runs all tests and a short demo, and removes the tree.
+# Tests the project on other Debian releases. For each release, debootstrap makes a fresh tree; there the
+# script installs the project as its README says, runs all tests and a short demo, and removes the tree.
 # Usage: scripts/test_versions.sh [bookworm|trixie|sid]…    (default: trixie sid, side by side)
-# Exit status: 0 all passed; 1 one failed; 77 none failed, but one could not be tested.
-# Needs root (or sudo), about 5 GB in $TMPDIR for each release, and 10 minutes. Where a release did
-# not pass, its log stays in runs/versions.
+# Exit status: 0 if all passed; 1 if one failed; 77 if none failed, but one could not be tested.
+# The script needs root (or sudo), about 5 GB in $TMPDIR for each release, and 10 minutes. If a release
+# does not pass, its log stays in runs/versions.
 set -euo pipefail
 
 ROOT=$(cd -P -- "$(dirname -- "$(readlink -f -- "${BASH_SOURCE[0]}")")/.." && pwd)
 DEFAULT_RELEASES=(trixie sid)
-MIRROR=http://deb.debian.org/debian # where the machine's own sources name none
-PLACE=/opt/delam_fem                # of the project in a tree
+MIRROR=http://deb.debian.org/debian # used if the machine's own sources name none
+PLACE=/opt/delam_fem                # folder of the project in a tree
 DEBOOTSTRAP_SECONDS=900             # it takes half a minute; a dead connection would hang for hours
 SETUP_SECONDS=1200                  # a few minutes
 TESTS_SECONDS=1200                  # a few minutes
@@ -20,9 +20,9 @@ LEFT_OUT="left out are the tests marked 'once', which are the same on every rele
 say() { printf 'test_versions: %s\n' "$*"; }
 
 # -- within the namespaces of one tree ------------------------------------------------------------
-# Whatever is mounted here is gone with the last process of the namespaces, however that ends.
+# Everything that is mounted here disappears with the last process of the namespaces.
 
-# Prints the Debian archive in the apt configuration $1, which may be of either format.
+# Prints the address of the Debian archive in the apt configuration $1, in the old or the new format.
 mirror() {
     local found
     found=$({ cat "$1"/sources.list "$1"/sources.list.d/*.{list,sources} 2>/dev/null || true; } |
@@ -36,7 +36,7 @@ verdict() {
     exit 0
 }
 
-# Gives the tree what apt and pip of this machine need to reach their servers.
+# Copies to the tree the configuration that apt and pip of this machine need to reach their servers.
 provide() {
     local tree=$1 file
     for file in /etc/hosts /etc/resolv.conf /etc/ssl/certs/ca-certificates.crt \
@@ -49,10 +49,10 @@ provide() {
     mkdir -p "$tree/usr/local/share/ca-certificates"
     cp -rL /usr/local/share/ca-certificates/. "$tree/usr/local/share/ca-certificates" 2>/dev/null || true
     apt-config dump | grep '^Acquire::' >"$tree/etc/apt/apt.conf.d/90host" || true
-    printf 'force-unsafe-io\n' >"$tree/etc/dpkg/dpkg.cfg.d/throwaway" # nothing here must outlive a crash
+    printf 'force-unsafe-io\n' >"$tree/etc/dpkg/dpkg.cfg.d/throwaway" # the tree need not survive a crash
 }
 
-# Runs a command in the project's folder of the tree, with nothing of this environment but the network's.
+# Runs a command in the project's folder of the tree; of this environment it sees only network settings.
 within() {
     local tree=$1 name network=()
     shift
@@ -118,14 +118,14 @@ test_tree() {
     )
 }
 
-# Prints pytest's last line: how many passed, were skipped, failed.
+# Prints pytest's last line with the numbers of passed, skipped and failed tests.
 tests_summary() {
     grep -E '^[0-9]+ (passed|failed|skipped|error).* in [0-9.]+s' "$1" | tail -n 1
 }
 
 # -- outside --------------------------------------------------------------------------------------
 
-# Prints why no tree can be made here, nothing where it can; installs debootstrap where it is missing.
+# Prints why no tree can be made here, or nothing if it can. Installs debootstrap if it is missing.
 obstacle() {
     if [[ $(id -u) != 0 ]]; then
         printf 'neither root nor a user whom sudo lets in without a password\n'
@@ -145,7 +145,7 @@ clean_up() {
     running=$(jobs -pr)
     [[ -z $running ]] || say "ending what runs and removing the trees"
     {
-        # and with each, by --kill-child, all in its namespaces
+        # --kill-child also kills all processes in the namespaces of each
         [[ -z $running ]] || xargs kill -KILL <<<"$running"
         wait
     } 2>/dev/null
@@ -156,7 +156,7 @@ clean_up() {
     say "could not remove $WORK" >&2
 }
 
-# Packs what git would commit now: the checkout's own files as they are, without what it ignores.
+# Packs the files that git tracks, in their present state, without ignored files.
 pack_project() {
     cd -- "$ROOT"
     { git -c safe.directory="$ROOT" ls-files -z 2>/dev/null ||

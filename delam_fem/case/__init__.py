@@ -1,1 +1,1 @@
-"""What to compute: frozen, strict sections, read from TOML."""
+"""Describe what to compute: a case of frozen, strict sections, read from TOML."""

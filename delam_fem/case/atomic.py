@@ -1,4 +1,4 @@
-"""Write files and folders so that nothing half-written ever stands under a final name."""
+"""Write files and folders so that a half-written one never has the final name."""
 
 from __future__ import annotations
 
@@ -9,27 +9,27 @@ from contextlib import contextmanager
 from pathlib import Path
 
 PREFIX = "part-"
-"""Start of temporary names; the end stays, because formats follow from the suffix."""
+"""Prefix of temporary names. The suffix stays the same, because writers choose the format by it."""
 
 
 @contextmanager
 def atomic(path: Path) -> Iterator[Path]:
-    """Give a temporary path, and rename what was written there when the block succeeds.
+    """Yield a temporary path to write to, and rename it to the final path if the block succeeds.
 
-    The temporary stands beside the final path. A block that fails leaves the final path as it was
-    and no temporary.
+    The temporary path lies in the folder of the final path. If the block fails, the final path
+    stays as it was and the temporary file is removed.
 
     Args:
-        path: of the file or folder, which replaces an earlier one; its parent exists.
+        path: final path of the file or folder; replaces an existing one. Its parent must exist.
 
     Yields:
         The path to write to.
 
     Raises:
-        OSError: the block wrote nothing, or the result cannot be renamed.
+        OSError: the block wrote nothing, or the written file cannot be renamed.
     """
     temporary = path.with_name(f"{PREFIX}{path.name}")
-    _remove(temporary)  # of a process that was killed
+    _remove(temporary)  # left behind by a process that was killed
     try:
         yield temporary
         if not temporary.exists():
@@ -43,14 +43,14 @@ def atomic(path: Path) -> Iterator[Path]:
 
 
 def write_text(path: Path, text: str) -> Path:
-    """Write a text as UTF-8; it is on the disk when this returns.
+    """Write a text as UTF-8 and wait until it is on the disk.
 
     Args:
-        path: of the file, which replaces an earlier one; its folder exists.
-        text: the content.
+        path: path of the file; replaces an existing one. Its folder must exist.
+        text: content of the file.
 
     Returns:
-        The path.
+        The path of the file.
 
     Raises:
         OSError: the file cannot be written.
@@ -63,7 +63,7 @@ def write_text(path: Path, text: str) -> Path:
 
 
 def _remove(path: Path) -> None:
-    """Remove a file or a folder, if there is one."""
+    """Remove a file or a folder, if it exists."""
     if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path)
     else:

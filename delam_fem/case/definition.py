@@ -1,4 +1,4 @@
-"""A case: everything that a run depends on, valid once constructed."""
+"""Define a case: everything that a run depends on, checked when it is constructed."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ from delam_fem.numerics.arrays import FloatArray
 from delam_fem.numerics.cantilever import transmissibility
 
 _ROUND_OFF = 1e-9
-"""Share of a period by which a sweep may exceed whole periods through round-off alone."""
+"""Share of a period by which round-off alone may make a sweep longer than whole periods."""
 
 
 def _two_tables(value: object) -> object:
-    """Demand exactly two laminae."""
+    """Check that there are exactly two [[lamina]] tables."""
     if not isinstance(value, list | tuple) or len(value) != 2:
         count = len(value) if isinstance(value, list | tuple) else "something else"
         raise PydanticCustomError(
@@ -48,15 +48,15 @@ class Case(Section):
     """A complete case.
 
     Attributes:
-        name: name of the case, and of the folder of its results.
-        lamina: lamina 1 (thick) and lamina 2 (thin), clamped at x = 0.
+        name: name of the case and of the folder of its results.
+        lamina: lamina 1 (thick) and lamina 2 (thin), both clamped at x = 0.
         gap: the gap at rest.
         mesh: the mesh of both laminae.
-        damping: the model of damping.
+        damping: the damping model.
         excitation: the motion of the base.
-        contact: the law of contact.
+        contact: the contact law.
         time: the time integration.
-        output: what is kept.
+        output: the window and the frames that a run records.
     """
 
     name: Annotated[
@@ -75,7 +75,7 @@ class Case(Section):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        """Check what the sections must fulfil together."""
+        """Check conditions that involve several sections."""
         first, second = self.lamina
         if first.name == second.name:
             raise inconsistent("lamina", f"expected two names, given {first.name!r} twice")
@@ -99,7 +99,7 @@ class Case(Section):
 
     @property
     def unread(self) -> tuple[str, ...]:
-        """Keys that were given although nothing reads them, as an override names them."""
+        """Keys that the case sets although a run does not use them, as overrides name them."""
         reads = {"law", *combination(self.contact.law, self.time.scheme).reads}
         keys = [f"contact.{key}" for key in sorted(self.contact.model_fields_set - reads)]
         if self.excitation.kind == "sweep" and "periods" in self.time.model_fields_set:
@@ -108,7 +108,7 @@ class Case(Section):
 
     @property
     def _top_frequency(self) -> float:
-        """The frequency that sets the period [Hz]."""
+        """Frequency whose period is divided into steps; the highest one of a sweep [Hz]."""
         motion = self.excitation
         if isinstance(motion, HarmonicExcitation):
             return motion.frequency
@@ -116,19 +116,19 @@ class Case(Section):
 
     @property
     def n_periods(self) -> int:
-        """Number of periods to compute; those of a sweep cover its duration."""
+        """Number of periods to compute; for a sweep, enough to cover its duration."""
         if isinstance(self.excitation, HarmonicExcitation):
             return self.time.periods
         return max(1, math.ceil(self.excitation.duration * self._top_frequency - _ROUND_OFF))
 
     @property
     def n_window_periods(self) -> int:
-        """Number of periods at the end that are recorded at every step."""
+        """Number of last periods that are recorded at every step (the window)."""
         return min(self.output.window_periods, self.n_periods)
 
     @property
     def time_step(self) -> float:
-        """Time step dt = 1/(N f), for a sweep with its highest frequency [s]."""
+        """Time step dt = 1/(N f), where f is the highest frequency of a sweep [s]."""
         return 1.0 / (self.time.steps_per_period * self._top_frequency)
 
     @property
@@ -137,7 +137,7 @@ class Case(Section):
         return self.time.steps_per_period * self.time_step
 
     def rayleigh(self, i: int) -> tuple[float, float]:
-        """Return the coefficients of C = alpha M + beta K of one lamina.
+        """Return the damping coefficients of one lamina, C = alpha M + beta K.
 
         Args:
             i: index of the lamina, 0 or 1.
@@ -151,14 +151,14 @@ class Case(Section):
         )
 
     def linear_amplitude(self, i: int, frequency: FloatArray) -> FloatArray:
-        """Return the tip amplitude of one lamina alone on the moving base, exact.
+        """Return the exact tip amplitude of one lamina without contact on the moving base.
 
         Args:
             i: index of the lamina, 0 or 1.
-            frequency: of the base, any shape [Hz].
+            frequency: frequencies of the base, any shape [Hz].
 
         Returns:
-            Shape of `frequency` [m].
+            Amplitudes, same shape as `frequency` [m].
         """
         lamina = self.lamina[i]
         H = transmissibility(
@@ -171,9 +171,9 @@ class Case(Section):
         return np.asarray(self.excitation.amplitude * np.abs(H))
 
     def to_toml(self) -> str:
-        """Return the complete case as TOML; reading it gives an equal case.
+        """Return the complete case as TOML; reading the text gives an equal case.
 
-        Keys of the contact law that nothing reads are left out, unless they were given.
+        Contact keys that the law does not read are left out, unless the case sets them.
         """
         data = self.model_dump(exclude_none=True)
         kept = {"law", *combination(self.contact.law, self.time.scheme).reads}
@@ -183,10 +183,10 @@ class Case(Section):
 
     @classmethod
     def from_toml(cls, text: str) -> Self:
-        """Return the case that `to_toml` wrote, whether or not its files still exist.
+        """Return the case that `to_toml` wrote, without a check that its files still exist.
 
         Raises:
-            CaseError: the text is no case.
+            CaseError: the text does not describe a valid case.
         """
         try:
             data = tomllib.loads(text)
@@ -197,18 +197,18 @@ class Case(Section):
     def with_overrides(self, overrides: Mapping[str, object]) -> Self:
         """Return the case with some keys replaced.
 
-        A key that stands for one of several choices (`mesh.file`, `gap.shape`,
-        `excitation.kind`, …) takes the place of the others.
+        A key that is one of several alternatives (`mesh.file`, `gap.shape`, `excitation.kind`, …)
+        replaces the other alternatives.
 
         Args:
             overrides: values by key (`excitation.frequency`, `lamina.thick.length`); None removes
-                an optional key. Relative files are seen from the working directory.
+                an optional key. File names are relative to the working directory.
 
         Returns:
             The new case, checked as a whole.
 
         Raises:
-            CaseError: a key is unknown, a value impossible, or a file missing.
+            CaseError: a key is unknown, a value is not valid, or a file is missing.
         """
         data = tomllib.loads(toml_text(self.model_dump(exclude_unset=True, exclude_none=True)))
         apply_overrides(data, overrides)
@@ -216,14 +216,14 @@ class Case(Section):
 
     @classmethod
     def checked(cls, data: Data, label: str) -> Self:
-        """Validate a dictionary as `tomllib` returns it, with problems told in words.
+        """Return the case that a dictionary describes, and explain every problem in words.
 
         Args:
-            data: the case.
-            label: what messages call it.
+            data: the case as `tomllib` returns it.
+            label: name of the case in messages.
 
         Raises:
-            CaseError: it is no valid case.
+            CaseError: the dictionary does not describe a valid case.
         """
         try:
             return cls.model_validate(data)
@@ -231,7 +231,7 @@ class Case(Section):
             raise CaseError(message(label, error, data)) from None
 
     def with_files_checked(self, label: str) -> Self:
-        """Return the case after a look whether its files exist.
+        """Return the case unchanged, after a check that its files exist.
 
         Raises:
             CaseError: a file is missing.

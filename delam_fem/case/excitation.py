@@ -1,7 +1,7 @@
-"""The motion of the base: displacement, exact velocity and acceleration at given times.
+"""Compute the motion of the base: displacement, exact velocity and acceleration at given times.
 
-Both kinds start at t = 0 with the displacement 0; the velocity jumps from the rest of the laminae
-to that of the base, as in the paper.
+Both kinds of motion start at t = 0 with the displacement 0 but not with the velocity 0: the base
+starts abruptly while the laminae are at rest, as in the paper.
 """
 
 from __future__ import annotations
@@ -19,18 +19,18 @@ from delam_fem.numerics.arrays import FloatArray
 
 
 class BaseMotion(Protocol):
-    """A motion that all clamped dofs share."""
+    """A motion of the base, which all clamped dofs share."""
 
     def states(self, times: npt.ArrayLike) -> FloatArray:
         """Return the motion at `times`, shape (k,) [s].
 
         Returns:
-            Columns displacement [m], velocity [m/s], acceleration [m/s2], shape (k, 3).
+            Displacement [m], velocity [m/s] and acceleration [m/s2] as columns, shape (k, 3).
         """
         ...
 
     def instantaneous_frequency(self, times: npt.ArrayLike) -> FloatArray:
-        """Return phi'(t) / (2 pi) at `times`, same shape [Hz]."""
+        """Return the frequency phi'(t) / (2 pi) at `times`, same shape as `times` [Hz]."""
         ...
 
 
@@ -53,7 +53,7 @@ class HarmonicMotion:
         return _states(self.amplitude, omega * t, np.full_like(t, omega), np.zeros_like(t))
 
     def instantaneous_frequency(self, times: npt.ArrayLike) -> FloatArray:
-        """Return the constant frequency, shape of `times` [Hz]."""
+        """Return the constant frequency, same shape as `times` [Hz]."""
         return np.full_like(np.asarray(times, dtype=np.float64), self.frequency)
 
 
@@ -64,14 +64,14 @@ class SweptMotion:
         linear:       f(t) = f0 + (f1 - f0) t/T,  phi = 2 pi (f0 t + (f1 - f0) t^2 / (2 T))
         logarithmic:  f(t) = f0 e^(r t/T),        phi = 2 pi f0 T (e^(r t/T) - 1) / r,  r = ln f1/f0
 
-    The frequency stays at f1 after t = T, so that the run may end with a whole period.
+    The frequency stays at f1 after t = T, because a run may end with a whole period after T.
 
     Attributes:
         start_frequency: f0 [Hz].
         end_frequency: f1 [Hz].
         duration: T [s].
         amplitude: A [m].
-        logarithmic: whether the frequency moves logarithmically in time.
+        logarithmic: whether the frequency changes logarithmically in time, not linearly.
     """
 
     start_frequency: float
@@ -91,7 +91,7 @@ class SweptMotion:
         return _states(self.amplitude, 2.0 * math.pi * turns, rotation, 2.0 * math.pi * rate)
 
     def instantaneous_frequency(self, times: npt.ArrayLike) -> FloatArray:
-        """Return f(t), shape of `times` [Hz]."""
+        """Return f(t), same shape as `times` [Hz]."""
         share = np.minimum(np.asarray(times, dtype=np.float64) / self.duration, 1.0)
         f0, f1 = self.start_frequency, self.end_frequency
         frequency: FloatArray = (
@@ -100,7 +100,7 @@ class SweptMotion:
         return frequency
 
     def _law(self, t: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return phi / (2 pi) [-] and f' [Hz/s] within the sweep."""
+        """Return phi / (2 pi) [-] and f' [Hz/s] at times t up to T, same shapes as t."""
         f0, f1, T = self.start_frequency, self.end_frequency, self.duration
         if not self.logarithmic:
             return t * (f0 + (f1 - f0) * t / (2.0 * T)), np.full_like(t, (f1 - f0) / T)
@@ -110,7 +110,7 @@ class SweptMotion:
 
 
 def base_motion(case: Case) -> BaseMotion:
-    """Return the motion of the base of a case."""
+    """Return the motion of the base that a case describes."""
     given = case.excitation
     if isinstance(given, HarmonicExcitation):
         return HarmonicMotion(given.frequency, given.amplitude)
@@ -118,7 +118,7 @@ def base_motion(case: Case) -> BaseMotion:
 
 
 def _swept(given: SweepExcitation) -> SweptMotion:
-    """Return the motion of a sweep."""
+    """Return the motion of the base for a sweep excitation."""
     return SweptMotion(
         given.start_frequency,
         given.end_frequency,
@@ -129,7 +129,7 @@ def _swept(given: SweepExcitation) -> SweptMotion:
 
 
 def _states(A: float, phi: FloatArray, rotation: FloatArray, change: FloatArray) -> FloatArray:
-    """Return A sin(phi) and its derivatives, from phi [-], phi' [1/s] and phi'' [1/s2]."""
+    """Return A sin(phi) and its derivatives, shape (k, 3); phi' is `rotation`, phi'' `change`."""
     sin, cos = np.sin(phi), np.cos(phi)
     states: FloatArray = A * np.stack(
         [sin, rotation * cos, change * cos - rotation**2 * sin], axis=-1

@@ -1,4 +1,4 @@
-"""Kinds of values in a case, each with the words for what is expected, and the base of sections."""
+"""Define the field types of case sections with their error messages, and the class of sections."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from pydantic_core import PydanticCustomError
 
 
 def expected(what: str) -> WrapValidator:
-    """Return a validator that says what was expected, whichever test inside it failed."""
+    """Return a validator that replaces any inner error by "expected …" with the given words."""
 
     def check(value: object, inner: ValidatorFunctionWrapHandler) -> object:
         try:
@@ -34,11 +34,11 @@ def expected(what: str) -> WrapValidator:
 
 
 def inconsistent(key: str, text: str) -> PydanticCustomError:
-    """Return the error of a key that contradicts another.
+    """Return an error for a key that contradicts another key.
 
     Args:
-        key: the key, as an override names it below the section.
-        text: what was expected, what was given.
+        key: the key in the notation of overrides, without its section.
+        text: message: what was expected and what was given.
     """
     return PydanticCustomError("inconsistent", "{text}", {"key": key, "text": text})
 
@@ -79,7 +79,7 @@ class Section(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _known_keys(cls, data: object) -> object:
-        """Refuse a key that the section does not have, and name the nearest one."""
+        """Refuse a key that the section does not have, and suggest the most similar key."""
         for key in data if isinstance(data, Mapping) else ():
             if key not in cls.model_fields:
                 near = difflib.get_close_matches(str(key), cls.model_fields, n=1)

@@ -1,4 +1,4 @@
-"""Cases as files: read one, take a preset, save one with the files it names."""
+"""Read a case from a file or a preset, and save a case with the files that it names."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from delam_fem.case.overrides import apply_overrides
 from delam_fem.case.toml import CaseError, Data, read_toml, toml_text
 
 PRESETS = ("paper", "default")
-"""Names of the cases that come with the package."""
+"""Names of the presets: the cases that come with the package."""
 
 
 def load_case(path: str | Path, overrides: Mapping[str, object] | None = None) -> Case:
     """Read a case file.
 
     Args:
-        path: TOML file; files that it names relatively lie beside it.
+        path: TOML file; relative file names in it are relative to its folder.
         overrides: see `Case.with_overrides`.
 
     Returns:
         The case.
 
     Raises:
-        CaseError: the file is missing or no TOML, or the case in it is not valid.
+        CaseError: the file is missing or is not TOML, or the case in it is not valid.
     """
     path = Path(path)
     data = read_toml(path)
@@ -41,7 +41,7 @@ def load_case(path: str | Path, overrides: Mapping[str, object] | None = None) -
 
 
 def preset(name: str, overrides: Mapping[str, object] | None = None) -> Case:
-    """Return a case that comes with the package.
+    """Return a preset, a case that comes with the package.
 
     Args:
         name: one of `PRESETS`.
@@ -57,7 +57,7 @@ def preset(name: str, overrides: Mapping[str, object] | None = None) -> Case:
 
 
 def preset_text(name: str) -> str:
-    """Return the case file of a preset, comments included.
+    """Return the text of a preset's case file, comments included.
 
     Raises:
         CaseError: there is no such preset.
@@ -68,23 +68,25 @@ def preset_text(name: str) -> str:
 
 
 def _case(data: Data, overrides: Mapping[str, object] | None, label: str) -> Case:
-    """Apply overrides to a case that was read, and check it."""
+    """Apply overrides to the dictionary of a case, and return the checked case."""
     apply_overrides(data, overrides or {})
     return Case.checked(data, label).with_files_checked(label)
 
 
 def save_case(case: Case, directory: str | Path) -> Path:
-    """Write a case and the files it names to one folder, which then repeats the run anywhere.
+    """Write a case and the files that it names to one folder.
+
+    The folder is complete: the run can be repeated from it on any machine.
 
     Args:
         case: the case.
-        directory: an existing folder, or one to be made.
+        directory: folder for the files; it is made if it does not exist.
 
     Returns:
-        The path of `case.toml`, which names the files relatively.
+        The path of `case.toml`; the file names in it are relative to the folder.
 
     Raises:
-        OSError: the folder cannot be written, or a file of the case not be read.
+        OSError: the folder cannot be written, or a file of the case cannot be read.
     """
     directory = Path(directory)
     directory.mkdir(parents=True, exist_ok=True)
@@ -97,13 +99,13 @@ def save_case(case: Case, directory: str | Path) -> Path:
             _copy(file, directory / name)
             data[section] = {**data[section], "file": name}
             heavy = file.with_suffix(".h5")
-            if file.suffix == ".xdmf" and heavy.is_file():  # XDMF keeps its numbers beside it
+            if file.suffix == ".xdmf" and heavy.is_file():  # XDMF keeps its numbers in this file
                 _copy(heavy, directory / heavy.name)
     return write_text(directory / "case.toml", toml_text(data))
 
 
 def _copy(source: Path, target: Path) -> None:
-    """Copy a file so that the target is never half written."""
+    """Copy a file so that the target is never half-written."""
     if target.exists() and target.samefile(source):
         return
     with atomic(target) as temporary:

@@ -1,4 +1,4 @@
-"""The gap at rest between the laminae: a power, the first cantilever mode, or a measured table."""
+"""Compute the gap at rest between the laminae: a power, the first mode, or a measured table."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from delam_fem.numerics.arrays import FloatArray
 from delam_fem.numerics.cantilever import cantilever_mode
 
 _END_TOLERANCE = 1e-9
-"""Relative to L: a table written with nine digits still reaches the free end."""
+"""Tolerance relative to L, so that a table written with nine digits still reaches the free end."""
 
 
 def initial_gap(gap: Gap, x: npt.ArrayLike, length: float) -> FloatArray:
@@ -22,21 +22,21 @@ def initial_gap(gap: Gap, x: npt.ArrayLike, length: float) -> FloatArray:
 
         exponent:  tip (x/L)^p
         mode:      tip w1(x/L), the exact first cantilever mode with w1(1) = 1
-        file:      the table, interpolated by PCHIP, which keeps the shape of the table: no
-                   overshoot between its rows, continuous slope
+        file:      the table, interpolated by PCHIP: no overshoot between the rows, and a
+                   continuous slope
 
     Args:
-        gap: the section of the case.
+        gap: the section `gap` of the case.
         x: positions from the clamp, shape (n,) [m].
-        length: L of the laminae [m].
+        length: length L of the laminae [m].
 
     Returns:
         Gap at x, shape (n,) [m]; positive is open.
 
     Raises:
-        CaseError: the table cannot be used, or the gap starts closed at some x > 0.
+        CaseError: the table cannot be used, or the gap is closed at some x > 0.
 
-    Source: the paper gives the gap at the tip alone (12 mm).
+    Source: the paper gives only the gap at the tip (12 mm).
     """
     x = np.asarray(x, dtype=np.float64)
     xi = np.clip(x / length, 0.0, 1.0)
@@ -61,18 +61,18 @@ def initial_gap(gap: Gap, x: npt.ArrayLike, length: float) -> FloatArray:
 
 
 def read_gap_table(path: Path, length: float) -> tuple[FloatArray, FloatArray]:
-    """Read a table of the gap.
+    """Read the gap from a CSV table and check it.
 
     Args:
         path: CSV file with the columns x [m], gap [m]; a heading and comments (#) are skipped.
-        length: L of the laminae, which x must cover [m].
+        length: length L of the laminae, which x must cover [m].
 
     Returns:
-        x, increasing from 0, and the gap, 0 at x = 0, both shape (rows,) [m].
+        Positions x, increasing from 0, shape (rows,) [m]; gap, 0 at x = 0, shape (rows,) [m].
 
     Raises:
-        CaseError: the file is missing or has a row that is no pair of numbers, does not increase,
-            does not cover [0, L], is not 0 at the clamp or not positive beyond it.
+        CaseError: the file is missing; a row is not a pair of numbers; x does not increase or does
+            not cover [0, L]; or the gap is not 0 at the clamp or not positive beyond it.
     """
     rows = _numbers(path)
     if len(rows) < 2:
@@ -105,7 +105,7 @@ def read_gap_table(path: Path, length: float) -> tuple[FloatArray, FloatArray]:
 
 
 def _numbers(path: Path) -> list[tuple[int, float, float]]:
-    """Return the number of the line, x and gap of each row of a table."""
+    """Return line number, x [m] and gap [m] of each row of a CSV table."""
     try:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
     except OSError as error:
@@ -137,7 +137,7 @@ def _numbers(path: Path) -> list[tuple[int, float, float]]:
 
 
 def _is_number(text: str) -> bool:
-    """Whether a cell is a number, NaN and infinity included."""
+    """Return whether a text is a number; NaN and infinity count as numbers."""
     try:
         float(text)
     except ValueError:

@@ -1,4 +1,4 @@
-"""Overrides of single keys of a case: `lamina.thick.length=0.7`."""
+"""Parse and apply overrides of single keys of a case, such as `lamina.thick.length=0.7`."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ from datetime import date, datetime, time
 from delam_fem.case.toml import CaseError, Data
 
 _ALTERNATIVES = (("mesh", ("elements", "file")), ("gap", ("exponent", "shape", "file")))
-"""Keys of a section of which one replaces the others when it is set by an override."""
+"""Sections with alternative keys: an override that sets one of them removes the others."""
 
 
 def parse_override(text: str) -> tuple[str, object]:
-    """Split `key=value` as given on the command line.
+    """Split an override `key=value` from the command line.
 
     Args:
-        text: the key with dots (`lamina.thick.length`), then a TOML value; a bare word is taken
-            as a string, and nothing after `=` removes the key.
+        text: a key with dots (`lamina.thick.length`), `=` and a TOML value. A word without quotes
+            is a string; an empty value removes the key.
 
     Returns:
-        The key and the value; None removes.
+        The key and the value; None removes the key.
 
     Raises:
-        CaseError: there is no `=`, or no key before it.
+        CaseError: the text has no `=`, or no key before it.
     """
     key, equals, value = (part.strip() for part in text.partition("="))
     if not equals or not key:
@@ -34,7 +34,7 @@ def parse_override(text: str) -> tuple[str, object]:
 
 
 def _override_value(text: str) -> object:
-    """Return a TOML value, or the text itself where it is none."""
+    """Return the TOML value of a text, or the text itself if it is not a TOML value."""
     if not text:
         return None
     try:
@@ -46,15 +46,16 @@ def _override_value(text: str) -> object:
 
 
 def set_key(data: Data, key: str, value: object) -> None:
-    """Set one key of nested dictionaries, in place.
+    """Set one key in nested dictionaries, in place.
 
     Args:
-        data: the case; arrays of tables are entered by their `name` or their number from 1.
-        key: the path with dots.
+        data: the case as `tomllib` returns it.
+        key: path to the key, with dots; an entry of an array of tables is named by its `name` or by
+            its number from 1.
         value: the new value; None removes the key.
 
     Raises:
-        CaseError: the path runs through something that is no table.
+        CaseError: a part of the path is not a table.
     """
     *parents, last = key.split(".")
     table: object = data
@@ -73,17 +74,17 @@ def set_key(data: Data, key: str, value: object) -> None:
     if value is None:
         table.pop(last, None)
     else:
-        table[last] = value.item() if hasattr(value, "item") else value  # numpy's scalars too
+        table[last] = value.item() if hasattr(value, "item") else value  # of NumPy too
 
 
 def _names(table: object) -> list[str]:
-    """Return the names of the entries of an array of tables."""
+    """Return the names of the entries of an array of tables; [] for anything else."""
     entries = table if isinstance(table, list) else []
     return [str(entry.get("name", i)) for i, entry in enumerate(entries, start=1)]
 
 
 def _entry(tables: list[Data], part: str, key: str) -> Data:
-    """Return the table of a list that has the name or the number (from 1) `part`."""
+    """Return the entry of an array of tables with the name or the number (from 1) `part`."""
     for number, table in enumerate(tables, start=1):
         if part in (str(number), table.get("name")):
             return table
@@ -94,16 +95,16 @@ def _entry(tables: list[Data], part: str, key: str) -> Data:
 
 
 def apply_overrides(data: Data, overrides: Mapping[str, object]) -> None:
-    """Apply overrides to a case in place, first making room for what replaces something else.
+    """Apply overrides to a case in place; alternatives of the new keys are removed first.
 
-    `contact.law` also takes a law with its scheme, `newton@moreau-jean`.
+    `contact.law` also takes a law with its scheme, for example `newton@moreau-jean`.
 
     Args:
-        data: the case.
+        data: the case as `tomllib` returns it.
         overrides: values by key; see `set_key`.
 
     Raises:
-        CaseError: a path runs through something that is no table.
+        CaseError: a part of a key is not a table.
     """
     for section, choices in _ALTERNATIVES:
         table = data.get(section)

@@ -1,7 +1,7 @@
-"""The sections of a case: frozen, strict, complete once constructed.
+"""Define the sections of a case as frozen, strict models.
 
-Numbers are SI, float64; whole numbers are accepted where a float is expected, nothing else is
-converted. What the sections must fulfil together is checked in `case.py`.
+Numbers are SI and float64. A whole number is accepted for a float; no other conversion is made.
+`definition.py` checks conditions that involve several sections.
 """
 
 from __future__ import annotations
@@ -38,14 +38,14 @@ class Lamina(Section):
     """One lamina of the delaminated beam: a uniform cantilever.
 
     Attributes:
-        name: how results name it.
+        name: name of the lamina in results.
         length: L [m].
         width: b [m].
         thickness: h [m].
         density: rho [kg/m3].
         young_modulus: E [Pa].
-        bending_stiffness: EI [N m2]; where given, it is used instead of E b h^3/12.
-        damping_ratio: D of the modes that the damping model names [-].
+        bending_stiffness: EI [N m2]; if given, it replaces E b h^3/12.
+        damping_ratio: D at the modes that the damping model names [-].
     """
 
     name: Label
@@ -59,7 +59,7 @@ class Lamina(Section):
 
     @property
     def flexural_rigidity(self) -> float:
-        """EI as given, otherwise E b h^3/12 [N m2]."""
+        """Bending stiffness EI: the given one, otherwise E b h^3/12 [N m2]."""
         if self.bending_stiffness is not None:
             return self.bending_stiffness
         return self.young_modulus * self.width * self.thickness**3 / 12.0
@@ -73,10 +73,10 @@ class Lamina(Section):
         """Return the first natural frequencies, omega_k = (B_k/L)^2 sqrt(EI / rho A).
 
         Args:
-            n: how many.
+            n: number of frequencies.
 
         Returns:
-            Angular frequencies of the exact undamped cantilever, shape (n,) [rad/s].
+            Angular frequencies of the exact undamped cantilever, increasing, shape (n,) [rad/s].
         """
         speed = np.sqrt(self.flexural_rigidity / self.mass_per_length)
         frequencies: FloatArray = (cantilever_roots(n) / self.length) ** 2 * speed
@@ -87,10 +87,10 @@ class Gap(Section):
     """The gap at rest: a power of x/L, the first mode shape, or a table.
 
     Attributes:
-        tip: gap at the free end [m]; none with a table.
-        exponent: p of tip (x/L)^p [-]; 2 where no shape is named.
-        shape: "mode" for the first cantilever mode, scaled to the tip.
-        file: CSV table with the columns x [m], gap [m]; absolute.
+        tip: gap at the free end [m]; not given with a table.
+        exponent: p in the gap tip (x/L)^p [-]; 2 if no exponent, shape or file is given.
+        shape: "mode": the first cantilever mode, scaled to the gap at the tip.
+        file: CSV table with the columns x [m], gap [m]; an absolute path.
     """
 
     tip: Positive | None = None
@@ -101,14 +101,14 @@ class Gap(Section):
     @model_validator(mode="before")
     @classmethod
     def _square_by_default(cls, data: object) -> object:
-        """Take the exponent 2 where nothing names a shape."""
+        """Set the exponent 2 if no exponent, shape or file is given."""
         if isinstance(data, Mapping) and not {"exponent", "shape", "file"} & set(data):
             return {**data, "exponent": 2.0}
         return data
 
     @model_validator(mode="after")
     def _one_shape(self) -> Self:
-        """Demand one shape, and the tip's gap unless a table has it."""
+        """Check that one shape is given, and the gap at the tip unless there is a table."""
         given = [key for key in ("exponent", "shape", "file") if getattr(self, key) is not None]
         if len(given) != 1:
             raise PydanticCustomError(
@@ -128,7 +128,7 @@ class Mesh(Section):
 
     Attributes:
         elements: number of equal elements per lamina.
-        file: mesh file that meshio reads; absolute.
+        file: mesh file that meshio can read; an absolute path.
     """
 
     elements: Elements | None = None
@@ -136,7 +136,7 @@ class Mesh(Section):
 
     @model_validator(mode="after")
     def _one_source(self) -> Self:
-        """Demand a number of elements or a file."""
+        """Check that either a number of elements or a file is given."""
         if (self.elements is None) == (self.file is None):
             raise PydanticCustomError(
                 "inconsistent",
@@ -147,7 +147,7 @@ class Mesh(Section):
 
 
 class Damping(Section):
-    """How the damping ratio D becomes C = alpha M + beta K.
+    """The damping model: how C = alpha M + beta K follows from the damping ratio D.
 
     Attributes:
         rayleigh: "two-mode" (D at modes 1 and 2), "stiffness" or "mass" (D at mode 1).
@@ -171,15 +171,15 @@ class HarmonicExcitation(Section):
 
 
 class SweepExcitation(Section):
-    """Base motion A sin(phi(t)) whose frequency moves from start to end.
+    """Base motion A sin(phi(t)) with a frequency that changes from a start to an end value.
 
     Attributes:
         kind: "sweep".
-        start_frequency: at t = 0 [Hz].
-        end_frequency: at t = duration [Hz].
+        start_frequency: frequency at t = 0 [Hz].
+        end_frequency: frequency at t = duration [Hz].
         duration: length of the sweep [s].
         amplitude: A [m].
-        spacing: whether the frequency moves linearly or logarithmically in time.
+        spacing: "linear" or "logarithmic" change of the frequency in time.
     """
 
     kind: Literal["sweep"] = "sweep"
@@ -191,15 +191,16 @@ class SweepExcitation(Section):
 
 
 class Contact(Section):
-    """The contact law and its numbers.
+    """The contact law and its parameters.
 
     Attributes:
         law: "none", "newton", "newton-penalty", "penalty" or "recovery"; see contact/laws.py.
-        impulse: "lumped" on the hit nodes alone, or "consistent" with the mass matrix.
+        impulse: "lumped" (acts on the hit nodes alone) or "consistent" (acts through the mass
+            matrix).
         restitution: e [-].
         penalty_stiffness: k_con [N/m per node pair].
-        penalty_damping: c [N s/m per node pair]; law "penalty" only.
-        threshold_velocity: gamma [m/s]; pairs that separate slower stay in contact.
+        penalty_damping: c [N s/m per node pair]; only the law "penalty" reads it.
+        threshold_velocity: gamma [m/s]; a pair that separates more slowly than this stays at rest.
     """
 
     law: LawName
@@ -216,8 +217,8 @@ class TimeStepping(Section):
     Attributes:
         scheme: "newmark" (average acceleration), "central-difference" or "moreau-jean".
         mass: "consistent" or "lumped" mass matrix.
-        steps_per_period: N; a sweep counts periods of its highest frequency.
-        periods: length of a harmonic run; a sweep's length is its duration.
+        steps_per_period: N; in a sweep, a period is that of the highest frequency.
+        periods: number of periods of a harmonic run; a sweep runs for its duration instead.
     """
 
     scheme: SchemeName = "newmark"
@@ -227,11 +228,11 @@ class TimeStepping(Section):
 
 
 class Output(Section):
-    """What is kept.
+    """The record of a run: its window and its frames.
 
     Attributes:
-        window_periods: how many of the last periods are recorded at every step.
-        fields_per_period: frames of the fields per period of the window, 0 for none.
+        window_periods: number of last periods that are recorded at every step (the window).
+        fields_per_period: number of frames of the fields per period of the window; 0 for none.
     """
 
     window_periods: Count = 10

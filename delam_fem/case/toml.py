@@ -1,6 +1,6 @@
-"""Case files as text and plain dictionaries: TOML in and out, readable messages.
+"""Read and write TOML as plain dictionaries, and put validation errors into readable messages.
 
-Nothing here knows what a case contains; that is `sections.py` and `case.py`.
+This module does not know what a case contains; `sections.py` and `definition.py` define that.
 """
 
 from __future__ import annotations
@@ -20,14 +20,15 @@ Data: TypeAlias = dict[str, object]
 """A case as tomllib returns it: tables are dictionaries, arrays are lists."""
 
 _BARE_KEY = re.compile(r"[\w-]+", re.ASCII)
-"""A key that TOML takes without quotes."""
+"""Pattern of a key that TOML accepts without quotes."""
 
 _UNION_TAGS = ("harmonic", "sweep")
-"""Kinds that pydantic inserts into the place of an error, where the case file has no such level."""
+"""Names that pydantic inserts into the path of an error although the case file has no such
+level."""
 
 
 class CaseError(ValueError):
-    """Bad input: the message names the key, what was expected, and what was given."""
+    """Report bad input; the message names the key, what was expected and what was given."""
 
 
 def read_toml(path: Path) -> Data:
@@ -37,10 +38,10 @@ def read_toml(path: Path) -> Data:
         path: the file.
 
     Returns:
-        Its tables as dictionaries.
+        The tables of the file as dictionaries.
 
     Raises:
-        CaseError: the file is missing, unreadable, or no TOML (the message has the line).
+        CaseError: the file is missing, unreadable or not TOML (the message names the line).
     """
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
@@ -55,13 +56,14 @@ def read_toml(path: Path) -> Data:
 
 
 def toml_text(data: Mapping[str, object]) -> str:
-    """Write nested dictionaries as TOML, floats so that they are read back exactly.
+    """Return nested dictionaries as TOML, with floats that read back exactly.
 
     Args:
-        data: scalars and lists of them, tables (dictionaries), arrays of tables (lists of them).
+        data: scalars, lists of scalars, tables (dictionaries) and arrays of tables (lists of
+            dictionaries).
 
     Returns:
-        The text; `tomllib.loads` gives `data` back.
+        The TOML text; `tomllib.loads` gives `data` back.
     """
     blocks = [_key_lines(data)]
     for key, value in data.items():
@@ -73,12 +75,12 @@ def toml_text(data: Mapping[str, object]) -> str:
 
 
 def _is_tables(value: object) -> TypeGuard[Sequence[Mapping[str, object]]]:
-    """Tell an array of tables from an array of scalars."""
+    """Return whether a value is an array of tables, not an array of scalars."""
     return isinstance(value, list | tuple) and any(isinstance(v, Mapping) for v in value)
 
 
 def _key_lines(table: Mapping[str, object]) -> str:
-    """Return the lines `key = value` of the scalars of a table, and of the lists of them."""
+    """Return the lines `key = value` for the scalars and lists of scalars of a table."""
     return "".join(
         f"{key if _BARE_KEY.fullmatch(key) else json.dumps(key)} = {_toml_value(value)}\n"
         for key, value in table.items()
@@ -96,20 +98,20 @@ def _toml_value(value: object) -> str:
         return repr(float(value))  # the shortest text that reads back as the same double
     if isinstance(value, int):
         return repr(int(value))
-    # JSON's escapes are TOML's, but for DEL
+    # JSON and TOML have the same escapes, except for DEL
     return json.dumps(str(value), ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def message(label: str, error: ValidationError, data: Mapping[str, object]) -> str:
-    """Put what pydantic found into words.
+    """Return a readable message for a validation error of pydantic.
 
     Args:
-        label: what was read, e.g. `case paper`.
-        error: what pydantic raised.
-        data: the input that it refused.
+        label: name of the input, e.g. `case paper`.
+        error: the error that pydantic raised.
+        data: the input that pydantic refused.
 
     Returns:
-        One line, or a heading and a line for each problem.
+        One line, or a heading with one line for each problem.
     """
     lines = [_problem(details, data) for details in error.errors(include_url=False)]
     if len(lines) == 1:
@@ -118,7 +120,7 @@ def message(label: str, error: ValidationError, data: Mapping[str, object]) -> s
 
 
 def _problem(details: ErrorDetails, data: Mapping[str, object]) -> str:
-    """Return one problem as `key: expected …, given …`."""
+    """Return one problem in the form `key: expected …, given …`."""
     path = list(_path(details["loc"], data))
     context = details.get("ctx", {})
     kind, text, given = details["type"], details["msg"], f", given {_shown(details['input'])}"
@@ -141,7 +143,7 @@ def _problem(details: ErrorDetails, data: Mapping[str, object]) -> str:
 
 
 def _path(place: tuple[int | str, ...], data: Mapping[str, object]) -> Iterator[str]:
-    """Yield the levels of a key as an override names them."""
+    """Yield the levels of a key in the notation of overrides."""
     tables: object = data
     for part in place:
         if part in _UNION_TAGS:
@@ -156,7 +158,7 @@ def _path(place: tuple[int | str, ...], data: Mapping[str, object]) -> Iterator[
 
 
 def _shown(value: object) -> str:
-    """Return an input as the user wrote it, as far as it fits a line."""
+    """Return an input as the user wrote it, shortened to 60 characters."""
     if isinstance(value, float) and not math.isfinite(value):
         return str(value)
     text = str(value) if isinstance(value, Path) else repr(value)

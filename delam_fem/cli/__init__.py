@@ -1,1 +1,1 @@
-"""The command `delam-fem`."""
+"""Define the command `delam-fem`."""

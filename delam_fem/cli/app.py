@@ -1,6 +1,6 @@
-"""The command `delam-fem`: reads the case, calls the package, reports, sets the exit status.
+"""Define the command `delam-fem`: read the case, call the package, report, set the exit status.
 
-Modules with heavy imports (dolfinx, matplotlib) are imported by the command that needs them.
+Each command imports heavy modules (dolfinx, matplotlib) itself, so that the others start fast.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ STATUS = {"completed": DONE, "diverged": FAILED, "interrupted": INTERRUPTED}
 """Exit status by the outcome of a run."""
 
 HINT = {"diverged": "", "interrupted": "; --resume goes on from there"}
-"""What a user can do about an outcome; why a run diverged is in its log."""
+"""Advice for each outcome; for a diverged run, the log contains the reason and the advice."""
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -48,23 +48,24 @@ Overrides = Annotated[
         "--set",
         metavar="KEY=VALUE",
         help="Override a key of the case, e.g. excitation.frequency=3.65; repeatable. "
-        "KEY= alone removes an optional key.",
+        "KEY= without a value removes an optional key.",
     ),
 ]
 Folder = Annotated[
     Path | None, typer.Option("-o", "--output", metavar="DIR", help="Folder of the results.")
 ]
 Verbose = Annotated[
-    bool, typer.Option("-v", "--verbose", help="Say more, e.g. which given keys nothing reads.")
+    bool,
+    typer.Option("-v", "--verbose", help="Show more messages, e.g. keys that nothing reads."),
 ]
-Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="No progress, no table.")]
+Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Show no progress, no table.")]
 
 
 @app.callback()
 def main(
-    version: Annotated[bool, typer.Option("--version", help="Show the version and leave.")] = False,
+    version: Annotated[bool, typer.Option("--version", help="Show the version and exit.")] = False,
 ) -> None:
-    """Two delaminated laminae that clap under base motion, by finite elements."""
+    """Simulate two delaminated laminae that clap under base motion, by finite elements."""
     if version:
         from delam_fem import __version__
 
@@ -79,15 +80,13 @@ def run_command(
     overrides: Overrides = None,
     *,
     engine: Annotated[
-        Literal["petsc", "compiled"], typer.Option(help="What computes the steps.")
+        Literal["petsc", "compiled"], typer.Option(help="Engine that computes the steps.")
     ] = "petsc",
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Go on with an interrupted run.")
-    ] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Continue an interrupted run.")] = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Compute a case; results go to DIR (runs/NAME)."""
+    """Compute a case and write the results to DIR (default: runs/NAME)."""
     with reported(quiet, verbose):
         case = case_of(case_name, overrides)
         directory = writable(output or Path("runs") / case.name)
@@ -97,7 +96,7 @@ def run_command(
         from delam_fem.cli.progress import progress
         from delam_fem.pipeline import run
 
-        is_first = MPI.COMM_WORLD.rank == 0  # of the processes that mpirun may have started
+        is_first = MPI.COMM_WORLD.rank == 0  # mpirun may have started several processes
         quiet = quiet or not is_first
         with progress(Console(stderr=True, quiet=quiet), case.time.steps_per_period) as report:
             result = run(
@@ -126,12 +125,12 @@ def compare_command(
     overrides: Overrides = None,
     *,
     impacts: Annotated[
-        int, typer.Option(metavar="N", help="Compare the tip histories up to the N-th impact.")
+        int, typer.Option(metavar="N", help="Compare the tip histories up to impact N.")
     ] = 20,
-    periods: Annotated[int, typer.Option(metavar="N", help="Length of both runs.")] = 3,
+    periods: Annotated[int, typer.Option(metavar="N", help="Number of periods of both runs.")] = 3,
     quiet: Quiet = False,
 ) -> None:
-    """Compare dolfinx and PETSc with the independent reference."""
+    """Compare the matrices and motion of dolfinx and PETSc with an independent reference."""
     with reported(quiet):
         case = case_of(case_name, overrides)
         directory = writable(output or Path("runs") / f"{case.name}-compare")
@@ -155,7 +154,7 @@ def modes_command(
     ] = 6,
     quiet: Quiet = False,
 ) -> None:
-    """List natural frequencies beside those of the exact cantilever."""
+    """List natural frequencies and compare them with the exact cantilever."""
     with reported(quiet):
         case = case_of(case_name, overrides)
         directory = writable(output or Path("runs") / f"{case.name}-modes")
@@ -175,7 +174,7 @@ def presets_command(
         str | None, typer.Option(metavar="NAME", help="Print this preset as a case file.")
     ] = None,
 ) -> None:
-    """List the presets, or print one as a start for a case file."""
+    """List the presets, or print one as a template for a case file."""
     with reported():
         from delam_fem.case.files import PRESETS, preset_text
 

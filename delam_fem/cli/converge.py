@@ -1,4 +1,4 @@
-"""Define the command `delam-fem converge`: refine one case by several methods side by side."""
+"""Define the command `delam-fem converge`: refine one case by several methods and compare them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,9 @@ CaseArgument = Annotated[
 ]
 Folder = Annotated[
     Path | None,
-    typer.Option("-o", "--output", metavar="DIR", help="Folder (runs/NAME-converge)."),
+    typer.Option(
+        "-o", "--output", metavar="DIR", help="Folder of the results (default: runs/NAME-converge)."
+    ),
 ]
 Overrides = Annotated[
     list[str] | None,
@@ -27,41 +29,43 @@ Overrides = Annotated[
 ]
 Direction = Annotated[
     Literal["elements", "steps", "both"],
-    typer.Option("--in", help="What is refined; both: every mesh with every number of steps."),
+    typer.Option("--in", help="What to refine; both: every mesh with every number of steps."),
 ]
 Laws = Annotated[
     str | None,
     typer.Option(
         metavar="LAW,…",
         help="Contact laws with their schemes, e.g. newton@moreau-jean, maybe with "
-        "/lumped or /consistent; five of them.",
+        "/lumped or /consistent (default: five of them).",
     ),
 ]
 Elements = Annotated[
-    str | None, typer.Option(metavar="N,…", help="Elements per lamina; 5,10,…,160.")
+    str | None, typer.Option(metavar="N,…", help="Elements per lamina (default: 5,10,…,160).")
 ]
 MeshFiles = Annotated[
-    str | None, typer.Option(metavar="FILE,…", help="Mesh files instead, coarse first.")
+    str | None, typer.Option(metavar="FILE,…", help="Mesh files instead of elements, coarse first.")
 ]
 Steps = Annotated[
-    str | None, typer.Option(metavar="N,…", help="Steps per period; 250,500,…,16000.")
+    str | None, typer.Option(metavar="N,…", help="Steps per period (default: 250,500,…,16000).")
 ]
-Periods = Annotated[int | None, typer.Option(min=1, help="Periods of the statistics; 60.")]
+Periods = Annotated[
+    int | None, typer.Option(min=1, help="Periods in the statistics (default: 60).")
+]
 LimitSteps = Annotated[
     int | None,
-    typer.Option(min=0, help="Steps per period that stand for the limit; 64000. 0: none."),
+    typer.Option(min=0, help="Steps per period of the limit (default: 64000); 0: no limit."),
 ]
 EngineOption = Annotated[
-    Literal["petsc", "compiled"], typer.Option(help="What computes the steps.")
+    Literal["petsc", "compiled"], typer.Option(help="Engine that computes the steps.")
 ]
 Workers = Annotated[
     int | None,
-    typer.Option("-j", "--workers", min=1, metavar="N", help="Processes; one per core."),
+    typer.Option("-j", "--workers", min=1, metavar="N", help="Processes (default: one per core)."),
 ]
 Resume = Annotated[
-    bool, typer.Option("--resume", help="Go on with an interrupted ladder, or extend one.")
+    bool, typer.Option("--resume", help="Continue an interrupted ladder, or extend a finished one.")
 ]
-Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="No progress, no table.")]
+Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Show no progress, no table.")]
 
 
 def register(app: typer.Typer) -> None:
@@ -86,7 +90,7 @@ def converge_command(
     resume: Resume = False,
     quiet: Quiet = False,
 ) -> None:
-    """Refine a case: what each method converges to, how fast and at what cost."""
+    """Refine a case, and show to which limit, how fast and at what cost each method converges."""
     with reported(quiet):
         from delam_fem.cli.inputs import case_of, writable
         from delam_fem.studies.convergence.ladder import LIMIT_STEPS, PERIODS, Ladder
@@ -142,7 +146,7 @@ def _meshes(
     if direction != "steps":
         return ELEMENTS
     mesh = case.mesh.elements if case.mesh.file is None else case.mesh.file
-    assert mesh is not None  # a case has exactly one of both
+    assert mesh is not None  # a case has either elements or a mesh file
     return (mesh,)
 
 
@@ -156,7 +160,7 @@ def _steps(case: Case, direction: str, steps: str | None) -> tuple[int, ...]:
 
 
 def _tell(found: Convergence, directory: Path, quiet: bool) -> None:
-    """Write tables and figures, show the main tables, and fail if the ladder is incomplete."""
+    """Write tables and figures, show the short tables, and fail if the ladder is incomplete."""
     from rich.markup import escape
 
     from delam_fem.case.atomic import write_text

@@ -1,4 +1,4 @@
-"""What every command is given: a case, with overrides, and a folder."""
+"""Read the inputs that commands share: a case with overrides, and a folder for results."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def case_of(name: str, overrides: list[str] | None) -> Case:
-    """Return the case of a preset or a file, with the overrides of the command line."""
+    """Return the case of a preset or a case file, with the overrides of the command line."""
     from delam_fem.case.files import PRESETS, load_case, preset
     from delam_fem.case.overrides import parse_override
     from delam_fem.case.toml import CaseError
@@ -29,7 +29,7 @@ def case_of(name: str, overrides: list[str] | None) -> Case:
 
 
 def writable(directory: Path) -> Path:
-    """Make a folder and see that files can be written there, before any work is done."""
+    """Make a folder and check that files can be written there, before anything is computed."""
     from delam_fem.case.toml import CaseError
 
     try:

@@ -1,4 +1,4 @@
-"""The command `delam-fem paper`: every figure, every number, every statement of the paper."""
+"""Define the command `delam-fem paper`: reproduce every figure, number and claim of the paper."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from delam_fem.cli.terminal import FAILED, fail, reported, say_files, table
 
 Figures = Annotated[
     list[str] | None,
-    typer.Argument(metavar="[FIG]…", help="Figures: 1, 2a, 2b, 3, … 15, gamma; all by default."),
+    typer.Argument(metavar="[FIG]…", help="Figures: 1, 2a, 2b, 3, … 15, gamma (default: all)."),
 ]
 Folder = Annotated[
     Path, typer.Option("-o", "--output", metavar="DIR", help="Folder of the results.")
 ]
 Workers = Annotated[
     int | None,
-    typer.Option("-j", "--workers", min=1, metavar="N", help="Processes; one per core."),
+    typer.Option("-j", "--workers", min=1, metavar="N", help="Processes (default: one per core)."),
 ]
 
 
@@ -32,15 +32,18 @@ def paper_command(
     output: Folder = Path("runs/paper"),
     *,
     fast: Annotated[
-        bool, typer.Option("--fast", help="Coarser planes and responses, histories as in full.")
+        bool,
+        typer.Option("--fast", help="Coarser planes and responses; histories stay the same."),
     ] = False,
     workers: Workers = None,
     engine: Annotated[
-        Literal["petsc", "compiled"], typer.Option(help="What computes the steps.")
+        Literal["petsc", "compiled"], typer.Option(help="Engine that computes the steps.")
     ] = "compiled",
-    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="No progress, no table.")] = False,
+    quiet: Annotated[
+        bool, typer.Option("-q", "--quiet", help="Show no progress, no table.")
+    ] = False,
 ) -> None:
-    """Reproduce the paper: figures, numbers, and its claims beside what came out."""
+    """Reproduce the paper: figures, numbers, and its claims beside the computed results."""
     with reported(quiet):
         from delam_fem.paper.lab import FAST, FULL, laboratory
         from delam_fem.paper.page import claims_of, entries, tally, write_page

@@ -1,4 +1,4 @@
-"""How far a run or a sweep has come: a bar on a terminal, plain lines elsewhere."""
+"""Show the progress of a run or a sweep: a bar on a terminal, plain lines elsewhere."""
 
 from __future__ import annotations
 
@@ -19,13 +19,14 @@ from rich.progress import (
 from rich.text import Text
 
 Report: TypeAlias = Callable[[int, int], None]
-"""Called with the periods (points) done and all of them, once per period (chunk of points)."""
+"""Function of the numbers of finished and of all periods (or points, in a sweep), called after each
+period (or chunk of points)."""
 
 LINES = 10
-"""Plain lines per run, at most, unless it is slow."""
+"""Number of plain lines per run, unless the run is slow."""
 
 SILENCE = 10.0
-"""Seconds after which a plain line is due in any case."""
+"""Longest time between two plain lines [s]."""
 
 
 @contextmanager
@@ -33,11 +34,12 @@ def progress(console: Console, steps_per_period: int = 0) -> Iterator[Report]:
     """Show the progress of a run on a console.
 
     Args:
-        console: where; a bar if it is a terminal.
-        steps_per_period: for the rate; 0: points of a sweep are counted, not periods.
+        console: console for the output; a terminal shows a bar.
+        steps_per_period: number of steps per period, for the rate; 0: count points of a sweep
+            instead of periods.
 
     Yields:
-        The function to call with the periods (points) done and all of them.
+        The function to call with the numbers of finished and of all periods (or points).
     """
     if not console.is_terminal:
         yield PlainProgress(lambda line: console.print(line, soft_wrap=True), steps_per_period)
@@ -59,7 +61,7 @@ def progress(console: Console, steps_per_period: int = 0) -> Iterator[Report]:
 
 
 def _unit(steps_per_period: int) -> str:
-    """Return what is counted."""
+    """Return the word for the counted unit."""
     return "period" if steps_per_period else "point"
 
 
@@ -71,10 +73,10 @@ def _rate(per_second: float, steps_per_period: int) -> str:
 
 
 class _Rate(ProgressColumn):
-    """Steps or points per second."""
+    """Column of the progress bar with steps or points per second."""
 
     def __init__(self, steps_per_period: int) -> None:
-        """Keep the number of steps per period."""
+        """Store the number of steps per period."""
         super().__init__()
         self.steps_per_period = steps_per_period
 
@@ -85,11 +87,11 @@ class _Rate(ProgressColumn):
 
 
 class PlainProgress:
-    """Say every tenth of the run, or every ten seconds, how far it is.
+    """Print a line at every tenth of the run, and at least every ten seconds.
 
     Attributes:
-        say: what a line is handed to.
-        steps_per_period: for the rate; 0 counts points.
+        say: function that prints a line.
+        steps_per_period: number of steps per period, for the rate; 0: count points.
     """
 
     def __init__(
@@ -98,7 +100,7 @@ class PlainProgress:
         steps_per_period: int,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Begin without a mark: the first call sets it, as a resumed run does not begin at 0."""
+        """Store the arguments; the first call sets the start, because a resumed run is past 0."""
         self.say = say
         self.steps_per_period = steps_per_period
         self._clock = clock
@@ -106,7 +108,7 @@ class PlainProgress:
         self._said: tuple[float, int] = (0.0, 0)
 
     def __call__(self, done: int, total: int) -> None:
-        """Take notice of a period; say a line if one is due."""
+        """Count a finished period, and print a line if one is due."""
         now = (self._clock(), done)
         if self._start is None:
             self._start = self._said = now
@@ -117,7 +119,7 @@ class PlainProgress:
             self.say(f"{unit} {done} of {total}{self._rate(self._start, now, total)}")
 
     def _rate(self, start: tuple[float, int], now: tuple[float, int], total: int) -> str:
-        """Return the rate and the time left, once they are known."""
+        """Return the rate and the remaining time as text; empty until they are known."""
         seconds, periods = now[0] - start[0], now[1] - start[1]
         if seconds <= 0.0 or periods <= 0:
             return ""

@@ -1,4 +1,4 @@
-"""The commands of sweeps: `delam-fem sweep` computes, `delam-fem diagram` draws as well."""
+"""Define `delam-fem sweep`, which computes a sweep, and `delam-fem diagram`, which draws one."""
 
 from __future__ import annotations
 
@@ -33,26 +33,26 @@ Kind = Annotated[
 ]
 Folder = Annotated[
     Path | None,
-    typer.Option("-o", "--output", metavar="DIR", help="Folder of the results (runs/NAME)."),
+    typer.Option("-o", "--output", metavar="DIR", help="Folder (default: runs/NAME)."),
 ]
 Overrides = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="Override a key of the base case; repeatable."),
 ]
-Resume = Annotated[bool, typer.Option("--resume", help="Go on with an interrupted sweep.")]
+Resume = Annotated[bool, typer.Option("--resume", help="Continue an interrupted sweep.")]
 Workers = Annotated[
     int | None,
-    typer.Option("-j", "--workers", min=1, metavar="N", help="Processes; one per core."),
+    typer.Option("-j", "--workers", min=1, metavar="N", help="Processes (default: one per core)."),
 ]
 ExecutorOption = Annotated[
     Literal["process", "mpi", "serial"] | None,
     typer.Option(
         "--executor",
-        help="Where points are computed: processes of this machine, the ranks of mpiexec "
-        "(the default under python -m mpi4py.futures), or one after another here.",
+        help="Where to compute points: in processes of this machine, on the ranks of mpiexec "
+        "(the default under python -m mpi4py.futures), or one after another in this process.",
     ),
 ]
-Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="No progress, no table.")]
+Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Show no progress, no table.")]
 
 
 def register(app: typer.Typer) -> None:
@@ -71,7 +71,7 @@ def sweep_command(
     executor: ExecutorOption = None,
     quiet: Quiet = False,
 ) -> None:
-    """Compute a case at many points; all of it becomes DIR/sweep.nc."""
+    """Compute a case at many points and write all results to DIR/sweep.nc."""
     with reported(quiet):
         data, directory = _computed(
             sweep_file, output, overrides, resume, (workers, executor), quiet
@@ -92,7 +92,7 @@ def diagram_command(
     executor: ExecutorOption = None,
     quiet: Quiet = False,
 ) -> None:
-    """Draw a diagram of a sweep, computed before unless it is there already."""
+    """Draw a diagram of a sweep; compute the sweep first if its result does not exist."""
     with reported(quiet):
         from delam_fem.studies.sweeps.diagrams import save_diagram
 
@@ -118,7 +118,7 @@ def _computed(
     *,
     again: bool = True,
 ) -> tuple[xr.Dataset, Path]:
-    """Compute a sweep and report; leave with a message where it did not come to its end."""
+    """Compute a sweep and show its table; exit with a message if it is not complete."""
     from rich.console import Console
 
     from delam_fem.case.overrides import parse_override
@@ -152,7 +152,7 @@ def _computed(
 
 
 def _rows(data: xr.Dataset) -> list[tuple[str, str]]:
-    """Return what the table at the end says."""
+    """Return the rows of the table that is shown at the end."""
     about = data.attrs
     counted = ("points", "completed", "diverged", "failed", "missing")
     rows = [(name, str(about[f"n_{name}"])) for name in counted]
@@ -173,6 +173,6 @@ def _read(source: Path, output: Path | None) -> tuple[xr.Dataset, Path]:
     path = source / "sweep.nc" if source.is_dir() else source
     if not path.is_file():
         raise CaseError(
-            f"diagram: expected a sweep file (.toml) or a result of one, no file {path}"
+            f"diagram: no such file: {path}; expected a sweep file (.toml) or a result of one"
         )
     return xr.open_dataset(path, engine="h5netcdf"), output or path.parent

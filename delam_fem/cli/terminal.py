@@ -1,4 +1,4 @@
-"""What the command says: tables on stdout, messages and the log on stderr, the exit status."""
+"""Print tables to stdout, messages and the log to stderr, and set the exit status."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from typing import NoReturn
 import typer
 
 DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
-"""Exit statuses."""
+"""Exit statuses of the command."""
 
 
 @contextmanager
 def reported(quiet: bool = False, verbose: bool = False) -> Iterator[None]:
-    """Turn errors into a message on stderr and an exit status; show the package's log."""
+    """Show the log of the package, and turn errors into a message and an exit status."""
     from delam_fem.case.toml import CaseError
 
     log = logging.getLogger("delam_fem")
@@ -29,7 +29,7 @@ def reported(quiet: bool = False, verbose: bool = False) -> Iterator[None]:
     except CaseError as error:
         fail(str(error), BAD_INPUT)
     except OSError as error:
-        log.debug("where it failed", exc_info=True)
+        log.debug("an input or output failed here", exc_info=True)
         fail(f"{error.filename or 'input or output'}: {error.strerror or error}", FAILED)
     except KeyboardInterrupt:
         fail("interrupted", INTERRUPTED)
@@ -39,15 +39,15 @@ def reported(quiet: bool = False, verbose: bool = False) -> Iterator[None]:
 
 
 class _EchoHandler(logging.Handler):
-    """Writes the log to stderr, whatever that is at the moment."""
+    """Log handler that writes to stderr, also if stderr has been replaced meanwhile."""
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Write one record."""
+        """Write one record of the log."""
         typer.echo(self.format(record), err=True)
 
 
 def fail(text: str, status: int) -> NoReturn:
-    """Leave with a message."""
+    """Print a message to stderr and exit with a status."""
     typer.echo(f"delam-fem: {text}", err=True)
     raise typer.Exit(status)
 
@@ -66,7 +66,7 @@ def table(title: str, heading: Sequence[str], rows: Sequence[Sequence[str]]) -> 
 
 
 def summary_rows(summary: Mapping[str, object]) -> list[tuple[str, str]]:
-    """Return the summary as table rows."""
+    """Return the summary of a run as rows of a table."""
     return [(key.replace("_", " "), _shown(value)) for key, value in summary.items()]
 
 
@@ -80,6 +80,6 @@ def _shown(value: object) -> str:
 
 
 def say_files(paths: Sequence[Path]) -> None:
-    """Print paths."""
+    """Print the paths of written files."""
     for path in paths:
         typer.echo(path)

@@ -1,1 +1,1 @@
-"""Pure mathematics that knows nothing of the package."""
+"""Pure mathematics: functions of numbers and arrays that import nothing else of the package."""

@@ -1,4 +1,4 @@
-"""Names of the arrays that annotations use."""
+"""Short names of NumPy array types for annotations."""
 
 from __future__ import annotations
 

@@ -1,6 +1,7 @@
-"""Kinds of motion and attractors, told from stroboscopic points and amplitudes.
+"""Classify motions by kind and by attractor, from stroboscopic points and amplitudes.
 
-Pure functions of arrays; thresholds are stated here and in the figures that use them.
+All functions are pure functions of arrays. The thresholds are the constants below; figures that use
+them print them.
 """
 
 from __future__ import annotations
@@ -15,36 +16,42 @@ from delam_fem.numerics.arrays import FloatArray, IntArray
 TextArray = npt.NDArray[np.object_] | npt.NDArray[np.str_]
 
 PERIOD_1, HIGHER, QUASI_PERIODIC, IRREGULAR, DIVERGED, FAILED = range(6)
-"""Kinds of motion: periodic with the excitation; with 2…8 periods of it; not periodic, but with
-few frequencies; neither; beyond all bounds; not computed."""
+"""Kinds of motion, as indices into `KINDS`.
+
+PERIOD_1 repeats after one period of the excitation, HIGHER after 2 to 8 periods. QUASI_PERIODIC
+does not repeat but has few frequencies; IRREGULAR has many. DIVERGED left all bounds; FAILED was
+not computed.
+"""
 KINDS = ("period 1", "higher order", "quasi-periodic", "irregular", "diverged", "failed")
+"""Names of the kinds of motion."""
 
 LINES = 4
-"""Spectral lines in which a quasi-periodic motion has nearly all of its stroboscopic power."""
+"""Number of spectral lines that hold nearly all stroboscopic power of a quasi-periodic motion."""
 LINE_SHARE = 0.9
-"""That power; white noise has about 0.6 of its power in its strongest four of 64 bins' lines."""
+"""Smallest share of the power in these lines that counts as quasi-periodic; for white noise
+with 64 bins the four strongest lines hold about 0.6."""
 LINE_WIDTH = 2
-"""Bins on both sides that belong to a line, as a Hann window spreads it."""
+"""Bins on each side that belong to a line, because the Hann window spreads it."""
 FEWEST_STROBES = 64
-"""Fewer do not tell lines from noise."""
+"""Smallest number of strobes that can separate lines from noise."""
 SAME_ATTRACTOR = 0.2
-"""Largest difference of two motions of one attractor in half peak-to-peak amplitudes; successive
-cycles of clapping alone differ by 0.1."""
+"""Largest difference of two motions on one attractor, relative to half their peak-to-peak
+amplitude; successive cycles of one clapping motion already differ by 0.1."""
 
 
 def kinds_of_motion(outcome: TextArray, periodicity: FloatArray, strobes: FloatArray) -> IntArray:
     """Return the kind of motion of each point.
 
     Args:
-        outcome: "completed", "diverged" or anything else, shape (...).
-        periodicity: see `diagnostics.periodicity`, NaN for none, shape (...).
-        strobes: displacement of both tips at the end of periods, shape (..., 2, n) [m].
+        outcome: "completed", "diverged" or another text, shape (...).
+        periodicity: see `diagnostics.periodicity`; NaN if not periodic, shape (...).
+        strobes: displacement of both tips at the ends of periods, shape (..., 2, n) [m].
 
     Returns:
         Indices into `KINDS`, shape (...).
 
     Raises:
-        ValueError: there are too few strobes.
+        ValueError: there are fewer than `FEWEST_STROBES` strobes.
     """
     n = strobes.shape[-1]
     if n < FEWEST_STROBES:
@@ -64,13 +71,13 @@ def kinds_of_motion(outcome: TextArray, periodicity: FloatArray, strobes: FloatA
 
 
 def line_share(strobes: FloatArray) -> FloatArray:
-    """Return the share of the power about the mean that the strongest `LINES` lines have.
+    """Return the share of the power about the mean in the `LINES` strongest spectral lines.
 
     Args:
         strobes: equidistant samples, shape (..., n).
 
     Returns:
-        Shape (...) [-]; 1 where nothing changes, 0 where a sample is not a number.
+        Shares, shape (...) [-]; 1 for constant samples, 0 if a sample is not a number.
     """
     n = strobes.shape[-1]
     about_mean = strobes - strobes.mean(axis=-1, keepdims=True)
@@ -90,13 +97,14 @@ def line_share(strobes: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Attractors:
-    """Attractors that were found, the most frequent first.
+    """The attractors of a set of points, the most frequent first.
 
     Attributes:
-        number: of the attractor of each point, -1 for none, shape (...).
-        periodicity: the most frequent one of each attractor, NaN for none, shape (n_attractors,).
-        amplitude: half peak-to-peak of both tips, the median, shape (n_attractors, 2) [m].
-        share: of the points, shape (n_attractors,) [-].
+        number: index of the attractor of each point, -1 for none, shape (...).
+        periodicity: most frequent periodicity on each attractor, NaN if not periodic, shape
+            (n_attractors,).
+        amplitude: median half peak-to-peak amplitude of both tips, shape (n_attractors, 2) [m].
+        share: share of all points that lie on each attractor, shape (n_attractors,) [-].
     """
 
     number: IntArray
@@ -108,21 +116,22 @@ class Attractors:
 def attractors(
     periodicity: FloatArray, tip_min: FloatArray, tip_max: FloatArray, strobes: FloatArray
 ) -> Attractors:
-    """Tell attractors by the fingerprint of the motion at the end of each point.
+    """Group the final motions of points into attractors by their fingerprints.
 
-    The fingerprint does not depend on which of its periods a period-doubled motion ends with:
-    extremes of both tips, mean and standard deviation of their strobes. Points are of one attractor
-    where no part differs from that of the attractor's first point by `SAME_ATTRACTOR` times the
-    larger tip's half peak-to-peak amplitude.
+    A fingerprint consists of the extremes of both tips and the mean and standard deviation of their
+    strobes. It does not depend on which of its periods a period-doubled motion ends with. A point
+    belongs to an attractor if every number of its fingerprint differs from that of the attractor's
+    first point by at most `SAME_ATTRACTOR` times half the peak-to-peak amplitude of the tip that
+    moves more.
 
     Args:
-        periodicity: NaN for none, shape (...).
+        periodicity: NaN if not periodic, shape (...).
         tip_min: smallest displacement of both tips, shape (..., 2) [m].
-        tip_max: largest, likewise.
-        strobes: displacement of both tips at the end of periods, shape (..., 2, n) [m].
+        tip_max: largest displacement of both tips, shape (..., 2) [m].
+        strobes: displacement of both tips at the ends of periods, shape (..., 2, n) [m].
 
     Returns:
-        The attractors; points with NaN have none.
+        The attractors; a point with NaN in its fingerprint belongs to none.
     """
     shape, amplitude = periodicity.shape, 0.5 * (tip_max - tip_min)
     parts = [tip_min, tip_max, strobes.mean(axis=-1), strobes.std(axis=-1)]
@@ -149,6 +158,6 @@ def attractors(
 
 
 def _most_frequent(values: FloatArray) -> float:
-    """Return the value that occurs most often, NaN being one."""
+    """Return the value that occurs most often; NaN counts as a value."""
     found, counts = np.unique(values, return_counts=True)
     return float(found[counts.argmax()])

@@ -1,6 +1,6 @@
-"""The exact Euler-Bernoulli cantilever: wave numbers, mode shapes, response to a moving clamp.
+"""Exact formulas of the Euler-Bernoulli cantilever: wave numbers, modes, response to base motion.
 
-Formulas only: nothing is discretised here. B is the dimensionless wave number,
+Nothing is discretised here. B is the dimensionless wave number,
 B^4 = rho A omega^2 L^4 / (E I), and xi = x/L runs from the clamp (0) to the free end (1).
 
 Source: any textbook of vibrations; e.g. Meirovitch, "Fundamentals of Vibrations", section 8.
@@ -19,15 +19,16 @@ ComplexArray = npt.NDArray[np.complex128]
 _Number = TypeVar("_Number", np.float64, np.complex128)
 
 _NEWTON_STEPS = 8
-"""Quadratic convergence from (k - 1/2) pi: round-off after five steps for k = 1, fewer above."""
+"""Number of Newton steps from (k - 1/2) pi. Convergence is quadratic: root 1 reaches round-off
+after five steps, higher roots earlier."""
 _POINTS = 2001
-"""For integrals over a mode, to six digits."""
+"""Number of points for integrals over a mode; they give six digits."""
 
 
 def cantilever_roots(n: int) -> FloatArray:
     """Return the first n roots of 1 + cos B cosh B = 0.
 
-    The equation is solved as cos B + sech B = 0, which does not grow with B.
+    The function solves cos B + sech B = 0, which does not grow with B.
 
     >>> cantilever_roots(3).round(4).tolist()
     [1.8751, 4.6941, 7.8548]
@@ -51,14 +52,14 @@ def cantilever_roots(n: int) -> FloatArray:
 
 
 def cantilever_mode(k: int, xi: npt.ArrayLike) -> FloatArray:
-    """Return the k-th mode shape, 1 at the free end.
+    """Return the k-th mode shape, scaled to 1 at the free end.
 
-    The textbook form cosh z - cos z - s (sinh z - sin z), z = B xi, loses all digits near k = 12;
-    here the growing part is written as (1 - s) e^z with 1 - s in closed form, so that no large
+    The textbook form cosh z - cos z - s (sinh z - sin z), z = B xi, loses all digits near k = 12.
+    This function writes the growing part as (1 - s) e^z with 1 - s in closed form, so that no large
     numbers cancel.
 
     Args:
-        k: number of the mode, 1 is the lowest.
+        k: number of the mode; 1 is the lowest.
         xi: positions x/L in [0, 1], any shape [-].
 
     Returns:
@@ -83,24 +84,25 @@ def cantilever_mode(k: int, xi: npt.ArrayLike) -> FloatArray:
 
 
 def frequency_rise(amplitude: float) -> float:
-    """Return by how much the lowest frequency is higher at large amplitudes, ω/ω_1 - 1.
+    """Return the relative rise of the lowest frequency at a large amplitude, ω/ω_1 - 1.
 
-    A cantilever that keeps its length has, with w = q(t) φ(x) for its first mode,
+    An inextensible cantilever that moves in its first mode, w = q(t) φ(x), has the energies
 
         T = 1/2 m (1 + a q²) q'²,   a = ∫ (∫_0^x φ'²)² dx / ∫ φ² dx
         V = 1/2 k (1 + b q²) q²,    b = ∫ φ''² φ'² dx / ∫ φ''² dx
 
-    a slows it down, b speeds it up. The period follows from T + V = const., with q = Q sin θ:
+    The term with a slows the motion down, the term with b speeds it up. The period follows from T +
+    V = const., with q = Q sin θ:
 
         ω_1/ω = 1/(2π) ∫_0^2π sqrt((1 + a q²) / (1 + b (Q² + q²))) dθ
 
     Args:
-        amplitude: of the tip, Q/L [-].
+        amplitude: amplitude of the tip over the length, Q/L [-].
 
     Source: M. Crespo da Silva, C. Glynn, "Nonlinear flexural-flexural-torsional dynamics of
-    inextensional beams I", J. Struct. Mech. 6 (1978), the kinetic and strain energy.
+    inextensional beams I", J. Struct. Mech. 6 (1978), for the kinetic and strain energy.
     """
-    # here, for every case imports this file and scipy.integrate takes as long as all the rest
+    # imported here: every case imports this module, and scipy.integrate would double the time
     from scipy.integrate import cumulative_trapezoid, trapezoid
 
     x = np.linspace(0.0, 1.0, _POINTS)
@@ -128,7 +130,7 @@ def transmissibility(
         H = (cos B + cosh B) / (1 + cos B cosh B),
         EI (1 + i omega beta) B^4 = rho A (omega^2 - i omega alpha) L^4
 
-    Exact for Rayleigh damping C = alpha M + beta K, real without damping.
+    H is exact for Rayleigh damping C = alpha M + beta K, and real without damping.
 
     Args:
         omega: angular frequencies of the clamp, any shape [rad/s].

@@ -1,12 +1,12 @@
-"""Observed orders of convergence, and what a refined sequence tends to.
+"""Compute observed orders of convergence and extrapolate a refined sequence to its limit.
 
-A value that depends on a size h as f(h) = f* + C h^p is known by three members of the sequence:
+If a value depends on a size h as f(h) = f* + C h^p, three members of the sequence give p and f*:
 
     (f_1 - f_2) / (f_2 - f_3) = (h_1^p - h_2^p) / (h_2^p - h_3^p)                      (X1)
     f* = f_3 - (f_2 - f_3) h_3^p / (h_2^p - h_3^p)                                      (X2)
 
-Statistics of an impacting motion scatter, and their asymptotic range may be out of reach: X2 is
-applied only where successive orders agree and the differences stand out of the scatter.
+Statistics of an impacting motion scatter, and their asymptotic range may be out of reach. X2 is
+therefore applied only if successive orders agree and the differences exceed the scatter.
 
 Source: Roache, "Verification and Validation in Computational Science and Engineering", ch. 5.
 """
@@ -23,22 +23,22 @@ from scipy.optimize import brentq
 from delam_fem.numerics.arrays import FloatArray
 
 LOWEST_ORDER, HIGHEST_ORDER = 0.2, 8.0
-"""Orders outside are no convergence that could be extrapolated, or coincidence."""
+"""Range of credible orders: below it a sequence hardly converges, above it the order is chance."""
 ORDERS_AGREE = 0.35
-"""Two successive orders further apart say that the sequence is not in its asymptotic range."""
+"""Largest difference of two successive orders in the asymptotic range."""
 STANDS_OUT = 2.0
-"""Standard errors by which a difference must exceed its scatter to tell an order."""
+"""A difference must exceed this many standard errors before an order is computed from it."""
 
 
 @dataclass(frozen=True)
 class Limit:
-    """What a sequence tends to, as far as it can be told.
+    """The estimated limit of a sequence, or the reason why there is none.
 
     Attributes:
-        orders: observed order of each three successive members, shape (n - 2,), NaN where the
+        orders: observed order of each three successive members, shape (n - 2,); NaN if the
             differences change sign or grow.
-        value: the limit; NaN where it cannot be told.
-        uncertainty: of the limit; NaN likewise.
+        value: the limit; NaN if it cannot be estimated.
+        uncertainty: uncertainty of the limit; NaN if it cannot be estimated.
         reason: "Richardson", "within scatter", or why there is no limit.
     """
 
@@ -49,14 +49,14 @@ class Limit:
 
 
 def orders_of_errors(sizes: npt.ArrayLike, errors: npt.ArrayLike) -> FloatArray:
-    """Return the order between each two successive members of which the errors are known.
+    """Return the order of convergence between each two successive members with known errors.
 
     Args:
         sizes: h, decreasing, shape (n,).
-        errors: of either sign, shape (n,).
+        errors: known errors of either sign, shape (n,).
 
     Returns:
-        log(e_k / e_{k+1}) / log(h_k / h_{k+1}), shape (n - 1,); NaN where an error is 0 or unknown.
+        log(e_k / e_{k+1}) / log(h_k / h_{k+1}), shape (n - 1,); NaN if an error is 0 or unknown.
     """
     h, e = np.asarray(sizes, dtype=float), np.abs(np.asarray(errors, dtype=float))
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -66,14 +66,14 @@ def orders_of_errors(sizes: npt.ArrayLike, errors: npt.ArrayLike) -> FloatArray:
 
 
 def observed_orders(sizes: npt.ArrayLike, values: npt.ArrayLike) -> FloatArray:
-    """Return the order p of X1 of each three successive members.
+    """Return the order p from X1 for each three successive members.
 
     Args:
         sizes: h, decreasing, shape (n,).
         values: f(h), shape (n,).
 
     Returns:
-        Shape (max(n - 2, 0),); NaN where X1 has no solution between 0 and `HIGHEST_ORDER`.
+        Orders, shape (max(n - 2, 0),); NaN if X1 has no solution between 0 and `HIGHEST_ORDER`.
     """
     h, f = np.asarray(sizes, dtype=float), np.asarray(values, dtype=float)
     return np.array([_order(h[k : k + 3], f[k : k + 3]) for k in range(max(h.size - 2, 0))])
@@ -82,16 +82,16 @@ def observed_orders(sizes: npt.ArrayLike, values: npt.ArrayLike) -> FloatArray:
 def limit(
     sizes: npt.ArrayLike, values: npt.ArrayLike, errors: npt.ArrayLike | None = None
 ) -> Limit:
-    """Return what a sequence tends to.
+    """Estimate the limit of a sequence.
 
     Args:
         sizes: h, decreasing, shape (n,).
         values: f(h), shape (n,).
-        errors: standard errors of the values by their scatter, shape (n,); None: exact.
+        errors: standard errors of the values, from their scatter, shape (n,); None: exact values.
 
     Returns:
-        The limit by X2 where the last two orders agree; the last value where the last differences
-        lie within their scatter; neither, with the reason, otherwise.
+        The limit from X2 if the last two orders agree; the last value if the last differences lie
+        within the scatter; otherwise NaN with the reason.
     """
     h, f = np.asarray(sizes, dtype=float), np.asarray(values, dtype=float)
     s = np.zeros_like(f) if errors is None else np.asarray(errors, dtype=float)
@@ -111,7 +111,7 @@ def limit(
 def _richardson(
     h: FloatArray, f: FloatArray, orders: FloatArray, stands_out: np.bool_, spread: float
 ) -> Limit:
-    """Apply X2 where the last two orders allow it."""
+    """Return the limit from X2, or NaN with the reason if the last two orders do not allow it."""
     reason = None
     if not stands_out:
         reason = "differences of the size of the scatter"
@@ -135,7 +135,7 @@ def _ratio(h: FloatArray, p: float) -> float:
 
 
 def _order(h: FloatArray, f: FloatArray) -> float:
-    """Solve X1 for p."""
+    """Return the solution p of X1; NaN if there is none."""
     below = f[1] - f[2]
     if below == 0.0 or not np.isfinite(f).all():
         return math.nan
@@ -147,6 +147,6 @@ def _order(h: FloatArray, f: FloatArray) -> float:
 
 
 def _extrapolated(h: FloatArray, f: FloatArray) -> float:
-    """Return f* of X2 from three members."""
+    """Return f* from X2 for three members."""
     p = _order(h, f)
     return float(f[2] - (f[1] - f[2]) / ((h[1] / h[2]) ** p - 1.0))

@@ -1,6 +1,7 @@
-"""Spectra of a periodic motion at the harmonics of its excitation, and how far it is from a sine.
+"""Compute spectra of a periodic motion at the harmonics of its excitation, and its distortion.
 
-Samples of whole periods put each harmonic into a bin of its own: no window function, no leakage.
+Samples of whole periods put each harmonic into its own bin, so no window function is needed and no
+leakage occurs.
 """
 
 from __future__ import annotations
@@ -13,13 +14,13 @@ from delam_fem.numerics.arrays import FloatArray
 def amplitude_spectrum(values: FloatArray) -> FloatArray:
     """Return the one-sided amplitude spectrum by the discrete Fourier transform.
 
-    A cosine of amplitude A that fits a whole number of times gives A in its bin and 0 elsewhere.
+    A cosine of amplitude A with a whole number of cycles gives A in its bin and 0 elsewhere.
 
     Args:
         values: equidistant samples, shape (..., n).
 
     Returns:
-        Amplitudes, shape (..., n // 2 + 1), in the unit of `values`; bin k is k cycles in all.
+        Amplitudes, shape (..., n // 2 + 1), in the unit of `values`; bin k has k cycles.
     """
     n = values.shape[-1]
     amplitudes = 2.0 * np.abs(np.fft.rfft(values, axis=-1)) / n
@@ -34,13 +35,13 @@ def harmonic_amplitudes(values: FloatArray, n_periods: int) -> FloatArray:
 
     Args:
         values: equidistant samples of `n_periods` whole periods, shape (..., n).
-        n_periods: number of periods; even, if a period-doubled motion shall not leak.
+        n_periods: number of periods; an even number avoids leakage of a period-doubled motion.
 
     Returns:
         Amplitudes, shape (..., n_harmonics), in the unit of `values`.
 
     Raises:
-        ValueError: the samples are not a whole number per period.
+        ValueError: the number of samples per period is not a whole number.
     """
     n = values.shape[-1]
     if n_periods < 1 or n % n_periods:
@@ -59,7 +60,7 @@ def total_harmonic_distortion(amplitudes: FloatArray) -> FloatArray:
         amplitudes: A_1, A_2, …, shape (..., n_harmonics).
 
     Returns:
-        Shape (...) [-]; NaN where A_1 is 0 or there is none.
+        THD, shape (...) [-]; NaN if A_1 is 0 or missing.
     """
     if not amplitudes.shape[-1]:
         return np.full(amplitudes.shape[:-1], np.nan)
@@ -76,11 +77,11 @@ def distortion_factor(amplitudes: FloatArray) -> FloatArray:
         amplitudes: A_1, A_2, …, shape (..., n_harmonics).
 
     Returns:
-        Shape (...) [-]; NaN as in `total_harmonic_distortion`.
+        d, shape (...) [-]; NaN if A_1 is 0 or missing.
 
     Source:
         I. Müller, eq. 2 (the 1 is subtracted outside the root).
     """
     thd = total_harmonic_distortion(amplitudes)
-    factor: FloatArray = thd**2 / (1.0 + np.sqrt(1.0 + thd**2))  # the same, without cancellation
+    factor: FloatArray = thd**2 / (1.0 + np.sqrt(1.0 + thd**2))  # equal, without cancellation
     return factor

@@ -1,6 +1,6 @@
-"""Rayleigh damping: the coefficients of C = alpha M + beta K that give modes a damping ratio.
+"""Compute the coefficients of Rayleigh damping C = alpha M + beta K from a damping ratio.
 
-D_k = (alpha / omega_k + beta omega_k) / 2
+Mode k has the damping ratio D_k = (alpha / omega_k + beta omega_k) / 2.
 """
 
 from __future__ import annotations
@@ -8,13 +8,13 @@ from __future__ import annotations
 from typing import Literal
 
 Kind = Literal["two-mode", "stiffness", "mass"]
-"""Which terms there are: both (ratio at modes 1 and 2), or one (ratio at mode 1)."""
+"""Terms of C: both ("two-mode", ratio D at modes 1 and 2), or one of them (ratio D at mode 1)."""
 
 
 def coefficients(
     damping_ratio: float, first: float, second: float, kind: Kind = "two-mode"
 ) -> tuple[float, float]:
-    """Return alpha [1/s] and beta [s].
+    """Return alpha [1/s] and beta [s] of C = alpha M + beta K.
 
     >>> coefficients(0.1, 1.0, 3.0)
     (0.15000000000000002, 0.05)
@@ -23,7 +23,7 @@ def coefficients(
         damping_ratio: D of the modes that the kind names [-].
         first: angular frequency of mode 1 [rad/s].
         second: angular frequency of mode 2 [rad/s].
-        kind: of damping.
+        kind: which terms C has.
     """
     D = damping_ratio
     if kind == "stiffness":

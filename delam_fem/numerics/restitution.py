@@ -1,7 +1,7 @@
-"""The coefficient of restitution from the velocities of two bodies, computed or measured.
+"""Identify the coefficient of restitution from two velocity signals, computed or measured.
 
-Between strikes velocities are smooth, at a strike they jump. Straight lines through the samples on
-both sides of a jump, drawn out to its middle, give the velocities before and after.
+Velocities are smooth between strikes and jump at a strike. Straight lines are fitted to the samples
+on both sides of a jump and extended to its middle; there they give the velocities before and after.
 """
 
 from __future__ import annotations
@@ -14,17 +14,18 @@ import numpy.typing as npt
 from delam_fem.numerics.arrays import FloatArray
 
 SMALLEST_JUMP = 0.2
-"""Jumps below this share of the largest are taken for waves or noise."""
+"""Smallest jump that counts as a strike, as a share of the largest jump; smaller ones are waves or
+noise."""
 
 
 @dataclass(frozen=True)
 class Strike:
-    """One strike and what it says about restitution.
+    """One strike with the velocities before and after it.
 
     Attributes:
         time: middle of the jump [s].
-        before: velocities of body 1 and 2 just before, shape (2,) [m/s].
-        after: just after, shape (2,) [m/s].
+        before: velocities of bodies 1 and 2 just before the strike, shape (2,) [m/s].
+        after: velocities of bodies 1 and 2 just after the strike, shape (2,) [m/s].
         mass_ratio: m1/m2 [-].
     """
 
@@ -35,32 +36,32 @@ class Strike:
 
     @property
     def approach(self) -> float:
-        """Gap rate before, negative [m/s]."""
+        """Gap rate before the strike; negative [m/s]."""
         return float(self.before[1] - self.before[0])
 
     @property
     def restitution(self) -> float:
-        """The coefficient e = -(gap rate after)/(gap rate before) [-]. Source: paper eq. 3."""
+        """Coefficient e = -(gap rate after)/(gap rate before) [-]. Source: paper eq. 3."""
         return restitution(self.before, self.after)
 
     @property
     def restitution_by_body(self) -> tuple[float, float]:
-        """The coefficient e from the jump of each body alone; see `restitution_by_body`."""
+        """Coefficient e from the jump of each body alone [-]; see `restitution_by_body`."""
         return restitution_by_body(self.before, self.after, self.mass_ratio)
 
     @property
     def apparent_mass_ratio(self) -> float:
-        """The ratio m1/m2 that the two jumps stand in by conservation of momentum [-]."""
+        """Ratio m1/m2 that follows from the two jumps by conservation of momentum [-]."""
         jump = self.after - self.before
         return float(-jump[1] / jump[0])
 
 
 def restitution(before: npt.ArrayLike, after: npt.ArrayLike) -> float:
-    """Return e = -(v2 - v1)⁺ / (v2 - v1)⁻.
+    """Return the coefficient of restitution e = -(v2 - v1)⁺ / (v2 - v1)⁻.
 
     Args:
-        before: velocities of body 1 and 2, shape (2,) [m/s].
-        after: likewise.
+        before: velocities of bodies 1 and 2 before the strike, shape (2,) [m/s].
+        after: velocities of bodies 1 and 2 after the strike, shape (2,) [m/s].
 
     Raises:
         ValueError: the bodies do not approach one another.
@@ -75,23 +76,23 @@ def restitution(before: npt.ArrayLike, after: npt.ArrayLike) -> float:
 def restitution_by_body(
     before: npt.ArrayLike, after: npt.ArrayLike, mass_ratio: float
 ) -> tuple[float, float]:
-    """Return e from the jump of body 1 and from that of body 2.
+    """Return e from the jump of body 1 alone and from the jump of body 2 alone.
 
         v1⁺ = v1⁻ + (1 + e) m2/(m1 + m2) (v2 - v1)⁻
         v2⁺ = v2⁻ - (1 + e) m1/(m1 + m2) (v2 - v1)⁻
 
-    Both agree where momentum is conserved and the ratio of masses is that of the masses which take
-    part.
+    Both values agree if momentum is conserved and the mass ratio is that of the masses that take
+    part in the strike.
 
     Args:
-        before: velocities of body 1 and 2, shape (2,) [m/s].
-        after: likewise.
+        before: velocities of bodies 1 and 2 before the strike, shape (2,) [m/s].
+        after: velocities of bodies 1 and 2 after the strike, shape (2,) [m/s].
         mass_ratio: m1/m2 [-].
 
     Raises:
-        ValueError: the bodies do not approach one another, or the ratio is not positive.
+        ValueError: the bodies do not approach one another, or the mass ratio is not positive.
 
-    Source: I. Müller, eq. 4 with both signs corrected (as printed it gives (2 + e) instead of -e).
+    Source: I. Müller, eq. 4 with both signs corrected (as printed, it gives (2 + e) instead of -e).
     """
     if not mass_ratio > 0.0:
         raise ValueError(f"mass ratio m1/m2: expected a number above 0, given {mass_ratio!r}")
@@ -114,19 +115,20 @@ def identify(
     apart: float = 0.0,
     smallest_jump: float = SMALLEST_JUMP,
 ) -> tuple[Strike, ...]:
-    """Find the strikes in two velocity signals and what they say about restitution.
+    """Find the strikes in two velocity signals.
 
-    A strike is the largest rise of the gap rate over `jump_samples` intervals in its neighbourhood,
-    if the bodies approach one another before it. Of several within `apart` the largest counts.
+    A strike is a local maximum of the rise of the gap rate over `jump_samples` intervals, if the
+    bodies approach one another before it. Of several rises within `apart` only the largest counts.
 
     Args:
         time: equidistant instants, shape (n,) [s].
-        velocities: of body 1 and 2 along one axis on which body 2 is ahead, shape (2, n) [m/s].
+        velocities: velocities of bodies 1 and 2 along an axis on which body 2 is ahead of body 1,
+            shape (2, n) [m/s].
         mass_ratio: m1/m2 [-].
-        jump_samples: intervals over which a jump is spread; 1 in computed signals.
-        fit_samples: samples on each side that a line is fitted to; 1 takes the sample itself.
+        jump_samples: number of intervals over which a jump is spread; 1 in computed signals.
+        fit_samples: number of samples on each side for the fitted line; 1 takes the sample itself.
         apart: shortest time between two strikes [s].
-        smallest_jump: of the jumps that count, as a share of the largest [-].
+        smallest_jump: smallest jump that counts, as a share of the largest [-].
 
     Returns:
         The strikes in the order of time.
@@ -154,7 +156,7 @@ def identify(
 def _strike(
     t: FloatArray, v: FloatArray, k: int, samples: tuple[int, int], mass_ratio: float
 ) -> Strike:
-    """Return the strike whose last sample before is k."""
+    """Return the strike whose jump begins after sample k."""
     jump, fit = samples
     middle = 0.5 * (t[k] + t[k + jump])
     before = _extrapolated(t[k - fit + 1 : k + 1], v[:, k - fit + 1 : k + 1], middle)
@@ -163,7 +165,7 @@ def _strike(
 
 
 def _extrapolated(t: FloatArray, v: FloatArray, at: float) -> FloatArray:
-    """Return the values of the lines of least squares through (t, v) at an instant, shape (2,)."""
+    """Return the values at an instant of the least-squares lines through (t, v), shape (2,)."""
     mean: FloatArray = v.mean(axis=1)
     if t.size == 1:
         return mean
@@ -177,7 +179,7 @@ def _require_approach(approach: float) -> None:
     if not approach < 0.0:
         raise ValueError(
             f"restitution: expected bodies that approach one another (v2 - v1 < 0), given "
-            f"{approach!r} m/s; is body 2 the one ahead?"
+            f"{approach!r} m/s; if body 1 is ahead, swap the two bodies"
         )
 
 

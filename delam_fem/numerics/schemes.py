@@ -1,7 +1,8 @@
-"""The one-step schemes of time integration, as numbers.
+"""Define the schemes of time integration by their parameters.
 
-Newmark's scheme solves for the acceleration at the end of a step and asks the contact law there.
-The Moreau–Jean scheme solves for the velocity, and impulses belong to the step in which they act.
+All are one-step schemes. Newmark's scheme solves for the acceleration at the end of a step and
+calls the contact law there. The Moreau–Jean scheme solves for the velocity at the end of a step
+together with the impulses that act within the step.
 """
 
 from __future__ import annotations
@@ -16,13 +17,13 @@ SchemeName = Literal["newmark", "central-difference", "moreau-jean"]
 
 @dataclass(frozen=True)
 class Scheme:
-    """A scheme with its numbers.
+    """A scheme of time integration with its parameters.
 
     Attributes:
-        name: as in case files.
-        beta: Newmark's β (the paper's α_N); unused by Moreau–Jean.
-        gamma: Newmark's γ (the paper's β_N); unused by Moreau–Jean.
-        theta: θ of Moreau–Jean, from 1/2 (no numerical damping) to 1; unused by Newmark.
+        name: name in case files.
+        beta: Newmark's β (the paper's α_N); Moreau–Jean does not use it.
+        gamma: Newmark's γ (the paper's β_N); Moreau–Jean does not use it.
+        theta: θ of Moreau–Jean, from 1/2 (no numerical damping) to 1; Newmark does not use it.
     """
 
     name: SchemeName = "newmark"
@@ -32,7 +33,7 @@ class Scheme:
 
     @property
     def has_impulses_within(self) -> bool:
-        """Whether impulses act within the step, not between two steps."""
+        """Whether impulses act within a step instead of between two steps."""
         return self.name == "moreau-jean"
 
     @property
@@ -48,4 +49,4 @@ SCHEMES: Mapping[str, Scheme] = MappingProxyType(
         "moreau-jean": Scheme("moreau-jean"),
     }
 )
-"""The schemes of case files: average acceleration, β = 0, and θ = 1/2."""
+"""Schemes by their names in case files: average acceleration (β = 1/4), β = 0, and θ = 1/2."""

@@ -1,12 +1,14 @@
-"""The exact semi-infinite Euler–Bernoulli beam that is struck at its free end.
+"""Exact formulas of a semi-infinite Euler–Bernoulli beam that is struck at its free end.
 
-It has no length, so that all times follow from κ = sqrt(EI/ρA) [m²/s] and the contact. With the
-Laplace transforms F of the contact force and V of the end's velocity, bending moment 0 at the end,
+The beam has no length: all times follow from κ = sqrt(EI/ρA) [m²/s] and the contact. Let F and V be
+the Laplace transforms of the contact force and of the velocity of the end. Without bending moment
+at the end,
 
     F = Z sqrt(s) V,   Z = ρA sqrt(κ/2)                                                        (B1)
 
-The beam's answer to a force is thus half an integral of it: neither a mass nor a damper. A clamped
-strip answers the same until waves come back from the clamp. Nothing is discretised in space here.
+The velocity of the end is thus a half-order integral of the force: the beam acts neither as a mass
+nor as a damper. A clamped strip responds in the same way until waves return from the clamp. Nothing
+is discretised in space here.
 """
 
 from __future__ import annotations
@@ -21,17 +23,17 @@ from scipy.optimize import minimize_scalar
 from delam_fem.numerics.arrays import FloatArray
 
 _LOG_RATES = np.linspace(-40.0, 8.0, 241)
-"""Logarithms of the decay rates over which the branch cut is summed: the integrand is below 1e-8
-beyond them, and the trapezoidal rule on it converges as exp(-2π²/3h), here to round-off."""
+"""Logarithms of the decay rates for the integral along the branch cut. Outside this range the
+integrand is below 1e-8; the trapezoidal rule converges as exp(-2π²/3h), here to round-off."""
 _RESOLVED = 0.125 * np.pi
-"""Angle per step up to which a chirp is sampled; it fades until twice that."""
+"""Largest angle per step at which the chirp counts fully; it fades to 0 at twice this angle."""
 _PEAK_END = (4.0, 8.0)
-"""Where the first minimum of the force lies, in units of τ."""
+"""Interval that contains the first minimum of the force, in units of τ."""
 
 
 @dataclass(frozen=True)
 class StruckBeam:
-    """A semi-infinite beam.
+    """A semi-infinite beam with a free end.
 
     Attributes:
         flexural_rigidity: EI [N m2].
@@ -57,7 +59,7 @@ class StruckBeam:
         """Return the speed of wave groups, c_g = 2 (EI/ρA)^(1/4) ω^(1/2) [m/s].
 
         Args:
-            frequency: any shape [Hz].
+            frequency: frequencies of the waves, any shape [Hz].
         """
         omega = 2.0 * np.pi * np.asarray(frequency, dtype=np.float64)
         return np.asarray(2.0 * np.sqrt(self.kappa * omega))
@@ -65,14 +67,14 @@ class StruckBeam:
     # -- the end strikes something rigid ------------------------------------------------------
 
     def rigid_impulse(self, time: npt.ArrayLike, speed: float) -> FloatArray:
-        """Return the impulse given so far by a rigid stop that holds the end, ρA v sqrt(2 κ t / π).
+        """Return the impulse of a rigid stop on the end up to a time, ρA v sqrt(2 κ t / π) [N s].
 
-        It begins with no mass at all and grows as the beam joins in; the force v Z / sqrt(π t) has
-        no peak value.
+        The impulse starts at 0 and grows as more of the beam is stopped. The force v Z / sqrt(π t)
+        has no finite peak.
 
         Args:
-            time: since the touch [s].
-            speed: of the end before [m/s].
+            time: time since the first touch, any shape [s].
+            speed: speed of the end before the touch [m/s].
         """
         t = np.asarray(time, dtype=np.float64)
         return np.asarray(self.mass_per_length * speed * np.sqrt(2.0 * self.kappa * t / np.pi))
@@ -84,41 +86,41 @@ class StruckBeam:
         return math.pow(self.impedance / stiffness, 2.0 / 3.0)
 
     def stiffness_for(self, duration: float) -> float:
-        """Return the spring whose force peak lasts as long, from the touch to the minimum [N/m].
+        """Return the stiffness of the spring whose first force peak has a given duration [N/m].
 
         Args:
-            duration: [s].
+            duration: time from the first touch to the first minimum of the force [s].
         """
         return self.impedance / math.pow(duration / peak_end(), 1.5)
 
     def spring_force(self, time: npt.ArrayLike, speed: float, stiffness: float) -> FloatArray:
-        """Return the force of a spring that the end strikes, k v τ f(t/τ), `unit_force` [N].
+        """Return the force of a spring that the end strikes, k v τ f(t/τ), f = `unit_force` [N].
 
-        It never comes back to 0 before a wave does: such an end does not rebound.
+        The force does not return to 0 until a reflected wave arrives: the end does not rebound.
 
         Args:
-            time: since the touch, shape (k,) [s].
-            speed: of the end before [m/s].
+            time: time since the first touch, shape (k,) [s].
+            speed: speed of the end before the touch [m/s].
             stiffness: k [N/m].
         """
         tau = self.contact_time(stiffness)
         return stiffness * speed * tau * unit_force(np.asarray(time, dtype=np.float64) / tau)
 
     def strain(self, force: FloatArray, time_step: float, distance: float) -> FloatArray:
-        """Return the bending strain that an end force sends to a place.
+        """Return the bending strain at a place on the beam due to a force on its end.
 
             ε(t) = t_h / (κ Z) ∫ F(t - r) g(r) dr,   g = sin(x²/4κr) / sqrt(π r)
 
-        with t_h half the thickness: a chirp whose frequency x²/(8π κ r²) falls, as the dispersion
-        relation demands of the waves that arrive at the time r.
+        Here t_h is half the thickness. The kernel g is a chirp with the falling frequency
+        x²/(8π κ r²), which the dispersion relation gives for waves that arrive at the time r.
 
         Args:
-            force: at equal steps from the touch, shape (k,) [N].
-            time_step: [s]; the chirp counts as far as the steps resolve it.
-            distance: from the end [m].
+            force: force on the end at equal steps from the first touch, shape (k,) [N].
+            time_step: step [s]; only the part of the chirp that the steps resolve counts.
+            distance: distance of the place from the end [m].
 
         Returns:
-            Shape (k,), positive is tension on the side of the force.
+            Strain, shape (k,) [-]; positive is tension on the side of the force.
         """
         r = time_step * (np.arange(force.size) + 0.5)
         phase = distance**2 / (4.0 * self.kappa * r)
@@ -134,12 +136,12 @@ class StruckBeam:
 def unit_force(time: npt.ArrayLike) -> FloatArray:
     """Return f = t E_{3/2,2}(-t^{3/2}), the inverse transform of 1 / (s² + sqrt(s)).
 
-    Two poles, s = exp(±2πi/3), and the branch cut along the negative axis:
+    The two poles s = exp(±2πi/3) and the branch cut along the negative axis give
 
         f = 4/3 exp(-t/2) cos(√3 t/2 - 2π/3) + 1/π ∫ exp(-r t) √r / (r⁴ + r) dr
 
     Args:
-        time: in units of τ, shape (k,) [-].
+        time: times in units of τ, shape (k,) [-].
 
     Source: R. Gorenflo, F. Mainardi, "Fractional calculus", on fractional oscillations.
     """
@@ -151,7 +153,7 @@ def unit_force(time: npt.ArrayLike) -> FloatArray:
 
 
 def peak_end() -> float:
-    """Return when the first peak of `unit_force` ends in a minimum, in units of τ [-]."""
+    """Return the time of the first minimum of `unit_force`, in units of τ [-]."""
     return float(
         minimize_scalar(lambda t: float(unit_force(t)[0]), bounds=_PEAK_END, method="bounded").x
     )

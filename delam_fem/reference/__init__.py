@@ -1,1 +1,1 @@
-"""The judge: its own matrices, loop and contact, and the comparison with it."""
+"""Check the package against an independent reference with its own matrices, loop and contact."""

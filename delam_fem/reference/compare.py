@@ -1,4 +1,4 @@
-"""The production path (dolfinx, PETSc) beside the independent reference: matrices and motion."""
+"""Compare the package's main path (dolfinx, PETSc) with the reference: matrices and motion."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from delam_fem.reference.loop import ReferenceRun, simulate_reference
 from delam_fem.studies.modes import modes_of
 
 COMPARED_MODES = 6
-"""Natural frequencies per lamina that are compared (fewer where the mesh has fewer)."""
+"""Number of compared natural frequencies per lamina; fewer if the mesh has fewer."""
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """Differences between the dolfinx/PETSc run of a case and the reference's.
+    """Differences between the dolfinx/PETSc run of a case and the run of the reference.
 
     Attributes:
         names: names of the laminae.
@@ -36,8 +36,8 @@ class Comparison:
         tips: tip displacement of the dolfinx/PETSc run, shape (2, n) [m].
         reference_tips: tip displacement of the reference, shape (2, n) [m].
         impacts: number of impacts of the dolfinx/PETSc run and of the reference.
-        impact_limit: the impact up to which `until_impact` looks, at most those that there were.
-        impact_time: its time in the reference, the end if there was none [s].
+        impact_limit: number of the impact up to which `until_impact` compares; 0 without impacts.
+        impact_time: time of this impact in the reference; without impacts, the end [s].
     """
 
     names: tuple[str, str]
@@ -52,22 +52,22 @@ class Comparison:
 
     @property
     def differences(self) -> FloatArray:
-        """Largest difference of the two tips at each step, shape (n,) [m]."""
+        """Difference of the tip histories at each step, the larger of both tips, shape (n,) [m]."""
         largest: FloatArray = np.abs(self.tips - self.reference_tips).max(axis=0)
         return largest
 
     @property
     def until_impact(self) -> float:
-        """Largest difference of the tip histories up to that impact [m]."""
+        """Largest difference of the tip histories up to impact `impact_limit` [m]."""
         return float(self.differences[self.times <= self.impact_time].max())
 
     @property
     def overall(self) -> float:
-        """Largest difference of the tip histories [m]."""
+        """Largest difference of the tip histories over the whole run [m]."""
         return float(self.differences.max())
 
     def rows(self) -> list[tuple[str, str]]:
-        """Return table rows: what is compared, largest difference."""
+        """Return the rows of a table: the compared numbers and their largest differences."""
         return [
             *((f"{name}, relative", f"{value:.1e}") for name, value in self.matrices.items()),
             ("natural frequencies, relative", f"{self.frequencies:.1e}"),
@@ -85,13 +85,13 @@ class Comparison:
         """Write compare.json and compare.png.
 
         Args:
-            directory: made where it is missing.
+            directory: folder of the files; it is made if it does not exist.
 
         Returns:
-            The two paths.
+            The paths of both files.
 
         Raises:
-            OSError: the directory cannot be written.
+            OSError: the folder cannot be written.
         """
         directory = Path(directory)
         directory.mkdir(parents=True, exist_ok=True)
@@ -133,25 +133,25 @@ class Comparison:
 
 
 def compare(case: Case, *, impacts: int = 20, periods: int = 3) -> Comparison:
-    """Assemble and run the case on both paths from rest.
+    """Assemble and run a case from rest with the package and with the reference.
 
-    After many impacts any two runs part, since each impact amplifies round-off: the number to look
-    at is the difference up to the first impacts.
+    Each impact amplifies round-off, so any two runs differ after many impacts. The significant
+    number is therefore the difference up to the first impacts.
 
     Args:
-        case: with harmonic excitation, and a law that the reference has.
+        case: case with harmonic excitation and a law that the reference has.
         impacts: number of impacts up to which the tip histories are compared.
-        periods: number of periods to run.
+        periods: number of periods of both runs.
 
     Returns:
-        All differences.
+        The differences of matrices, frequencies and motion.
 
     Raises:
         CaseError: the excitation is a sweep, or the reference does not have the law or the scheme,
             or a number is below 1.
     """
     _check(case, impacts, periods)
-    from delam_fem.model import beam  # dolfinx is imported when its run is asked for
+    from delam_fem.model import beam  # imported here, because it imports dolfinx
     from delam_fem.pipeline import run
 
     short = case.with_overrides(
@@ -179,12 +179,13 @@ def compare(case: Case, *, impacts: int = 20, periods: int = 3) -> Comparison:
 def operator_differences(given: Operators, expected: Operators) -> dict[str, float]:
     """Return the largest relative difference of each operator.
 
-    Entries of matrices and columns are measured by the diagonal, |a_ij - b_ij| / sqrt(b_ii b_jj),
-    so that displacements and slopes count alike; the gap by its largest value.
+    Differences of matrix entries are relative to the diagonal, |a_ij - b_ij| / sqrt(b_ii b_jj), so
+    that displacements and slopes have the same weight. Differences of the gap are relative to its
+    largest value.
 
     Args:
-        given: operators to judge.
-        expected: operators to judge by.
+        given: operators to check.
+        expected: operators of the reference.
 
     Returns:
         Relative difference by name of the operator [-].
@@ -203,14 +204,14 @@ def operator_differences(given: Operators, expected: Operators) -> dict[str, flo
 
 
 def _bordered(operators: Operators, name: str, k: int) -> sp.csr_matrix:
-    """Return one of M, C, K with the base as its first dof."""
+    """Return M, C or K (k = 0, 1, 2) with the base as an additional first dof."""
     corner = sp.csr_matrix([[operators.base.corner[k]]])
     column = sp.csr_matrix(getattr(operators.base, name)).T
     return sp.bmat([[corner, column.T], [column, getattr(operators, name)]], format="csr")
 
 
 def _scaled_difference(a: sp.csr_matrix, b: sp.csr_matrix) -> sp.csr_matrix:
-    """Return |a_ij - b_ij| / sqrt(b_ii b_jj), 0 where a_ij = b_ij."""
+    """Return |a_ij - b_ij| / sqrt(b_ii b_jj); 0 if a_ij = b_ij."""
     difference = abs(a - b).tocoo()
     difference.eliminate_zeros()
     diagonal = b.diagonal()
@@ -229,7 +230,8 @@ def _same_length(tips: FloatArray, expected: ReferenceRun) -> FloatArray:
     if tips.shape != expected.tip_displacement.shape:
         raise RuntimeError(
             f"the run recorded tip histories of shape {tips.shape}, expected "
-            f"{expected.tip_displacement.shape}: it was interrupted or it diverged"
+            f"{expected.tip_displacement.shape}: the run was interrupted or diverged; run it "
+            "again, or compare fewer periods"
         )
     return tips
 

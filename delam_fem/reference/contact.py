@@ -1,6 +1,6 @@
-"""Contact of the reference: what is hit, what rests on a spring, and the velocities after it.
+"""Decide on contact in the reference: hit pairs, pairs on springs, velocities after impacts.
 
-Pure functions, written out as the paper has them (section 3, as corrected).
+All functions are pure and follow the paper equation by equation (section 3, with corrections).
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from delam_fem.model.operators import Operators
 from delam_fem.numerics.arrays import BoolArray, FloatArray
 
 Impact = tuple[int, float, float]
-"""Pair (0 next to the clamp), impulse [N s], gap rate before [m/s]."""
+"""Number of the pair (0 is next to the clamp), impulse [N s], gap rate before the impact [m/s]."""
 MassSolver = Callable[[FloatArray], FloatArray]
-"""M^-1 times a vector (n,) or a matrix (n, k)."""
+"""Function that returns M^-1 times a vector (n,) or a matrix (n, k)."""
 
 
 def decide(
@@ -27,16 +27,18 @@ def decide(
     state: tuple[FloatArray, FloatArray, BoolArray],
     solve_mass: MassSolver,
 ) -> tuple[FloatArray, list[Impact], BoolArray]:
-    """Decide on contact at the end of a step, in the order of the law newton-penalty.
+    """Decide on contact at the end of a step, in the order of operations of newton-penalty.
 
     Args:
         operators: gap operator, gap at rest, masses.
-        law: "none", "newton" or "newton-penalty" with its numbers.
-        state: displacement (n,) [m], velocity (n,) [m/s], pairs in permanent contact (n_pairs,).
-        solve_mass: M^-1.
+        law: the section `contact` of a case with the law "none", "newton" or "newton-penalty".
+        state: displacement, shape (n,) [m]; velocity, shape (n,) [m/s]; which pairs are at rest
+            on springs, shape (n_pairs,).
+        solve_mass: function that multiplies by M^-1.
 
     Returns:
-        Velocity after the impacts, the impacts, the pairs in permanent contact from now on.
+        Velocity after the impacts, shape (n,) [m/s]; the impacts; which pairs are at rest on
+        springs from now on, shape (n_pairs,).
     """
     u, v, P = state
     if law.law == "none":
@@ -63,12 +65,12 @@ def decide(
 def lumped_impact(
     operators: Operators, v: FloatArray, hit: BoolArray, restitution: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Change the two velocities of each hit pair alone, with nodal masses (paper eq. 14).
+    """Apply impulses that change only the velocities of the hit nodes (paper eq. 14).
 
     Args:
-        operators: gap operator and nodal masses.
+        operators: gap operator and nodal (lumped) masses.
         v: velocity before, shape (n,) [m/s].
-        hit: closed approaching pairs, shape (n_pairs,).
+        hit: which pairs are closed and approaching, shape (n_pairs,).
         restitution: e [-].
 
     Returns:
@@ -87,17 +89,17 @@ def consistent_impact(
     restitution: float,
     solve_mass: MassSolver,
 ) -> tuple[FloatArray, FloatArray]:
-    """Solve 0 <= p  _|_  W p + (1 + e) rate >= 0 with W = H M^-1 H^T over the hit pairs.
+    """Apply the impulses p that solve 0 <= p  _|_  W p + (1 + e) rate >= 0 over the hit pairs.
 
-    These are the optimality conditions of min |L^T p + L^-1 b|^2 over p >= 0, where W = L L^T and
-    b = (1 + e) rate: non-negative least squares.
+    Here W = H M^-1 H^T. With W = L L^T and b = (1 + e) rate these are the optimality conditions of
+    min |L^T p + L^-1 b|^2 over p >= 0, a problem of non-negative least squares.
 
     Args:
         operators: gap operator.
         v: velocity before, shape (n,) [m/s].
-        hit: closed approaching pairs, shape (n_pairs,).
+        hit: which pairs are closed and approaching, shape (n_pairs,).
         restitution: e [-].
-        solve_mass: M^-1.
+        solve_mass: function that multiplies by M^-1.
 
     Returns:
         Velocity after, shape (n,) [m/s]; impulse of each hit pair, shape (n_hit,) [N s].

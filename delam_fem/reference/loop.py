@@ -1,7 +1,7 @@
-"""The plain time loop of the reference: Newmark, then contact, step by step as the paper has it.
+"""Run the plain time loop of the reference: in each step Newmark, then contact, as in the paper.
 
-Written to be read and to be trusted, not to be fast. On purpose it does things in another way than
-the production path: springs are put into the matrix, which is factorised anew when they change.
+The loop is written for clarity, not for speed. On purpose it differs from the main path of the
+package: the springs are part of the matrix, which is factorised again whenever they change.
 """
 
 from __future__ import annotations
@@ -21,17 +21,19 @@ from delam_fem.numerics.arrays import BoolArray, FloatArray
 from delam_fem.reference.contact import decide
 
 LAWS = ("none", "newton", "newton-penalty")
+"""Contact laws that the reference has."""
 
 
 @dataclass(frozen=True)
 class Standing:
-    """Where a run stands at the end of a step.
+    """The state of a run at the end of a step.
 
     Attributes:
-        step: number of steps done since t = 0.
-        displacement: q of the free dofs, shape (n,) [m, -].
-        velocity: shape (n,) [m/s, 1/s].
-        permanent: pairs in permanent contact, shape (n_pairs,).
+        step: number of steps since t = 0.
+        displacement: displacements of the free dofs, shape (n,) [m, -].
+        velocity: velocities of the free dofs, shape (n,) [m/s, 1/s].
+        permanent: which pairs are at rest on springs (permanent contact in the paper), shape
+            (n_pairs,).
     """
 
     step: int
@@ -41,13 +43,20 @@ class Standing:
 
     @classmethod
     def at_rest(cls, operators: Operators) -> Standing:
-        """Return the start: t = 0, stress-free and at rest."""
+        """Return the state at t = 0: stress-free and at rest."""
         n = operators.n_dofs
         return cls(0, np.zeros(n), np.zeros(n), np.zeros(operators.n_pairs, dtype=bool))
 
 
 class Event(NamedTuple):
-    """One impact of one pair: time [s], pair (0 next to the clamp), impulse [N s], rate [m/s]."""
+    """One impact of one pair.
+
+    Attributes:
+        time: end of the step [s].
+        pair: number of the pair; 0 is next to the clamp.
+        impulse: impulse on the pair [N s].
+        velocity_before: gap rate before the impact [m/s].
+    """
 
     time: float
     pair: int
@@ -57,14 +66,14 @@ class Event(NamedTuple):
 
 @dataclass(frozen=True)
 class ReferenceRun:
-    """What the reference records.
+    """The record of a run of the reference.
 
     Attributes:
         times: ends of the steps, shape (n,) [s].
-        tip_displacement: shape (2, n) [m].
-        tip_velocity: after the impacts of the step, shape (2, n) [m/s].
-        events: all impacts in order of time.
-        final: the state after the last step.
+        tip_displacement: displacements of both tips, shape (2, n) [m].
+        tip_velocity: velocities of both tips after the impacts of the step, shape (2, n) [m/s].
+        events: all impacts in the order of time.
+        final: state after the last step.
     """
 
     times: FloatArray
@@ -77,16 +86,16 @@ class ReferenceRun:
 def simulate_reference(
     operators: Operators, case: Case, *, periods: int, initial: Standing | None = None
 ) -> ReferenceRun:
-    """Integrate the case for some periods at constant time step.
+    """Run a case for some periods with a constant time step.
 
     Args:
-        operators: what moves; its matrices may come from anywhere.
-        case: excitation, contact law and time step.
-        periods: number of periods to do.
-        initial: where to start; default at rest at t = 0.
+        operators: operators of the structure, from any assembler.
+        case: case with excitation, contact law and time step.
+        periods: number of periods to compute.
+        initial: initial state; default: at rest at t = 0.
 
     Returns:
-        Tip histories at every step, impacts, final state.
+        Tip histories at every step, impacts and final state.
 
     Raises:
         CaseError: the reference does not have the scheme or the contact law of the case.
@@ -115,7 +124,7 @@ def simulate_reference(
 
 
 class _System:
-    """M, C, K with the springs of permanent contact in K, and the factors that go with them."""
+    """The matrices M, C, K with the springs of resting pairs in K, and their factorisations."""
 
     def __init__(self, operators: Operators, dt: float, penalty_stiffness: float) -> None:
         self.operators = operators
@@ -129,7 +138,7 @@ class _System:
     def newmark(
         self, u: FloatArray, v: FloatArray, a: FloatArray, base: FloatArray, P: BoolArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Do one step of average acceleration (the paper's alpha_N = 1/4, beta_N = 1/2)."""
+        """Make a step of average acceleration (the paper's alpha_N = 1/4, beta_N = 1/2)."""
         self._require_springs(P)
         dt = self.dt
         u_predicted = u + dt * v + 0.25 * dt**2 * a
@@ -141,7 +150,7 @@ class _System:
     def acceleration(
         self, u: FloatArray, v: FloatArray, base: FloatArray, P: BoolArray
     ) -> FloatArray:
-        """Solve M a = f - C v - K u, springs included."""
+        """Return a from M a = f - C v - K u, with the springs in f and K."""
         self._require_springs(P)
         residual = self.force(base) - self.operators.damping @ v - self.K @ u
         return self.solve_mass(residual)
@@ -152,7 +161,7 @@ class _System:
         return response
 
     def force(self, base: FloatArray) -> FloatArray:
-        """Return the force of the base's motion (q, q', q'') and of the springs' rest gaps."""
+        """Return the force due to the base motion (q, q', q'') and to the rest gaps of springs."""
         force: FloatArray = self.spring_force - self.base_columns @ base
         return force
 
@@ -161,7 +170,7 @@ class _System:
             self._factorise(P)
 
     def _factorise(self, P: BoolArray) -> None:
-        """Put a spring on the gap of each pair of P: force on the dofs -k H^T (H u + g0)."""
+        """Put a spring on the gap of each pair in P: force on the dofs -k H^T (H u + g0)."""
         ops, k, dt = self.operators, self.penalty_stiffness, self.dt
         H = ops.gap_matrix[P]
         self.springs = P.copy()
@@ -172,7 +181,7 @@ class _System:
 
 
 def _require_supported(case: Case) -> None:
-    """Refuse what the reference does not have, rather than compute something else."""
+    """Refuse a law or a scheme that the reference does not have."""
     if case.contact.law not in LAWS:
         raise CaseError(
             f"contact.law: the reference has {', '.join(LAWS)}; given {case.contact.law!r}"

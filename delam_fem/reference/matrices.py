@@ -1,8 +1,8 @@
-"""The judge's own matrices of two clamped laminae, by a derivation of its own.
+"""Assemble the matrices of two clamped laminae for the reference, by an independent derivation.
 
-Cubic shape functions follow from their end conditions, element matrices from integrals of products
-of polynomials, the lumped mass from the consistent one, damping from roots of cos B cosh B = -1.
-The case is the only input that the judge shares with what it judges.
+The cubic shape functions follow from their end conditions, the element matrices from integrals of
+products of polynomials, the lumped mass from the consistent mass, and the damping from the roots of
+cos B cosh B = -1. The reference shares only the case with the code that it checks.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.numerics.arrays import FloatArray
 
 DOFS = 2
-"""Dofs of a node, u and phi."""
+"""Number of dofs of a node: displacement u and slope phi."""
 _ROOT_TOLERANCE = 1e-15
 """Absolute tolerance of the roots B, which are of order 1."""
 
@@ -30,11 +30,11 @@ def assemble(case: Case, x: npt.ArrayLike) -> Operators:
     """Assemble both laminae over the same nodes, free dofs of lamina 1 before those of lamina 2.
 
     Args:
-        case: the case; its mesh is not read.
+        case: the case; its mesh is not used.
         x: positions of the nodes from 0 to the length, shape (n_nodes,) [m].
 
     Returns:
-        The operators; the gap opens where u2 exceeds u1.
+        The operators; a gap opens as u2 - u1 grows.
     """
     x = np.asarray(x, dtype=np.float64)
     laminae = [_lamina(case, lamina, x) for lamina in case.lamina]
@@ -63,13 +63,13 @@ def natural_frequencies(operators: Operators, n: int) -> FloatArray:
 
     Args:
         operators: as `assemble` returns them.
-        n: how many, at most the dofs of a lamina.
+        n: number of frequencies per lamina, at most the number of its dofs.
     """
     half = operators.n_dofs // 2
     found = []
     for own in (slice(0, half), slice(half, None)):
         M, K = (m[own, own].toarray() for m in (operators.mass, operators.stiffness))
-        # 1/omega^2 from above: the lowest frequencies would drown in the round-off of the highest
+        # largest 1/omega^2: as omega^2, low frequencies would drown in the round-off of high ones
         squares = eigh(M, K, eigvals_only=True, subset_by_index=(half - n, half - 1))
         found.append(1.0 / (2.0 * np.pi * np.sqrt(squares[::-1])))
     return np.array(found)
@@ -84,9 +84,9 @@ def section(lamina: Lamina) -> tuple[float, float]:
 
 
 def shape_functions(h: float) -> list[Polynomial]:
-    """Return the four cubics N of an element.
+    """Return the four cubic shape functions N of an element.
 
-    Each is 1 in one of the end conditions w(0), w'(0), w(h), w'(h) and 0 in the other three.
+    For each function one of the end values w(0), w'(0), w(h), w'(h) is 1 and the other three are 0.
 
     Args:
         h: length of the element [m].
@@ -97,20 +97,20 @@ def shape_functions(h: float) -> list[Polynomial]:
 
 
 def element_mass(mass_per_length: float, h: float) -> FloatArray:
-    """Return the consistent mass, the integral of rho A N_i N_j over an element, shape (4, 4)."""
+    """Return the consistent mass of an element, the integrals of rho A N_i N_j, shape (4, 4)."""
     return mass_per_length * _products(shape_functions(h), h)
 
 
 def element_stiffness(flexural_rigidity: float, h: float) -> FloatArray:
-    """Return the stiffness, the integral of EI N_i'' N_j'' over an element, shape (4, 4)."""
+    """Return the stiffness of an element, the integrals of EI N_i'' N_j'', shape (4, 4)."""
     return flexural_rigidity * _products([_derivative(N, 2) for N in shape_functions(h)], h)
 
 
 def lumped_mass(mass_per_length: float, h: float) -> FloatArray:
     """Return the diagonal of the lumped mass of an element, shape (4,) [kg, kg m2].
 
-    The diagonal of the consistent mass is scaled such that both displacements together have the
-    mass of the element.
+    The diagonal of the consistent mass is scaled so that the entries of both displacements add up
+    to the mass of the element.
 
     Source: E. Hinton, T. Rock, O. Zienkiewicz, "A note on mass lumping and related processes in
     the finite element method", Earthquake Eng. Struct. Dyn. 4 (1976).
@@ -121,7 +121,7 @@ def lumped_mass(mass_per_length: float, h: float) -> FloatArray:
 
 
 def wave_numbers(n: int) -> list[float]:
-    """Return the first n roots of cos B cosh B = -1, the k-th between (k - 1) pi and k pi."""
+    """Return the first n roots of cos B cosh B = -1; root k lies between (k - 1) pi and k pi."""
 
     def equation(B: float) -> float:
         return float(np.cos(B) + 1.0 / np.cosh(B))
@@ -135,7 +135,7 @@ def rayleigh(case: Case, lamina: Lamina) -> tuple[float, float]:
     """Return alpha [1/s] and beta [s] from the damping ratios alpha/(2 omega) + beta omega/2 = D.
 
     Args:
-        case: names the modes that have the ratio.
+        case: case, which defines the modes with the ratio D.
         lamina: one of its laminae.
     """
     D = lamina.damping_ratio
@@ -154,13 +154,13 @@ def gap_at_rest(gap: Gap, x: FloatArray, length: float) -> FloatArray:
     """Return the gap at the nodes [m]: a power of x, the first mode, or a table with PCHIP.
 
     Args:
-        gap: the section of the case.
+        gap: the section `gap` of the case.
         x: positions of the nodes, shape (n_nodes,) [m].
-        length: of the laminae [m].
+        length: length of the laminae [m].
     """
     if gap.file is not None:
         table = np.genfromtxt(gap.file, delimiter=",", encoding="utf-8-sig")
-        places, heights = table[~np.isnan(table).any(axis=1)].T  # a heading is read as NaN
+        places, heights = table[~np.isnan(table).any(axis=1)].T  # headings become NaN
         places[0] = heights[0] = 0.0  # the table may miss the clamp by round-off
         return np.asarray(PchipInterpolator(places, heights)(np.minimum(x, places[-1])))
     assert gap.tip is not None  # a case has a table or the gap at the tip
@@ -174,12 +174,12 @@ def gap_at_rest(gap: Gap, x: FloatArray, length: float) -> FloatArray:
 
 
 def _cubic(coefficients: FloatArray, h: float) -> Polynomial:
-    """Return the polynomial in s/h with these coefficients, as a function of s [m]."""
+    """Return the polynomial in s/h with the given coefficients, as a function of s [m]."""
     return Polynomial(coefficients, domain=[0.0, h], window=[0.0, 1.0])
 
 
 def _derivative(f: Polynomial, times: int) -> Polynomial:
-    """Return a derivative of a polynomial."""
+    """Return the derivative of a polynomial of the order `times`."""
     derived: Polynomial = f.deriv(times)  # type: ignore[no-untyped-call]
     return derived
 
@@ -195,7 +195,7 @@ def _products(functions: list[Polynomial], h: float) -> FloatArray:
 
 
 def _lamina(case: Case, lamina: Lamina, x: FloatArray) -> list[sp.csr_matrix]:
-    """Return M, C, K and the lumped mass of one lamina, clamped dofs included."""
+    """Return M, C, K and the lumped mass of one lamina, with the clamped dofs."""
     rhoA, EI = section(lamina)
     lengths = np.diff(x).tolist()
     lumped = _sum([np.diag(lumped_mass(rhoA, h)) for h in lengths])
@@ -207,7 +207,7 @@ def _lamina(case: Case, lamina: Lamina, x: FloatArray) -> list[sp.csr_matrix]:
 
 
 def _sum(elements: list[FloatArray]) -> sp.csr_matrix:
-    """Add up the matrices of a row of elements."""
+    """Return the matrix of a lamina as the sum of its element matrices, in order along x."""
     matrix = sp.lil_matrix((DOFS * (len(elements) + 1),) * 2)
     for k, element in enumerate(elements):
         own = slice(DOFS * k, DOFS * (k + 2))
@@ -216,7 +216,7 @@ def _sum(elements: list[FloatArray]) -> sp.csr_matrix:
 
 
 def _partition(n_nodes: int) -> tuple[sp.csr_matrix, FloatArray]:
-    """Return R and e of q = R q_free + e q_base, where q holds all dofs of both laminae.
+    """Return R and e in q = R q_free + e q_base, where q contains all dofs of both laminae.
 
     The clamps share the displacement of the base, and their slopes are 0.
     """

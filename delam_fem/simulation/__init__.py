@@ -1,1 +1,1 @@
-"""The time loop and what it keeps."""
+"""Run the time loop and record the motion."""

@@ -1,6 +1,7 @@
-"""Checkpoints: all that a run needs to go on bit for bit, in one file.
+"""Save and load checkpoints: one file from which a run continues bit for bit.
 
-Contact history is part of it: which pairs rest on springs, and the records of the window.
+The file contains the state with the set of resting pairs, the rows of all periods and the records
+of the window.
 """
 
 from __future__ import annotations
@@ -24,20 +25,22 @@ _PERIOD_ARRAYS = ("strobe", "envelope", "ledger", "impulse")
 
 
 def path_in(directory: Path) -> Path:
-    """Return where a folder has its checkpoint."""
+    """Return the path of the checkpoint in a folder."""
     return directory / "checkpoint.npz"
 
 
 def save(
     path: Path, case: Case, engine: Engine, recorder: Recorder, *, writes: bool = True
 ) -> None:
-    """Write the state after a closed period; the old file is replaced when the new one is whole.
+    """Write a checkpoint after a closed period.
+
+    The old file is replaced only when the new one is complete.
 
     Args:
         path: the file.
-        case: what is computed, for the check in `load`.
-        engine: holds the state; gathering it needs every rank.
-        recorder: what was kept so far.
+        case: the case that is computed; `load` compares it.
+        engine: engine with the state; every rank must call, because the state is gathered.
+        recorder: recorder with everything recorded so far.
         writes: whether this rank writes the file.
     """
     k, state = recorder.n_closed, engine.state()
@@ -64,14 +67,14 @@ def load(
     recorder: Recorder,
     motion: Callable[[int], FloatArray],
 ) -> None:
-    """Take up a run where a checkpoint left it.
+    """Restore an engine and a recorder from a checkpoint.
 
     Args:
-        path: the file; None where no folder was given.
-        case: what is computed.
-        engine: takes over the state.
-        recorder: takes over what was kept.
-        motion: states of the base in a period, see `simulate`.
+        path: the file; None if the run has no folder.
+        case: the case that is computed.
+        engine: engine that receives the state.
+        recorder: recorder that receives the rows and the window.
+        motion: states of the base in a period; see `simulate`.
 
     Raises:
         CaseError: there is no checkpoint, or it belongs to another case.
@@ -99,7 +102,7 @@ def load(
 
 
 def _flatten(record: PeriodRecord) -> dict[str, Any]:
-    """Return a period's record as arrays."""
+    """Return the record of a period as arrays by name."""
     energies, dissipated, contact_damped = record.start
     stored = [energies.kinetic, energies.strain, energies.spring, energies.momentum]
     return {
@@ -116,7 +119,7 @@ def _flatten(record: PeriodRecord) -> dict[str, Any]:
 
 
 def _rebuild(arrays: dict[str, Any]) -> PeriodRecord:
-    """Return a period's record from its arrays."""
+    """Return the record of a period from the arrays that `_flatten` made."""
     start = [float(x) for x in arrays["start"]]
     released, impact, n_steps = (float(x) for x in arrays["totals"])
     columns = Columns(*(arrays[f"jump_{name}"] for name in Columns._fields))

@@ -1,17 +1,18 @@
-"""The energy ledger: what the base puts in, where it is stored, and where it goes.
+"""Balance the energy: the work of the base, the stored energies and the losses (the energy ledger).
 
-For the whole system, base dofs included, in the fixed frame and over any stretch of time,
+For the whole system, base dofs included, in the fixed frame and over any interval of time,
 
     T + V + V_springs |_0^1 = W_base - D_damping - D_contact + E_impacts + E_springs      (E1)
 
-E_impacts is the change of energy at impacts (negative when they dissipate), E_springs the energy
+E_impacts is the change of energy at impacts (negative when they dissipate). E_springs is the energy
 that appears when a spring is put on or taken off a closed pair. Average-acceleration Newmark and
-the Moreau–Jean scheme with θ = 1/2 fulfil E1 exactly when the work of the base over a step is
+the Moreau–Jean scheme with θ = 1/2 fulfil E1 exactly if the work of the base over a step is
 
     W_base = -Δ(m·u) mean(q'') + Δ(c·u) mean(q') + mean(k·u) Δq + Δ[(m·v) q']
              + Δ[M_aa q'^2 / 2 + K_aa q^2 / 2] + Δt C_aa mean(q')^2      (E2)
 
-with m, c, k the base columns of M, C, K; it tends to the integral of the support reaction times q'.
+Here m, c, k are the base columns of M, C, K. For small steps this work tends to the integral of the
+support reaction times q'.
 """
 
 from __future__ import annotations
@@ -26,7 +27,14 @@ from delam_fem.numerics.arrays import FloatArray
 
 @dataclass(frozen=True)
 class Energies:
-    """Stored energies at an instant [J], and m·v [kg m/s], which E2 needs at both ends."""
+    """Stored energies at an instant [J].
+
+    Attributes:
+        kinetic: kinetic energy T [J].
+        strain: strain energy V [J].
+        spring: energy in the contact springs [J].
+        momentum: m·v [kg m/s], which E2 needs at both ends of an interval.
+    """
 
     kinetic: float
     strain: float
@@ -41,7 +49,7 @@ class Energies:
 
 @dataclass(frozen=True)
 class Flows:
-    """Energies exchanged over a period [J]; names as in E1, losses positive."""
+    """Energies exchanged over a period, the terms of E1; losses are positive [J]."""
 
     base_work: float
     damping_loss: float
@@ -51,13 +59,13 @@ class Flows:
 
     @property
     def net(self) -> float:
-        """What the stored energy should have changed by [J]."""
+        """Change of the stored energy that E1 predicts [J]."""
         losses = self.damping_loss + self.contact_damping_loss + self.impact_loss
         return self.base_work - losses + self.spring_released
 
     @property
     def exchanged(self) -> float:
-        """Sum of the magnitudes, the scale of the residual [J]."""
+        """Sum of the magnitudes, a scale for the residual [J]."""
         return sum(abs(float(getattr(self, f.name))) for f in fields(self))
 
 
@@ -68,18 +76,18 @@ def base_flows(
     base: BaseCoupling,
     time_step: float,
 ) -> tuple[float, float]:
-    """Return the work of the base and the damping loss that its motion adds, by E2.
+    """Return the work of the base over k steps, and the damping loss due to its motion, by E2.
 
     Args:
-        seen: rows that begin with (m_b·u, c_b·u, k_b·u) at the steps of the stretch, its start
-            included, shape (k+1, ≥ 3).
-        momentum: m_b·v at the start and the end [kg m/s].
+        seen: rows that begin with (m_b·u, c_b·u, k_b·u) at the k steps and at their start, shape
+            (k+1, ≥ 3).
+        momentum: m_b·v at the start and at the end [kg m/s].
         base_states: (q, q', q'') of the base at the same steps, shape (k+1, 3).
-        base: corner terms of the base.
+        base: coupling to the base, with its corner terms.
         time_step: Δt [s].
 
     Returns:
-        Work of the base and the part of the damping loss that involves the base velocity [J].
+        Work of the base [J]; part of the damping loss that involves the base velocity [J].
     """
     by_mass, cross_damping, by_stiffness, square = _sums(seen, base_states)
     mass, damping, stiffness = base.corner
@@ -100,7 +108,7 @@ def base_flows(
 
 @numba.njit(cache=True)
 def _sums(seen, base):  # type: ignore[no-untyped-def]
-    """Return the sums over steps of Δ(m·u) mean(q''), Δ(c·u) mean(q'), mean(k·u) Δq, mean(q')²."""
+    """Return four sums over steps: Δ(m·u) mean(q''), Δ(c·u) mean(q'), mean(k·u) Δq, mean(q')²."""
     by_mass = by_damping = by_stiffness = square = 0.0
     for j in range(1, seen.shape[0]):
         mean_dq = 0.5 * (base[j, 1] + base[j - 1, 1])

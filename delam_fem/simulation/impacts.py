@@ -1,4 +1,4 @@
-"""The impacts of a period, in columns: a period of many impacts costs as little as one of few."""
+"""Store the impacts of a period in columns, so that many impacts cost as little as few."""
 
 from __future__ import annotations
 
@@ -12,15 +12,16 @@ from delam_fem.numerics.arrays import FloatArray, IntArray
 
 
 class Columns(NamedTuple):
-    """Impacts one after the other, and the pairs that they hit one after the other.
+    """A table of n impacts and a table of the pairs that they hit, both in the order of time.
 
     Attributes:
-        steps: step at the end of which each impact happened, shape (n,).
-        sizes: pairs that it hit, shape (n,).
-        energies: energy that it added, shape (n,) [J].
-        hit: pairs, shape (sum of sizes,).
-        impulses: on these, likewise [N s].
-        rate_pre, rate_post: their gap rates before and after, likewise [m/s].
+        steps: step at whose end each impact happened, shape (n,).
+        sizes: number of pairs that each impact hit, shape (n,).
+        energies: energy that each impact added, shape (n,) [J].
+        hit: pairs that were hit, impact after impact, shape (sum of sizes,).
+        impulses: impulses on these pairs, shape (sum of sizes,) [N s].
+        rate_pre: gap rates of these pairs before the impact, shape (sum of sizes,) [m/s].
+        rate_post: gap rates of these pairs after the impact, shape (sum of sizes,) [m/s].
     """
 
     steps: IntArray
@@ -33,13 +34,13 @@ class Columns(NamedTuple):
 
     @classmethod
     def room(cls, n: int, n_hits: int) -> Columns:
-        """Return room for so many impacts and hits."""
+        """Return empty columns for n impacts on `n_hits` pairs in all."""
         steps, sizes, hit = np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros(n_hits, np.int64)
         impulses, rate_pre, rate_post = np.zeros((3, n_hits))
         return cls(steps, sizes, np.zeros(n), hit, impulses, rate_pre, rate_post)
 
     def first(self, n: int, n_hits: int) -> Columns:
-        """Return a copy of the first impacts and hits."""
+        """Return a copy of the first n impacts and of the first `n_hits` hit pairs."""
         lengths = (n, n, n, n_hits, n_hits, n_hits, n_hits)
         return Columns._make(a[:k].copy() for a, k in zip(self, lengths, strict=True))
 
@@ -48,30 +49,30 @@ _NONE = Columns.room(0, 0)
 
 
 class Jumps:
-    """Impacts in the order in which they happened; iteration gives (step, decision, energy)."""
+    """The impacts of a period in the order of time; iteration yields (step, decision, energy)."""
 
     def __init__(self, *parts: Columns) -> None:
-        """Begin with some impacts, or none."""
+        """Start with the impacts of some columns, or with none."""
         self._parts = [part for part in parts if part.steps.size]
 
     def append(self, step: int, decision: Decision, energy: float) -> None:
-        """Add the impact of a decision that hits somebody."""
+        """Add the impact of a decision that hits at least one pair."""
         d = decision
         instant = np.array([step]), np.array([d.hit.size]), np.array([energy])
         self._parts.append(Columns(*instant, d.hit, d.impulses, d.rate_pre, d.rate_post))
 
     def extend(self, columns: Columns) -> None:
-        """Add impacts; the columns are not to be written to afterwards."""
+        """Add the impacts of columns, which must not be changed afterwards."""
         self._parts.append(columns)
 
     def columns(self) -> Columns:
-        """Return all impacts in one table."""
+        """Return the columns of all impacts."""
         if len(self._parts) == 1:
             return self._parts[0]
         return Columns(*map(np.concatenate, zip(_NONE, *self._parts, strict=True)))
 
     def hit_at(self, step: int) -> IntArray:
-        """Return the pairs that the last impact hit, none where it was not at this step."""
+        """Return the pairs hit by the last impact; none if it was not at this step."""
         if not self._parts or self._parts[-1].steps[-1] != step:
             return _NONE.hit
         last = self._parts[-1]
@@ -82,7 +83,7 @@ class Jumps:
         return sum(part.steps.size for part in self._parts)
 
     def __iter__(self) -> Iterator[tuple[int, Decision, float]]:
-        """Give step, decision and energy of each impact."""
+        """Yield step, decision and energy of each impact."""
         for part in self._parts:
             first = 0
             for step, size, energy in zip(part.steps, part.sizes, part.energies, strict=True):

@@ -1,4 +1,4 @@
-"""Initial conditions in the first mode of each lamina."""
+"""Compute initial states in the first mode of each lamina."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from delam_fem.numerics.arrays import FloatArray
 from delam_fem.simulation.loop import State
 
 _ITERATIONS = 12
-"""Of the inverse iteration; each divides what is left of mode 2 by (ω2/ω1)² = 39."""
+"""Number of inverse iterations; each divides the share of mode 2 by (ω2/ω1)² = 39."""
 
 
 def first_mode(structure: Structure, number: int) -> FloatArray:
-    """Return the first mode of one part, the others straight.
+    """Return the first mode of one part, while all other parts stay straight.
 
-    Inverse iteration v <- K⁻¹ M v.
+    The mode follows from the inverse iteration v <- K⁻¹ M v.
 
     Args:
-        structure: discretised.
-        number: of the part; its probe of the same number scales the mode.
+        structure: the discretised structure.
+        number: number of the part; the probe with the same number scales the mode.
 
     Returns:
-        All free dofs, 1 at the probe, shape (n,) [-, 1/m].
+        Mode in all free dofs, 1 at the probe, shape (n,) [-, 1/m].
     """
     operators = structure.operators
     own = structure.layout.parts[number].own_dofs
@@ -42,14 +42,15 @@ def first_mode(structure: Structure, number: int) -> FloatArray:
 
 
 def initial_state(structure: Structure, given: Mapping[str, float]) -> State | None:
-    """Return the state of given tip displacements and velocities in the first modes.
+    """Return the state in which each lamina has a given tip motion in its first mode.
 
     Args:
-        structure: discretised; the names of its parts are those of the laminae.
-        given: tip displacement [m] and velocity [m/s] by `LAMINA.displacement`, `….velocity`.
+        structure: the discretised structure; its parts have the names of the laminae.
+        given: tip displacements [m] by `LAMINA.displacement`, tip velocities [m/s] by
+            `LAMINA.velocity`.
 
     Returns:
-        The state; None, which is rest, where nothing is given.
+        The state; None (at rest) if all given numbers are 0.
     """
     if not any(given.values()):
         return None

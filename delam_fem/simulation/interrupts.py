@@ -1,4 +1,4 @@
-"""What may end a run early or save it: signals, checkpoints after some time, progress."""
+"""End a run early on a signal, write checkpoints at intervals, and report progress."""
 
 from __future__ import annotations
 
@@ -12,16 +12,19 @@ from typing import TYPE_CHECKING
 
 from delam_fem.simulation.loop import Outcome
 
-if TYPE_CHECKING:  # a sweep waits for signals in a process that must not start MPI
+if TYPE_CHECKING:  # sweeps use `stop_signals` in a process that must not start MPI
     from mpi4py import MPI
 
 CHECKPOINT_SECONDS = 30.0
-"""Time between two checkpoints: little to lose, little to write."""
+"""Least time between two checkpoints [s]: little is lost in a crash, and little time is spent."""
 
 
 @contextmanager
 def stop_signals() -> Iterator[Callable[[], bool]]:
-    """Let Ctrl-C and termination end the run after the present period; a second Ctrl-C at once."""
+    """Catch Ctrl-C and SIGTERM, and yield a function that says whether one has arrived.
+
+    A second signal raises KeyboardInterrupt at once. Outside the main thread nothing is caught.
+    """
     received: list[int] = []
     if threading.current_thread() is not threading.main_thread():
         yield lambda: False
@@ -41,7 +44,7 @@ def stop_signals() -> Iterator[Callable[[], bool]]:
 
 
 class Watch:
-    """Asked after each period: shows progress, leaves checkpoints, says whether to stop."""
+    """Callback after each period: reports progress, saves checkpoints, decides whether to stop."""
 
     def __init__(
         self,
@@ -51,21 +54,24 @@ class Watch:
         is_stopped: Callable[[], bool],
         comm: MPI.Intracomm,
     ) -> None:
-        """Set the watch up.
+        """Store the callbacks and start the clock of the checkpoints.
 
         Args:
-            save: writes a checkpoint to a path.
-            path: of the checkpoint; None: there are none.
-            report: told the number of periods done.
-            is_stopped: whether this process was asked to stop.
-            comm: ranks that decide alike.
+            save: function that writes a checkpoint to a path.
+            path: path of the checkpoint; None: no checkpoints.
+            report: function that takes the number of finished periods.
+            is_stopped: function that says whether this process was asked to stop.
+            comm: communicator whose ranks must decide the same.
         """
         self._save, self._path, self._report = save, path, report
         self._is_stopped, self._comm = is_stopped, comm
         self._last = time.monotonic()
 
     def __call__(self, period: int) -> bool:
-        """Return whether the run shall end; all ranks decide alike."""
+        """Report a period, save a checkpoint if due, and return whether to stop.
+
+        All ranks return the same.
+        """
         from mpi4py import MPI
 
         self._report(period)
@@ -77,7 +83,7 @@ class Watch:
         return bool(wishes & 1)
 
     def leave(self, outcome: Outcome) -> None:
-        """Leave a checkpoint of an interrupted run, and none of a finished one."""
+        """Save a checkpoint of an interrupted run, and remove that of a finished one."""
         if self._path is not None and outcome == "interrupted":
             self._save(self._path)
         elif self._path is not None:

@@ -1,6 +1,7 @@
-"""The only time loop: period by period, and within a period stepper → contact law → recorder.
+"""Run the time loop: period by period, and in each step stepper → contact law → recorder.
 
-The roles come as arguments; the loop knows no law, no scheme and no file.
+This is the only time loop of the package. Stepper, supervisor and recorder are arguments; the loop
+knows no law, no scheme and no file.
 """
 
 from __future__ import annotations
@@ -18,12 +19,12 @@ Outcome = Literal["completed", "diverged", "interrupted"]
 
 @dataclass(frozen=True)
 class State:
-    """All that the future depends on, and the losses so far.
+    """The state of a motion at an instant, and the energy lost so far.
 
     Attributes:
         motion: u, v, a of the free dofs, shape (3, n) [m, m/s, m/s2 and slopes].
-        resting: pairs at rest on one another, shape (n_pairs,).
-        losses: energy lost to damping and to contact dampers so far [J].
+        resting: which pairs are at rest, shape (n_pairs,).
+        losses: energies lost so far to damping and to contact dampers [J].
     """
 
     motion: FloatArray
@@ -32,68 +33,68 @@ class State:
 
 
 class Moving(Stepper, Protocol):
-    """A state that can be taken up."""
+    """A stepper that can also compute its acceleration from its displacement and velocity."""
 
     def renew_acceleration(self) -> None:
-        """Compute a from the equation of motion."""
+        """Set the acceleration to that of the equation of motion."""
 
 
 class Engine(Protocol):
-    """What computes the steps of a period."""
+    """An engine: computes the steps of a period and holds the state."""
 
     @property
     def stepper(self) -> Moving:
-        """The state, as a recorder reads it."""
+        """The stepper, from which a recorder reads the state."""
 
     def state(self) -> State:
         """Return the present state."""
 
     def restore(self, state: State, base_state: FloatArray) -> None:
-        """Take over a state as it is, with (q, q', q'') of the base at that time."""
+        """Set the state as given, with (q, q', q'') of the base at that time, shape (3,)."""
 
     def destroy(self) -> None:
-        """Free what the engine holds."""
+        """Free the PETSc objects that the engine holds, if any."""
 
     def run_period(self, record: PeriodRecord, floor: float) -> int:
-        """Compute the steps of a period into its record.
+        """Compute the steps of a period and write them into its record.
 
         Args:
-            record: opened at the present state; knows the motion of the base.
+            record: record opened at the present state; it contains the motion of the base.
             floor: gap below which the motion counts as diverged [m].
 
         Returns:
-            Steps done, fewer than the period has where the motion diverged.
+            Number of computed steps; fewer than the period has if the motion diverged.
         """
 
 
 class Advancing(Moving, Kinematics, Protocol):
-    """A time integration that takes single steps; see engines/petsc."""
+    """A stepper that makes single steps of a scheme; see engines/petsc."""
 
     resting: BoolArray
     is_resting: bool
 
     def restore(self, state: FloatArray) -> None:
-        """Take over (u, v, a), shape (3, n)."""
+        """Set (u, v, a), shape (3, n)."""
 
     def rest(self, pairs: BoolArray) -> None:
-        """Take over which pairs rest, shape (n_pairs,)."""
+        """Set which pairs are at rest, shape (n_pairs,)."""
 
     def begin(self, base_states: FloatArray) -> None:
-        """Begin a period with (q, q', q'') of the base at its start and its steps, (k, 3)."""
+        """Begin a period; rows (q, q', q'') of the base at its start and steps, shape (k, 3)."""
 
     def destroy(self) -> None:
-        """Free what the stepper holds."""
+        """Free the PETSc objects that the stepper holds, if any."""
 
     def advance(self) -> float:
-        """Make the candidate state of the next step; return the smallest gap to examine [m]."""
+        """Compute the candidate state of the next step; return the smallest gap to examine [m]."""
 
     def jump(self, decision: Decision) -> tuple[float, float]:
-        """Carry a decision out; return energy changes by impulses and by springs [J]."""
+        """Apply a decision to the state; return energy changes by impulses and by springs [J]."""
 
 
 @dataclass(frozen=True)
 class StepByStep:
-    """The engine that asks a contact law after each step of a stepper."""
+    """The engine that makes single steps and calls the supervisor of a contact law after each."""
 
     stepper: Advancing
     supervisor: Supervisor
@@ -104,7 +105,7 @@ class StepByStep:
         return State(s.state(), s.resting.copy(), (s.dissipated, s.contact_damped))
 
     def restore(self, state: State, base_state: FloatArray) -> None:
-        """Take over a state as it is; see `Engine`."""
+        """Set the state as given; see `Engine`."""
         stepper = self.stepper
         stepper.begin(base_state[None, :])
         stepper.restore(state.motion)
@@ -112,11 +113,11 @@ class StepByStep:
         stepper.dissipated, stepper.contact_damped = state.losses
 
     def destroy(self) -> None:
-        """Free what the stepper holds."""
+        """Free the PETSc objects of the stepper, if any."""
         self.stepper.destroy()
 
     def run_period(self, record: PeriodRecord, floor: float) -> int:
-        """Compute the steps of a period into its record; see `Engine`."""
+        """Compute the steps of a period and write them into its record; see `Engine`."""
         stepper, supervisor = self.stepper, self.supervisor
         stepper.begin(record.base_states)
         n_steps = len(record.base_states) - 1
@@ -134,12 +135,12 @@ class StepByStep:
 
 
 def set_initial(engine: Engine, initial: State | None, base_state: FloatArray) -> None:
-    """Let an engine take a state, or what it has, and renew the accelerations.
+    """Set the initial state of an engine and compute its accelerations.
 
     Args:
-        engine: new, at rest.
-        initial: state at the start; its losses do not count.
-        base_state: (q, q', q'') of the base at the start.
+        engine: the engine.
+        initial: state at the start, whose losses are ignored; None: the present state.
+        base_state: (q, q', q'') of the base at the start, shape (3,).
     """
     initial = engine.state() if initial is None else initial
     engine.restore(State(initial.motion, initial.resting), base_state)
@@ -153,16 +154,19 @@ def simulate(
     *,
     stop: Callable[[int], bool] = lambda period: False,
 ) -> Outcome:
-    """Run from the recorder's last closed period to its end.
+    """Compute all periods that the recorder has not recorded yet.
 
     Args:
-        engine: holds the state and computes the steps.
-        recorder: keeps what is asked for; says how many periods there are.
-        motion: states (q, q', q'') of the base at the N + 1 steps of a period, shape (N + 1, 3).
-        stop: asked after each period with the number of periods done; True ends the run.
+        engine: engine that holds the state and computes the steps.
+        recorder: recorder of the run; it defines the number of periods.
+        motion: function of the number of a period that returns (q, q', q'') of the base at its
+            N + 1 steps, shape (N + 1, 3).
+        stop: function that takes the number of finished periods after each period and returns
+            whether to end the run.
 
     Returns:
-        How it ended; a period in which the motion diverges is kept as far as it went.
+        "completed", "diverged" or "interrupted". If the motion diverges within a period, the steps
+        before that are recorded.
     """
     record = None
     for period in range(recorder.n_closed, recorder.n_periods):

@@ -1,7 +1,7 @@
-"""What a run keeps: every step of the last periods, a row per period of all of them.
+"""Record a run: every step of the last periods (the window), and one row of numbers per period.
 
-Memory is that of the window and a few numbers a period, however long the run. The last periods are
-always at hand, so that a run which ends early (interrupted, diverged) has its window too.
+The memory is that of the window and a few numbers per period, for a run of any length. The window
+always contains the latest periods, also when a run is interrupted or diverges.
 """
 
 from __future__ import annotations
@@ -22,23 +22,30 @@ from delam_fem.simulation.impacts import Jumps
 from delam_fem.simulation.span import Span
 
 N_BASE = 3
-"""Leading entries of `seen_u` that belong to the energy ledger."""
+"""Number of leading entries of `seen_u` that belong to the energy ledger; the probes follow."""
 
 LEDGER = (
     "kinetic", "strain", "spring", "base_work", "damping_loss", "contact_damping_loss",
     "impact_loss", "spring_released", "residual",
 )  # fmt: skip
-
+"""Columns of the energy ledger."""
 
 OPEN, HIT, RESTING = range(3)
-"""States of a pair in the frames."""
+"""Contact states of a pair in the frames."""
 
 Level = tuple[Energies, float, float]
-"""Stored energies, energy dissipated and energy damped in contacts so far."""
+"""Stored energies; energies lost so far to damping and to contact dampers [J]."""
 
 
 class Stepper(Protocol):
-    """What a recorder reads from a stepper."""
+    """The part of a stepper that a recorder reads.
+
+    Attributes:
+        seen_u: (m_b·u, c_b·u, k_b·u) and the displacements of the probes, shape (3 + n_probes,).
+        seen_v: velocities of the probes, shape (n_probes,).
+        dissipated: energy lost to damping so far [J].
+        contact_damped: energy lost to contact dampers so far [J].
+    """
 
     seen_u: FloatArray
     seen_v: FloatArray
@@ -47,34 +54,35 @@ class Stepper(Protocol):
 
     @property
     def resting(self) -> BoolArray:
-        """Pairs at rest on one another, shape (n_pairs,)."""
+        """Which pairs are at rest, shape (n_pairs,)."""
 
     def energies(self) -> Energies:
-        """Return the stored energies now."""
+        """Return the stored energies of the present state."""
 
     def state(self) -> FloatArray:
         """Return (u, v, a) of all dofs, shape (3, n)."""
 
     def observe(self) -> None:
-        """Bring `seen_u` and `seen_v` up to date."""
+        """Compute `seen_u` and `seen_v` from the present state."""
 
 
 @dataclass
 class PeriodRecord:
-    """One period at every step.
+    """The record of one period at every step.
 
     Attributes:
         base_states: (q, q', q'') of the base, shape (N + 1, 3).
         u: `seen_u` at each step, start included, shape (N + 1, 3 + n_probes).
-        v: `seen_v` likewise, shape (N + 1, n_probes).
-        start: stored energies, dissipation and contact damping so far when the period began.
-        end: likewise when it ended; None until somebody asks.
-        frame_steps: steps whose whole state is kept, increasing.
-        frames: their (u, v), each of shape (2, n).
-        contact: their contact states, each of shape (n_pairs,): 0 open, 1 hit, 2 resting.
-        jumps: steps, decisions and energy changes by their impulses.
-        released: energy that switching springs has set free [J].
-        n_steps: steps done.
+        v: `seen_v` at each step, start included, shape (N + 1, n_probes).
+        frame_steps: steps at which the whole state is recorded (the frames), increasing.
+        start: energies stored and lost so far when the period began.
+        frames: (u, v) at the frames, each of shape (2, n).
+        contact: contact states at the frames, each of shape (n_pairs,): 0 open, 1 hit, 2 resting.
+        jumps: impacts with their steps, decisions and energy changes.
+        released: energy that switching springs on and off has added [J].
+        impact: energy that impacts have added [J].
+        n_steps: number of computed steps.
+        end: energies stored and lost so far when the period ended; None until they are computed.
     """
 
     base_states: FloatArray
@@ -91,7 +99,7 @@ class PeriodRecord:
     end: Level | None = None
 
     def jump(self, step: int, decision: Decision, changes: tuple[float, float]) -> None:
-        """Note a decision and the energies that it changed."""
+        """Record a decision and its energy changes by impulses and by springs [J]."""
         impact, released = changes
         self.impact += impact
         self.released += released
@@ -99,7 +107,7 @@ class PeriodRecord:
             self.jumps.append(step, decision, impact)
 
     def keep(self, step: int, stepper: Stepper) -> None:
-        """Note the state at the end of a step."""
+        """Record the state at the end of a step."""
         self.u[step] = stepper.seen_u
         self.v[step] = stepper.seen_v
         n_frames = len(self.frames)
@@ -113,29 +121,30 @@ class PeriodRecord:
 
 
 class Recorder:
-    """Keeps the window and the rows of all periods.
+    """Recorder of the window and of one row per period.
 
     Attributes:
         time_step: Δt [s].
         steps_per_period: N.
-        n_periods: periods to compute.
-        n_closed: periods recorded so far.
+        n_periods: number of periods to compute.
+        n_closed: number of periods recorded so far.
         limit: gap or displacement beyond which a motion counts as diverged [m].
         strobe: (u, v) of the probes at the end of each period, shape (n_periods, 2, n_probes).
-        envelope: smallest and largest u of the probes within each period, likewise.
-        ledger: rows of `LEDGER`, shape (n_periods, 9) [J].
-        impulse: sum of impulses, number of impacts, and energy added by the instants of impact
-            that gain, within each period, shape (n_periods, 3) [N s, -, J].
+        envelope: smallest and largest u of the probes within each period, shape (n_periods, 2,
+            n_probes).
+        ledger: rows with the columns `LEDGER`, shape (n_periods, 9) [J].
+        impulse: sum of impulses, number of impulses on pairs, and energy added by the impacts that
+            gain energy, within each period, shape (n_periods, 3) [N s, -, J].
         window: records of the last periods.
     """
 
     def __init__(self, base: BaseCoupling, span: Span, n_probes: int) -> None:
-        """Make room for all periods.
+        """Allocate the rows of all periods.
 
         Args:
             base: coupling to the base, for the energy ledger.
-            span: how long the run is and what is kept.
-            n_probes: probes that are recorded at every step.
+            span: length of the run, and what it records.
+            n_probes: number of probes, which are recorded at every step.
         """
         self._base, self.time_step = base, span.time_step
         self.steps_per_period, self.n_periods = span.steps_per_period, span.periods
@@ -151,12 +160,12 @@ class Recorder:
     def open(
         self, stepper: Stepper, base_states: FloatArray, before: PeriodRecord | None = None
     ) -> PeriodRecord:
-        """Begin a period at the present state.
+        """Return a new record of a period that begins at the present state.
 
         Args:
-            stepper: holds the state.
+            stepper: stepper with the state.
             base_states: (q, q', q'') of the base at the steps of the period, shape (N + 1, 3).
-            before: the period that has led to this very state, where there is one.
+            before: record of the period that ended in exactly this state, if there is one.
         """
         rows, n_probes = self.steps_per_period + 1, self.strobe.shape[2]
         record = PeriodRecord(
@@ -174,7 +183,7 @@ class Recorder:
         return record
 
     def close(self, record: PeriodRecord, stepper: Stepper, n_steps: int) -> bool:
-        """End a period after `n_steps`; return whether the motion has stayed within bounds."""
+        """End a period after `n_steps` steps; return whether the motion stayed within `limit`."""
         k = self.n_closed
         record.n_steps = n_steps
         if record.end is None:
@@ -182,7 +191,7 @@ class Recorder:
         self.window.append(record)
         self.n_closed += 1
         jumps = record.jumps.columns()
-        with np.errstate(all="ignore"):  # a diverged motion is told by the return value
+        with np.errstate(all="ignore"):  # the return value reports a diverged motion
             self.strobe[k] = record.u[n_steps, N_BASE:], record.v[n_steps]
             largest = _extremes(record.u, n_steps + 1, self.envelope[k])
             gains = np.maximum(jumps.energies, 0.0)
@@ -198,7 +207,7 @@ class Recorder:
         return float(residual / exchanged) if exchanged > 0.0 else 0.0
 
     def _ledger_row(self, record: PeriodRecord, after: Level) -> tuple[float, ...]:
-        """Return stored energies, flows and what does not add up, in the order of `LEDGER`."""
+        """Return stored energies, exchanged energies and the residual, in the order of `LEDGER`."""
         (start, dissipated, contact_damped), rows = record.start, slice(0, record.n_steps + 1)
         end, dissipated_after, contact_damped_after = after
         work, base_damping = base_flows(
@@ -223,15 +232,15 @@ class Recorder:
 
 
 def _level(stepper: Stepper) -> Level:
-    """Return what is stored and lost so far."""
+    """Return the energies stored now and lost so far."""
     return stepper.energies(), stepper.dissipated, stepper.contact_damped
 
 
 @numba.njit(cache=True)
 def _extremes(u, n_rows, envelope):  # type: ignore[no-untyped-def]
-    """Write the extremes of the observed u; return their largest magnitude.
+    """Write the extremes of each probe into `envelope`; return the largest magnitude.
 
-    What is not a number stays one to the end.
+    If a value is NaN, the extremes and the result are NaN.
     """
     n, largest = envelope.shape[1], 0.0
     for k in range(n):

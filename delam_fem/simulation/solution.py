@@ -1,4 +1,4 @@
-"""What a run without a case gives: histories of the probes, impacts, energies."""
+"""Hold the result of a run without a case: histories of the probes, impacts, energies."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from delam_fem.simulation.recorder import LEDGER, N_BASE, PeriodRecord, Recorder
 
 @dataclass(frozen=True)
 class ImpactTable:
-    """Impulses on pairs, one row each, in the order of time.
+    """Impulses on pairs, one row per impulse, in the order of time.
 
     Attributes:
-        time: end of the step, shape (k,) [s].
-        pair: contact pair, shape (k,).
-        impulse: that parts the pair, shape (k,) [N s].
-        rate_pre: gap rate before, shape (k,) [m/s].
+        time: end of the step of each impulse, shape (k,) [s].
+        pair: number of the contact pair, shape (k,).
+        impulse: impulse on the pair; positive pushes the pair apart, shape (k,) [N s].
+        rate_pre: gap rate before the impulse, shape (k,) [m/s].
     """
 
     time: FloatArray
@@ -31,12 +31,12 @@ class ImpactTable:
 
 @dataclass(frozen=True)
 class Solution:
-    """A run from its operators alone; times count from the start of the window.
+    """The result of a run without a case; times count from the start of the window.
 
     Attributes:
-        outcome: how it ended: "completed", "diverged" or "interrupted".
-        recorder: all that was kept.
-        state: at the end; another run may start from it.
+        outcome: "completed", "diverged" or "interrupted".
+        recorder: recorder of the run.
+        state: state at the end; another run may start from it.
     """
 
     outcome: Outcome
@@ -45,25 +45,25 @@ class Solution:
 
     @property
     def records(self) -> list[PeriodRecord]:
-        """The periods of the window."""
+        """Records of the periods of the window."""
         return list(self.recorder.window)
 
     @property
     def time(self) -> FloatArray:
-        """All steps of the window, its start included, shape (k,) [s]."""
+        """Times of all steps of the window, its start included, shape (k,) [s]."""
         n_steps = sum(record.n_steps for record in self.records)
         return np.asarray(self.recorder.time_step * np.arange(n_steps + 1))
 
     @cached_property
     def displacement(self) -> FloatArray:
-        """Displacements of the probes at these times, shape (k, n_probes) [m]."""
+        """Displacements of the probes at the times `time`, shape (k, n_probes) [m]."""
         first, *_ = records = self.records
         rows = np.concatenate([first.u[:1], *(r.u[1 : r.n_steps + 1] for r in records)])
         return np.asarray(rows[:, N_BASE:])
 
     @cached_property
     def velocity(self) -> FloatArray:
-        """Velocities of the probes at these times, shape (k, n_probes) [m/s]."""
+        """Velocities of the probes at the times `time`, shape (k, n_probes) [m/s]."""
         first, *_ = records = self.records
         return np.concatenate([first.v[:1], *(r.v[1 : r.n_steps + 1] for r in records)])
 
@@ -89,6 +89,6 @@ class Solution:
 
     @property
     def energy(self) -> dict[str, FloatArray]:
-        """The energy ledger by name, a number per period of the run [J]."""
+        """Columns of the energy ledger by name, each of shape (n_periods,) [J]."""
         rows = self.recorder.ledger[: self.recorder.n_closed]
         return dict(zip(LEDGER, rows.T, strict=True))

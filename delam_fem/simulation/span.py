@@ -1,4 +1,4 @@
-"""How long a run is, in steps and periods, and what is kept of it."""
+"""Define the length of a run in steps and periods, and what it records."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Span:
-    """How long a run is, and what is kept of it.
+    """The length of a run, and what it records.
 
     Attributes:
         time_step: Δt [s].
-        steps_per_period: N; a period is any stretch of N steps.
-        periods: to compute.
-        window_periods: how many of the last are recorded at every step.
-        frames_per_period: states of all dofs kept per period of the window.
+        steps_per_period: N; here a period is any sequence of N steps.
+        periods: number of periods to compute.
+        window_periods: number of last periods that are recorded at every step (the window).
+        frames_per_period: number of states of all dofs recorded per period of the window.
         limit: gap or displacement beyond which a motion counts as diverged [m].
     """
 

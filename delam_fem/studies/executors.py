@@ -1,4 +1,4 @@
-"""The executors that sweeps run on by themselves: a process pool, the ranks of MPI, none."""
+"""Provide executors for sweeps and ladders: a process pool, the ranks of MPI, or this process."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ _P = ParamSpec("_P")
 _T = TypeVar("_T")
 
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-"""Small matrices: more threads only wait for each other."""
+"""Variables set to 1 in workers: on small matrices more threads only wait for each other."""
 _RANKS = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MPI_LOCALNRANKS")
-"""Variables by which processes started by mpiexec tell how many they are."""
+"""Variables that hold the number of processes under mpiexec."""
 MPI_COMMAND = "mpiexec -n N python -m mpi4py.futures -m delam_fem sweep …"
 
 
 class Serial(Executor):
-    """Computes at once, in this process."""
+    """Executor that computes at once, in this process."""
 
     def submit(self, fn: Callable[_P, _T], /, *args: _P.args, **kwargs: _P.kwargs) -> Future[_T]:
         """Call the function and return its result as a future."""
@@ -41,7 +41,7 @@ def default_name() -> ExecutorName:
     """Return "mpi" under `python -m mpi4py.futures`, otherwise "process".
 
     Raises:
-        CaseError: mpiexec has started several processes that would all do the same.
+        CaseError: mpiexec has started several processes that would all compute the same.
     """
     n_ranks = max(int(os.environ.get(name, "1")) for name in _RANKS)
     if "mpi4py.futures" in sys.modules:
@@ -59,7 +59,7 @@ def n_cores() -> int:
 
 
 def size_of(executor: Executor) -> int:
-    """Return how many workers an executor has, as far as it tells."""
+    """Return the number of workers of an executor, or of cores if the executor does not say it."""
     for name in ("num_workers", "_max_workers"):  # mpi4py; the pools of the standard library
         found = getattr(executor, name, None)
         if isinstance(found, int) and found > 0:
@@ -69,19 +69,19 @@ def size_of(executor: Executor) -> int:
 
 
 class Pool:
-    """Makes an executor, and another one where a worker has died.
+    """Owner of an executor, which it can replace after a worker has died.
 
     Attributes:
-        name: of the kind.
-        n_workers: of the executor.
-        executor: the present one.
+        name: kind of the executor.
+        n_workers: number of its workers.
+        executor: the present executor.
     """
 
     def __init__(self, name: ExecutorName, workers: int | None) -> None:
         """Start the executor.
 
         Raises:
-            CaseError: there are not the processes for it.
+            CaseError: "mpi" is asked for, but there is only one process.
         """
         self.name = name
         self.n_workers = 1 if name == "serial" else workers or n_cores()
@@ -95,7 +95,7 @@ class Pool:
 
     @property
     def renew(self) -> Callable[[], Executor] | None:
-        """What replaces a broken executor; None where a dead worker takes all others with it."""
+        """Function that replaces a broken process pool; None for the other kinds of executors."""
         return self._renewed if self.name == "process" else None
 
     def _renewed(self) -> Executor:
@@ -110,10 +110,14 @@ def pool(name: ExecutorName, workers: int | None = None) -> Iterator[Pool]:
 
     Args:
         name: "process", "mpi" or "serial".
-        workers: number of processes; default one per core. MPI has those it was started with.
+        workers: number of processes; default: one per core. MPI uses the processes that mpiexec
+            has started.
+
+    Yields:
+        The owner of the executor.
 
     Raises:
-        CaseError: there are not the processes for it.
+        CaseError: "mpi" is asked for, but there is only one process.
     """
     opened = Pool(name, workers)
     try:
@@ -126,15 +130,15 @@ def pool(name: ExecutorName, workers: int | None = None) -> Iterator[Pool]:
 
 
 def _process_pool(workers: int) -> ProcessPoolExecutor:
-    """Return a pool of fresh interpreters: forked ones would share the state of an MPI library."""
-    for name in _ONE_THREAD:  # read when the workers import numpy
+    """Return a pool of new interpreters; forked ones would share the state of an MPI library."""
+    for name in _ONE_THREAD:  # workers read them when they import numpy
         os.environ.setdefault(name, "1")
     context = multiprocessing.get_context("spawn")
     return ProcessPoolExecutor(workers, mp_context=context, initializer=_prepare_worker)
 
 
 def _prepare_worker() -> None:
-    """Leave Ctrl-C to the parent, and end with it, however it ends."""
+    """Ignore SIGINT (the parent handles it) and exit when the parent dies."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     if parent is not None:
@@ -142,7 +146,7 @@ def _prepare_worker() -> None:
 
 
 def _end_with(sentinel: Any) -> None:
-    """Leave when the parent has ended, even by kill -9: the pool's queues would not tell."""
+    """Exit when the parent has ended, even by kill -9; the queues of the pool would not notice."""
     multiprocessing.connection.wait([sentinel])
     os._exit(1)
 
@@ -154,12 +158,12 @@ def _kill(executor: Executor) -> None:
 
 
 def _mpi_executor() -> tuple[Executor, int]:
-    """Return the executor of the ranks beside this one."""
+    """Return the executor on all other MPI ranks, and their number."""
     from mpi4py import MPI
 
     n_workers = MPI.COMM_WORLD.size - 1
     if n_workers < 1:
         raise CaseError(f"executor: expected at least 2 MPI processes, given 1; use {MPI_COMMAND}")
-    from mpi4py.futures import MPIPoolExecutor  # its presence tells default_name of ranks
+    from mpi4py.futures import MPIPoolExecutor  # default_name looks for this module
 
     return MPIPoolExecutor(), n_workers

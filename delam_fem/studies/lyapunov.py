@@ -1,15 +1,15 @@
-"""The largest Lyapunov exponent from two neighbouring motions.
+"""Estimate the largest Lyapunov exponent from two neighbouring motions.
 
-Beside the motion runs a second one at the distance d0 from it, in the norm of energy
+A second motion starts at the distance d0 from the first one, in the energy norm
 
     |δ|² = δvᵀ M δv + δuᵀ K δu      (Y1)
 
-After each period of the excitation the distance d is noted and the second motion is drawn back to
-d0 along the line between both; the exponent is the mean of ln(d/d0)/T. The jumps at impacts are
-thus part of it as the scheme computes them. A time stepping that places impacts at steps has no
-derivative there: two motions closer than an approach velocity times the time step mostly hit in
-the same step, so that the exponent is that of the discrete map; compare perturbations and time
-steps.
+After each period of the excitation the distance d is measured, and the second motion is moved back
+to the distance d0 along the line between both. The exponent is the mean of ln(d/d0)/T. It includes
+the jumps at impacts as the scheme computes them. A scheme that places impacts at the ends of steps
+has no derivative there: two motions closer than the approach velocity times the time step mostly
+hit in the same step. The result is then the exponent of the discrete map, so compare the results of
+several perturbations and time steps.
 
 Source: Benettin, Galgani, Giorgilli, Strelcyn, Meccanica 15 (1980) 9–20; for impacts Stefański,
 Chaos, Solitons & Fractals 11 (2000) 2443–2451.
@@ -28,8 +28,9 @@ from delam_fem.simulation.loop import Engine, State, set_initial
 from delam_fem.simulation.recorder import Recorder
 
 ALIGNING = 0.5
-"""Share of the periods in which the second motion turns into the slowest-decaying direction: they
-are not counted. Two modes whose decay differs by 0.1/s take some tens of seconds."""
+"""Share of the periods at the start that are not counted, because the second motion still turns
+into the direction that decays most slowly. If two decay rates differ by 0.1/s, this takes some tens
+of seconds."""
 
 
 def largest_exponent(
@@ -41,18 +42,18 @@ def largest_exponent(
     periods: int,
     perturbation: float,
 ) -> float:
-    """Return the largest Lyapunov exponent of the motion that an engine is in.
+    """Continue a session and return the largest Lyapunov exponent of its motion.
 
     Args:
-        session: at the end of a run, on the attractor; its engine goes on from there.
-        operators: give the norm Y1.
-        direction: displacement of the second motion at first, of any length, shape (n,).
-        period: T [s].
-        periods: over which the distance is followed.
+        session: session at the end of a run, with the motion on its attractor.
+        operators: operators of the session, for the norm Y1.
+        direction: direction of the initial difference of displacements, of any length, shape (n,).
+        period: period T of the excitation [s].
+        periods: number of periods over which the distance is measured.
         perturbation: d0 relative to the norm of the motion [-].
 
     Returns:
-        The exponent [1/s]; NaN where a motion diverges, or is at rest.
+        The exponent [1/s]; NaN if a motion diverges or the system is at rest.
     """
     engine, recorder = session.engine, session.recorder
     one = engine.state()
@@ -81,7 +82,7 @@ def largest_exponent(
 def _advanced(
     engine: Engine, recorder: Recorder, state: State, base_states: FloatArray
 ) -> State | None:
-    """Return the state a period later, None where the motion diverges."""
+    """Return the state one period later; None if the motion diverges."""
     set_initial(engine, state, base_states[0])
     record = recorder.open(engine.stepper, base_states)
     n_steps = engine.run_period(record, -recorder.limit)
@@ -89,6 +90,6 @@ def _advanced(
 
 
 def _norm(motion: FloatArray, operators: Operators) -> float:
-    """Return Y1 of (u, v, …), shape (≥ 2, n) [J^½]."""
+    """Return the norm Y1 of a motion (u, v, …), shape (≥ 2, n) [J^½]."""
     u, v = motion[0], motion[1]
     return math.sqrt(float(v @ (operators.mass @ v) + u @ (operators.stiffness @ u)))

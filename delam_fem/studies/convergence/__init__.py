@@ -1,1 +1,1 @@
-"""Ladders of runs in elements and steps."""
+"""Refine a case in elements and steps by several methods (a ladder) and measure the convergence."""

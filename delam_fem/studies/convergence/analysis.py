@@ -1,4 +1,4 @@
-"""Analyse a ladder with results: statistics, errors against limits, extrapolations, costs."""
+"""Analyse the results of a ladder: statistics, errors against limits, extrapolations, costs."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from delam_fem.studies.convergence.statistics import EXTREMA
 
 @dataclass(frozen=True)
 class Convergence:
-    """A ladder with the results of its rungs so far.
+    """A ladder with the results of its finished rungs.
 
     Attributes:
         ladder: the ladder.
-        results: of its rungs, by key.
+        results: results by the key of the rung.
     """
 
     ladder: Ladder
@@ -30,15 +30,15 @@ class Convergence:
 
     @property
     def is_complete(self) -> bool:
-        """Whether all rungs are there, whatever their outcome."""
+        """Whether every rung has a result, with any outcome."""
         return all(rung.key in self.results for rung in self.ladder.rungs())
 
     def value(self, rung: Rung, name: str) -> float:
-        """Return the mean of a statistic, NaN where the rung has none."""
+        """Return the mean of a statistic; NaN if the rung has none."""
         return self._entry(rung, name)[0]
 
     def scatter(self, rung: Rung, name: str) -> float:
-        """Return the scatter of a statistic from block to block, NaN where the rung has none."""
+        """Return the scatter of a statistic between blocks; NaN if the rung has none."""
         return self._entry(rung, name)[1]
 
     def standard_error(self, rung: Rung, name: str) -> float:
@@ -57,12 +57,13 @@ class Convergence:
         """Return the distance of the tip extremes from the rigid limit.
 
         Args:
-            rung: with contact.
-            reference: the rung that stands for the limit; by default the limit of the same mesh.
+            rung: a rung with contact.
+            reference: rung that stands for the limit; by default the limit of the same mesh.
 
         Returns:
-            The largest difference of the four extremes, each in half peak-to-peak displacements of
-            its tip in the limit [-]; NaN where either is missing, or the ladder has no limit.
+            The largest difference of the four extremes, each relative to half the peak-to-peak
+            displacement of its tip in the limit [-]; NaN if a result is missing or the ladder has
+            no limit.
         """
         if reference is None:
             if not self.ladder.has_limit:
@@ -74,11 +75,11 @@ class Convergence:
         return float(np.abs((found - exact) / half).max())
 
     def free_errors(self, rung: Rung) -> FloatArray:
-        """Return relative errors without contact.
+        """Return the relative errors of a rung without contact against the exact cantilever.
 
         Returns:
-            Of frequency and amplitude of tip 1, then of tip 2, against the exact cantilever,
-            shape (4,) [-]; NaN where the rung is missing.
+            Errors of frequency and amplitude of tip 1, then of tip 2, shape (4,) [-]; NaN if the
+            rung has no result.
         """
         frequencies, amplitudes = exact_free_motion(rung.case)
         return np.array(
@@ -90,7 +91,7 @@ class Convergence:
         )
 
     def cost(self, rung: Rung) -> float:
-        """Return the processor time of a period [s], NaN where the rung is missing."""
+        """Return the processor time of a period [s]; NaN if the rung has no result."""
         result = self.results.get(rung.key)
         return math.nan if result is None else 1e-6 * result.microseconds_per_step * rung.steps
 
@@ -101,7 +102,7 @@ class Convergence:
 
 
 def exact_free_motion(case: Case) -> tuple[list[float], list[float]]:
-    """Return first frequencies [Hz] and tip amplitudes [m] of both laminae without contact."""
+    """Return the exact first frequencies [Hz] and tip amplitudes [m] of both laminae alone."""
     frequencies, amplitudes = [], []
     for i, lamina in enumerate(case.lamina):
         frequencies.append(float(lamina.angular_frequencies(1)[0]) / (2.0 * math.pi))

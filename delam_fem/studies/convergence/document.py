@@ -1,4 +1,4 @@
-"""Put docs/convergence.md together: its tables and figures, from the ladders of `study.py`."""
+"""Make the tables and figures of docs/convergence.md from the ladders of `study.py`."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ from delam_fem.studies.convergence.study import DAMPINGS
 from delam_fem.studies.convergence.tables import Table
 
 SHOWN_PERIODS = 240
-"""Periods in the figure of the literal scheme."""
+"""Number of periods in the figure of the literal scheme."""
 
 
 @dataclass(frozen=True)
 class Document:
-    """The tables of the document, and functions that draw its figures, by name."""
+    """The tables of the document by name, and the functions that draw its figures by name."""
 
     tables: dict[str, Table]
     figures: dict[str, Callable[[], Figure]]
 
 
 def document(found: dict[str, Convergence]) -> Document:
-    """Return the tables and figures of the document, from the computed ladders by name."""
+    """Return the tables and figures of the document; `found` has the computed ladders by name."""
     figures: dict[str, Callable[[], Figure]] = {"literal": literal_figure}
     for damping in DAMPINGS:
         name = damping.replace("-", "_")
@@ -53,16 +53,19 @@ def document(found: dict[str, Convergence]) -> Document:
 
 
 def fill(text: str, tables: dict[str, Table]) -> str:
-    """Return the text of a document in which tables are brought up to date.
+    """Return the text of a document with new tables.
 
-    A table stands between the lines `<!-- table NAME -->` and `<!-- end -->`.
+    A table lies between the lines `<!-- table NAME -->` and `<!-- end -->`.
 
     Args:
-        text: of the document.
-        tables: those to replace, by name.
+        text: text of the document.
+        tables: new tables by name.
+
+    Returns:
+        The text in which these tables are replaced.
 
     Raises:
-        KeyError: the document has no place for a table, or several.
+        KeyError: the document has no place for a table, or more than one.
     """
     for name, table in tables.items():
         pattern = re.compile(rf"(<!-- table {re.escape(name)} -->\n).*?(<!-- end -->)", re.DOTALL)
@@ -74,12 +77,12 @@ def fill(text: str, tables: dict[str, Table]) -> str:
 
 
 def _framed(body: str, match: re.Match[str]) -> str:
-    """Return a text between the marks that a match has found."""
+    """Return a text between the two marks that a match contains."""
     return match[1] + body + match[2]
 
 
 def literal_figure() -> Figure:
-    """Draw how the tips move by the literal scheme and by a dissipative one."""
+    """Draw the motion of tip 1 with Newton's law, by lumped (literal) and consistent impulses."""
     from delam_fem.pipeline import run
 
     figure = Figure(figsize=(WIDTH, 4.4), layout="constrained")

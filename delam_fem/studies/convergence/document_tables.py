@@ -1,4 +1,4 @@
-"""Make the tables of docs/convergence.md from the ladders of `study.py`, by name."""
+"""Make the tables of docs/convergence.md from the computed ladders of `study.py`."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from delam_fem.studies.convergence.study import (
 from delam_fem.studies.convergence.tables import Table, limit_text, number
 
 DEFAULT_STEPS = (1000, 2000, 4000)
-"""Steps per period of practical runs, at which the laws are compared."""
+"""Steps per period of practical runs, for which the laws are compared."""
 Y1 = EXTREMA[0]
 
 
 def document_tables(found: dict[str, Convergence]) -> dict[str, Table]:
-    """Return all tables of the document by name, from the computed ladders by name."""
+    """Return all tables of the document by name; `found` has the computed ladders by name."""
     tables = {
         "what converges": what_converges(found),
         "motions": motions(found),
@@ -43,17 +43,18 @@ def document_tables(found: dict[str, Convergence]) -> dict[str, Table]:
 
 
 def mm(found: Convergence, rung: Rung, digits: int = 2) -> str:
-    """Return the smallest y1 of a rung."""
+    """Return the smallest y1 of a rung [mm] as text, or why the rung was not completed."""
     result = found.results[rung.key]
     value = Y1.factor * found.value(rung, Y1.name)
     return number(value, f".{digits}f") if result.outcome == "completed" else result.error
 
 
 def limit_row(found: Convergence, rungs: Sequence[Rung], others: Sequence[Rung]) -> list[str]:
-    """Return extremes and contact work of the last rung, with an estimate of their errors.
+    """Return extremes and contact work of the last rung as text, with estimated errors.
 
-    The estimate is the largest of three: the change by the last refinement, twice the standard
-    error, and the distance to the last rung of the other law.
+    The estimated error is the largest of three numbers. These are the change by the last
+    refinement, twice the standard error, and the difference from the last rung of `others` (another
+    law).
     """
     last, before = rungs[-1], rungs[-2]
     cells = []
@@ -146,7 +147,7 @@ def restitutions(all_found: dict[str, Convergence]) -> Table:
 
 
 def literal(all_found: dict[str, Convergence]) -> Table:
-    """Return how much energy the impacts of the literal scheme add, or when it diverges."""
+    """Return the energy that impacts of the literal scheme add, or when its motion diverges."""
     rows = []
     for damping in ("mass", *DAMPINGS):
         found = all_found[f"literal {damping}"]

@@ -1,4 +1,4 @@
-"""Draw a ladder in log–log figures: errors over steps, elements and cost; work of the contact."""
+"""Draw log–log figures of a ladder: errors over steps, elements and cost, and the contact work."""
 
 from __future__ import annotations
 
@@ -39,24 +39,24 @@ STYLES = (
 )  # fmt: skip
 """Colours and markers of the methods, in their order."""
 PANELS = 3
-"""Panels side by side."""
+"""Largest number of panels side by side."""
 LONG_RANGE = 100.0
-"""Axes with a larger ratio of their ends have ticks at powers of ten only."""
+"""Ratio of the ends of an axis beyond which only powers of ten have ticks."""
 FREE_FLOOR = 1e-13
-"""Errors without contact below are round-off and not drawn."""
+"""Errors without contact below this value are round-off and are not drawn."""
 
 
 def save_figures(found: Convergence, directory: str | Path) -> list[Path]:
-    """Draw all figures of a ladder that its rungs allow.
+    """Draw all figures that the rungs of a ladder allow, as PNG files.
 
-    Without a limit, the figures of errors against it are left out; that of the work stays.
+    A ladder without a limit has no figures of errors against the limit.
 
     Args:
-        found: the ladder.
-        directory: made where it does not exist.
+        found: the ladder with its results.
+        directory: folder of the figures; it is made if it does not exist.
 
     Returns:
-        The files written.
+        Paths of the written files.
     """
     directory = Path(directory)
     directory.mkdir(parents=True, exist_ok=True)
@@ -85,14 +85,14 @@ def save_figures(found: Convergence, directory: str | Path) -> list[Path]:
 
 
 def error_over_steps(found: Convergence) -> Figure:
-    """Draw the distance from the rigid limit of each mesh over steps per period."""
+    """Draw the error against the rigid limit of each mesh over steps per period."""
     figure = _panels(found, lambda rung: rung.steps, lambda rung: 100.0 * found.error(rung))
     _finish(figure, found, "steps per period", "error of the tip extremes [%]")
     return figure
 
 
 def error_over_cost(found: Convergence) -> Figure:
-    """Draw the distance from the rigid limit of each mesh over the processor time of a period."""
+    """Draw the error against the rigid limit of each mesh over the processor time of a period."""
     figure = _panels(
         found, lambda rung: 1e6 * found.cost(rung), lambda rung: 100.0 * found.error(rung)
     )
@@ -101,7 +101,7 @@ def error_over_cost(found: Convergence) -> Figure:
 
 
 def work_over_steps(found: Convergence) -> Figure:
-    """Draw the contact work per period over steps per period; dashed: the rigid limit, if any."""
+    """Draw the contact work per period over steps per period, with the rigid limit dashed."""
     figure = _panels(
         found, lambda rung: rung.steps, lambda rung: WORK.factor * found.value(rung, WORK.name)
     )
@@ -121,13 +121,13 @@ def free_over_steps(found: Convergence) -> Figure:
 
 
 def free_over_elements(found: Convergence) -> Figure:
-    """Draw the errors without contact over elements with the smallest steps."""
+    """Draw the errors without contact over elements per lamina with the smallest steps."""
     rungs = found.ladder.along_meshes(FREE, found.ladder.steps[-1])
     return _free(found, rungs, "elements", "elements per lamina", (-4.0,))
 
 
 def limit_over_elements(found: Convergence) -> Figure:
-    """Draw the rigid limits of the meshes: extremes of the tips, and work of the contact."""
+    """Draw the rigid limit over elements per lamina: extremes of the tips and contact work."""
     rungs = found.ladder.along_meshes(LIMIT, found.ladder.limit_steps)
     n = [rung.elements for rung in rungs]
     figure = Figure(figsize=(WIDTH, 4.2), layout="constrained")
@@ -152,7 +152,7 @@ def limit_over_elements(found: Convergence) -> Figure:
 
 
 def _panels(found: Convergence, abscissa: Value, ordinate: Value) -> Figure:
-    """Draw the lines of all methods, one panel per mesh."""
+    """Draw one line for each method, in one panel for each mesh."""
     meshes = found.ladder.meshes
     columns = min(PANELS, len(meshes))
     rows = math.ceil(len(meshes) / columns)
@@ -171,7 +171,7 @@ def _panels(found: Convergence, abscissa: Value, ordinate: Value) -> Figure:
 
 
 def _finish(figure: Figure, found: Convergence, xlabel: str, ylabel: str) -> None:
-    """Label axes and lines."""
+    """Add labels, legend and title to a figure of panels."""
     axes = figure.axes
     columns = min(PANELS, len(axes))
     for k, panel in enumerate(axes):
@@ -190,7 +190,7 @@ def _finish(figure: Figure, found: Convergence, xlabel: str, ylabel: str) -> Non
 def _free(
     found: Convergence, rungs: list[Rung], size: str, label: str, slopes: Sequence[float]
 ) -> Figure:
-    """Draw four errors without contact and lines of a slope."""
+    """Draw the four errors without contact, and lines with the given slopes."""
     figure = Figure(figsize=(WIDTH, 4.6), layout="constrained")
     axes = figure.subplots()
     n = np.array([getattr(rung, size) for rung in rungs], dtype=float)
@@ -225,14 +225,14 @@ def _styles(found: Convergence) -> list[tuple[str, str]]:
 
 
 def _plain(axes: Axes, ticks: Sequence[int]) -> None:
-    """Put the ticks of a logarithmic axis at the sizes themselves."""
+    """Put the ticks of a logarithmic x axis at the given numbers only."""
     axes.set_xticks(list(ticks), [str(tick) for tick in ticks])
     axes.xaxis.set_minor_formatter(NullFormatter())
     axes.minorticks_off()
 
 
 def _plain_numbers(axis: Axis) -> None:
-    """Write 0.1, 0.2, 0.5, 1, … instead of powers."""
+    """Label the ticks of a logarithmic axis 0.1, 0.2, 0.5, 1, … instead of powers of ten."""
     low, high = axis.get_view_interval()
     subs = (1.0, 2.0, 5.0) if high < LONG_RANGE * low else (1.0,)
     axis.set_major_locator(LogLocator(subs=subs))

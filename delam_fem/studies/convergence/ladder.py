@@ -1,6 +1,7 @@
-"""Describe a ladder: one case by several methods, on finer meshes and with smaller steps.
+"""Describe a ladder: one case by several methods, on finer and finer meshes, with smaller steps.
 
-This module says what a rung is; `rung.py` computes one, `run.py` computes all of them.
+One run of a ladder is a rung. This module describes the rungs; `rung.py` computes one rung, and
+`run.py` computes all of them.
 """
 
 from __future__ import annotations
@@ -20,16 +21,16 @@ from delam_fem.engines.choose import EngineName
 from delam_fem.model.mesh import node_coordinates
 
 MeshChoice: TypeAlias = int | Path
-"""Elements per lamina of equal length, or a mesh file."""
+"""Number of equal elements per lamina, or a mesh file."""
 
 IMPULSES = get_args(Impulse)
 ELEMENTS = (5, 10, 20, 40, 80, 160)
 STEPS = (250, 500, 1000, 2000, 4000, 8000, 16000)
 LIMIT_STEPS = 64000
 PERIODS, SETTLING = 60, 30
-"""Periods of the statistics, and periods before them."""
+"""Number of periods of the statistics, and number of settling periods before them."""
 MANY_STEPS, FEW_PERIODS = 16000, 10
-"""With more than MANY_STEPS per period the cycles scatter little, so FEW_PERIODS are enough."""
+"""With more than MANY_STEPS steps per period the cycles scatter little, and FEW_PERIODS suffice."""
 METHODS = (
     "newton@newmark",
     "newton-penalty@newmark",
@@ -37,19 +38,19 @@ METHODS = (
     "newton@moreau-jean",
     "recovery@moreau-jean",
 )
-"""What is compared unless methods are named."""
+"""Methods that are compared by default."""
 RIGID: dict[str, object] = {"contact.law": "newton@moreau-jean"}
-"""The law and scheme whose small steps stand for rigid contact on a mesh: Newton's law has the same
-limit with Newmark, and is closer to it with Moreau–Jean."""
+"""Method whose run with very small steps stands for the rigid limit of a mesh. Newton's law has the
+same limit with Newmark, but is closer to it with Moreau–Jean."""
 
 
 @dataclass(frozen=True)
 class Method:
-    """What a ladder compares: a law with its scheme, maybe the kind of impulse, and other keys.
+    """A method that a ladder compares: a law with its scheme, and maybe other keys of the case.
 
     Attributes:
-        name: in tables and figures.
-        overrides: keys of the case that it sets.
+        name: name in tables and figures.
+        overrides: keys of the case that the method sets, with their values.
     """
 
     name: str
@@ -57,18 +58,19 @@ class Method:
 
 
 FREE = Method("none", (("contact.law", "none@newmark"),))
-"""Without contact; there an exact solution is known."""
+"""Method without contact, for which an exact solution is known."""
 LIMIT = Method("limit", tuple(RIGID.items()))
-"""Stands for the rigid limit of a mesh."""
+"""Method that stands for the rigid limit of a mesh; see `RIGID`."""
 
 
 def method(text: str) -> Method:
-    """Return the method of a text: LAW or LAW@SCHEME, alone or with /lumped or /consistent.
+    """Return the method that a text names: LAW or LAW@SCHEME, maybe with /lumped or /consistent.
 
-    A law alone takes the first scheme that it goes with. The name has the scheme in any case.
+    A law without a scheme gets the first scheme that it can be combined with. The name of the
+    method always contains the scheme.
 
     Raises:
-        CaseError: the text has another form, or names what does not go together.
+        CaseError: the text has another form, or its law and scheme cannot be combined.
     """
     pair, slash, impulse = text.partition("/")
     law, at, scheme = pair.partition("@")
@@ -91,12 +93,12 @@ class Rung:
     """One run of a ladder.
 
     Attributes:
-        method: the name of its method.
-        mesh: elements of equal length, or the file.
-        elements: per lamina.
-        steps: N, per period.
-        periods: number of last periods of which statistics are taken.
-        case: what is computed.
+        method: name of the method.
+        mesh: number of equal elements per lamina, or the mesh file.
+        elements: number of elements per lamina.
+        steps: number N of steps per period.
+        periods: number of last periods in the statistics.
+        case: the case that the rung computes.
     """
 
     method: str
@@ -108,7 +110,7 @@ class Rung:
 
     @property
     def key(self) -> str:
-        """Name of the rung within its ladder."""
+        """Key of the rung within its ladder."""
         return _key(self.method, self.mesh, self.steps)
 
 
@@ -117,13 +119,14 @@ class Ladder:
     """The runs of one case by several methods, on several meshes, with several numbers of steps.
 
     Attributes:
-        case: the base of all rungs.
-        methods: with contact.
-        meshes: from coarse to fine.
-        steps: N per period, increasing.
-        periods: of the statistics, after as many periods of settling but at most `SETTLING`.
-        limit_steps: N of the runs that stand for the rigid limit; 0: none.
-        engine: what computes the steps.
+        case: case from which all rungs are made.
+        methods: methods with contact.
+        meshes: meshes from coarse to fine.
+        steps: numbers N of steps per period, increasing.
+        periods: number of periods in the statistics. As many periods, but at most `SETTLING`, are
+            computed before them.
+        limit_steps: N of the rungs that stand for the rigid limit; 0: no such rungs.
+        engine: name of the engine that computes the steps.
     """
 
     case: Case
@@ -135,14 +138,14 @@ class Ladder:
     engine: EngineName = "compiled"
 
     def __post_init__(self) -> None:
-        """Check everything that can be checked before a rung is computed.
+        """Check the ladder before any rung is computed.
 
         Raises:
-            CaseError: a rung would be an invalid case, or the ladder does not refine.
+            CaseError: a rung has an invalid case, or the meshes or steps do not become finer.
         """
         if self.case.excitation.kind != "harmonic":
             raise CaseError(
-                'converge: expected excitation.kind = "harmonic", as statistics are taken of '
+                'converge: expected excitation.kind = "harmonic", because statistics need '
                 f'periods, given "{self.case.excitation.kind}"'
             )
         if self.periods < 1:
@@ -154,7 +157,7 @@ class Ladder:
         _require_rising("elements", [rung.elements for rung in free])
 
     def rungs(self) -> list[Rung]:
-        """Return all rungs, without contact first, cheap ones first."""
+        """Return all rungs: those without contact first, then by increasing steps per period."""
         rungs = [
             self.rung(method, mesh, steps)
             for method in (FREE, *self.methods)
@@ -166,18 +169,18 @@ class Ladder:
         return sorted(rungs, key=lambda rung: (rung.method != FREE.name, rung.steps))
 
     def rung(self, method: Method, mesh: MeshChoice, steps: int) -> Rung:
-        """Return a rung."""
+        """Return the rung of a method, a mesh and a number of steps per period."""
         key = _key(method.name, mesh, steps)
         if key not in self._made:
             self._made[key] = self._new(method, mesh, steps)
         return self._made[key]
 
     def along_steps(self, method: Method, mesh: MeshChoice) -> list[Rung]:
-        """Return the rungs of a method on one mesh."""
+        """Return the rungs of a method on one mesh, over all steps per period."""
         return [self.rung(method, mesh, steps) for steps in self.steps]
 
     def along_meshes(self, method: Method, steps: int) -> list[Rung]:
-        """Return the rungs of a method over all meshes."""
+        """Return the rungs of a method with one number of steps per period, over all meshes."""
         return [self.rung(method, mesh, steps) for mesh in self.meshes]
 
     def limit_of(self, mesh: MeshChoice) -> Rung:
@@ -191,7 +194,7 @@ class Ladder:
 
     @property
     def identity(self) -> str:
-        """Text that is equal for ladders that may share rungs; methods and sizes may differ."""
+        """Text that is equal for ladders that can share rungs; methods and sizes may differ."""
         sizes = {"mesh.elements": 1, "time.steps_per_period": 1000, "time.periods": 1}
         kept = {"output.fields_per_period": 0, "output.window_periods": 1}
         case = self.case.with_overrides({**sizes, **kept, "contact.law": "none@newmark"})
@@ -199,7 +202,7 @@ class Ladder:
 
     @cached_property
     def _made(self) -> dict[str, Rung]:
-        """Rungs that were asked for, by key: a case takes milliseconds to check."""
+        """Rungs made so far by key; they are kept because checking a case takes milliseconds."""
         return {}
 
     def _new(self, method: Method, mesh: MeshChoice, steps: int) -> Rung:
@@ -221,15 +224,15 @@ class Ladder:
 
 
 def _key(method: str, mesh: MeshChoice, steps: int) -> str:
-    """Return the name of a rung within its ladder."""
+    """Return the key of a rung within its ladder."""
     return f"{method} {mesh} {steps}"
 
 
 def whole_numbers(text: str, what: str) -> tuple[int, ...]:
-    """Return the numbers of a list such as "5,10,20".
+    """Return the numbers in a text such as "5,10,20".
 
     Raises:
-        CaseError: the text is no such list.
+        CaseError: the text is not a list of whole numbers above 0.
     """
     if not re.fullmatch(r"\s*[1-9]\d*\s*(,\s*[1-9]\d*\s*)*", text):
         raise CaseError(f"{what}: expected whole numbers such as 5,10,20, given {text!r}")
@@ -237,7 +240,7 @@ def whole_numbers(text: str, what: str) -> tuple[int, ...]:
 
 
 def _require_rising(what: str, sizes: Sequence[int]) -> None:
-    """Raise unless numbers increase."""
+    """Raise a CaseError unless the numbers increase."""
     if not sizes or any(a >= b for a, b in pairwise(sizes)):
         given = ", ".join(str(size) for size in sizes) or "none"
         raise CaseError(f"{what}: expected increasing numbers, coarse first, given {given}")

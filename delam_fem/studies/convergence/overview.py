@@ -1,4 +1,4 @@
-"""Make the tables of a ladder for a terminal: all methods side by side."""
+"""Make short tables of a ladder for a terminal, with all methods side by side."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from delam_fem.studies.convergence.tables import NOTHING, Direction, Table, cost
 
 
 def overview(found: Convergence) -> Iterator[Table]:
-    """Yield the tables for a terminal: errors, y1 and contact work of all methods side by side."""
+    """Yield the short tables: errors, y1 and contact work of all methods side by side."""
     ladder = found.ladder
     refined = list(lines(ladder, (FREE,)))
     last_steps = ladder.steps[-1]
@@ -37,7 +37,7 @@ def overview(found: Convergence) -> Iterator[Table]:
 def _brief_free_table(
     found: Convergence, rungs: list[Rung], direction: Direction, where: str
 ) -> Table:
-    """Return the larger errors of both laminae without contact."""
+    """Return the table of errors without contact, each the larger one of both laminae."""
     rows = []
     for rung in rungs:
         errors = abs(found.free_errors(rung)).reshape(2, 2).max(axis=0)
@@ -54,7 +54,7 @@ def _side_by_side(
     title: str,
     value: Callable[[Rung], float],
 ) -> Table:
-    """Return one number of every method along a line of sizes."""
+    """Return a table of one number, with a row for each rung and a column for each method."""
     ladder = found.ladder
     rows = []
     for place in line:

@@ -1,4 +1,4 @@
-"""Compute a ladder: an executor computes the rungs, and each finished one is written to a file.
+"""Compute a ladder: an executor computes the rungs, and a file keeps each finished one.
 
 In Python:
 
@@ -30,7 +30,7 @@ from delam_fem.studies.convergence.rung import RungResult, compute
 from delam_fem.studies.executors import ExecutorName
 
 RESULT = "convergence.json"
-"""Name of the file in the folder of a ladder."""
+"""Name of the file with the results in the folder of a ladder."""
 
 
 def run_ladder(
@@ -44,22 +44,23 @@ def run_ladder(
 ) -> Convergence:
     """Compute all rungs of a ladder.
 
-    Every finished rung is in the folder's `convergence.json` before the next one counts. A rung
-    that fails or diverges is a result like any other.
+    Each finished rung is written to `convergence.json` in the folder before the progress is
+    reported. A rung that fails or diverges also counts as finished.
 
     Args:
-        ladder: what to compute.
-        directory: made where it does not exist.
-        executor: "process" or "serial"; one worker computes here.
-        workers: number of processes; one per core by default.
-        resume: go on with the rungs in the folder; the ladder may have grown since.
-        progress: called with the rungs done and all rungs.
+        ladder: the ladder to compute.
+        directory: folder of the results; it is made if it does not exist.
+        executor: "process" or "serial"; a single worker always computes in this process.
+        workers: number of processes; default: one per core.
+        resume: whether to continue with the rungs in the folder; the ladder may have more rungs
+            than before.
+        progress: called with the number of finished rungs and of all rungs.
 
     Returns:
-        The ladder with its results; incomplete if Ctrl-C or a signal to terminate stopped it.
+        The ladder with its results; incomplete if Ctrl-C or SIGTERM stopped it.
 
     Raises:
-        CaseError: the folder holds another ladder, or one that `resume` does not ask for.
+        CaseError: the folder contains another ladder, or rungs of this one and `resume` is False.
         OSError: the folder cannot be written.
     """
     path = Path(directory) / RESULT
@@ -89,20 +90,22 @@ def run_ladder(
 
 
 def load_results(directory: str | Path) -> dict[str, RungResult]:
-    """Return the rungs that a folder holds, by key; none where it holds no ladder."""
+    """Return the results in the folder of a ladder by key; {} if the folder has none."""
     path = Path(directory) / RESULT
     return _results(json.loads(path.read_text("utf-8"))) if path.is_file() else {}
 
 
 def _held(path: Path, ladder: Ladder, resume: bool) -> dict[str, RungResult]:
-    """Return the rungs in a file, if this ladder may go on with them."""
+    """Return the results in a file by key, after a check that they belong to this ladder."""
     if not path.is_file():
         return {}
     try:
         content = json.loads(path.read_text("utf-8"))
         results, identity = _results(content), content["identity"]
     except (ValueError, KeyError, TypeError):
-        raise CaseError(f"{path}: expected the results of a ladder") from None
+        raise CaseError(
+            f"{path}: expected the results of a ladder; choose another folder with -o DIR"
+        ) from None
     if not resume:
         raise CaseError(
             f"{path.parent}: holds {len(results)} rungs of a ladder; go on with --resume, choose "
@@ -111,13 +114,13 @@ def _held(path: Path, ladder: Ladder, resume: bool) -> dict[str, RungResult]:
     if identity != ladder.identity:
         raise CaseError(
             f"resume: {path} belongs to another case or number of periods; run it with the "
-            "settings it was begun with, or choose another folder with -o DIR"
+            "settings of the interrupted ladder, or choose another folder with -o DIR"
         )
     return results
 
 
 def _results(content: dict[str, list[dict[str, object]]]) -> dict[str, RungResult]:
-    """Return the rungs in the content of a file, by key."""
+    """Return the results in the content of a file by key."""
     results = {}
     for entry in content["rungs"]:
         fields: dict[str, object] = {
@@ -135,7 +138,7 @@ def _results(content: dict[str, list[dict[str, object]]]) -> dict[str, RungResul
 
 
 def _write(path: Path, found: Convergence) -> None:
-    """Replace the file by one with all results, so that it is valid at any moment."""
+    """Write all results to the file, which stays valid at any moment."""
     entries = []
     for result in found.results.values():
         entry = asdict(result)

@@ -1,8 +1,9 @@
-"""One rung of a ladder in a worker: run it, and reduce it to a few numbers.
+"""Compute one rung of a ladder in a worker, and reduce its run to a few numbers.
 
-With contact every rung starts on the same motion, which newton@moreau-jean reaches from rest with
-`SPIN_UP_STEPS` steps per period; it then settles to its own. Without contact it starts on the exact
-periodic motion of its mesh and settles until the rest of that has died away.
+With contact, all rungs of a mesh start from the same state, which newton@moreau-jean reaches from
+rest with `SPIN_UP_STEPS` steps per period; each rung then settles to its own motion. Without
+contact, a rung starts on the exact periodic motion of its mesh and settles until the difference
+from its own periodic motion has decayed.
 """
 
 from __future__ import annotations
@@ -33,33 +34,33 @@ from delam_fem.studies.convergence.ladder import FREE, RIGID, Rung
 from delam_fem.studies.convergence.statistics import PeriodRow, Statistics, row_of, statistics
 
 SPIN_UP_STEPS, SPIN_UP_TIME = 2000, 30.0
-"""Steps per period, and length [s], of the run that all rungs start from: the slowest mode, at
-1.4 Hz with D = 0.008, decays to a tenth in that time even without contact."""
+"""Steps per period and length [s] of the run whose final state the rungs of a mesh start from. Even
+without contact the slowest mode (1.4 Hz, D = 0.008) decays to a tenth in this time."""
 KEPT_STATES = 16
-"""Of such runs that a worker keeps."""
+"""Number of such final states that a worker keeps."""
 DECAY = 1e-3
-"""To what the transient without contact shall have decayed; it is a part of the error itself."""
+"""Factor to which the transient without contact decays; the transient is part of the error."""
 MOST_PERIODS = 2000
-"""Of settling without contact, for laminae with next to no damping."""
+"""Largest number of settling periods without contact, for laminae with almost no damping."""
 RING_PERIODS = 8
-"""Periods of the excitation over which free vibrations are recorded."""
+"""Number of periods of the excitation over which free vibrations are recorded."""
 FREQUENCY_STEPS = 20
-"""Of the fit of a frequency; it converges quadratically."""
+"""Largest number of iterations of the frequency fit, which converges quadratically."""
 
 _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class RungResult:
-    """What came of a rung.
+    """The result of a rung.
 
     Attributes:
-        key: of the rung.
+        key: key of the rung.
         outcome: "completed", "diverged" or "failed".
-        error: why, empty where completed.
-        statistics: mean and scatter by name, empty unless completed.
-        microseconds_per_step: of processor time, the median over periods.
-        periods: computed.
+        error: reason why the rung was not completed; empty if it was.
+        statistics: mean and scatter by name; empty unless completed.
+        microseconds_per_step: processor time of a step, the median over periods [µs].
+        periods: number of computed periods.
     """
 
     key: str
@@ -71,9 +72,9 @@ class RungResult:
 
 
 def compute(rung: Rung, engine: EngineName) -> RungResult:
-    """Compute a rung; whatever goes wrong is part of the result."""
+    """Compute a rung; an exception becomes the outcome "failed"."""
     try:
-        with np.errstate(all="ignore"):  # a diverged motion is told by its outcome
+        with np.errstate(all="ignore"):  # the outcome reports a diverged motion
             computed = _free if rung.method == FREE.name else _clapping
             return computed(rung, engine)
     except Exception as error:
@@ -83,14 +84,14 @@ def compute(rung: Rung, engine: EngineName) -> RungResult:
 
 @dataclass
 class _Run:
-    """A finished piece of motion.
+    """A finished run.
 
     Attributes:
-        outcome: of the run.
+        outcome: outcome of the run.
         rows: numbers of its last periods.
-        recorder: as it was at the end.
-        state: at the end.
-        seconds: processor time of the steps of a period, the median.
+        recorder: recorder at the end.
+        state: state at the end.
+        seconds: processor time of a period, the median [s].
     """
 
     outcome: str
@@ -101,7 +102,7 @@ class _Run:
 
 
 def _clapping(rung: Rung, engine: EngineName) -> RungResult:
-    """Return the statistics of a motion with contact."""
+    """Compute a rung with contact and return the statistics of its motion."""
     case = rung.case
     structure = _structure(case)
     run = _run(case, structure.operators, engine, _spun_up(case, engine), rung.periods)
@@ -126,13 +127,13 @@ def _spun_up(case: Case, engine: EngineName) -> State:
 
 @lru_cache(maxsize=KEPT_STATES)
 def _moving(case_text: str, engine: EngineName) -> State:
-    """Return the state at the end of a case from rest, computed once per worker."""
+    """Run a case (as TOML) from rest, once per worker, and return its final state."""
     case = Case.from_toml(case_text)
     return _run(case, _structure(case).operators, engine, None, 0).state
 
 
 def _free(rung: Rung, engine: EngineName) -> RungResult:
-    """Return amplitudes and frequencies without contact."""
+    """Compute a rung without contact and return its amplitudes and frequencies."""
     structure = _structure(rung.case)
     slowest = min(
         rung.case.lamina[i].damping_ratio * float(rung.case.lamina[i].angular_frequencies(1)[0])
@@ -154,7 +155,7 @@ def _free(rung: Rung, engine: EngineName) -> RungResult:
 
 
 def _periodic(case: Case, o: Operators) -> State:
-    """Return the state at t = 0 of the exact periodic motion of linear laminae.
+    """Return the state at t = 0 of the exact periodic motion without contact.
 
     (K + iω C - ω² M) U = -(k_b + iω c_b - ω² m_b) A,   u = Im U e^{iωt}
     """
@@ -168,7 +169,7 @@ def _periodic(case: Case, o: Operators) -> State:
 
 
 def _frequencies(case: Case, engine: EngineName) -> list[float]:
-    """Return the frequency of free vibrations in the first mode of each lamina [Hz]."""
+    """Run free undamped vibrations; return the frequency of each lamina's first mode [Hz]."""
     undamped = {f"lamina.{lamina.name}.damping_ratio": 0.0 for lamina in case.lamina}
     ring = case.with_overrides(
         {
@@ -195,7 +196,7 @@ def fitted_frequency(t: FloatArray, u: FloatArray, omega: float) -> float:
     Args:
         t: times, shape (n,) [s].
         u: values, shape (n,).
-        omega: near enough to begin with [rad/s].
+        omega: initial guess close to the result [rad/s].
     """
     for _ in range(FREQUENCY_STEPS):
         cos, sin = np.cos(omega * t), np.sin(omega * t)
@@ -212,7 +213,7 @@ def fitted_frequency(t: FloatArray, u: FloatArray, omega: float) -> float:
 def _run(
     case: Case, operators: Operators, engine: EngineName, initial: State | None, last: int
 ) -> _Run:
-    """Run a case and reduce its `last` periods as they come."""
+    """Run a case and reduce each of its `last` periods to numbers."""
     with session_of(case, operators, initial=initial, engine=engine) as opened:
         watch = _Watch(opened.recorder, opened.motion, last)
         outcome = replace(opened, motion=watch.motion).run(watch.collect)
@@ -222,14 +223,14 @@ def _run(
 
 @dataclass
 class _Watch:
-    """Times the periods of a run and reduces its last ones.
+    """Callbacks that time the periods of a run and reduce its last periods to numbers.
 
     Attributes:
-        recorder: of the run.
-        base: states of the base by period.
-        last: periods to reduce.
-        rows: what they were reduced to.
-        seconds: processor time of each period, its recording included.
+        recorder: recorder of the run.
+        base: states of the base in a period, by its number.
+        last: number of last periods to reduce.
+        rows: numbers of these periods.
+        seconds: processor time of each period, with its recording [s].
     """
 
     recorder: Recorder
@@ -240,13 +241,13 @@ class _Watch:
     _begin: float = 0.0
 
     def motion(self, period: int) -> FloatArray:
-        """Return the states of the base and begin to take time."""
+        """Return the states of the base in a period, and start the clock."""
         states = self.base(period)
         self._begin = time.process_time()
         return states
 
     def collect(self, done: int) -> bool:
-        """Take notice of a period; never ends the run."""
+        """Store time and numbers of a finished period; return False, so that the run continues."""
         self.seconds.append(time.process_time() - self._begin)
         if done > self.recorder.n_periods - self.last:
             self.rows.append(row_of(self.recorder))
@@ -254,6 +255,6 @@ class _Watch:
 
 
 def _structure(case: Case) -> Structure:
-    """Assemble a case in closed form, which is dolfinx's to round-off and starts at once."""
+    """Assemble a case in closed form, which equals dolfinx to round-off and needs no start-up."""
     x = node_coordinates(case) if case.mesh.file is not None else None
     return closed_form.assemble(case, x)

@@ -1,7 +1,8 @@
-"""Periods of a motion reduced to numbers, and these to means with their scatter.
+"""Reduce the periods of a motion to numbers, and these numbers to means with their scatter.
 
-Trajectories of an impacting motion depend on round-off; these statistics do not. A motion that
-repeats after P periods is judged in blocks of P, so that its alternating cycles are no scatter.
+Trajectories of an impacting motion depend on round-off; these statistics do not. If a motion
+repeats after P periods, the statistics use blocks of P periods, so that alternating cycles do not
+count as scatter.
 """
 
 from __future__ import annotations
@@ -18,22 +19,23 @@ from delam_fem.results import diagnostics
 from delam_fem.simulation.recorder import LEDGER, N_BASE, Recorder
 
 Statistics: TypeAlias = dict[str, tuple[float, float]]
-"""Mean and scatter (standard deviation between blocks) by name."""
+"""Mean and scatter (standard deviation between blocks) of each statistic by name."""
 
 HARMONICS = 100
-"""Harmonics of which the distortion factor is made; those above are of the size of a nanometre."""
+"""Number of harmonics in the distortion factor; higher harmonics are about a nanometre."""
 SHOWN_HARMONICS = 5
+"""Number of harmonics whose amplitudes are statistics."""
 
 
 @dataclass(frozen=True)
 class Statistic:
-    """How a statistic is shown.
+    """The way in which tables and figures show a statistic.
 
     Attributes:
-        name: of the statistic.
-        symbol: in headings.
-        unit: shown.
-        factor: from SI to that unit.
+        name: name of the statistic.
+        symbol: symbol in headings.
+        unit: unit in headings.
+        factor: factor from SI to this unit.
     """
 
     name: str
@@ -43,22 +45,22 @@ class Statistic:
 
     @property
     def heading(self) -> str:
-        """Symbol and unit."""
+        """Symbol and unit as a heading."""
         return f"{self.symbol} [{self.unit}]"
 
 
 EXTREMA = tuple(
     Statistic(f"tip_{end}_{i}", f"y{i} {end}", "mm", 1e3) for i in (1, 2) for end in ("min", "max")
 )
-"""Extremes of the tip displacements within a period, their mean: the extremes over several periods
-would grow with the scatter of cycles."""
+"""Extremes of the tip displacements within a period, as means over periods. Extremes over several
+periods would grow with the scatter of the cycles."""
 WORK = Statistic("contact_work", "contact work", "mJ", 1e3)
 GENERAL = (
     *(Statistic(f"distortion_factor_{i}", f"d{i}", "%", 1e2) for i in (1, 2)),
     Statistic("impulse", "impulse", "mN s", 1e3),
     WORK,
 )
-"""Of a period: distortion factors, sum of the impulses, energy that goes in contact."""
+"""Statistics of a period: distortion factors, sum of impulses, energy lost in contact."""
 AMPLITUDES = tuple(
     Statistic(f"amplitude_{i}_{k}", f"A{k} of {i}", "mm", 1e3)
     for i in (1, 2)
@@ -69,15 +71,16 @@ CONVERGING = (*EXTREMA, *GENERAL, *AMPLITUDES)
 
 @dataclass(frozen=True)
 class PeriodRow:
-    """A period in numbers.
+    """The numbers of one period.
 
     Attributes:
-        low, high: smallest and largest tip displacements, each of shape (2,) [m].
-        harmonics: complex amplitudes of the excitation's harmonics, shape (2, n) [m].
+        low: smallest tip displacements, shape (2,) [m].
+        high: largest tip displacements, shape (2,) [m].
+        harmonics: complex amplitudes of the excitation's harmonics at the tips, shape (2, n) [m].
         impulse: sum of impulses [N s].
-        impacts: impulses on pairs.
-        work: energy lost in contact, by impacts, springs and dampers [J].
-        gain: what single impacts have added, already taken off that [J].
+        impacts: number of impulses on pairs.
+        work: net energy lost in contact by impacts, springs and dampers [J].
+        gain: energy added by the impacts that gain energy; `work` already contains it [J].
     """
 
     low: FloatArray
@@ -90,7 +93,7 @@ class PeriodRow:
 
 
 def row_of(recorder: Recorder) -> PeriodRow:
-    """Return the last period of a recorder in numbers."""
+    """Return the numbers of the last period of a recorder."""
     record, k = recorder.window[-1], recorder.n_closed - 1
     u = record.u[1 : record.n_steps + 1, N_BASE:].T
     below_nyquist = min(HARMONICS, (u.shape[1] - 1) // 2)
@@ -108,11 +111,11 @@ def row_of(recorder: Recorder) -> PeriodRow:
 
 
 def statistics(rows: list[PeriodRow], strobe: FloatArray) -> Statistics:
-    """Return means and scatter of a motion.
+    """Return the mean and the scatter of each statistic of a motion.
 
     Args:
-        rows: its periods.
-        strobe: tip displacements at their ends, shape (2, n_periods) [m].
+        rows: numbers of the periods.
+        strobe: tip displacements at the ends of these periods, shape (2, n_periods) [m].
     """
     low, high = (np.array([getattr(row, name) for row in rows]) for name in ("low", "high"))
     half_range = (high.max(axis=0) - low.min(axis=0)) / 2.0
@@ -132,7 +135,7 @@ def statistics(rows: list[PeriodRow], strobe: FloatArray) -> Statistics:
 
 
 def _of_block(rows: list[PeriodRow]) -> dict[str, float]:
-    """Return the numbers of some successive periods."""
+    """Return the statistics of a block of successive periods by name."""
     amplitudes = np.abs(np.mean([row.harmonics for row in rows], axis=0))
     factors = harmonics.distortion_factor(amplitudes)
     values: dict[str, float] = {}

@@ -1,4 +1,4 @@
-"""Define the ladders behind docs/convergence.md."""
+"""Define the ladders from which docs/convergence.md is made."""
 
 from __future__ import annotations
 
@@ -8,15 +8,18 @@ from delam_fem.studies.convergence.ladder import Ladder, Method, method
 
 MESHES = (10, 20, 40, 80, 160)
 FEW = (1000, 4000, 16000, 64000, 256000)
+"""Numbers of steps per period, from practical to very small steps."""
 LAST = FEW[-1]
+"""Steps per period of the rigid limit."""
 DAMPINGS = ("stiffness", "two-mode")
 FREQUENCIES = (1.25, 1.60, 3.25, 3.65)
 RESTITUTIONS = (0.1, 0.0, 0.5)
 STIFFNESSES = (1e2, 1e3, 1e4, 1e5)
 LAWS = tuple(method(law) for law in ("newton", "newton-penalty", "newton@moreau-jean", "recovery"))
 LITERAL = tuple(method(f"{law}/lumped") for law in ("newton", "newton-penalty"))
+"""Methods of the paper taken literally: Newmark with lumped impulses."""
 LITERAL_PERIODS = 300
-"""Enough for a growing motion to grow visibly."""
+"""Number of periods that suffice to show whether a motion grows."""
 
 
 def case(damping: str, **keys: object) -> Case:
@@ -25,7 +28,7 @@ def case(damping: str, **keys: object) -> Case:
 
 
 def varied(law: str, label: str, **keys: object) -> Method:
-    """Return a method with a parameter of its own."""
+    """Return the method of a law (with its scheme) with other contact parameters."""
     return Method(
         f"{law} {label}", (("contact.law", law), *((f"contact.{k}", v) for k, v in keys.items()))
     )

@@ -1,4 +1,4 @@
-"""Make the tables of a ladder; `overview.py` makes the shorter ones for a terminal."""
+"""Make the complete tables of a ladder; `overview.py` makes short tables for a terminal."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ class Table:
     """A table of text.
 
     Attributes:
-        title: above it.
-        heading: of the columns.
-        rows: of as many entries.
+        title: title above the table.
+        heading: headings of the columns.
+        rows: rows with one entry per column.
     """
 
     title: str
@@ -39,7 +39,7 @@ class Table:
     rows: tuple[tuple[str, ...], ...]
 
     def markdown(self) -> str:
-        """Return it as Markdown, its title in bold."""
+        """Return the table as Markdown, with its title in bold."""
         lines = [self.heading, tuple("---" for _ in self.heading), *self.rows]
         body = "\n".join(f"| {' | '.join(line)} |" for line in lines)
         return f"**{self.title}**\n\n{body}\n"
@@ -54,7 +54,7 @@ def page(found: Convergence) -> str:
 
 
 def tables(found: Convergence) -> Iterator[Table]:
-    """Yield all tables of a ladder: without contact, then every line of rungs, then limits."""
+    """Yield all tables of a ladder: without contact, then every line of rungs, then the limits."""
     for direction, where, rungs in lines(found.ladder, (FREE,)):
         yield free_table(found, rungs, direction, where)
     for direction, where, rungs in lines(found.ladder, found.ladder.methods):
@@ -71,7 +71,7 @@ def tables(found: Convergence) -> Iterator[Table]:
 
 
 def lines(ladder: Ladder, methods: Sequence[Method]) -> Iterator[tuple[Direction, str, list[Rung]]]:
-    """Yield each line of rungs that refines in one direction, with its direction and place."""
+    """Yield each line of rungs: the direction of refinement, what stays fixed, and the rungs."""
     for method in methods:
         if len(ladder.steps) > 1 or len(ladder.meshes) == 1:
             for mesh in ladder.meshes:
@@ -87,7 +87,7 @@ def lines(ladder: Ladder, methods: Sequence[Method]) -> Iterator[tuple[Direction
 
 
 def free_table(found: Convergence, rungs: list[Rung], direction: Direction, where: str) -> Table:
-    """Return errors of frequencies and amplitudes without contact, with orders."""
+    """Return the table of errors and orders of frequencies and amplitudes without contact."""
     sizes = [1.0 / getattr(rung, direction) for rung in rungs]
     errors = [found.free_errors(rung) for rung in rungs]
     orders = [orders_of_errors(sizes, [e[j] for e in errors]) for j in range(len(_FREE_NAMES))]
@@ -114,7 +114,7 @@ def contact_table(
     title: str,
     quantities: Sequence[Statistic],
 ) -> Table:
-    """Return the statistics of a line of rungs with cost, and error if the ladder has a limit."""
+    """Return the table of statistics, errors (if the ladder has a limit) and costs of rungs."""
     has_limit = found.ladder.has_limit
     error = ["error [%]"] if has_limit else []
     heading = (direction, *(q.heading for q in quantities), "P", *error, "µs/step", "ms/period")
@@ -140,7 +140,7 @@ def contact_table(
 
 
 def limit_tables(found: Convergence) -> Iterator[Table]:
-    """Yield the limits of all methods in every direction with at least three sizes."""
+    """Yield tables of extrapolated limits, for each line of at least three rungs."""
     ladder = found.ladder
     for direction, where, rungs in lines(ladder, ladder.methods):
         if len(rungs) > 2:
@@ -151,7 +151,7 @@ def limit_tables(found: Convergence) -> Iterator[Table]:
 
 
 def limit_table(found: Convergence, rungs: list[Rung], direction: Direction, title: str) -> Table:
-    """Return observed orders and limits of a line of rungs."""
+    """Return the table of observed orders and extrapolated limits of a line of rungs."""
     rows = []
     for q in CONVERGING:
         told = found.limit(rungs, q.name, by=direction)
@@ -163,14 +163,14 @@ def limit_table(found: Convergence, rungs: list[Rung], direction: Direction, tit
 
 
 def limit_text(told: Limit, q: Statistic) -> str:
-    """Return a limit with its uncertainty."""
+    """Return a limit with its uncertainty as text."""
     if math.isnan(told.value):
         return NOTHING
     return f"{q.factor * told.value:.4g} ± {q.factor * told.uncertainty:.2g}"
 
 
 def mean_and_scatter(found: Convergence, rung: Rung, q: Statistic) -> str:
-    """Return a statistic as text."""
+    """Return the mean and the scatter of a statistic as text."""
     value, scatter = (
         q.factor * x for x in (found.value(rung, q.name), found.scatter(rung, q.name))
     )
@@ -178,11 +178,11 @@ def mean_and_scatter(found: Convergence, rung: Rung, q: Statistic) -> str:
 
 
 def cost(found: Convergence, rung: Rung) -> str:
-    """Return the processor time of a step as text."""
+    """Return the processor time of a step as text [µs]."""
     result = found.results.get(rung.key)
     return NOTHING if result is None else number(result.microseconds_per_step, ".2f")
 
 
 def number(value: float, form: str) -> str:
-    """Return a number as text, a dash if it is not finite."""
+    """Return a number as text; a dash if it is not finite."""
     return format(value, form) if math.isfinite(value) else NOTHING

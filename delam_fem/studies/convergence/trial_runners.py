@@ -1,4 +1,4 @@
-"""Run the ways to step through contact that docs/convergence.md compares, each by its name."""
+"""Run the trial methods for contact that docs/convergence.md compares, each by its name."""
 
 from __future__ import annotations
 
@@ -24,20 +24,23 @@ from delam_fem.studies.convergence import trial_steps as steps
 RESTITUTION = 0.1
 """Coefficient of restitution."""
 PERIOD_OF_SPRING = 20
-"""Steps in which a pair on a spring, scaled with the step, vibrates once."""
+"""Steps per vibration of a pair on a spring whose stiffness is scaled with the time step."""
 FIRST_STEPS = 1000
-"""Steps per period at which the threshold γ that is scaled with Δt is that of the case."""
+"""Steps per period at which a threshold γ scaled with Δt equals that of the case."""
 
 Runner: TypeAlias = Callable[[Case, Operators], FloatArray]
-"""From a case and its operators to the extremes of each period, shape (n_periods, 2, 2)."""
+"""Function of a case and its operators that returns the extremes of both tips in each period [m].
+
+The extremes have the shape (n_periods, 2, 2).
+"""
 
 
 LIMIT = "newton@moreau-jean"
-"""The way whose small steps stand for the rigid limit."""
+"""Method whose run with very small steps stands for the rigid limit."""
 
 
 def by_engine(method: str, theta: float, case: Case, operators: Operators) -> FloatArray:
-    """Run a law of the package with its scheme in compiled code; only Moreau–Jean reads θ."""
+    """Run a method of the package (LAW@SCHEME); only Moreau–Jean reads θ."""
     with _session(case, operators, method, theta) as opened:
         opened.run()
         return np.asarray(opened.recorder.envelope)
@@ -46,19 +49,19 @@ def by_engine(method: str, theta: float, case: Case, operators: Operators) -> Fl
 def _session(
     case: Case, operators: Operators, method: str, theta: float = 0.5
 ) -> AbstractContextManager[Session]:
-    """Set a case up with another law and scheme."""
+    """Open a session of a case with another method."""
     other = case.with_overrides({"contact.law": method})
     scheme = replace(scheme_of(other), theta=theta)
     return session(operators, law_of(other), scheme, motion_of(case), span_of(case))
 
 
 def by_modes(method: str, modes: int, case: Case, operators: Operators) -> FloatArray:
-    """Run in the lowest modes of each lamina instead of the displacements of the nodes."""
+    """Run a method in the lowest modes of each lamina instead of the nodal dofs."""
     return by_engine(method, 0.5, case, modal(operators, modes))
 
 
 def by_scaled_springs(case: Case, operators: Operators) -> FloatArray:
-    """Run newton-penalty with a spring scaled by the mass of a pair and Δt, and γ by Δt."""
+    """Run newton-penalty with k scaled by the mass of a pair over Δt², and γ scaled by Δt."""
     h = case.lamina[0].length / operators.n_pairs
     reduced = 1.0 / sum(1.0 / (h * lamina.mass_per_length) for lamina in case.lamina)
     stiffness = reduced * (2 * np.pi / (PERIOD_OF_SPRING * case.time_step)) ** 2
@@ -68,7 +71,7 @@ def by_scaled_springs(case: Case, operators: Operators) -> FloatArray:
 
 
 def modal(o: Operators, modes: int) -> Operators:
-    """Return a problem in its lowest modes; the probes are sums of modes."""
+    """Return the operators in the lowest modes of each lamina."""
     n = o.n_dofs // 2
     parts = []
     for lamina in (slice(0, n), slice(n, 2 * n)):
@@ -97,7 +100,7 @@ def densely(
 
 
 def runners() -> dict[str, Runner]:
-    """Return all ways to step through contact by name; the first two are the package's."""
+    """Return all trial methods by name; the first three are methods of the package."""
     found: dict[str, Runner] = {
         name: partial(by_engine, name, 0.5)
         for name in ("recovery@moreau-jean", LIMIT, "newton@newmark")

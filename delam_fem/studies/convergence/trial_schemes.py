@@ -1,4 +1,4 @@
-"""Prepare the schemes that were tried beside the package's: dense matrices of their steps.
+"""Prepare the dense matrices of trial schemes, which are not part of the package's engines.
 
 Each function returns the matrices of one scheme; `trial_steps.py` makes the steps.
 """
@@ -14,18 +14,22 @@ from delam_fem.model.operators import Operators
 from delam_fem.numerics.arrays import FloatArray
 
 LAWS = ("predicted gaps", "closed gaps", "end gaps", "recovery", "bounded recovery")
-"""Constraints on the gap rate at the end of a step: Moreau's, with the gap half a step ahead or the
-gap at the start; Stewart and Trinkle's, with e = 0; the recovery of penetrations, without the bound
-on work or with it. The first is newton@moreau-jean, the last the law "recovery"."""
+"""Constraints on the gap rate at the end of a step.
+
+"predicted gaps" and "closed gaps" are Moreau's constraint with the gap half a step ahead and with
+the gap at the start; the first is newton@moreau-jean. "end gaps" is the constraint of Stewart and
+Trinkle with e = 0. "recovery" and "bounded recovery" recover penetrations, without and with the
+bound on work; the latter is recovery@moreau-jean.
+"""
 MOREAU, CLOSED, END, RECOVERY, BOUNDED = range(5)
 
 
 class Problem(NamedTuple):
-    """A problem on dense matrices.
+    """The operators as dense matrices.
 
     Attributes:
-        M, C, K: shape (n, n).
-        H, gap0: gap = H u + gap0.
+        M, C, K: mass, damping and stiffness matrix, each of shape (n, n).
+        H, gap0: gap operator and gap at rest, gap = H u + gap0.
         base: columns of M, C and K that belong to the base, shape (3, n).
     """
 
@@ -38,7 +42,7 @@ class Problem(NamedTuple):
 
     @classmethod
     def of(cls, o: Operators) -> Problem:
-        """Return the problem of operators."""
+        """Return operators as dense matrices."""
         M, C, K, H = (A.toarray() for A in (o.mass, o.damping, o.stiffness, o.gap_matrix))
         return cls(M, C, K, H, o.gap0, np.stack([o.base.mass, o.base.damping, o.base.stiffness]))
 
@@ -48,11 +52,11 @@ class Matrices(NamedTuple):
 
     Attributes:
         of: the problem.
-        inverse: of the matrix that the scheme solves with, shape (n, n); in `exact_step` the
-            propagator, shape (2n, 4n).
-        push: velocities by unit impulses on the pairs, shape (n, n_pairs).
-        shift: displacements by unit impulses on the pairs, shape (n, n_pairs).
-        numbers: parameters of the scheme, in the order in which its step takes them.
+        inverse: inverse of the matrix that the scheme solves with, shape (n, n); for `exact_step`
+            the propagator, shape (2n, 4n).
+        push: velocities due to unit impulses on the pairs, shape (n, n_pairs).
+        shift: displacements due to unit impulses on the pairs, shape (n, n_pairs).
+        numbers: parameters of the scheme, in the order that its step function expects.
     """
 
     of: Problem
@@ -71,14 +75,14 @@ def _matrices(
 
 
 def theta_matrices(d: Problem, dt: float, law: int, restitution: float) -> Matrices:
-    """Return what `theta_step` needs, θ = 1/2."""
+    """Return the matrices of `theta_step`, the Moreau–Jean scheme with θ = 1/2."""
     inverse = np.linalg.inv(d.M + dt / 2 * d.C + dt**2 / 4 * d.K)
     push = inverse @ d.H.T
     return _matrices(d, inverse, push, dt / 2 * push, dt, law, restitution)
 
 
 def exact_matrices(d: Problem, dt: float, restitution: float, is_spread: bool) -> Matrices:
-    """Return what `exact_step` needs: the propagator of (u, v) under a load linear in the step."""
+    """Return the matrices of `exact_step`: the propagator of (u, v) under a linear load."""
     n = len(d.M)
     inverse_mass = np.linalg.inv(d.M)
     A = np.zeros((4 * n, 4 * n))
@@ -95,7 +99,7 @@ def exact_matrices(d: Problem, dt: float, restitution: float, is_spread: bool) -
 
 
 def alpha_matrices(d: Problem, dt: float, restitution: float, radius: float) -> Matrices:
-    """Return what `alpha_step` needs: generalised-α of Chung and Hulbert by its spectral radius."""
+    """Return the matrices of `alpha_step`: generalised-α of Chung and Hulbert, given its ρ∞."""
     am, af = (2 * radius - 1) / (radius + 1), radius / (radius + 1)
     gamma = 0.5 + af - am
     beta = 0.25 * (gamma + 0.5) ** 2
@@ -106,7 +110,7 @@ def alpha_matrices(d: Problem, dt: float, restitution: float, radius: float) -> 
 
 
 def implicit_matrices(d: Problem, dt: float, is_stabilised: bool) -> Matrices:
-    """Return what `implicit_step` needs; `shift` is that of the prediction."""
+    """Return the matrices of `implicit_step`; `shift` belongs to its prediction."""
     inverse = np.linalg.inv(2 / dt * d.M + d.C + dt / 2 * d.K)
     return _matrices(
         d, inverse, dt * inverse @ d.H.T, np.linalg.inv(d.M) @ d.H.T, dt, is_stabilised

@@ -1,7 +1,8 @@
-"""Make the steps of the schemes that were tried beside the package's, in compiled code.
+"""Make the steps of the trial schemes of `trial_schemes.py`, in compiled code.
 
-Each step function makes one step of a small dense problem from (u, v, a) in place. The base enters
-as the load f = -(m_b q'' + c_b q' + k_b q). Contact constrains velocities, H v⁺ >= floor, or gaps.
+Each step function advances (u, v, a) of a small dense problem by one step, in place. The base acts
+as the load f = -(m_b q'' + c_b q' + k_b q). Contact is a constraint on velocities, H v⁺ >= floor,
+or on gaps.
 """
 
 from __future__ import annotations
@@ -15,13 +16,13 @@ from delam_fem.studies.convergence.trial_schemes import BOUNDED, CLOSED, END, MO
 
 @numba.njit(cache=True)
 def _load(m, base):  # type: ignore[no-untyped-def]
-    """Return the load of a base with displacement, velocity and acceleration `base`."""
+    """Return the load due to the base motion `base` = (q, q', q''), shape (n,) [N, N m]."""
     return -(m.of.base[0] * base[2] + m.of.base[1] * base[1] + m.of.base[2] * base[0])
 
 
 @numba.njit(cache=True)
 def _floors(m, gap, rate):  # type: ignore[no-untyped-def]
-    """Return the least gap rates at the end of a step, -inf for pairs without one; see `LAWS`."""
+    """Return the smallest allowed gap rate of each pair, -inf if free; see `trial_schemes.LAWS`."""
     dt, law, e = m.numbers[0], int(m.numbers[1]), m.numbers[2]
     floors = np.full(gap.size, -np.inf)
     for k in range(gap.size):
@@ -40,7 +41,7 @@ def _floors(m, gap, rate):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def _impulses(m, W, free, floors):  # type: ignore[no-untyped-def]
-    """Return p of 0 <= p ⊥ free + W p - floors >= 0 over all pairs that have a floor."""
+    """Solve 0 <= p ⊥ free + W p - floors >= 0 over all pairs with a finite floor; return p."""
     p = np.zeros(free.size)
     chosen = np.nonzero(floors > -np.inf)[0]
     if chosen.size == 0 or (free - floors)[chosen].min() >= 0.0:
@@ -60,7 +61,7 @@ def _impulses(m, W, free, floors):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def theta_step(m, W, u, v, a, before, after):  # type: ignore[no-untyped-def]
-    """Make a step of Moreau and Jean with θ = 1/2."""
+    """Make a step of the Moreau–Jean scheme with θ = 1/2."""
     dt = m.numbers[0]
     gap, rate = m.of.H @ u + m.of.gap0, m.of.H @ v
     load = 0.5 * (_load(m, before) + _load(m, after))
@@ -73,7 +74,7 @@ def theta_step(m, W, u, v, a, before, after):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def exact_step(m, W, u, v, a, before, after):  # type: ignore[no-untyped-def]
-    """Make an exact linear step; impulses act at its end or as a constant force."""
+    """Make an exact linear step with impulses at its end or as a constant force in it."""
     n = u.size
     gap, rate = m.of.H @ u + m.of.gap0, m.of.H @ v
     f = _load(m, before)
@@ -86,7 +87,7 @@ def exact_step(m, W, u, v, a, before, after):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def alpha_step(m, W, u, v, a, before, after):  # type: ignore[no-untyped-def]
-    """Make a step of the non-smooth generalised-α: smooth part, then a jump of the velocity."""
+    """Make a step of the non-smooth generalised-α scheme: a smooth part, then a velocity jump."""
     dt, e, am, af, gamma, beta = m.numbers
     rate = m.of.H @ v
     load = (1 - af) * _load(m, after) + af * _load(m, before)
@@ -105,7 +106,8 @@ def alpha_step(m, W, u, v, a, before, after):  # type: ignore[no-untyped-def]
 def implicit_step(m, W, u, v, a, before, after):  # type: ignore[no-untyped-def]
     """Make a step of Newmark's scheme with contact forces implicit in the gaps (Kane et al.).
 
-    The stabilised scheme (Deuflhard, Krause, Ertel) first brings the prediction within the gaps.
+    The stabilised scheme (Deuflhard, Krause, Ertel) first moves the prediction so that no gap is
+    negative.
     """
     dt = m.numbers[0]
     load = 0.5 * (_load(m, before) + _load(m, after))
@@ -120,17 +122,18 @@ def implicit_step(m, W, u, v, a, before, after):  # type: ignore[no-untyped-def]
 
 @numba.njit
 def envelopes(step, m, bases, n_periods, observed):  # type: ignore[no-untyped-def]
-    """Run from rest; return the smallest and largest observed u of each period.
+    """Run from rest; return the smallest and largest displacements of some dofs in each period.
 
     Args:
-        step: one of the functions above.
-        m: the matrices of its scheme.
+        step: one of the step functions above.
+        m: matrices of its scheme.
         bases: (q, q', q'') of the base at the steps of a period, shape (N + 1, 3).
-        n_periods: to compute.
-        observed: dofs.
+        n_periods: number of periods to compute.
+        observed: numbers of the observed dofs, shape (n_observed,).
 
     Returns:
-        Shape (n_periods, 2, n_observed), not finite where the motion has left all bounds.
+        Extremes, shape (n_periods, 2, n_observed); NaN from the period in which the motion
+        diverges.
     """
     n = m.of.M.shape[0]
     W = m.of.H @ m.push

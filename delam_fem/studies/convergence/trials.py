@@ -1,4 +1,4 @@
-"""Compare ways to step through contact: errors against the rigid limit, for docs/convergence.md."""
+"""Compare trial methods for contact by their errors against the rigid limit."""
 
 from __future__ import annotations
 
@@ -21,17 +21,22 @@ from delam_fem.studies.convergence.trial_runners import LIMIT, RESTITUTION, runn
 STEPS = (1000, 4000, 16000)
 LIMIT_STEPS = 256_000
 MEAN_PERIODS = 60
-"""Last periods over which extremes are averaged."""
+"""Number of last periods over which extremes are averaged."""
 
 
 @dataclass(frozen=True)
 class Found:
-    """Mean extremes of the tips by steps per period, shape (2, 2) [m]; nan where it diverged."""
+    """Results of a method: mean extremes of both tips by steps per period.
+
+    Attributes:
+        extremes: smallest and largest tip displacements by steps per period, each of shape (2, 2)
+            [m]; NaN if the motion diverged.
+    """
 
     extremes: dict[int, FloatArray]
 
     def error(self, steps: int, limit: FloatArray) -> float:
-        """Return the largest difference in half peak-to-peak displacements of the tip [-]."""
+        """Return the largest difference from the limit over half its peak-to-peak values [-]."""
         half = 0.5 * (limit[1] - limit[0])
         return float((np.abs(self.extremes[steps] - limit) / half).max())
 
@@ -44,7 +49,7 @@ def case_of(steps: int, periods: int) -> Case:
 
 
 def compute(name: str, steps: int, periods: int) -> FloatArray:
-    """Run a way to step through contact; return its mean extremes, shape (2, 2) [m]."""
+    """Run a trial method; return the mean extremes of both tips, shape (2, 2) [m]."""
     case = case_of(steps, periods)
     with np.errstate(all="ignore"):
         rows = runners()[name](case, closed_form.assemble(case).operators)
@@ -52,7 +57,7 @@ def compute(name: str, steps: int, periods: int) -> FloatArray:
 
 
 def table(found: dict[str, Found], limit: FloatArray) -> Table:
-    """Return the smallest y1 and the error of every way."""
+    """Return the table of the smallest y1 and the error of every method."""
     steps = list(next(iter(found.values())).extremes)
     heading = ["way", *(f"y1, N = {n} [mm]" for n in steps), *(f"error, {n} [%]" for n in steps)]
     rows = []
@@ -64,7 +69,7 @@ def table(found: dict[str, Found], limit: FloatArray) -> Table:
 
 
 def figure(found: dict[str, Found], limit: FloatArray) -> Figure:
-    """Draw the error of every way over steps per period."""
+    """Draw the error of every method over steps per period."""
     result = Figure(figsize=(WIDTH, 5.2), layout="constrained")
     axes = result.add_subplot(
         xscale="log",
@@ -91,16 +96,16 @@ def figure(found: dict[str, Found], limit: FloatArray) -> Figure:
 def measure(
     steps: Sequence[int], limit_steps: int, periods: int, workers: int | None
 ) -> tuple[dict[str, Found], FloatArray]:
-    """Run all ways in processes of their own.
+    """Run all trial methods in worker processes.
 
     Args:
-        steps: per period.
+        steps: numbers of steps per period.
         limit_steps: steps per period of the run that stands for the rigid limit.
-        periods: of each run.
-        workers: number of processes; one per core if None.
+        periods: number of periods of each run.
+        workers: number of processes; None: one per core.
 
     Returns:
-        The extremes of every way by name, and those of the limit.
+        Results of every method by name; mean extremes of the limit, shape (2, 2) [m].
     """
     wanted = [(LIMIT, limit_steps), *((name, n) for name in runners() for n in reversed(steps))]
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:

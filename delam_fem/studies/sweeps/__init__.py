@@ -1,1 +1,1 @@
-"""Sweeps over keys of a case, resumable, on any executor."""
+"""Compute a case at many points of a grid (a sweep), resumable, on any executor."""

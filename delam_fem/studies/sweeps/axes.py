@@ -1,4 +1,4 @@
-"""What all diagrams of sweeps read from a dataset: its axes, its title, what it must hold."""
+"""Read from the dataset of a sweep what all diagrams need: axes, title, required variables."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 _EVEN = 1e-6
-"""Relative difference of steps that counts as round-off of an even spacing."""
+"""Relative difference of steps up to which a spacing counts as even."""
 
 
 @dataclass(frozen=True)
@@ -25,12 +25,12 @@ class DiagramAxis:
     """An axis of a sweep as a diagram shows it.
 
     Attributes:
-        name: of the coordinate.
-        key: of the case.
-        values: along it, shape (n,).
-        shown: the same in the unit of the label; words as 0, 1, ….
-        label: words and unit.
-        words: labels of the ticks of an axis of words, else empty.
+        name: name of the coordinate.
+        key: key of the case.
+        values: values along the axis, shape (n,).
+        shown: values in the unit of the label, or 0, 1, … for words, shape (n,).
+        label: label of the axis, with its unit.
+        words: labels of the ticks of an axis of words; empty for numbers.
     """
 
     name: str
@@ -42,7 +42,7 @@ class DiagramAxis:
 
     @property
     def is_logarithmic(self) -> bool:
-        """Whether the values have an even spacing on a logarithmic axis alone."""
+        """Whether the values are evenly spaced on a logarithmic axis but not on a linear one."""
         v = self.shown
         if v.size < 3 or v.min() <= 0.0 or self.words:
             return False
@@ -57,15 +57,15 @@ class DiagramAxis:
 
 
 def axes_of(data: xr.Dataset, count: int, kind: str) -> tuple[DiagramAxis, ...]:
-    """Return the axes of a sweep.
+    """Return the axes of a sweep, and check their number.
 
     Args:
-        data: of a sweep.
-        count: how many there must be.
-        kind: of the diagram, for the message.
+        data: dataset of the sweep.
+        count: required number of axes.
+        kind: kind of the diagram, for the message.
 
     Raises:
-        CaseError: there are more or fewer.
+        CaseError: the sweep has more or fewer axes.
     """
     names = [str(name) for name in data["outcome"].dims if name != "direction"]
     if len(names) != count:
@@ -78,7 +78,7 @@ def axes_of(data: xr.Dataset, count: int, kind: str) -> tuple[DiagramAxis, ...]:
 
 
 def _axis(data: xr.Dataset, name: str) -> DiagramAxis:
-    """Return one axis; metres are shown as millimetres."""
+    """Return one axis; lengths are shown in millimetres."""
     coordinate = data[name]
     key, text = str(coordinate.attrs["key"]), str(coordinate.attrs["long_name"])
     units = str(coordinate.attrs.get("units", ""))
@@ -92,22 +92,22 @@ def _axis(data: xr.Dataset, name: str) -> DiagramAxis:
 
 
 def require(data: xr.Dataset, name: str, remedy: str) -> None:
-    """See that a variable is there.
+    """Check that a dataset has a variable.
 
     Raises:
-        CaseError: it is not; the message has the remedy.
+        CaseError: the variable is missing; the message contains the remedy.
     """
     if name not in data:
         raise CaseError(f"diagram: the sweep has no {name}; compute it with {remedy}")
 
 
 def sweep_keys(data: xr.Dataset) -> dict[str, object]:
-    """Return what the file of the sweep says, as `tomllib` returns it; empty if not known."""
+    """Return the sweep file as `tomllib` returns it; empty if the dataset does not have it."""
     return tomllib.loads(data.attrs.get("sweep", ""))
 
 
 def heading(data: xr.Dataset) -> str:
-    """Return what the base case is, in a few words, without what an axis changes."""
+    """Return a short description of the base case, without the keys that an axis changes."""
     case = Case.from_toml(data.attrs["case"])
     keys = {str(data[name].attrs.get("key")) for name in data.coords}
     motion, contact = case.excitation, case.contact

@@ -1,6 +1,6 @@
-"""From the journal of a sweep to one NetCDF file that xarray plots at once.
+"""Write the points of a sweep's journal to one NetCDF file that xarray can plot directly.
 
-It is written slab by slab, so that memory stays that of a slab however many points there are.
+The file is written slab by slab, so that the memory does not grow with the number of points.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from delam_fem.studies.sweeps.point import Point
 from delam_fem.studies.sweeps.quantities import Quantity
 
 SLAB_NUMBERS = 1_000_000
-"""Numbers in memory at a time: 8 MB."""
+"""Largest number of values in memory at a time (8 MB)."""
 _TEXT = h5py.string_dtype()
 
 
@@ -36,18 +36,18 @@ def write(
     x: FloatArray,
     attributes: Mapping[str, str | int | float],
 ) -> None:
-    """Write the dataset; a file of that name is replaced when the new one is complete.
+    """Write the dataset of a sweep; an existing file is replaced when the new one is complete.
 
     Args:
-        path: of the NetCDF file.
-        sweep: gives the grid.
-        journal: gives the points; those that are missing are NaN.
-        wanted: layout of the rows.
-        x: nodes of the first point, clamp included [m].
-        attributes: what the dataset says beside sweep, case and versions.
+        path: path of the NetCDF file.
+        sweep: the sweep, which defines the grid.
+        journal: journal with the points; missing points become NaN.
+        wanted: quantities in a row, in order.
+        x: positions of the nodes at the first point, clamp included, shape (n_nodes,) [m].
+        attributes: further attributes, besides sweep, case and versions.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: the file cannot be written.
     """
     with atomic(path) as temporary, h5netcdf.File(temporary, "w") as file:
         sizes = _dimensions(file, sweep, wanted, x)
@@ -74,7 +74,7 @@ def write(
 def _dimensions(
     file: h5netcdf.File, sweep: Sweep, wanted: tuple[Quantity, ...], x: FloatArray
 ) -> dict[str, int]:
-    """Write dimensions and coordinates; return the sizes."""
+    """Write dimensions and coordinates; return the size of each dimension by name."""
     sizes = dict(sweep.sizes)
     for quantity in wanted:
         sizes |= dict(zip(quantity.dims, quantity.shape, strict=True))
@@ -103,7 +103,7 @@ def _dimensions(
 
 
 def _off_dimension(sweep: Sweep, sizes: Mapping[str, int]) -> Iterator[str]:
-    """Yield the coordinates that no dimension is named after, which NetCDF has to be told."""
+    """Yield the coordinates that are not dimensions; NetCDF needs a list of them."""
     yield from (d.name for d in sweep.dimensions if d.name != d.along)
     if "node" in sizes:
         yield "x"
@@ -135,7 +135,7 @@ def _variable(
 def _slabs(
     sweep: Sweep, journal: Journal, wanted: tuple[Quantity, ...]
 ) -> Iterator[tuple[slice, Iterator[Point]]]:
-    """Yield stretches of the outermost dimension with their points."""
+    """Yield ranges of the outermost dimension (slabs) with their points."""
     outer, *inner = sweep.sizes.values()
     per_index = math.prod(inner)
     numbers = per_index * max(sum(quantity.size for quantity in wanted), 1)

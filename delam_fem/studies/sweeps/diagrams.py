@@ -1,4 +1,4 @@
-"""The diagrams of sweeps by name; what each shows stands in line_ and map_diagrams.py."""
+"""Draw a diagram of a sweep by its name; `line_diagrams.py` and `map_diagrams.py` define them."""
 
 from __future__ import annotations
 
@@ -22,12 +22,13 @@ def diagram(kind: DiagramName, data: xr.Dataset) -> Figure:
     """Draw a diagram of a sweep.
 
     Args:
-        kind: of the diagram.
-        data: what `run_sweep` returns, or a part of it with the axes that the diagram needs: one
-            for response and bifurcation, two for plane and basins, one or two for lyapunov.
+        kind: name of the diagram.
+        data: dataset from `run_sweep`, or a part of it with the number of axes that the diagram
+            needs: one for response and bifurcation, two for plane and basins, one or two for
+            lyapunov.
 
     Raises:
-        CaseError: the sweep has other axes, or has not recorded what the diagram shows.
+        CaseError: the sweep has another number of axes, or has not recorded a required variable.
     """
     axes = [name for name in data["outcome"].dims if name != "direction"]
     draw: dict[DiagramName, Callable[[xr.Dataset], Figure]] = {
@@ -42,10 +43,10 @@ def diagram(kind: DiagramName, data: xr.Dataset) -> Figure:
 
 
 def save_diagram(kind: DiagramName, data: xr.Dataset, path: str | Path) -> Path:
-    """Draw a diagram and write it as PNG.
+    """Draw a diagram and write it to a PNG file.
 
     Returns:
-        The path.
+        The path of the file.
 
     Raises:
         CaseError: see `diagram`.

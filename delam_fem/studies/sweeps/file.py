@@ -1,6 +1,6 @@
-"""SWEEP.toml as frozen, strict models: the base case, its axes, the order, what to keep.
+"""Define a sweep file as frozen, strict models: base case, axes, order of the points, record.
 
-What the numbers mean for the points of the grid stands in `sweepgrid.py`.
+`grid.py` derives the points of the grid from it.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _Key = Annotated[
 
 
 def _flat(value: object) -> dict[str, object]:
-    """Return nested tables as one with dotted keys: `a.b = 1` is the same as `"a.b" = 1`."""
+    """Return nested tables as one table with dotted keys, so that `a.b = 1` equals `"a.b" = 1`."""
     if not isinstance(value, Mapping):
         raise PydanticCustomError("unexpected", "expected a table")
     flat: dict[str, object] = {}
@@ -53,7 +53,7 @@ def _flat(value: object) -> dict[str, object]:
 
 
 def _some_tables(value: object) -> object:
-    """Demand at least one axis."""
+    """Check that there is at least one [[axis]] table."""
     if not isinstance(value, list | tuple) or not value:
         raise PydanticCustomError("inconsistent", "expected at least one [[axis]] table")
     return value
@@ -63,13 +63,13 @@ class Axis(Section):
     """An axis of a sweep: a key of the case and its values.
 
     Attributes:
-        key: as an override names it, or `initial.LAMINA.displacement` or `….velocity`.
-        name: of the coordinate in the result; by default the last part of the key.
+        key: key of the case, or `initial.LAMINA.displacement` or `initial.LAMINA.velocity`.
+        name: name of the coordinate in the result; by default the last part of the key.
         start: first value of a range.
-        stop: last value, included.
+        stop: last value of the range, included.
         count: number of values of the range.
-        spacing: of the range.
-        values: the values one by one, instead of a range.
+        spacing: "linear" or "logarithmic" spacing of the range.
+        values: list of values, instead of a range.
     """
 
     key: _Key
@@ -82,7 +82,7 @@ class Axis(Section):
 
     @model_validator(mode="after")
     def _one_source(self) -> Self:
-        """Demand a complete range or values of one kind."""
+        """Check that there is either a complete range or a list of values of one type."""
         given = [name for name in ("start", "stop", "count") if getattr(self, name) is not None]
         if self.values is not None:
             if given or "spacing" in self.model_fields_set:
@@ -104,7 +104,7 @@ class Axis(Section):
 
     @property
     def points(self) -> tuple[Value, ...]:
-        """The values; a range between whole numbers in whole steps gives whole numbers."""
+        """Values along the axis; whole numbers if start, stop and all steps are whole."""
         if self.values is not None:
             return self.values
         assert self.start is not None and self.stop is not None and self.count is not None
@@ -122,16 +122,17 @@ class Axis(Section):
 
 
 class Record(Section):
-    """What is kept of each point.
+    """The quantities that a sweep records at each point.
 
     Attributes:
-        summary: the numbers of summary.json that describe the motion.
-        strobes: how many of the last stroboscopic points of both tips.
-        harmonics: how many amplitudes of harmonics of both tips.
-        node_distortion: d and THD of the displacement at every node.
-        energies: the ledger, averaged over the window.
-        lyapunov: periods over which the largest Lyapunov exponent is estimated, 0 for none.
-        perturbation: distance of the second motion for it, relative to the motion.
+        summary: whether to record the numbers of summary.json that describe the motion.
+        strobes: number of last stroboscopic points of both tips.
+        harmonics: number of harmonic amplitudes of both tips.
+        node_distortion: whether to record d and THD of the displacement at every node.
+        energies: whether to record the energy ledger, averaged over the window.
+        lyapunov: number of periods for the largest Lyapunov exponent; 0: not computed.
+        perturbation: initial distance of the second motion for this exponent, relative to the norm
+            of the motion.
     """
 
     summary: Annotated[bool, Field(strict=True), expected("true or false")] = True
@@ -144,21 +145,23 @@ class Record(Section):
 
 
 class SweepFile(Section):
-    """A sweep as its file describes it.
+    """The content of a sweep file.
 
     Attributes:
-        name: of the sweep and its folder; by default that of the file.
-        base: a preset, or a case file relative to this file.
-        set: overrides of the base.
-        initial: tip displacement [m] and velocity [m/s] at the start by `LAMINA.displacement` and
-            `LAMINA.velocity`, in the first mode of each lamina.
+        name: name of the sweep and of its folder; by default that of the file.
+        base: a preset, or a case file relative to the sweep file.
+        set: overrides of the base case.
+        initial: tip displacement [m] and velocity [m/s] at the start, in the first mode of each
+            lamina, by `LAMINA.displacement` and `LAMINA.velocity`.
         axis: the axes.
-        combine: "product": every combination; "zip": the k-th values of all axes together.
-        order: "independent": every point from the start; "up", "down": along the first axis, each
-            point goes on from the state at the end of the one before it; "both": one after another.
-        engine: what computes the steps.
-        operators: what assembles the matrices.
-        record: what is kept.
+        combine: "product": every combination of values; "zip": the k-th values of all axes
+            together.
+        order: "independent": every point starts from the initial state; "up" or "down": along the
+            first axis, each point starts from the final state of the point before it; "both": both
+            directions, as two sets of points.
+        engine: name of the engine that computes the steps.
+        operators: method that assembles the matrices.
+        record: quantities that are recorded at each point.
     """
 
     name: Annotated[
@@ -178,7 +181,7 @@ class SweepFile(Section):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        """Check what the keys must fulfil together."""
+        """Check conditions that involve several keys."""
         keys = [axis.key for axis in self.axis]
         twice = next((key for key in keys if keys.count(key) > 1), None)
         if twice is not None:
@@ -195,7 +198,7 @@ class SweepFile(Section):
         return self
 
     def _check_continuation(self) -> None:
-        """Check that the state of one point can be the start of the next."""
+        """Check that the state at one point can be the initial state of the next."""
         first = self.axis[0]
         if not first.is_numeric:
             raise inconsistent(

@@ -1,4 +1,4 @@
-"""A sweep as a grid of points: which case each point is, in what order they follow one another."""
+"""Turn a sweep file into a grid: the case of each point, and the order of the points."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from delam_fem.numerics.arrays import IntArray
 from delam_fem.studies.sweeps.file import SweepFile, Value
 
 DIRECTIONS = ("up", "down")
-"""Coordinate of the dimension `direction` of order "both"."""
+"""Values of the coordinate `direction` in a sweep with order "both"."""
 INITIAL = "initial"
-"""First part of the keys of initial conditions."""
+"""First part of the keys that set initial conditions."""
 _INITIAL_QUANTITIES = ("displacement", "velocity")
 _TAKEN = {"direction", "lamina", "node", "strobe", "harmonic", "x", "outcome", "error"}
-"""Names in the result that an axis cannot have."""
+"""Names that an axis cannot have, because the result uses them."""
 _UNITS = {
     "frequency": "Hz", "start_frequency": "Hz", "end_frequency": "Hz", "duration": "s",
     "amplitude": "m", "tip": "m", "length": "m", "width": "m", "thickness": "m",
@@ -32,7 +32,7 @@ _UNITS = {
     "penalty_stiffness": "N/m", "penalty_damping": "N s/m", "threshold_velocity": "m/s",
     "displacement": "m", "velocity": "m/s",
 }  # fmt: skip
-"""Units by the last part of a key; all others are pure numbers."""
+"""Units by the last part of a key; all other keys are numbers without a unit."""
 
 
 @dataclass(frozen=True)
@@ -40,12 +40,12 @@ class Dimension:
     """One coordinate of the result.
 
     Attributes:
-        name: of the coordinate.
-        key: of the case, or of the initial conditions.
-        values: along it.
-        units: of the values.
+        name: name of the coordinate.
+        key: key of the case or of the initial conditions.
+        values: values along the coordinate.
+        units: unit of the values.
         long_name: the key in words.
-        along: name of the dimension it belongs to; with "zip" all belong to the first.
+        along: name of the dimension of the coordinate; with "zip" all have the first axis' name.
     """
 
     name: str
@@ -58,11 +58,11 @@ class Dimension:
 
 @dataclass(frozen=True)
 class Sweep:
-    """A sweep that can be computed.
+    """A sweep: a grid of points, each with its case.
 
     Attributes:
-        file: what its file says.
-        base: the base case with the overrides of the file.
+        file: content of the sweep file.
+        base: base case with the overrides of the file.
     """
 
     file: SweepFile
@@ -93,7 +93,7 @@ class Sweep:
 
     @cached_property
     def sizes(self) -> dict[str, int]:
-        """Sizes of the grid by the names of its dimensions, in order."""
+        """Size of each dimension of the grid by name, in order."""
         sizes = {"direction": len(DIRECTIONS)} if self.file.order == "both" else {}
         return sizes | {d.along: len(d.values) for d in self.dimensions}
 
@@ -103,7 +103,7 @@ class Sweep:
         return int(np.prod(list(self.sizes.values())))
 
     def overrides(self, index: int) -> dict[str, Value]:
-        """Return what a point sets, by key; `index` counts the grid in C order."""
+        """Return the values of a point by key; `index` counts the grid in C order."""
         place = dict(
             zip(self.sizes, np.unravel_index(index, tuple(self.sizes.values())), strict=True)
         )
@@ -113,17 +113,17 @@ class Sweep:
         """Return the case of a point.
 
         Raises:
-            CaseError: its values do not go together.
+            CaseError: its values do not make a valid case.
         """
         return self._case(self.overrides(index), f"point {index}")
 
     def initial(self, index: int) -> dict[str, float]:
-        """Return the initial conditions of a point by `LAMINA.displacement` or `….velocity`."""
+        """Return the initial conditions of a point; see `SweepFile.initial` for the keys."""
         return self._initial(self.overrides(index))
 
     @cached_property
     def tracks(self) -> tuple[IntArray, ...]:
-        """Points that follow one another by their state; none if all are independent."""
+        """Sequences of points in which each starts from the state of the one before; () if none."""
         if self.file.order == "independent":
             return ()
         first = self.dimensions[0]
@@ -139,14 +139,14 @@ class Sweep:
         return tuple(np.asarray(line, dtype=np.int64) for line in lines)
 
     def to_toml(self, base: str) -> str:
-        """Return the sweep as TOML that takes its base from `base`, a name of a file."""
+        """Return the sweep as TOML, with `base` as the name of its base case file."""
         data = self.file.model_dump(exclude_none=True, exclude_unset=True)
         data.pop("set", None)
         return toml_text({"name": self.file.name} | data | {"base": base})
 
     @property
     def identity(self) -> str:
-        """A text that is the same only for sweeps of the same result."""
+        """Text that is equal only for sweeps with the same result."""
         return f"{self.to_toml('')}\n{self.base.to_toml()}"
 
     @cached_property
@@ -179,10 +179,10 @@ class Sweep:
         return found
 
     def check(self) -> None:
-        """Check every value of every axis, the other axes at their first value.
+        """Check every value of every axis, with the other axes at their first value.
 
         Raises:
-            CaseError: a value is impossible, or what shall be recorded cannot be.
+            CaseError: a value is not valid, or a requested record is not possible.
         """
         label = f"sweep {self.file.name}"
         names = [d.name for d in self.dimensions]
@@ -206,7 +206,7 @@ class Sweep:
             self._check_frames(case, label)
 
     def _check_frames(self, case: Case, label: str) -> None:
-        """Check that the fields are sampled evenly and at the same nodes at all points."""
+        """Check that all points record evenly spaced frames on the same nodes."""
         N, frames = case.time.steps_per_period, case.output.fields_per_period
         if frames < 4 or N % frames:
             raise CaseError(
@@ -222,7 +222,7 @@ class Sweep:
 
 
 def _short_name(key: str) -> str:
-    """Return the last part of a key, for laminae and initial conditions the last two."""
+    """Return the last part of a key; for laminae and initial conditions, the last two parts."""
     parts = key.split(".")
     return "_".join(parts[-2:]) if parts[0] in ("lamina", INITIAL) else parts[-1]
 
@@ -235,14 +235,14 @@ def load_sweep(path: str | Path, overrides: Mapping[str, object] | None = None) 
     """Read a sweep file.
 
     Args:
-        path: TOML file; a case file that it names relatively lies beside it.
-        overrides: values of the base case by key, on top of the file's `[set]`.
+        path: TOML file; a relative name of a case file in it is relative to its folder.
+        overrides: values of the base case by key; they replace those in `[set]` of the file.
 
     Returns:
-        The sweep, every value of its axes checked.
+        The sweep; every value of its axes is checked.
 
     Raises:
-        CaseError: the file is missing, no TOML or no sweep; a value is impossible.
+        CaseError: the file is missing or is not a valid sweep file, or a value is not valid.
     """
     path = Path(path)
     return sweep_of({"name": path.stem} | read_toml(path), overrides, path.absolute().parent)
@@ -251,12 +251,12 @@ def load_sweep(path: str | Path, overrides: Mapping[str, object] | None = None) 
 def sweep_of(
     data: Data, overrides: Mapping[str, object] | None = None, folder: Path | None = None
 ) -> Sweep:
-    """Return the sweep that a dictionary describes as `tomllib` returns it.
+    """Return the sweep that a dictionary describes.
 
     Args:
-        data: keys as in a sweep file, `name` included.
+        data: content of a sweep file as `tomllib` returns it, with `name`.
         overrides: see `load_sweep`.
-        folder: where the file of the base case is sought; default the working directory.
+        folder: folder of the base case file; default: the working directory.
 
     Raises:
         CaseError: see `load_sweep`.

@@ -1,7 +1,8 @@
-"""The journal of a sweep: every finished point on disk, in one file, however many there are.
+"""Keep every finished point of a sweep in one file on disk, the journal.
 
-An SQLite file that only the parent process writes; a commit is whole or absent after any crash. It
-holds the points and, for each track, the state from which its next point starts.
+The journal is an SQLite file. Only the parent process writes it, and after a crash a commit is
+either complete or absent. It contains the finished points and, for each track, the state from which
+the next point starts.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from delam_fem.simulation.loop import State
 from delam_fem.studies.sweeps.point import Done, Point
 
 PATIENCE = 5.0
-"""Time in which a process that was just stopped lets go of its journal [s]."""
+"""Time to wait for the journal of another process that is about to end [s]."""
 _SCHEMA = """
     CREATE TABLE about (identity TEXT NOT NULL);
     CREATE TABLE point (
@@ -33,26 +34,26 @@ _SCHEMA = """
 
 
 class Journal:
-    """What is finished of a sweep.
+    """The journal of a sweep.
 
     Attributes:
-        path: of the file.
+        path: path of the file.
     """
 
     def __init__(
         self, path: Path, identity: str, *, resume: bool, patience: float = PATIENCE
     ) -> None:
-        """Open a journal, and hold it until `close`: a second process is refused.
+        """Open a journal and lock it until `close`; a second process cannot open it.
 
         Args:
-            path: of the file.
-            identity: text that is the same only for the same sweep.
-            resume: whether to go on with what is there.
-            patience: how long to wait for another process that holds it [s].
+            path: path of the file.
+            identity: text that is equal only for the same sweep.
+            resume: whether to continue with the finished points in the file.
+            patience: time to wait for another process that has locked the file [s].
 
         Raises:
-            CaseError: another process has it; it belongs to another sweep; there are finished
-                points that `resume` does not ask for.
+            CaseError: another process has locked the file; the file belongs to another sweep; or
+                it has finished points and `resume` is False.
         """
         self.path = path
         self._connection = sqlite3.connect(path, timeout=patience, isolation_level=None)
@@ -100,10 +101,10 @@ class Journal:
         return int(self._connection.execute("SELECT count(*) FROM point").fetchone()[0])
 
     def add(self, done: Iterable[Done]) -> None:
-        """Write finished chunks; they are on disk when this returns.
+        """Write finished chunks and wait until they are on disk.
 
         Raises:
-            OSError: they cannot be written.
+            OSError: the file cannot be written.
         """
         run, many = self._connection.execute, self._connection.executemany
         try:
@@ -120,12 +121,12 @@ class Journal:
             raise OSError(0, f"cannot be written ({error})", str(self.path)) from None
 
     def numbers(self) -> Iterator[int]:
-        """Yield the finished points, in order."""
+        """Yield the indices of the finished points, in order."""
         for (number,) in self._connection.execute("SELECT number FROM point ORDER BY number"):
             yield number
 
     def points(self, start: int, stop: int) -> Iterator[Point]:
-        """Yield the finished points of a range, in order."""
+        """Yield the finished points with indices from `start` to below `stop`, in order."""
         rows = self._connection.execute(
             "SELECT * FROM point WHERE number >= ? AND number < ? ORDER BY number", (start, stop)
         )
@@ -139,7 +140,7 @@ class Journal:
         )
 
     def state(self, track: int) -> State | None:
-        """Return the state from which a track goes on, None if it has none."""
+        """Return the state from which a track continues; None if the journal has none."""
         found = self._connection.execute(
             "SELECT motion, resting FROM track WHERE number = ?", (track,)
         ).fetchone()
@@ -149,7 +150,7 @@ class Journal:
         return State(motion, np.frombuffer(found[1], dtype=np.bool_).copy())
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close and unlock the file."""
         self._connection.close()
 
     def __enter__(self) -> Self:
@@ -162,7 +163,7 @@ class Journal:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Close it."""
+        """Close the journal."""
         self.close()
 
 

@@ -1,4 +1,4 @@
-"""Diagrams of a sweep over one axis: frequency response, bifurcation, Lyapunov exponent."""
+"""Draw diagrams of a sweep over one axis: frequency response, bifurcation, Lyapunov exponent."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ if TYPE_CHECKING:
 
 
 DIRECTION_STYLE = {"up": (BLUE, "^", "-"), "down": (VERMILLION, "v", "--")}
-"""Colour, marker and line of the directions, the same in every diagram."""
+"""Colour, marker and line of each direction, the same in every diagram."""
 POINT_STYLE = {"up": (SKY, 3.4), "down": (VERMILLION, 1.4)}
-"""Colour and size of stroboscopic points: where both directions agree, both can be seen."""
+"""Colour and size of stroboscopic points; both directions stay visible where they agree."""
 HEADROOM = 1.15
-"""Of the largest amplitude; the linear resonances go far beyond."""
+"""Upper end of the axis over the largest amplitude; linear resonances lie far above it."""
 LINEAR_POINTS = 2000
 
 
 def response(data: xr.Dataset) -> Figure:
-    """Draw the tip amplitudes over one axis, up and down, beside the motion without contact."""
+    """Draw the tip amplitudes over one axis for each direction, and those without contact."""
     (axis,) = axes_of(data, 1, "response")
     require(data, "tip_amplitude", "record.summary = true")
     figure = Figure(figsize=(WIDTH, 6.0), layout="constrained")
@@ -117,7 +117,7 @@ def _directions(
 
 
 def _shade_two_motions(panel: Axes, data: xr.Dataset, axis: DiagramAxis) -> None:
-    """Shade where the motion depends on the direction: amplitudes differ by `SAME_ATTRACTOR`."""
+    """Shade where amplitudes of both directions differ by more than the share `SAME_ATTRACTOR`."""
     if "direction" not in data.dims or "tip_amplitude" not in data:
         return
     a = data["tip_amplitude"].transpose("direction", axis.name, "lamina").to_numpy()
@@ -133,13 +133,13 @@ def _shade_two_motions(panel: Axes, data: xr.Dataset, axis: DiagramAxis) -> None
 
 
 def _top(panel: Axes, values: FloatArray) -> None:
-    """Let the computed motion set the axis' range."""
+    """Set the vertical range of a panel by the computed amplitudes alone."""
     if np.isfinite(values).any():
         panel.set_ylim(0.0, HEADROOM * float(np.nanmax(values)) or None)
 
 
 def _linear(panel: Axes, data: xr.Dataset, axis: DiagramAxis, i: int) -> None:
-    """Draw the amplitude of the exact cantilever that nothing touches."""
+    """Draw the exact amplitude of a cantilever without contact."""
     case = Case.from_toml(data.attrs["case"])
     f = np.linspace(axis.values.min(), axis.values.max(), LINEAR_POINTS)
     amplitude = 1e3 * case.linear_amplitude(i, f)
@@ -147,7 +147,7 @@ def _linear(panel: Axes, data: xr.Dataset, axis: DiagramAxis, i: int) -> None:
 
 
 def _mark_missing(panel: Axes, data: xr.Dataset, axis: DiagramAxis) -> None:
-    """Mark the points that have no result at the foot of the panel."""
+    """Mark the points without a result at the bottom of the panel."""
     is_missing = data["outcome"].to_numpy() != "completed"
     if is_missing.ndim > 1:
         is_missing = is_missing.any(axis=0)
@@ -160,7 +160,7 @@ def _mark_missing(panel: Axes, data: xr.Dataset, axis: DiagramAxis) -> None:
 
 
 def _finish(figure: Figure, panel: Axes, data: xr.Dataset, axis: DiagramAxis) -> None:
-    """Label the shared axis and name the sweep."""
+    """Label the shared axis and write the title of the figure."""
     panel.set(xlabel=axis.label, xscale="log" if axis.is_logarithmic else "linear")
     panel.margins(x=0.01)
     figure.suptitle(heading(data))

@@ -1,4 +1,4 @@
-"""Diagrams of a sweep over two axes: kinds of motion, basins of attraction, Lyapunov exponent."""
+"""Draw diagrams of a sweep over two axes: kinds of motion, basins, Lyapunov exponent."""
 
 from __future__ import annotations
 
@@ -33,18 +33,18 @@ if TYPE_CHECKING:
 
 
 KIND_COLOURS = (SKY, ORANGE, GREEN, "#bbbbbb", BLACK, "#ffffff")
-"""Of the kinds of motion, in their order."""
+"""Colours of the kinds of motion, in the order of `KINDS`."""
 ATTRACTOR_COLOURS = (BLUE, ORANGE, GREEN, SKY, VERMILLION, YELLOW, PURPLE)
-"""Of the attractors, the most frequent first; all further ones share a grey."""
+"""Colours of the attractors, the most frequent first; all further attractors share a grey."""
 OTHERS, NONE = "#999999", "#ffffff"
 MOST_LABELS = 900
-"""Cells in which the periodicity of a motion of higher order is written."""
+"""Largest number of cells up to which the periodicity is written into them."""
 DIVERGING = "PuOr_r"
-"""Purple to white to orange: readable by the colour-blind, white is zero."""
+"""Colour map from purple to orange, readable for the colour-blind; white is zero."""
 
 
 def plane(data: xr.Dataset) -> Figure:
-    """Draw the kind of motion over two axes."""
+    """Draw the kind of motion at each point over two axes."""
     x, y = axes_of(data, 2, "plane")
     require(data, "periodicity", "record.summary = true")
     require(data, "strobe_displacement", f"record.strobes = {2 * at.FEWEST_STROBES}")
@@ -71,7 +71,7 @@ def plane(data: xr.Dataset) -> Figure:
 
 
 def _thresholds() -> str:
-    """Return how the kinds of motion are told apart."""
+    """Return a text with the definitions of the kinds of motion."""
     return (
         f"period P: strobes P ≤ {LARGEST_PERIODICITY} periods apart differ by less than "
         f"{100 * PERIODIC_SCATTER:g} % of the half peak-to-peak amplitude (rms); "
@@ -81,7 +81,7 @@ def _thresholds() -> str:
 
 
 def basins(data: xr.Dataset) -> Figure:
-    """Draw which attractor is reached from each initial condition."""
+    """Draw the attractor that is reached from each initial condition (basins of attraction)."""
     x, y = axes_of(data, 2, "basins")
     require(data, "periodicity", "record.summary = true")
     require(data, "strobe_displacement", "record.strobes = 40")
@@ -135,12 +135,12 @@ def lyapunov_map(data: xr.Dataset) -> Figure:
 
 
 def _percent(share: float) -> str:
-    """Return a share in words, so that a rare kind is not said to be none."""
+    """Return a share in per cent as text; shares below 1 % become "< 1 %", not "0 %"."""
     return f"{100.0 * share:.0f} %" if share >= 0.01 else "< 1 %"
 
 
 def _values(data: xr.Dataset, name: str, x: DiagramAxis, y: DiagramAxis) -> npt.NDArray[Any]:
-    """Return a variable with the axes first."""
+    """Return the values of a variable, with the two axes as first dimensions."""
     if "direction" in data.dims:
         raise CaseError(
             'diagram: a map shows one direction; select it: data.sel(direction="up"), or compute '
@@ -170,7 +170,7 @@ def _write_periods(panel: Axes, x: DiagramAxis, y: DiagramAxis, periodicity: Flo
 
 
 def _legend(panel: Axes, colours: list[str], labels: list[str]) -> None:
-    """Name the colours above the panel."""
+    """Draw the legend of the colours above the panel."""
     handles = [
         Patch(facecolor=colour, edgecolor="#555555", linewidth=0.5, label=label)
         for colour, label in zip(colours, labels, strict=True)
@@ -184,7 +184,7 @@ def _legend(panel: Axes, colours: list[str], labels: list[str]) -> None:
 def _finish(
     figure: Figure, panel: Axes, axes: tuple[DiagramAxis, DiagramAxis], data: xr.Dataset
 ) -> None:
-    """Label the axes and name the sweep."""
+    """Label the axes and write the title of the figure."""
     x, y = axes
     panel.set(xlabel=x.label, ylabel=y.label)
     if x.is_logarithmic:

@@ -1,7 +1,7 @@
-"""One point of a sweep after another, in a worker: case, structure, engine, run, row of numbers.
+"""Compute points of a sweep in a worker: case, structure, run, row of numbers.
 
-No dataset is built, and structures are kept for the points that share them. Nothing of dolfinx or
-PETSc is imported unless the sweep asks for it, so that a worker starts fast.
+No dataset is built, and a worker keeps structures for points that share them. dolfinx and PETSc are
+imported only if the sweep needs them, so that a worker starts fast.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from delam_fem.studies.sweeps.grid import Sweep
 from delam_fem.studies.sweeps.quantities import Quantity, quantities, row_of
 
 KEPT_STRUCTURES = 16
-"""Structures that a worker keeps; neighbouring points mostly share one."""
+"""Number of structures that a worker keeps; neighbouring points mostly share one."""
 _KEPT_SWEEPS = 4
 NOT_ASSEMBLED: Mapping[str, bool | set[str]] = {
     "name": True,
@@ -40,7 +40,7 @@ NOT_ASSEMBLED: Mapping[str, bool | set[str]] = {
     "output": True,
     "time": {"scheme", "steps_per_period", "periods"},
 }
-"""Sections and keys of a case that do not enter the assembly, in the notation of pydantic."""
+"""Sections and keys of a case that do not affect the assembly, in the notation of pydantic."""
 
 _log = logging.getLogger(__name__)
 _thread = threading.local()
@@ -52,8 +52,8 @@ class Chunk:
 
     Attributes:
         track: number of the track, -1 if the points are independent.
-        indices: the points.
-        state: at the end of the point before, None where there is none.
+        indices: indices of the points.
+        state: state at the end of the point before the chunk; None: from the initial conditions.
     """
 
     track: int
@@ -63,13 +63,13 @@ class Chunk:
 
 @dataclass(frozen=True)
 class Point:
-    """What came of a point.
+    """The result of a point.
 
     Attributes:
-        index: of the point.
+        index: index of the point.
         outcome: "completed", "diverged" or "failed".
-        error: why, empty where completed.
-        row: the numbers, shape as `sweep_quantities.quantities` says; None unless completed.
+        error: reason why the point was not completed; empty if it was.
+        row: values of the quantities, shape (sum of their sizes,); None unless completed.
     """
 
     index: int
@@ -80,14 +80,14 @@ class Point:
 
 @dataclass(frozen=True)
 class Done:
-    """What came of a chunk.
+    """The result of a chunk.
 
     Attributes:
         chunk: the chunk.
-        points: its points, in order.
-        state: at the end of the last point of a track that was completed.
-        seconds: time that they took.
-        idle: time that the worker had waited for them, 0 for its first [s].
+        points: results of its points, in order.
+        state: final state of the last completed point, in a track.
+        seconds: computing time of the chunk [s].
+        idle: time that the worker waited before the chunk; 0 for its first chunk [s].
     """
 
     chunk: Chunk
@@ -109,21 +109,21 @@ class PointRunner:
     _structures: dict[str, Structure] = field(default_factory=dict)
 
     def quantities(self, layout: Layout) -> tuple[Quantity, ...]:
-        """Return what a row holds, in order."""
+        """Return the quantities in a row, in order."""
         return quantities(self.sweep.file.record, layout)
 
     def point(self, index: int, carried: State | None) -> tuple[Point, State | None]:
-        """Compute a point; whatever goes wrong is part of the result.
+        """Compute a point; an exception becomes the outcome "failed".
 
         Args:
-            index: of the point.
-            carried: state to start from; None: from the initial conditions.
+            index: index of the point.
+            carried: state to start from; None: the initial conditions of the point.
 
         Returns:
-            The point, and the state at its end if it was completed.
+            The result of the point, and the state at its end (None unless completed).
         """
         try:
-            with np.errstate(all="ignore"):  # a diverged motion is told by its outcome
+            with np.errstate(all="ignore"):  # the outcome reports a diverged motion
                 return self._computed(index, carried)
         except Exception as error:
             _log.debug("point %d", index, exc_info=True)
@@ -131,7 +131,7 @@ class PointRunner:
             return Point(index, "failed", f"{kind}{error}", None), None
 
     def structure(self, case: Case) -> Structure:
-        """Return the discretised case, made once for the cases that share it."""
+        """Return the discretised case, from memory if another case with the same model made it."""
         key = assembly_key(case)
         if key not in self._structures:
             while len(self._structures) >= KEPT_STRUCTURES:
@@ -175,17 +175,18 @@ class PointRunner:
 def assembly_key(case: Case) -> str:
     """Return a text that is the same for two cases only if they have the same model.
 
-    It contains the whole case without `NOT_ASSEMBLED`, so a new section or key counts by itself.
+    It contains the whole case except `NOT_ASSEMBLED`, so a new section or key is included by
+    itself.
     """
     return case.model_dump_json(exclude=NOT_ASSEMBLED)
 
 
 def compute(packed: bytes, chunk: Chunk) -> Done:
-    """Compute a chunk; this is what an executor is given.
+    """Compute a chunk; executors call this function.
 
     Args:
-        packed: the pickled sweep; unpacked once per worker.
-        chunk: the points.
+        packed: the pickled sweep; each worker unpickles it once.
+        chunk: the chunk.
     """
     begin = time.perf_counter()
     idle = begin - getattr(_thread, "end", begin)
@@ -196,7 +197,7 @@ def compute(packed: bytes, chunk: Chunk) -> Done:
         point, after = runner.point(index, carried)
         points.append(point)
         if chunk.track >= 0 and after is not None:
-            state = after  # past a point that failed, the last good state goes on
+            state = after  # after a point that failed, the last good state is used again
     _thread.end = time.perf_counter()
     return Done(chunk, tuple(points), state, _thread.end - begin, idle)
 
@@ -207,7 +208,7 @@ def _runner(packed: bytes) -> PointRunner:
 
 
 def _assemble(case: Case, operators: str) -> Structure:
-    """Assemble a case; the closed form needs no dolfinx and is equal to round-off."""
+    """Assemble a case; the closed form needs no dolfinx and equals its matrices to round-off."""
     if operators == "closed-form":
         return closed_form.assemble(case)
     initialise_petsc_alone()
@@ -217,7 +218,7 @@ def _assemble(case: Case, operators: str) -> Structure:
 
 
 def _where(recorder: Recorder, case: Case) -> str:
-    """Say when a motion diverged."""
+    """Return a message with the time and period in which a motion diverged."""
     last = recorder.window[-1].n_steps
     t = ((recorder.n_closed - 1) * recorder.steps_per_period + last) * case.time_step
     return f"diverged at t = {t:.6g} s (period {recorder.n_closed})"

@@ -1,4 +1,4 @@
-"""What a sweep keeps of a point, as one row of numbers with a fixed layout."""
+"""Reduce the run of a point to one row of numbers, in a layout that all points share."""
 
 from __future__ import annotations
 
@@ -45,11 +45,11 @@ class Quantity:
     """One variable of the result.
 
     Attributes:
-        name: of the variable.
-        dims: its dimensions beside the grid's.
-        shape: sizes of these.
-        units: of its values.
-        long_name: in words.
+        name: name of the variable.
+        dims: dimensions of the variable besides those of the grid.
+        shape: sizes of these dimensions.
+        units: unit of the values.
+        long_name: description in words.
     """
 
     name: str
@@ -60,16 +60,16 @@ class Quantity:
 
     @property
     def size(self) -> int:
-        """Numbers per point."""
+        """Number of values per point."""
         return math.prod(self.shape)
 
 
 def quantities(record: Record, layout: Layout) -> tuple[Quantity, ...]:
-    """Return what is kept of each point, in the order of its row.
+    """Return the quantities that a sweep records at each point, in the order of a row.
 
     Args:
-        record: what was asked for.
-        layout: of the structure.
+        record: the section `record` of the sweep file.
+        layout: layout of the structure.
     """
     sizes = {
         "lamina": len(layout.parts),
@@ -111,17 +111,17 @@ def row_of(
     structure: Structure,
     extra: Mapping[str, float],
 ) -> FloatArray:
-    """Return the row of a point.
+    """Return the row of numbers of a point.
 
     Args:
-        wanted: the layout.
-        case: of the point.
-        recorder: after the run.
-        structure: that moved.
-        extra: values that do not follow from the record, by name.
+        wanted: quantities in the row, in order.
+        case: case of the point.
+        recorder: recorder after the run.
+        structure: discretised case.
+        extra: values that do not follow from the recorder, by name.
 
     Returns:
-        One row, NaN for what has no meaning; shape (sum of sizes,).
+        One row, shape (sum of sizes,); NaN for values that are not defined.
     """
     names = {quantity.name for quantity in wanted}
     motion = tip_motion(recorder, structure.operators.gap0)
@@ -145,7 +145,7 @@ def row_of(
 
 
 def tip_motion(recorder: Recorder, gap0: FloatArray) -> diagnostics.TipMotion:
-    """Return the motion of the tips that a recorder has kept."""
+    """Return the motion of the tips in the window of a recorder."""
     tip, start, n_impacts = gap0.size - 1, 0, 0
     hit_steps = []
     for record in recorder.window:
@@ -176,7 +176,7 @@ def _node_distortion(recorder: Recorder, layout: Layout) -> dict[str, npt.ArrayL
 
 
 def _fitted(quantity: Quantity, value: npt.ArrayLike | None) -> FloatArray:
-    """Return a value as part of a row: the last of too many numbers of strobes, NaN for too few."""
+    """Return a value in the shape of its quantity, flat; missing strobes and harmonics are NaN."""
     row = np.full(quantity.shape, np.nan)
     if value is None:
         return row.ravel()

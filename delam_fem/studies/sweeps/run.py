@@ -1,4 +1,4 @@
-"""Compute a sweep: points to an executor, what comes back to the journal, all of it to one dataset.
+"""Compute a sweep: an executor computes the points, a journal keeps them, one dataset has all.
 
 In Python:
 
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 RESULT, JOURNAL = "sweep.nc", "sweep.journal"
-"""Names of the files in the folder of a sweep."""
+"""Names of the dataset and the journal in the folder of a sweep."""
 
 _log = logging.getLogger(__name__)
 
@@ -52,27 +52,29 @@ def run_sweep(
     resume: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> xr.Dataset:
-    """Compute all points of a sweep.
+    """Compute all points of a sweep and return the dataset.
 
-    The folder holds `case.toml` and `sweep.toml` (which repeat the sweep), the journal of what is
-    finished until all is, and then `sweep.nc`.
+    The folder contains `case.toml` and `sweep.toml`, from which the sweep can be repeated, and
+    `sweep.nc`. While points are missing it also contains the journal of the finished points.
 
     Args:
-        sweep: what to compute.
-        directory: made where it does not exist.
+        sweep: the sweep to compute.
+        directory: folder of the sweep; it is made if it does not exist.
         executor: any `concurrent.futures.Executor`, for example a Dask client's `get_executor()`;
             or "process" (default), "mpi" (under `python -m mpi4py.futures`) or "serial".
         workers: number of workers; by default those of the executor, or one per core.
-        resume: go on with what the folder holds; a complete sweep is returned as it is.
-        progress: called with the points done and all points.
+        resume: whether to continue with the points in the folder; a complete sweep is returned
+            without computing.
+        progress: called with the number of finished points and of all points.
 
     Returns:
-        The dataset, read as it is used. `attrs["outcome"]` is "completed", or "interrupted" (by
-        Ctrl-C or a signal to terminate): then points are missing, and `resume` goes on.
+        The dataset, opened lazily. `attrs["outcome"]` is "completed", or "interrupted" by Ctrl-C or
+        SIGTERM; then points are missing, and a call with `resume` computes them.
 
     Raises:
-        CaseError: the folder holds another or an unfinished sweep; the first point is no case.
-        BrokenExecutor: a worker of the given executor died; what is finished is kept.
+        CaseError: the folder contains another sweep, or an unfinished one and `resume` is False; or
+            the first point is not a valid case.
+        BrokenExecutor: a worker of the given executor died; the journal keeps the finished points.
         OSError: the folder cannot be written.
     """
     directory = Path(directory)
@@ -104,7 +106,7 @@ def _computed(
     schedule: Schedule,
     progress: Callable[[int, int], None] | None,
 ) -> bool:
-    """Compute what is missing; return whether all is there."""
+    """Compute the missing points; return whether all points are finished."""
     n_done = journal.n_points
 
     def take_in(results: list[Done]) -> None:
@@ -127,7 +129,7 @@ def _schedule(
     executor: Executor | ExecutorName | None,
     workers: int | None,
 ) -> Iterator[Schedule]:
-    """Prepare what is left to do on an executor that is open in this context."""
+    """Yield a schedule of the missing points, on an executor that is open in this context."""
     ready, packed = deque(_left(sweep, journal)), pickle.dumps(sweep)
     if isinstance(executor, Executor):
         yield Schedule(packed, workers or executors.size_of(executor), ready, executor)
@@ -137,7 +139,7 @@ def _schedule(
 
 
 def _left(sweep: Sweep, journal: Journal) -> list[Track]:
-    """Return what is not in the journal, track by track."""
+    """Return the points that are not in the journal, as tracks."""
     is_done = np.zeros(sweep.n_points, dtype=np.bool_)
     for number in journal.numbers():
         is_done[number] = True
@@ -155,7 +157,7 @@ def _left(sweep: Sweep, journal: Journal) -> list[Track]:
 def _attributes(
     sweep: Sweep, journal: Journal, schedule: Schedule, seconds: float
 ) -> dict[str, str | int | float]:
-    """Return what the dataset says about its computation; times are of this session alone."""
+    """Return attributes on the computation of the dataset; times are those of this call alone."""
     counts, costs = journal.counts(), schedule.costs
     n_done = sum(counts.values())
     return {
@@ -173,10 +175,10 @@ def _attributes(
 
 
 def is_complete(directory: Path, sweep: Sweep) -> bool:
-    """Say whether a folder has the complete result of a sweep already.
+    """Return whether a folder already has the complete result of a sweep.
 
     Raises:
-        CaseError: it has that of another.
+        CaseError: the folder has the result of another sweep.
     """
     path = directory / RESULT
     if not path.is_file() or (directory / JOURNAL).exists():

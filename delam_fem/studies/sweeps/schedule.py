@@ -1,7 +1,7 @@
-"""Hands points to an executor in chunks sized by what they have cost, and takes in what is done.
+"""Submit points to an executor in chunks of about equal time, and collect the results.
 
-Any `concurrent.futures.Executor` will do. Points of a track follow one another; all others go to
-whichever worker is free.
+Any `concurrent.futures.Executor` can be used. The points of a track are computed one after another;
+all other points go to any free worker.
 """
 
 from __future__ import annotations
@@ -16,27 +16,27 @@ from delam_fem.simulation.loop import State
 from delam_fem.studies.sweeps.point import Chunk, Done, Point, compute
 
 CHUNK_SECONDS = 0.5
-"""Aim for the time of a chunk: a hundred times what it costs to hand one over."""
+"""Target time of a chunk [s]: a hundred times the cost of submitting one."""
 SHARE = 4
-"""Chunks per worker that are left at least while there are points: an even end."""
+"""Minimum number of chunks per worker, so that all workers finish together."""
 IN_FLIGHT = 2
-"""Chunks per worker that are handed over, so that none waits for the parent."""
+"""Number of submitted chunks per worker, so that no worker waits for the parent."""
 MOST = 10_000
-"""Points in a chunk at most."""
+"""Largest number of points in a chunk."""
 POLL = 0.2
-"""Time after which a stop is noticed [s]."""
+"""Longest time until a stop is noticed [s]."""
 INDEPENDENT = -1
-"""Number of the track of points that do not follow one another."""
+"""Track number of points that can be computed in any order."""
 
 
 @dataclass
 class Track:
-    """Points that are still to be handed out, in order.
+    """Points of a track that are not submitted yet, in order.
 
     Attributes:
-        number: of the track, or `INDEPENDENT`.
-        waiting: the points.
-        state: from which the first of them starts.
+        number: number of the track, or `INDEPENDENT`.
+        waiting: indices of the points.
+        state: state from which the first of them starts; None: from its initial conditions.
     """
 
     number: int
@@ -46,12 +46,12 @@ class Track:
 
 @dataclass
 class Costs:
-    """What the points have cost.
+    """Measured times of the workers.
 
     Attributes:
-        busy: time that workers computed [s].
-        idle: time that workers waited between chunks [s].
-        cost: recent mean time of a point, 0 if none is known [s].
+        busy: time in which workers computed [s].
+        idle: time in which workers waited between chunks [s].
+        cost: recent mean time of a point; 0 if no point is finished [s].
     """
 
     busy: float = 0.0
@@ -59,9 +59,9 @@ class Costs:
     cost: float = 0.0
 
     def add(self, done: Done) -> None:
-        """Take a chunk into account."""
+        """Add the times of a finished chunk."""
         recent = done.seconds / len(done.points)
-        # the first point of a worker brings imports: the smaller of both forgets it at once
+        # the first point of a worker includes imports; a much smaller time replaces it at once
         self.cost = (
             min(recent, self.cost)
             if 2.0 * recent < self.cost
@@ -72,22 +72,23 @@ class Costs:
 
     @property
     def overhead(self) -> float:
-        """Share of the workers' time that they waited between chunks."""
+        """Share of their time in which workers waited between chunks [-]."""
         total = self.busy + self.idle
         return self.idle / total if total > 0.0 else 0.0
 
 
 @dataclass
 class Schedule:
-    """The work that is left and in flight.
+    """The points that are waiting or submitted, and the executor that computes them.
 
     Attributes:
         packed: the pickled sweep.
-        n_workers: of the executor.
-        ready: tracks from which a chunk can be taken now.
-        executor: computes.
-        renew: returns another executor in place of one whose worker died; None: there is none.
-        costs: so far.
+        n_workers: number of workers of the executor.
+        ready: tracks from which a chunk can be submitted now.
+        executor: the executor.
+        renew: function that replaces an executor after a worker died; None if it cannot be
+            replaced.
+        costs: measured times so far.
     """
 
     packed: bytes
@@ -103,14 +104,15 @@ class Schedule:
         """Compute all points.
 
         Args:
-            take_in: given what is done, as it comes.
-            is_stopped: whether to hand out no more, and end when what flies has landed.
+            take_in: function that takes the results of finished chunks, as soon as they arrive.
+            is_stopped: function that says whether to submit no more chunks and to end after the
+                running ones.
 
         Returns:
             Whether all points were computed.
 
         Raises:
-            BrokenExecutor: a worker died, and there is no way to renew the executor.
+            BrokenExecutor: a worker died, and the executor cannot be replaced.
         """
         while True:
             if is_stopped():
@@ -123,11 +125,11 @@ class Schedule:
             results = self._land(landed)
             if results:
                 if not is_stopped():
-                    self._hand_out()  # workers go on while the results are written
+                    self._hand_out()  # workers compute while the results are written
                 take_in(results)
 
     def _hand_out(self) -> None:
-        """Submit chunks until enough fly; a single point after a worker has died."""
+        """Submit chunks until every worker has enough, or single points after a worker died."""
         limit = 1 if self._suspects else IN_FLIGHT * self.n_workers
         while self.ready and len(self._flying) < limit:
             track = self.ready.popleft()
@@ -139,7 +141,7 @@ class Schedule:
             self._flying[self._submitted(chunk)] = (track, chunk)
 
     def _submitted(self, chunk: Chunk) -> Future[Done]:
-        """Submit a chunk; on a broken executor it comes back as broken."""
+        """Submit a chunk; on a broken executor return a future with the error."""
         try:
             return self.executor.submit(compute, self.packed, chunk)
         except BrokenExecutor as error:
@@ -148,7 +150,7 @@ class Schedule:
             return broken
 
     def _chunk_size(self, track: Track) -> int:
-        """Return the number of points whose time is worth handing over."""
+        """Return the number of points for the next chunk of a track."""
         if self._suspects or self.costs.cost <= 0.0:
             return 1
         left = len(track.waiting)
@@ -158,7 +160,7 @@ class Schedule:
         return max(1, n)
 
     def _land(self, futures: Iterable[Future[Done]]) -> list[Done]:
-        """Return the results; put the points of a worker that died back into their track."""
+        """Return the results of finished futures; points of a dead worker return to their track."""
         results, lost = [], []
         for future in futures:
             track, chunk = self._flying.pop(future)
@@ -179,14 +181,17 @@ class Schedule:
         return results
 
     def _recover(self, lost: list[tuple[Track, Chunk]]) -> list[Done]:
-        """Renew the executor; a single point that was alone in flight is the one that failed."""
+        """Replace the executor and resubmit the lost points.
+
+        If a lost point was the only one submitted, it is the one that killed the worker: it fails.
+        """
         if self.renew is None:
             raise BrokenExecutor(
-                "a worker died (out of memory?); what is finished is kept, and --resume goes on"
+                "a worker died (out of memory?); the finished points are kept, and --resume goes on"
             )
         self.executor = self.renew()
         was_alone = self._suspects > 0
-        lost += self._flying.values()  # nothing of the broken executor will land
+        lost += self._flying.values()  # the broken executor returns no more results
         self._flying.clear()
         results = []
         for track, chunk in reversed(lost):
@@ -202,7 +207,7 @@ class Schedule:
         return results
 
     def _call_back(self) -> None:
-        """Take back the chunks that no worker has begun."""
+        """Cancel the chunks that no worker has begun, and return their points to their tracks."""
         for future, (track, chunk) in list(self._flying.items()):
             if future.cancel():
                 del self._flying[future]
