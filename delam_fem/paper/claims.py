@@ -26,7 +26,6 @@ class Claim:
         source: section of the paper that makes the statement.
         measured: the computed result, in words and numbers.
         verdict: whether the result agrees with the statement.
-        is_headline: whether the statement is also in the short table.
     """
 
     figure: str
@@ -34,7 +33,6 @@ class Claim:
     source: str
     measured: str
     verdict: Verdict
-    is_headline: bool = False
 
     @property
     def row(self) -> tuple[str, str, str, str, str]:

@@ -110,7 +110,7 @@ def _claims_without_tip_contact(numbers: Histories) -> tuple[Claim, Claim]:
             "3", "1.25 Hz: almost harmonic, no contact at the tip", "sec. 2.2",
             f"d = {100 * d[0]:.3f} / {100 * d[1]:.3f} %, {low.kind}, smallest tip gap "
             f"{1e3 * low.minimum_tip_gap:.1f} mm",
-            judged(low.is_as_described and max(d) < 0.01), True,
+            judged(low.is_as_described and max(d) < 0.01),
         ),
         Claim(
             "3", "1.25 Hz: weak contacts near the clamp", "sec. 2.2",
@@ -128,21 +128,21 @@ def _claims_on_strikes(numbers: Histories) -> tuple[Claim, ...]:
     return (
         Claim(
             "3", "1.60 Hz: the thin lamina beats the thick one", "sec. 2.2", thin.kind,
-            judged(thin.is_as_described), True,
+            judged(thin.is_as_described),
         ),
         Claim(
             "3", "3.25 Hz: the thick beats the thin, opposite velocities before contact",
-            "sec. 2.2", thick.kind, judged(thick.is_as_described), True,
+            "sec. 2.2", thick.kind, judged(thick.is_as_described),
         ),
         Claim(
             "3", "3.25 Hz gives the maximum strike of all", "sec. 2.2",
             "speed of approach before the strike: "
             + ", ".join(f"{speeds[f]:.2f} m/s at {f:.2f} Hz" for f in FREQUENCIES[1:]),
-            judged(max(speeds, key=lambda f: speeds[f]) == RESONANT), True,
+            judged(max(speeds, key=lambda f: speeds[f]) == RESONANT),
         ),
         Claim(
             "3", "3.65 Hz: period doubling, one contact in two periods", "sec. 2.2",
-            double.kind, judged(double.is_as_described), True,
+            double.kind, judged(double.is_as_described),
         ),
     )  # fmt: skip
 

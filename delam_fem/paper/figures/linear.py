@@ -237,14 +237,14 @@ def judge(numbers: WithoutContact) -> tuple[Claim, ...]:
             "2a", "lowest natural frequencies 1.47 Hz and 3.17 Hz", "sec. 2.2",
             f"exact {thin:.4f} Hz (thin) and {thick:.4f} Hz (thick): "
             f"{100 * (thin / 1.47 - 1):+.1f} % and {100 * (thick / 3.17 - 1):+.1f} %",
-            judged(abs(thin - 1.47) < PRINTED_DIGIT and abs(thick - 3.17) < PRINTED_DIGIT), True,
+            judged(abs(thin - 1.47) < PRINTED_DIGIT and abs(thick - 3.17) < PRINTED_DIGIT),
         ),
         Claim(
             "2a", "read off a 30-minute swept sine", "sec. 2.2",
             f"linear up-sweep peaks at {up[1]:.3f} Hz (thin) and {up[0]:.3f} Hz (thick), "
             f"down-sweep at {down[1]:.3f} and {down[0]:.3f} Hz: that explains most of "
             "the 1.47",
-            judged(SWEEP_PEAK[0] <= up[1] <= SWEEP_PEAK[1]), True,
+            judged(SWEEP_PEAK[0] <= up[1] <= SWEEP_PEAK[1]),
         ),
         Claim(
             "2a", "the duration of 30 min ensures a sufficiently stationary response", "sec. 2.2",

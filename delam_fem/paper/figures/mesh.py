@@ -180,7 +180,7 @@ def judge(numbers: FinerMesh) -> tuple[Claim, ...]:
             f"{printed[0]:.2f} (thick), {printed[1]:.2f} (thin) with p = 2, {others}; over gaps "
             f"(x/L)^p, p = {first} … {last}: {bands['as printed']}, with consistent impulses "
             f"{bands['consistent impulses']}; the motion on 50: {fine.kind}",
-            judged(bool(np.all(printed < CLEARLY))), True,
+            judged(bool(np.all(printed < CLEARLY))),
         ),
         Claim(
             "14", "a substantial increase in calculation time has to be accepted", "sec. 3.2",

@@ -170,18 +170,18 @@ def _claims_on_robustness(ours: Plane) -> tuple[Claim, ...]:
             f"e = 0 … 0.5, k_con = 10 … 1000 N/m: {kinds}; half peak-to-peak amplitudes vary by "
             f"{100 * spread[0]:.0f} / {100 * spread[1]:.0f} % (standard deviation, thick / "
             "thin)",
-            judged(ours.share["one-periodic"] > CORRECT_SHARE), True,
+            judged(ours.share["one-periodic"] > CORRECT_SHARE),
         ),
         Claim(
             "15", "apart from a few exceptions one contact event in one period", "sec. 3.2",
             f"one tip contact per period at {100 * ours.one_contact_share:.0f} % of the points",
-            judged(ours.one_contact_share > 1.0 - FEW), True,
+            judged(ours.one_contact_share > 1.0 - FEW),
         ),
         Claim(
             "15", "e mainly affects the solution, k_con hardly", "sec. 3.2",
             f"share of the variance of the amplitudes (thick / thin): e {100 * by_e[0]:.0f} / "
             f"{100 * by_e[1]:.0f} %, k_con {100 * by_k[0]:.0f} / {100 * by_k[1]:.0f} %",
-            judged(bool(np.all(by_e > by_k))), True,
+            judged(bool(np.all(by_e > by_k))),
         ),
     )  # fmt: skip
 
@@ -203,7 +203,7 @@ def _claim_on_penalty(numbers: Planes) -> Claim:
         f"{100 * best.amplitude_spread[0]:.0f} / {100 * best.amplitude_spread[1]:.0f} %",
         judged(
             best.one_periodic < share[0] and bool(np.all(best.amplitude_spread > spread[0]))
-        ), True,
+        ),
     )  # fmt: skip
 
 

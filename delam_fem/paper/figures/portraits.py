@@ -108,7 +108,7 @@ def judge(numbers: Portraits) -> tuple[Claim, ...]:
             "12", "all four motions with one set of parameters", "sec. 3.2, 4",
             f"{sum(kinds['3.2'])} of 4 motions are as described by method 3.2 "
             f"({sum(kinds['3.1'])} of 4 by 3.1), e = 0.1, k_con = 100 N/m, γ = 0.5 mm/s throughout",
-            judged(all(kinds["3.2"])), True,
+            judged(all(kinds["3.2"])),
         ),
         Claim(
             "12", "in all cases an orbitally stable solution", "sec. 3.2",
@@ -125,7 +125,7 @@ def judge(numbers: Portraits) -> tuple[Claim, ...]:
                 f"{a:.2f} / {b:.2f} at {f:.2f} Hz"
                 for f, (a, b) in zip(FREQUENCIES[1:], ratio, strict=True)
             ),
-            judged(bool(np.all(ratio < CLEARLY))), True,
+            judged(bool(np.all(ratio < CLEARLY))),
         ),
     )  # fmt: skip
 

@@ -252,7 +252,7 @@ def judge(numbers: WithContact) -> tuple[Claim, ...]:
             f"largest half peak-to-peak with contact {1e3 * largest[0]:.0f} mm (thick, {at[0]:.2f} "
             f"Hz) and {1e3 * largest[1]:.0f} mm (thin, {at[1]:.2f} Hz): {100 * reduced[0]:.0f} % "
             f"and {100 * reduced[1]:.0f} % of the linear peaks",
-            judged(bool(np.all(reduced < 0.5))), True,
+            judged(bool(np.all(reduced < 0.5))),
         ),
         Claim(
             "2b", "3.65 Hz lies within a window of bifurcated oscillations", "sec. 2.2",

@@ -83,7 +83,7 @@ def _claim_on_contact_line(numbers: RollingStrip) -> Claim:
         f"{main['front_speed_m_s'] or float('inf'):.0f} m/s; so for heights of {reach} sags; "
         f"a stiff strip ({stiff['height_mm'] / stiff['sag_mm']:.0f} sags) lands tip first "
         f"({stiff['front_direction']:+.2f})",
-        judged(direction > FROM_CLAMP), True,
+        judged(direction > FROM_CLAMP),
     )  # fmt: skip
 
 
@@ -102,7 +102,7 @@ def _claim_on_dissipation(numbers: RollingStrip) -> Claim:
         "material damping of the waves that impacts make; over meshes and time steps, with and "
         f"without damping (newton@moreau-jean), impacts take {100 * min(taken):.0f} to "
         f"{100 * max(taken):.0f} %",
-        judged(shares["lost"] > NEARLY_ALL), True,
+        judged(shares["lost"] > NEARLY_ALL),
     )  # fmt: skip
 
 

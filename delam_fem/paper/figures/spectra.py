@@ -207,7 +207,7 @@ def judge(numbers: Spectra) -> tuple[Claim, ...]:
                 f"{100 * band[:, i].max():.2f} % for gaps (x/L)^p, p = {first} … "
                 f"{last} (the printed value is {where}); "
                 f"THD {100 * thd['displacement'][i]:.1f} %",
-                judged(abs(own / PRINTED[i] - 1.0) < PRINTED_DIGIT), True,
+                judged(abs(own / PRINTED[i] - 1.0) < PRINTED_DIGIT),
             )
         )  # fmt: skip
     harmonic = thd["displacement"]

@@ -180,7 +180,7 @@ def judge(numbers: Velocities) -> tuple[Claim, ...]:
             f"e = {mean:.2f} (from {e.min():.2f} to {e.max():.2f}, {e.size} strikes) by eq. "
             f"3, {by_lamina[:, 0].mean():.2f} and {by_lamina[:, 1].mean():.2f} from thick and "
             "thin by eq. 4 corrected; 0.10 was given to every pair",
-            judged(MEASURED[0] - MARGIN <= mean <= MEASURED[1] + MARGIN), True,
+            judged(MEASURED[0] - MARGIN <= mean <= MEASURED[1] + MARGIN),
         ),
         Claim(
             "8", "eq. 4 as printed", "sec. 2.3",

@@ -94,7 +94,7 @@ def _claims_on_rebound(values: Mapping[str, Any]) -> tuple[Claim, ...]:
             "7", "no snap-back in the time scope of the impact", "sec. 2.3",
             f"the tip leaves the first peak at {100 * after:.1f} % of its speed before, without "
             "any restitution given",
-            judged(abs(after) < NO_REBOUND), True,
+            judged(abs(after) < NO_REBOUND),
         ),
         Claim(
             "7", "a snap-back in the ensuing oscillation cannot be excluded", "sec. 2.3",
@@ -130,7 +130,7 @@ def _claims_on_wave(values: Mapping[str, Any]) -> tuple[Claim, ...]:
         Claim(
             "7", "the mean wave velocity is much smaller than the longitudinal one", "sec. 2.3",
             f"{speeds[0]:.0f} m/s to the second gauge, longitudinal {speeds[1]:.0f} m/s",
-            judged(speeds[0] < MUCH_SMALLER * speeds[1]), True,
+            judged(speeds[0] < MUCH_SMALLER * speeds[1]),
         ),
     )  # fmt: skip
 

@@ -157,7 +157,7 @@ def judge(numbers: Threshold) -> tuple[Claim, ...]:
             + f" over four decades of γ, by up to {100 * max(moderate.values()):.0f} % below "
             f"{MODERATE:g} m/s; periods "
             + ", ".join(f"{' or '.join(p)} at {f} Hz" for f, p in periods.items()),
-            judged(sum(v < SLIGHT for v in spread.values()) >= 2), True,
+            judged(sum(v < SLIGHT for v in spread.values()) >= 2),
         ),
         Claim(
             "gamma", "γ is close to the thousandth part of the maximum relative velocity",
