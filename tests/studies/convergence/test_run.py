@@ -42,7 +42,7 @@ def synthetic(rung: Rung, engine: EngineName) -> RungResult:
         found = {f"frequency_{i + 1}": (f * (1.0 + error), 0.0) for i, f in enumerate(frequencies)}
         found |= {f"amplitude_{i + 1}": (a * (1 - error), 0.0) for i, a in enumerate(amplitudes)}
         return RungResult(rung.key, "completed", "", found, 0.5, 100)
-    if rung.method == "newton" and rung.elements == 40:
+    if rung.method == "newton@newmark" and rung.elements == 40:
         return RungResult(rung.key, "diverged", "diverged in period 7", {}, 0.5, 7)
     in_time = 0.0 if rung.method == LIMIT.name else 3.0 / math.sqrt(rung.steps)
     values = {q.name: 1e-3 * (1.0 + in_time) for q in CONVERGING}
@@ -110,8 +110,8 @@ def test_tables_tell_orders_limits_and_failures() -> None:
     assert free.count("| 500 |") == 1
     steps = texts["newton@moreau-jean, 20 elements: what it tends to in steps"]
     assert "| y1 min [mm] | -21.45 | 0.50, 0.50 | -20.5 ± " in steps
-    assert "diverged in period 7" in texts["newton, 40 elements"]
-    assert "members are missing" in texts["newton, 40 elements: what it tends to in steps"]
+    assert "diverged in period 7" in texts["newton@newmark, 40 elements"]
+    assert "members are missing" in texts["newton@newmark, 40 elements: what it tends to in steps"]
     over_meshes = texts["rigid limit over meshes: what it tends to in elements"]
     assert "| y2 max [mm] | 32.4 | 1.00, 1.00 | 32 ± " in over_meshes
     for table in (*tables(found), *overview(found)):
@@ -171,7 +171,7 @@ def test_every_finished_rung_is_kept(tmp_path: Path, counted: list[str]) -> None
     content = json.loads((tmp_path / RESULT).read_text("utf-8"))
     assert content["delam_fem"]
     assert load_results(tmp_path) == found.results
-    assert found.results["newton 40 1000"].outcome == "diverged"
+    assert found.results["newton@newmark 40 1000"].outcome == "diverged"
 
 
 def test_a_ladder_goes_on_and_grows(tmp_path: Path, counted: list[str]) -> None:

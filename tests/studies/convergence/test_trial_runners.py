@@ -6,13 +6,19 @@ import dataclasses
 
 import numpy as np
 import pytest
-from delam_fem.simulation.setup import motion_of
 
 from delam_fem.model import closed_form
+from delam_fem.simulation.setup import motion_of
 from delam_fem.studies.convergence import trial_schemes as ts
 from delam_fem.studies.convergence import trial_steps as steps
 from delam_fem.studies.convergence import trials
-from delam_fem.studies.convergence.trial_runners import RESTITUTION, by_modes, densely, runners
+from delam_fem.studies.convergence.trial_runners import (
+    LIMIT,
+    RESTITUTION,
+    by_modes,
+    densely,
+    runners,
+)
 
 SAME = 1e-9  # m: round-off of the first periods, which impacts raise to 1e-11
 
@@ -20,7 +26,7 @@ SAME = 1e-9  # m: round-off of the first periods, which impacts raise to 1e-11
 def test_dense_steps_are_those_of_the_package() -> None:
     case = trials.case_of(250, 4)
     operators = closed_form.assemble(case).operators
-    for law, name in ((ts.MOREAU, "moreau"), (ts.BOUNDED, "moreau-recovery")):
+    for law, name in ((ts.MOREAU, LIMIT), (ts.BOUNDED, "recovery@moreau-jean")):
         dense = densely(steps.theta_step, ts.theta_matrices, (law, RESTITUTION), case, operators)
         own = runners()[name](case, operators)
         np.testing.assert_allclose(dense, own, rtol=0.0, atol=SAME)
@@ -47,8 +53,8 @@ def test_all_modes_are_the_whole_problem() -> None:
     case = trials.case_of(250, 2)
     operators = closed_form.assemble(case).operators
     np.testing.assert_allclose(
-        by_modes("moreau", operators.n_dofs // 2, case, operators),
-        runners()["moreau"](case, operators),
+        by_modes(LIMIT, operators.n_dofs // 2, case, operators),
+        runners()[LIMIT](case, operators),
         rtol=0.0,
         atol=1e-8,
     )
