@@ -136,7 +136,7 @@ def _result(
 
 def _divergence(case: Case, history: Any) -> str:
     """Say when and with what energy a run diverged, and what may help."""
-    energy = float(history.energy_kinetic[-1] + history.energy_strain[-1])
+    energy = float(history["energy_kinetic"][-1] + history["energy_strain"][-1])
     law = case.contact.law
     if law == "none":
         remedy = "a smaller excitation.amplitude: linear beams know no large displacements"
@@ -145,6 +145,6 @@ def _divergence(case: Case, history: Any) -> str:
     else:
         remedy = "more steps per period, fewer elements or a smaller excitation.amplitude"
     return (
-        f"diverged at t = {float(history.time[-1]):.6g} s (period {history.sizes['period']}) with "
+        f"diverged at t = {float(history['time'][-1]):.6g} s (period {history.sizes['period']}) with "
         f"{energy:.3g} J in the laminae; try {remedy}"
     )

@@ -38,7 +38,7 @@ def kinds_of_motion(outcome: TextArray, periodicity: FloatArray, strobes: FloatA
     Args:
         outcome: "completed", "diverged" or anything else, shape (...).
         periodicity: see `diagnostics.periodicity`, NaN for none, shape (...).
-        strobes: displacement of both tips at the end of periods, shape (..., 2, n) [m].
+        strobes: displacement of the tips at the end of periods, shape (..., n_laminae, n) [m].
 
     Returns:
         Indices into `KINDS`, shape (...).
@@ -95,7 +95,7 @@ class Attractors:
     Attributes:
         number: of the attractor of each point, -1 for none, shape (...).
         periodicity: the most frequent one of each attractor, NaN for none, shape (n_attractors,).
-        amplitude: half peak-to-peak of both tips, the median, shape (n_attractors, 2) [m].
+        amplitude: half peak-to-peak of the tips, the median, shape (n_attractors, n_laminae) [m].
         share: of the points, shape (n_attractors,) [-].
     """
 
@@ -111,23 +111,24 @@ def attractors(
     """Tell attractors by the fingerprint of the motion at the end of each point.
 
     The fingerprint does not depend on which of its periods a period-doubled motion ends with:
-    extremes of both tips, mean and standard deviation of their strobes. Points are of one attractor
+    extremes of the tips, mean and standard deviation of their strobes. Points are of one attractor
     where no part differs from that of the attractor's first point by `SAME_ATTRACTOR` times the
     larger tip's half peak-to-peak amplitude.
 
     Args:
         periodicity: NaN for none, shape (...).
-        tip_min: smallest displacement of both tips, shape (..., 2) [m].
+        tip_min: smallest displacement of the tips, shape (..., n_laminae) [m].
         tip_max: largest, likewise.
-        strobes: displacement of both tips at the end of periods, shape (..., 2, n) [m].
+        strobes: displacement of the tips at the end of periods, shape (..., n_laminae, n) [m].
 
     Returns:
         The attractors; points with NaN have none.
     """
-    shape, amplitude = periodicity.shape, 0.5 * (tip_max - tip_min)
+    shape, n_laminae = periodicity.shape, tip_min.shape[-1]
+    amplitude = (0.5 * (tip_max - tip_min)).reshape(-1, n_laminae)
     parts = [tip_min, tip_max, strobes.mean(axis=-1), strobes.std(axis=-1)]
-    prints = np.stack(parts, axis=-1).reshape(-1, 2 * len(parts))
-    bound = SAME_ATTRACTOR * amplitude.reshape(-1, 2).max(axis=-1)
+    prints = np.stack(parts, axis=-1).reshape(-1, n_laminae * len(parts))
+    bound = SAME_ATTRACTOR * amplitude.max(axis=-1)
     number = np.full(len(prints), -1, dtype=np.int64)
     first: list[int] = []
     for i in np.flatnonzero(np.isfinite(prints).all(axis=1)):
@@ -143,7 +144,7 @@ def attractors(
     return Attractors(
         number.reshape(shape),
         np.array([_most_frequent(periodicity.ravel()[own]) for own in members]),
-        np.array([np.median(amplitude.reshape(-1, 2)[own], axis=0) for own in members]),
+        np.array([np.median(amplitude[own], axis=0) for own in members]),
         counts[order] / max(number.size, 1),
     )
 

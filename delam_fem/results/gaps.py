@@ -67,4 +67,5 @@ def of_laminae(states: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """
     none = np.zeros_like(states[:1])
     above, below = np.concatenate([states, none]), np.concatenate([none, states])
-    return np.maximum(above, below)
+    larger: npt.NDArray[Any] = np.maximum(above, below)
+    return larger

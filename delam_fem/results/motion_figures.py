@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from itertools import pairwise
 
 import numpy as np
 import xarray as xr
@@ -50,7 +51,7 @@ def tip_histories(history: xr.Dataset, case: Case) -> Figure:
     axes = figure.subplots()
     base = 1e3 * finite(last["base_displacement"])
     axes.plot(t, base, color=BASE_COLOUR, linewidth=0.9, linestyle="--", label="base")
-    for j, (low, high) in enumerate(zip(y[:-1], y[1:], strict=True)):
+    for j, (low, high) in enumerate(pairwise(y)):
         axes.fill_between(
             t, low, high, where=high >= low, color=GAP_COLOUR, label=None if j else "gap"
         )

@@ -1,4 +1,4 @@
-"""What all diagrams of sweeps read from a dataset: its axes, its title, what it must hold."""
+"""Read the axes and the title of a diagram from the dataset of a sweep."""
 
 from __future__ import annotations
 
@@ -92,22 +92,22 @@ def _axis(data: xr.Dataset, name: str) -> DiagramAxis:
 
 
 def require(data: xr.Dataset, name: str, remedy: str) -> None:
-    """See that a variable is there.
+    """Check that the dataset has a variable.
 
     Raises:
-        CaseError: it is not; the message has the remedy.
+        CaseError: it has not; the message has the remedy.
     """
     if name not in data:
         raise CaseError(f"diagram: the sweep has no {name}; compute it with {remedy}")
 
 
 def sweep_keys(data: xr.Dataset) -> dict[str, object]:
-    """Return what the file of the sweep says, as `tomllib` returns it; empty if not known."""
+    """Return the keys of the sweep's file, as `tomllib` returns them; empty if not known."""
     return tomllib.loads(data.attrs.get("sweep", ""))
 
 
 def heading(data: xr.Dataset) -> str:
-    """Return what the base case is, in a few words, without what an axis changes."""
+    """Return the base case in a few words, without the keys that an axis changes."""
     case = Case.from_toml(data.attrs["case"])
     keys = {str(data[name].attrs.get("key")) for name in data.coords}
     motion, contact = case.excitation, case.contact

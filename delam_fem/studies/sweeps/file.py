@@ -126,8 +126,8 @@ class Record(Section):
 
     Attributes:
         summary: the numbers of summary.json that describe the motion.
-        strobes: how many of the last stroboscopic points of both tips.
-        harmonics: how many amplitudes of harmonics of both tips.
+        strobes: how many of the last stroboscopic points of the tips.
+        harmonics: how many amplitudes of harmonics of the tips.
         node_distortion: d and THD of the displacement at every node.
         energies: the ledger, averaged over the window.
         lyapunov: periods over which the largest Lyapunov exponent is estimated, 0 for none.

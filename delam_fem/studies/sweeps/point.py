@@ -28,7 +28,8 @@ from delam_fem.simulation.loop import State
 from delam_fem.simulation.recorder import Recorder
 from delam_fem.studies.lyapunov import largest_exponent
 from delam_fem.studies.sweeps.grid import Sweep
-from delam_fem.studies.sweeps.quantities import Quantity, quantities, row_of
+from delam_fem.studies.sweeps.quantities import Quantity, quantities
+from delam_fem.studies.sweeps.reduction import row_of
 
 KEPT_STRUCTURES = 16
 """Structures that a worker keeps; neighbouring points mostly share one."""
@@ -69,7 +70,7 @@ class Point:
         index: of the point.
         outcome: "completed", "diverged" or "failed".
         error: why, empty where completed.
-        row: the numbers, shape as `sweep_quantities.quantities` says; None unless completed.
+        row: the numbers, in the order of `quantities.quantities`; None unless completed.
     """
 
     index: int
