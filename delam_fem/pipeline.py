@@ -136,6 +136,7 @@ def _result(
 
 def _divergence(case: Case, history: Any) -> str:
     """Say when and with what energy a run diverged, and what may help."""
+    end, n_periods = float(history["time"][-1]), history.sizes["period"]
     energy = float(history["energy_kinetic"][-1] + history["energy_strain"][-1])
     law = case.contact.law
     if law == "none":
@@ -145,6 +146,6 @@ def _divergence(case: Case, history: Any) -> str:
     else:
         remedy = "more steps per period, fewer elements or a smaller excitation.amplitude"
     return (
-        f"diverged at t = {float(history['time'][-1]):.6g} s (period {history.sizes['period']}) with "
+        f"diverged at t = {end:.6g} s (period {n_periods}) with "
         f"{energy:.3g} J in the laminae; try {remedy}"
     )
