@@ -12,6 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import xarray as xr
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -134,7 +135,7 @@ def _result(
     return Result(case, history, json_ready(summary), state)
 
 
-def _divergence(case: Case, history: Any) -> str:
+def _divergence(case: Case, history: xr.Dataset) -> str:
     """Say when and with what energy a run diverged, and what may help."""
     end, n_periods = float(history["time"][-1]), history.sizes["period"]
     energy = float(history["energy_kinetic"][-1] + history["energy_strain"][-1])
