@@ -88,7 +88,7 @@ _ALL = (
         "energy set free by switching contact springs in the period",
     ),
     Variable(
-        "energy_residual", ("period",), "J", "what the ledger of the period does not account for"
+        "energy_residual", ("period",), "J", "energy of the period that the ledger does not explain"
     ),
     Variable("x", ("node",), "m", "position along the laminae"),
     Variable("tip_node", (), "1", "number of the node at which tip_… is taken"),
