@@ -13,6 +13,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import xarray as xr
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -135,9 +136,10 @@ def _result(
     return Result(case, history, json_ready(summary), state)
 
 
-def _divergence(case: Case, history: Any) -> str:
+def _divergence(case: Case, history: xr.Dataset) -> str:
     """Return a message: when a run diverged, with what energy, and what may help."""
-    energy = float(history.energy_kinetic[-1] + history.energy_strain[-1])
+    end, n_periods = float(history["time"][-1]), history.sizes["period"]
+    energy = float(history["energy_kinetic"][-1] + history["energy_strain"][-1])
     law = case.contact.law
     if law == "none":
         remedy = "a smaller excitation.amplitude: linear beams hold for small displacements only"
@@ -146,6 +148,6 @@ def _divergence(case: Case, history: Any) -> str:
     else:
         remedy = "more steps per period, fewer elements or a smaller excitation.amplitude"
     return (
-        f"diverged at t = {float(history.time[-1]):.6g} s (period {history.sizes['period']}) with "
+        f"diverged at t = {end:.6g} s (period {n_periods}) with "
         f"{energy:.3g} J in the laminae; try {remedy}"
     )

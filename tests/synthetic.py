@@ -4,6 +4,7 @@ import numpy as np
 import xarray as xr
 
 from delam_fem import Case, preset
+from delam_fem.results.schema import add
 
 STEPS = 200
 """Steps per period."""
@@ -15,6 +16,11 @@ FRAMES = 20
 AMPLITUDES = np.array([[0.010, 0.0, 0.0005], [0.012, 0.003, 0.0004]])
 """Amplitudes of harmonics 1, 2, 3 of both tips [m]."""
 NODES = 6
+LEDGER = {
+    "kinetic": 1e-3, "strain": 2e-3, "spring": 1e-4, "base_work": 3e-3, "damping_loss": 2.5e-3,
+    "contact_damping_loss": 0.0, "impact_loss": 1e-3, "spring_released": 5e-4, "residual": 0.0,
+}  # fmt: skip
+"""A ledger that closes: what the base puts in is lost, the stored energy stays [J]."""
 
 SWEEP = {
     "excitation__kind": "sweep",
@@ -66,23 +72,25 @@ def synthetic_history(
     x = np.linspace(0.0, case.lamina[0].length, NODES)
     strikes = first + np.array(tip_strikes)
     data = xr.Dataset(coords={"lamina": names})
-    data["time"] = ("time", t * T)
+    add(data, "time", t * T)
     q, v = tip_motion(t, subharmonic)
-    data["tip_displacement"] = (("lamina", "time"), q)
-    data["tip_velocity"] = (("lamina", "time"), v / T)
-    data["base_displacement"] = ("time", 0.0025 * np.sin(2.0 * np.pi * t))
-    data["x"] = ("node", x)
+    add(data, "tip_displacement", q)
+    add(data, "tip_velocity", v / T)
+    add(data, "base_displacement", 0.0025 * np.sin(2.0 * np.pi * t))
+    add(data, "x", x)
     data = data.set_coords("x")
-    data["gap0"] = ("node", 0.030 * (x / x[-1]) ** 2)
-    data["period"] = ("period", np.arange(PERIODS))
+    add(data, "tip_node", NODES - 1)
+    add(data, "gap0", 0.030 * (x / x[-1]) ** 2)
+    add(data, "period", np.arange(PERIODS))
     q, v = tip_motion(np.arange(1.0, PERIODS + 1), subharmonic)
-    data["strobe_displacement"] = (("lamina", "period"), q)
-    data["strobe_velocity"] = (("lamina", "period"), v / T)
-    data["envelope_min"] = (("lamina", "period"), q - 0.01)
-    data["envelope_max"] = (("lamina", "period"), q + 0.01)
+    add(data, "strobe_displacement", q)
+    add(data, "strobe_velocity", v / T)
+    add(data, "envelope_min", q - 0.01)
+    add(data, "envelope_max", q + 0.01)
     _add_frames(data, case, frames, x)
     _add_events(data, strikes * T)
-    _add_ledger(data)
+    for name, value in LEDGER.items():
+        add(data, f"energy_{name}", np.full(PERIODS, value))
     data.attrs = {"outcome": "completed", "engine": "petsc", "delam_fem": "0.1.0"}
     return data
 
@@ -90,38 +98,25 @@ def synthetic_history(
 def _add_frames(data: xr.Dataset, case: Case, frames: np.ndarray, x: np.ndarray) -> None:
     shape = (x / x[-1]) ** 2
     q, v = tip_motion(frames)
-    dims = ("lamina", "frame", "node")
-    data["frame"] = ("frame", frames * case.period)
-    data["displacement"] = (dims, q[:, :, None] * shape)
-    data["velocity"] = (dims, v[:, :, None] / case.period * shape)
-    data["slope"] = (dims, q[:, :, None] * 2.0 * x / x[-1] ** 2)
+    add(data, "frame", frames * case.period)
+    add(data, "displacement", q[:, :, None] * shape)
+    add(data, "velocity", v[:, :, None] / case.period * shape)
+    add(data, "slope", q[:, :, None] * 2.0 * x / x[-1] ** 2)
     curvature = 2.0 * q[:, :, None] / x[-1] ** 2 + 0.0 * x
     rigidity = np.array([lamina.flexural_rigidity for lamina in case.lamina])
-    data["moment"] = (dims, rigidity[:, None, None] * curvature)
+    add(data, "moment", rigidity[:, None, None] * curvature)
     state = np.zeros((frames.size, NODES), dtype=np.int8)
     state[::FRAMES, 1:4] = 1
     state[1::FRAMES, 1:3] = 2
-    data["contact_state"] = (("frame", "node"), state)
+    add(data, "contact_state", state)
 
 
 def _add_events(data: xr.Dataset, tip_strikes: np.ndarray) -> None:
     """Add strikes at the tip that grow, and after each a weaker one beside it."""
     n = tip_strikes.size
-    data["event_time"] = ("event", np.concatenate([tip_strikes, tip_strikes + 1e-4]))
-    data["event_node"] = ("event", np.repeat([NODES - 1, NODES - 2], n))
-    data["event_impulse"] = (
-        "event",
-        np.tile(1e-3 * np.arange(1, n + 1), 2) * np.repeat([1, 0.5], n),
-    )
-    data["event_velocity_before"] = ("event", np.full(2 * n, -0.5))
-    data["event_energy"] = ("event", np.full(2 * n, -1e-5))
-
-
-def _add_ledger(data: xr.Dataset) -> None:
-    """Add a ledger that closes: what the base puts in is lost, the stored energy stays."""
-    values = {
-        "kinetic": 1e-3, "strain": 2e-3, "spring": 1e-4, "base_work": 3e-3, "damping_loss": 2.5e-3,
-        "contact_damping_loss": 0.0, "impact_loss": 1e-3, "spring_released": 5e-4, "residual": 0.0,
-    }  # fmt: skip
-    for name, value in values.items():
-        data[f"energy_{name}"] = ("period", np.full(PERIODS, value))
+    growing = np.tile(1e-3 * np.arange(1, n + 1), 2)
+    add(data, "event_time", np.concatenate([tip_strikes, tip_strikes + 1e-4]))
+    add(data, "event_node", np.repeat([NODES - 1, NODES - 2], n))
+    add(data, "event_impulse", growing * np.repeat([1, 0.5], n))
+    add(data, "event_velocity_before", np.full(2 * n, -0.5))
+    add(data, "event_energy", np.full(2 * n, -1e-5))

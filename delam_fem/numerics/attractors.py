@@ -43,9 +43,9 @@ def kinds_of_motion(outcome: TextArray, periodicity: FloatArray, strobes: FloatA
     """Return the kind of motion of each point.
 
     Args:
-        outcome: "completed", "diverged" or another text, shape (...).
-        periodicity: see `diagnostics.periodicity`; NaN if not periodic, shape (...).
-        strobes: displacement of both tips at the ends of periods, shape (..., 2, n) [m].
+        outcome: "completed", "diverged" or anything else, shape (...).
+        periodicity: see `diagnostics.periodicity`, NaN for none, shape (...).
+        strobes: displacement of the tips at the end of periods, shape (..., n_laminae, n) [m].
 
     Returns:
         Indices into `KINDS`, shape (...).
@@ -100,11 +100,10 @@ class Attractors:
     """The attractors of a set of points, the most frequent first.
 
     Attributes:
-        number: index of the attractor of each point, -1 for none, shape (...).
-        periodicity: most frequent periodicity on each attractor, NaN if not periodic, shape
-            (n_attractors,).
-        amplitude: median half peak-to-peak amplitude of both tips, shape (n_attractors, 2) [m].
-        share: share of all points that lie on each attractor, shape (n_attractors,) [-].
+        number: of the attractor of each point, -1 for none, shape (...).
+        periodicity: the most frequent one of each attractor, NaN for none, shape (n_attractors,).
+        amplitude: half peak-to-peak of the tips, the median, shape (n_attractors, n_laminae) [m].
+        share: of the points, shape (n_attractors,) [-].
     """
 
     number: IntArray
@@ -118,25 +117,25 @@ def attractors(
 ) -> Attractors:
     """Group the final motions of points into attractors by their fingerprints.
 
-    A fingerprint consists of the extremes of both tips and the mean and standard deviation of their
-    strobes. It does not depend on which of its periods a period-doubled motion ends with. A point
-    belongs to an attractor if every number of its fingerprint differs from that of the attractor's
-    first point by at most `SAME_ATTRACTOR` times half the peak-to-peak amplitude of the tip that
-    moves more.
+    The fingerprint does not depend on which of its periods a period-doubled motion ends with:
+    extremes of the tips, mean and standard deviation of their strobes. Points are of one attractor
+    where no part differs from that of the attractor's first point by `SAME_ATTRACTOR` times the
+    larger tip's half peak-to-peak amplitude.
 
     Args:
-        periodicity: NaN if not periodic, shape (...).
-        tip_min: smallest displacement of both tips, shape (..., 2) [m].
-        tip_max: largest displacement of both tips, shape (..., 2) [m].
-        strobes: displacement of both tips at the ends of periods, shape (..., 2, n) [m].
+        periodicity: NaN for none, shape (...).
+        tip_min: smallest displacement of the tips, shape (..., n_laminae) [m].
+        tip_max: largest, likewise.
+        strobes: displacement of the tips at the end of periods, shape (..., n_laminae, n) [m].
 
     Returns:
         The attractors; a point with NaN in its fingerprint belongs to none.
     """
-    shape, amplitude = periodicity.shape, 0.5 * (tip_max - tip_min)
+    shape, n_laminae = periodicity.shape, tip_min.shape[-1]
+    amplitude = (0.5 * (tip_max - tip_min)).reshape(-1, n_laminae)
     parts = [tip_min, tip_max, strobes.mean(axis=-1), strobes.std(axis=-1)]
-    prints = np.stack(parts, axis=-1).reshape(-1, 2 * len(parts))
-    bound = SAME_ATTRACTOR * amplitude.reshape(-1, 2).max(axis=-1)
+    prints = np.stack(parts, axis=-1).reshape(-1, n_laminae * len(parts))
+    bound = SAME_ATTRACTOR * amplitude.max(axis=-1)
     number = np.full(len(prints), -1, dtype=np.int64)
     first: list[int] = []
     for i in np.flatnonzero(np.isfinite(prints).all(axis=1)):
@@ -152,7 +151,7 @@ def attractors(
     return Attractors(
         number.reshape(shape),
         np.array([_most_frequent(periodicity.ravel()[own]) for own in members]),
-        np.array([np.median(amplitude.reshape(-1, 2)[own], axis=0) for own in members]),
+        np.array([np.median(amplitude[own], axis=0) for own in members]),
         counts[order] / max(number.size, 1),
     )
 

@@ -111,10 +111,9 @@ def tip_positions(result: Result, count: int) -> tuple[FloatArray, FloatArray]:
         t/T from the start of these periods, shape (n,) [-]; positions, shape (2, n) [mm].
     """
     last = diagnostics.last_periods(result.history, result.case, count)
-    q = 1e3 * last["tip_displacement"].to_numpy()
-    gap = 1e3 * float(result.history["gap0"][diagnostics.TIP])
-    t = np.arange(1, q.shape[1] + 1) / result.case.time.steps_per_period
-    return t, q + np.array([[0.0], [gap]])
+    y = 1e3 * diagnostics.probe_positions(last)
+    t = np.arange(1, y.shape[1] + 1) / result.case.time.steps_per_period
+    return t, y
 
 
 @dataclass(frozen=True)

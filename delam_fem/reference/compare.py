@@ -33,14 +33,14 @@ class Comparison:
         matrices: largest relative difference of each operator [-].
         frequencies: largest relative difference of the first natural frequencies [-].
         times: ends of the steps, shape (n,) [s].
-        tips: tip displacement of the dolfinx/PETSc run, shape (2, n) [m].
-        reference_tips: tip displacement of the reference, shape (2, n) [m].
+        tips: tip displacement of the dolfinx/PETSc run, shape (n_laminae, n) [m].
+        reference_tips: tip displacement of the reference, shape (n_laminae, n) [m].
         impacts: number of impacts of the dolfinx/PETSc run and of the reference.
-        impact_limit: number of the impact up to which `until_impact` compares; 0 without impacts.
-        impact_time: time of this impact in the reference; without impacts, the end [s].
+        impact_limit: the number of the last impact that `until_impact` covers.
+        impact_time: its time in the reference, the end if there was no impact [s].
     """
 
-    names: tuple[str, str]
+    names: tuple[str, ...]
     matrices: dict[str, float]
     frequencies: float
     times: FloatArray
@@ -52,7 +52,7 @@ class Comparison:
 
     @property
     def differences(self) -> FloatArray:
-        """Difference of the tip histories at each step, the larger of both tips, shape (n,) [m]."""
+        """Largest difference of all tips at each step, shape (n,) [m]."""
         largest: FloatArray = np.abs(self.tips - self.reference_tips).max(axis=0)
         return largest
 
@@ -112,7 +112,7 @@ class Comparison:
         return [table, picture]
 
     def figure(self) -> Figure:
-        """Draw both tip histories, and their difference on a logarithmic axis."""
+        """Draw the tip histories of both runs, and their difference on a logarithmic axis."""
         figure = Figure(figsize=(9.0, 6.0), layout="constrained")
         top, bottom = figure.subplots(2, 1, sharex=True)
         for i, name in enumerate(self.names):
@@ -135,8 +135,8 @@ class Comparison:
 def compare(case: Case, *, impacts: int = 20, periods: int = 3) -> Comparison:
     """Assemble and run a case from rest with the package and with the reference.
 
-    Each impact amplifies round-off, so any two runs differ after many impacts. The significant
-    number is therefore the difference up to the first impacts.
+    Each impact amplifies round-off, so any two runs differ after many impacts. The difference up to
+    the first impacts is the number to judge by.
 
     Args:
         case: case with harmonic excitation and a law that the reference has.
@@ -164,7 +164,7 @@ def compare(case: Case, *, impacts: int = 20, periods: int = 3) -> Comparison:
     n_impacts = (int(history.sizes["event"]), len(expected.events))
     limit = min(impacts, *n_impacts)
     return Comparison(
-        names=(case.lamina[0].name, case.lamina[1].name),
+        names=structure.layout.names,
         matrices=operator_differences(structure.operators, independent),
         frequencies=_frequency_difference(structure, independent, case),
         times=expected.times,
@@ -221,7 +221,7 @@ def _scaled_difference(a: sp.csr_matrix, b: sp.csr_matrix) -> sp.csr_matrix:
 
 
 def _frequency_difference(given: Structure, expected: Operators, case: Case) -> float:
-    n = min(COMPARED_MODES, 2 * given.layout.n_elements)
+    n = min(COMPARED_MODES, *(part.own_dofs.size for part in given.layout.parts))
     ratio = modes_of(given, case, n).frequencies / matrices.natural_frequencies(expected, n)
     return float(np.abs(ratio - 1.0).max())
 

@@ -1,4 +1,4 @@
-"""Figures of the contact: the contact line over x and t, and the energy ledger."""
+"""Figures of the contact: the gaps over x and t, and the energy ledger."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from matplotlib.figure import Figure
 
 from delam_fem.case.definition import Case
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.results import diagnostics
+from delam_fem.results import gaps
+from delam_fem.results.schema import by_interface, event_interfaces
 from delam_fem.results.style import (
     BLACK,
     BLUE,
@@ -25,9 +26,12 @@ from delam_fem.results.style import (
     time_axis,
     title,
 )
+from delam_fem.simulation.recorder import RESTING
 
 LINE_PERIODS = 2
-"""Periods that the contact line shows: the least that shows whether it repeats."""
+"""Periods that the contact line shows: the fewest that show whether it repeats."""
+ONE_PANEL, PANEL = 5.0, 3.2
+"""Height of the figure of one interface, and of each panel if there are several [in]."""
 SMALLEST_MARK, LARGEST_MARK = 3.0, 90.0
 """Areas of the marks of the weakest and of the strongest impact [pt2]."""
 
@@ -47,32 +51,40 @@ STORES = (
 
 
 def contact_line(history: xr.Dataset, case: Case) -> Figure:
-    """Draw where the laminae touch over x and t, above the gap, with every impact marked."""
+    """Draw the gap of each interface over x and t, with contacts and impacts marked."""
     unit, label = time_axis(case)
     end = float(history["time"][-1])
     start = max(end - LINE_PERIODS * case.period, float(history["time"][0]) - case.time_step)
-    figure = Figure(figsize=(WIDTH, 5.0), layout="constrained")
-    axes = figure.subplots()
-    axes.grid(False)
-    x = 1e3 * history["x"].to_numpy()
-    if history.sizes["frame"] > 1:
-        _gap_image(figure, axes, history, (start, unit))
-    _impact_marks(axes, history, (start, unit))
-    axes.set(xlabel=label, ylabel="position along the laminae  x [mm]")
-    axes.set(xlim=(start / unit, end / unit), ylim=(0.0, 1.02 * x[-1]))
-    if axes.get_legend_handles_labels()[0]:
-        legend_above(axes)
+    names = [str(name) for name in history["lamina"].to_numpy()]
+    n = len(names) - 1
+    figure = Figure(figsize=(WIDTH, ONE_PANEL if n == 1 else PANEL * n), layout="constrained")
+    panels = figure.subplots(n, 1, sharex=True, squeeze=False)[:, 0]
+    x_end = 1e3 * float(history["x"][-1])
+    for j, axes in enumerate(panels):
+        axes.grid(False)
+        if history.sizes["frame"] > 1:
+            _gap_image(figure, axes, history, j, (start, unit))
+        _impact_marks(axes, history, j, (start, unit))
+        axes.set(ylabel="position along the laminae  x [mm]" if n == 1 else "x [mm]")
+        axes.set(xlim=(start / unit, end / unit), ylim=(0.0, 1.02 * x_end))
+        if n > 1:
+            axes.set_title(f"{names[j]} – {names[j + 1]}", loc="left")
+        if axes.get_legend_handles_labels()[0]:
+            legend_above(axes)
+    panels[-1].set_xlabel(label)
     figure.suptitle(title(case))
     return figure
 
 
-def _gap_image(figure: Figure, axes: Axes, history: xr.Dataset, axis: tuple[float, float]) -> None:
-    """Draw the gap as shades and closed or held pairs as black dots."""
+def _gap_image(
+    figure: Figure, axes: Axes, history: xr.Dataset, interface: int, axis: tuple[float, float]
+) -> None:
+    """Draw the gap of an interface as shades and its resting pairs as squares."""
     start, unit = axis
     frames = history["frame"].to_numpy()
     shown = np.flatnonzero(frames >= start - 1e-9 * unit)
     t, x = frames[shown] / unit, 1e3 * history["x"].to_numpy()
-    gap = 1e3 * finite(diagnostics.gap_field(history)[shown]).T
+    gap = 1e3 * finite(gaps.gap_field(history)[interface, shown]).T
     levels = np.array([0.0, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0])
     shades = ListedColormap([str(s) for s in np.linspace(0.52, 0.97, levels.size - 1)])
     image = axes.pcolormesh(
@@ -80,7 +92,7 @@ def _gap_image(figure: Figure, axes: Axes, history: xr.Dataset, axis: tuple[floa
         shading="nearest", rasterized=True,
     )  # fmt: skip
     figure.colorbar(image, ax=axes, label="gap [mm]", pad=0.02, format="%g")
-    held = np.argwhere(history["contact_state"].to_numpy()[shown] == 2)
+    held = np.argwhere(by_interface(history["contact_state"])[interface, shown] == RESTING)
     if held.size:
         axes.plot(
             t[held[:, 0]],
@@ -92,21 +104,28 @@ def _gap_image(figure: Figure, axes: Axes, history: xr.Dataset, axis: tuple[floa
         )
 
 
-def _impact_marks(axes: Axes, history: xr.Dataset, axis: tuple[float, float]) -> None:
-    """Mark the impacts; the area of a mark grows with the impulse."""
+def _impact_marks(
+    axes: Axes, history: xr.Dataset, interface: int, axis: tuple[float, float]
+) -> None:
+    """Mark the impacts on an interface; the area of a mark grows with the impulse.
+
+    All interfaces share the scale of the areas.
+    """
     start, unit = axis
     when = history["event_time"].to_numpy()
-    shown = when >= start
+    own = event_interfaces(history) == interface
+    shown = own & (when >= start)
     if not shown.any():
         return
-    impulse = np.abs(history["event_impulse"].to_numpy()[shown])
-    share = impulse / max(float(impulse.max()), np.finfo(np.float64).tiny)
+    impulses = np.abs(history["event_impulse"].to_numpy())
+    strongest = float(impulses[when >= start].max())
+    share = impulses[shown] / max(strongest, np.finfo(np.float64).tiny)
     axes.scatter(
         when[shown] / unit,
         1e3 * history["x"].to_numpy()[history["event_node"].to_numpy()[shown]],
         s=SMALLEST_MARK + (LARGEST_MARK - SMALLEST_MARK) * share,
         facecolor=VERMILLION, edgecolor="none", alpha=0.75, zorder=3,
-        label=f"impact (area: impulse, at most {1e3 * float(impulse.max()):.2g} mN s)",
+        label=f"impact (area: impulse, at most {1e3 * float(impulses[shown].max()):.2g} mN s)",
     )  # fmt: skip
 
 

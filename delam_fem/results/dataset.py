@@ -1,4 +1,4 @@
-"""What a recorder kept, as one dataset; `schema.py` says what its variables are."""
+"""Turn the record of a run into one dataset with the variables of `schema`."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from delam_fem.simulation.recorder import LEDGER, N_BASE, PeriodRecord, Recorder
 def history(
     recorder: Recorder, structure: Structure, case: Case, attributes: Mapping[str, str]
 ) -> xr.Dataset:
-    """Put what a recorder kept into a dataset; `schema.VARIABLES` says what it holds.
+    """Return the record of a run as a dataset with the variables `schema.VARIABLES`.
 
     Args:
         recorder: after at least one period.
-        structure: gives the parts, interfaces and probes; the first probes are those of the tips,
-            one for each part.
-        case: gives steps and origin.
-        attributes: what the dataset says about its origin beside case and versions.
+        structure: gives the parts, interfaces and probes. The first probes are the reference
+            probes, one for each part; the dataset shows them as tip_….
+        case: that was computed.
+        attributes: of the dataset beside case and versions.
     """
     layout, gap0 = structure.layout, structure.operators.gap0
     start = (recorder.n_closed - len(recorder.window)) * recorder.steps_per_period
@@ -40,7 +40,7 @@ def history(
     _add_periods(data, recorder, len(layout.parts))
     add(data, "x", layout.x)
     data = data.set_coords("x")
-    add(data, "tip_node", layout.probes[0].point if layout.probes else layout.x.size - 1)
+    add(data, "tip_node", layout.probes[0].point)
     add(data, "gap0", _of_interfaces(layout, gap0))
     _add_frames(data, recorder, structure, start)
     _add_events(data, recorder, layout, start)
@@ -59,9 +59,9 @@ def _rows(record: PeriodRecord) -> slice:
 
 
 def _add_window(data: xr.Dataset, recorder: Recorder, start: int, n_parts: int) -> None:
-    """Add the histories of the tips and the base at every step of the window."""
-    window, tips = recorder.window, slice(N_BASE, N_BASE + n_parts)
-    u = np.concatenate([r.u[_rows(r), tips] for r in window])
+    """Add the histories of the reference probes and the base at every step of the window."""
+    window, references = recorder.window, slice(N_BASE, N_BASE + n_parts)
+    u = np.concatenate([r.u[_rows(r), references] for r in window])
     v = np.concatenate([r.v[_rows(r), :n_parts] for r in window])
     add(data, "time", (start + 1 + np.arange(len(u))) * recorder.time_step)
     add(data, "tip_displacement", u.T)
@@ -71,13 +71,13 @@ def _add_window(data: xr.Dataset, recorder: Recorder, start: int, n_parts: int) 
 
 
 def _add_periods(data: xr.Dataset, recorder: Recorder, n_parts: int) -> None:
-    """Add what is kept of every period."""
-    k, tips = recorder.n_closed, slice(0, n_parts)
+    """Add strobes, envelopes, impulses and energies of every period."""
+    k, references = recorder.n_closed, slice(0, n_parts)
     add(data, "period", np.arange(k))
-    add(data, "strobe_displacement", recorder.strobe[:k, 0, tips].T)
-    add(data, "strobe_velocity", recorder.strobe[:k, 1, tips].T)
-    add(data, "envelope_min", recorder.envelope[:k, 0, tips].T)
-    add(data, "envelope_max", recorder.envelope[:k, 1, tips].T)
+    add(data, "strobe_displacement", recorder.strobe[:k, 0, references].T)
+    add(data, "strobe_velocity", recorder.strobe[:k, 1, references].T)
+    add(data, "envelope_min", recorder.envelope[:k, 0, references].T)
+    add(data, "envelope_max", recorder.envelope[:k, 1, references].T)
     add(data, "impulse_sum", recorder.impulse[:k, 0])
     add(data, "impact_count", recorder.impulse[:k, 1])
     for name, column in zip(LEDGER, recorder.ledger[:k].T, strict=True):

@@ -1,7 +1,8 @@
-"""Pure functions of a recorded motion: periodicity, tip contacts, contact line, the summary.
+"""Pure functions of a recorded motion: periodicity, contacts at the probes, the summary.
 
-Everything that needs whole periods of the excitation uses the last whole periods of the window, so
-that a run which was interrupted has its diagnostics too. Nothing here draws or writes.
+Each lamina has one reference probe, at the node `tip_node` of the dataset. Functions that need
+whole periods of the excitation use the last whole periods of the window, so that an interrupted run
+has its diagnostics too. Nothing here draws or writes.
 """
 
 from __future__ import annotations
@@ -12,75 +13,79 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from delam_fem.case.definition import Case
-from delam_fem.numerics.arrays import BoolArray, FloatArray, IntArray
+from delam_fem.numerics.arrays import BoolArray, FloatArray
 from delam_fem.numerics.harmonics import (
     distortion_factor,
     harmonic_amplitudes,
     total_harmonic_distortion,
 )
+from delam_fem.results.gaps import between, rest_positions
+from delam_fem.results.schema import by_interface, event_interfaces
 
 if TYPE_CHECKING:  # the workers of a sweep use the arrays alone
     import xarray as xr
 
 
 LARGEST_PERIODICITY = 8
-"""Motions of a longer period are not told from irregular ones."""
+"""Motions with a longer period count as irregular."""
 STROBES = 40
 """Number of last periods by which the periodicity is judged."""
 PERIODIC_SCATTER = 0.10
 """Largest rms difference of strobes in half peak-to-peak amplitudes; cycles of clapping scatter."""
 GROUP_PERIODS = 0.05
-"""Tip closures less than so many periods apart are one contact."""
-TIP = -1
-"""Index of the tip among the nodes."""
+"""Closures at the probes less than so many periods apart are one contact."""
 
 
 @dataclass(frozen=True)
-class TipMotion:
-    """What the summary of a run is made of.
+class ProbeMotion:
+    """The motion of the reference probes, one of each lamina, from bottom to top.
 
     Attributes:
-        displacement: of both tips at each step of the window, shape (2, n_steps) [m].
-        strobe: of both tips at the end of each period of the run, shape (2, n_periods) [m].
-        gap_at_rest: of the tip [m].
-        hit_steps: steps of the window (0, 1, …) at whose end the tip is hit.
+        displacement: at each step of the window, shape (n_laminae, n_steps) [m].
+        strobe: at the end of each period of the run, shape (n_laminae, n_periods) [m].
+        gap_at_rest: of each interface at the probes, shape (n_interfaces,) [m].
+        is_hit: whether the pair at the probes is hit at the end of each step of the window, shape
+            (n_interfaces, n_steps).
         n_impacts: impulses on pairs in the window.
     """
 
     displacement: FloatArray
     strobe: FloatArray
-    gap_at_rest: float
-    hit_steps: IntArray
+    gap_at_rest: FloatArray
+    is_hit: BoolArray
     n_impacts: int
 
     @classmethod
-    def of(cls, history: xr.Dataset) -> TipMotion:
-        """Return the motion that a dataset holds; see results.py."""
-        time = history["time"].to_numpy()
-        at_tip = history["event_node"].to_numpy() == history.sizes["node"] - 1
-        when = history["event_time"].to_numpy()[at_tip]
-        steps = np.zeros(0, dtype=np.int64)
-        if when.size and time.size > 1:
-            steps = np.rint((when - time[0]) / (time[1] - time[0])).astype(np.int64)
+    def of(cls, history: xr.Dataset) -> ProbeMotion:
+        """Return the motion that the dataset of a run holds."""
+        gap_at_rest = by_interface(history["gap0"])[:, probe_node(history)]
         return cls(
             history["tip_displacement"].to_numpy(),
             history["strobe_displacement"].to_numpy(),
-            float(history["gap0"][TIP]),
-            steps[(steps >= 0) & (steps < time.size)],
+            gap_at_rest,
+            _hits(history, gap_at_rest.size),
             history.sizes["event"],
         )
 
     @property
+    def gaps(self) -> FloatArray:
+        """Gaps g0 + q_{j+1} - q_j at the probes, shape (n_interfaces, n_steps) [m]."""
+        return between(self.gap_at_rest[:, None], self.displacement)
+
+    @property
     def gap(self) -> FloatArray:
-        """g0(L) + q_2 - q_1 at each step, shape (n_steps,) [m]."""
-        return _gap(self.gap_at_rest, self.displacement)
+        """Smallest gap of all interfaces at each step, shape (n_steps,) [m]."""
+        smallest: FloatArray = self.gaps.min(axis=0)
+        return smallest
 
     @property
     def is_closed(self) -> BoolArray:
-        """Whether the tip pair is closed at each step; see `tip_closed`."""
-        is_closed = self.gap <= 0.0
-        is_closed[self.hit_steps] = True
-        return is_closed
+        """Whether the pairs at the probes are closed, shape (n_interfaces, n_steps).
+
+        A pair is closed if its gap is not positive or if it is hit: a law that foresees the contact
+        (Moreau-Jean) hits before the gap closes, a law without impacts (penalty) never hits.
+        """
+        return (self.gaps <= 0.0) | self.is_hit
 
     def whole_periods(self, steps_per_period: int) -> FloatArray:
         """Return the displacements of the last whole periods of the window."""
@@ -88,19 +93,40 @@ class TipMotion:
         return self.displacement[:, n % steps_per_period :]
 
 
+def probe_node(history: xr.Dataset) -> int:
+    """Return the number of the node at which the reference probes are."""
+    return int(history["tip_node"])
+
+
+def is_at_probes(history: xr.Dataset) -> BoolArray:
+    """Return whether each event hits the pair at the probes, shape (n_events,)."""
+    return np.asarray(history["event_node"].to_numpy() == probe_node(history))
+
+
+def probe_positions(history: xr.Dataset) -> FloatArray:
+    """Return the positions y_i of the probes: q_i plus the gaps at rest below lamina i.
+
+    Returns:
+        Positions at each step of the window, shape (n_laminae, n_steps) [m].
+    """
+    at_rest = rest_positions(history)[:, probe_node(history)]
+    positions: FloatArray = history["tip_displacement"].to_numpy() + at_rest[:, None]
+    return positions
+
+
 def periodicity(strobe: FloatArray, half_range: FloatArray) -> tuple[int | None, float | None]:
     """Return the smallest number of excitation periods after which the motion repeats.
 
     P qualifies when the rms of s_k - s_{k-P} within the last `STROBES` periods is below
-    `PERIODIC_SCATTER` half peak-to-peak amplitudes for every tip.
+    `PERIODIC_SCATTER` half peak-to-peak amplitudes for every lamina.
 
     Args:
-        strobe: tip displacements at the end of each period, shape (n_tips, n_periods) [m].
-        half_range: half peak-to-peak amplitude of the tips, shape (n_tips,) [m].
+        strobe: displacements at the end of each period, shape (n_laminae, n_periods) [m].
+        half_range: half peak-to-peak amplitudes, shape (n_laminae,) [m].
 
     Returns:
-        P and its relative scatter (of the worse tip) [-]; (None, None) where none of
-        1…`LARGEST_PERIODICITY` qualifies or there are fewer than 2 P periods to judge by.
+        P and its largest relative scatter of all laminae [-]; (None, None) if none of
+        1…`LARGEST_PERIODICITY` qualifies or if there are fewer than 2 P periods.
     """
     last = strobe[:, -STROBES:]
     if not np.all(half_range > 0.0):
@@ -114,12 +140,12 @@ def periodicity(strobe: FloatArray, half_range: FloatArray) -> tuple[int | None,
 
 
 def count_contacts(is_closed: BoolArray, apart: float) -> int:
-    """Count groups of closed steps, in a window that is taken as one turn of a periodic motion.
+    """Count groups of closed steps; the window counts as one turn of a periodic motion.
 
-    A group that runs over the end of the window is thus the one that is going on at its start.
+    A group at the end of the window continues at its start.
 
     Args:
-        is_closed: whether the pair is closed at each step, shape (n_steps,).
+        is_closed: whether a pair is closed at each step, shape (n_steps,).
         apart: closed steps so many steps apart belong to different groups.
 
     Returns:
@@ -133,41 +159,16 @@ def count_contacts(is_closed: BoolArray, apart: float) -> int:
 
 
 def tip_gap(history: xr.Dataset) -> FloatArray:
-    """Return the gap at the tip g0(L) + q_2 - q_1 at each step of the window, shape (n,) [m]."""
-    return TipMotion.of(history).gap
+    """Return the smallest gap at the probes at each step of the window, shape (n_steps,) [m]."""
+    return ProbeMotion.of(history).gap
 
 
 def tip_closed(history: xr.Dataset) -> BoolArray:
-    """Say for each step of the window whether the tip pair is closed.
+    """Return for each step of the window whether any pair at the probes is closed, (n_steps,).
 
-    It is where the gap is not positive, and where the pair is hit: a law that foresees the contact
-    (Moreau-Jean) hits before the gap closes, a law without impacts (penalty) has the gap alone.
+    `ProbeMotion.is_closed` says when a pair is closed.
     """
-    return TipMotion.of(history).is_closed
-
-
-def gap_field(history: xr.Dataset) -> FloatArray:
-    """Return the gap g0 + u_2 - u_1 of all frames and nodes, shape (n_frames, n_nodes) [m]."""
-    return _gap(history["gap0"].to_numpy(), history["displacement"].to_numpy())
-
-
-def _gap(gap0: FloatArray | float, u: FloatArray) -> FloatArray:
-    """Return the gap; NaN where a diverged motion is infinite."""
-    with np.errstate(invalid="ignore"):
-        gap: FloatArray = gap0 + u[1] - u[0]
-    return gap
-
-
-def contact_line(history: xr.Dataset) -> FloatArray:
-    """Return how far from the clamp the laminae touch in each frame.
-
-    Returns:
-        Largest x in contact, shape (n_frames,) [m]; NaN where there is no contact.
-    """
-    x = history["x"].to_numpy()
-    touching = np.where(history["contact_state"].to_numpy() > 0, x, -np.inf)
-    farthest = touching.max(axis=1, initial=-np.inf)
-    return np.where(np.isfinite(farthest), farthest, np.nan)
+    return np.asarray(ProbeMotion.of(history).is_closed.any(axis=0))
 
 
 def last_periods(history: xr.Dataset, case: Case, count: int | None = None) -> xr.Dataset:
@@ -179,8 +180,8 @@ def last_periods(history: xr.Dataset, case: Case, count: int | None = None) -> x
         count: number of periods; None for the last whole periods of the window.
 
     Returns:
-        The same dataset with fewer steps; none where the window is shorter than one period and
-        `count` is None.
+        The same dataset with fewer steps; without any step if the window is shorter than one
+        period and `count` is None.
     """
     N = case.time.steps_per_period
     n = history.sizes["time"]
@@ -189,10 +190,10 @@ def last_periods(history: xr.Dataset, case: Case, count: int | None = None) -> x
 
 
 def phase_portrait(history: xr.Dataset, case: Case, count: int = 10) -> FloatArray:
-    """Return displacement [m] and velocity [m/s] of the tips over the last `count` periods.
+    """Return displacement [m] and velocity [m/s] of the probes over the last `count` periods.
 
     Returns:
-        Shape (2 laminae, 2, n).
+        Shape (n_laminae, 2, n_steps).
     """
     last = last_periods(history, case, count)
     q, v = last["tip_displacement"].to_numpy(), last["tip_velocity"].to_numpy()
@@ -201,18 +202,18 @@ def phase_portrait(history: xr.Dataset, case: Case, count: int = 10) -> FloatArr
 
 def summary(history: xr.Dataset, case: Case) -> dict[str, Any]:
     """Return the numbers of summary.json that follow from the history; see `summary_of`."""
-    return summary_of(TipMotion.of(history), case)
+    return summary_of(ProbeMotion.of(history), case)
 
 
-def summary_of(motion: TipMotion, case: Case) -> dict[str, Any]:
-    """Return the numbers of summary.json that follow from the motion of the tips.
+def summary_of(motion: ProbeMotion, case: Case) -> dict[str, Any]:
+    """Return the numbers of summary.json that follow from the motion of the probes.
 
     Args:
         motion: of a run, however short.
         case: its case.
 
     Returns:
-        Values by name [m, -]; None or NaN where a number has no meaning: harmonics and periodicity
+        Values by name [m, -]; None or NaN if a number has no meaning: harmonics and periodicity
         under a swept sine, contacts without a contact law.
     """
     q, N = motion.displacement, case.time.steps_per_period
@@ -222,7 +223,8 @@ def summary_of(motion: TipMotion, case: Case) -> dict[str, Any]:
     P, scatter = _periodicity_of(motion, N) if is_harmonic else (None, None)
     contacts = None
     if case.contact.law != "none":
-        contacts = count_contacts(motion.is_closed, GROUP_PERIODS * N) / n_periods
+        is_closed = motion.is_closed.any(axis=0)
+        contacts = count_contacts(is_closed, GROUP_PERIODS * N) / n_periods
     return {
         "tip_min": q.min(axis=1).tolist(),
         "tip_max": q.max(axis=1).tolist(),
@@ -237,14 +239,26 @@ def summary_of(motion: TipMotion, case: Case) -> dict[str, Any]:
 
 
 def window_harmonics(history: xr.Dataset, case: Case) -> FloatArray | None:
-    """Return the harmonics of both tips over the whole periods of the window.
+    """Return the harmonics of the probes over the whole periods of the window.
 
     Returns:
-        A_1, A_2, …, shape (2, n_harmonics) [m]; None where there is no whole period or the
+        A_1, A_2, …, shape (n_laminae, n_harmonics) [m]; None if there is no whole period or the
         motion is not finite.
     """
     N = case.time.steps_per_period
-    return _harmonics(TipMotion.of(history).whole_periods(N), N)
+    return _harmonics(ProbeMotion.of(history).whole_periods(N), N)
+
+
+def _hits(history: xr.Dataset, n_interfaces: int) -> BoolArray:
+    """Return whether the pairs at the probes are hit, shape (n_interfaces, n_steps)."""
+    time, at_probes = history["time"].to_numpy(), is_at_probes(history)
+    is_hit = np.zeros((n_interfaces, time.size), dtype=np.bool_)
+    when = history["event_time"].to_numpy()[at_probes]
+    if when.size and time.size > 1:
+        steps = np.rint((when - time[0]) / (time[1] - time[0])).astype(np.int64)
+        is_inside = (steps >= 0) & (steps < time.size)
+        is_hit[event_interfaces(history)[at_probes][is_inside], steps[is_inside]] = True
+    return is_hit
 
 
 def _harmonics(whole: FloatArray, steps_per_period: int) -> FloatArray | None:
@@ -255,7 +269,7 @@ def _harmonics(whole: FloatArray, steps_per_period: int) -> FloatArray | None:
     return harmonic_amplitudes(whole, n_periods)
 
 
-def _periodicity_of(motion: TipMotion, N: int) -> tuple[int | None, float | None]:
+def _periodicity_of(motion: ProbeMotion, N: int) -> tuple[int | None, float | None]:
     """Return the periodicity; a last period that was not finished has no strobe."""
     q, strobe = motion.displacement, motion.strobe
     if q.shape[1] % N:

@@ -1,4 +1,4 @@
-"""The figures of a run, drawn and written; what each shows stands in the `…_figures` modules."""
+"""Draw and write the figures of a run; the modules `…_figures` draw each of them."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ FIGURES: dict[str, Callable[[xr.Dataset, Case], Figure]] = {
 def save_figures(history: xr.Dataset, case: Case, directory: str | Path) -> list[Path]:
     """Draw all figures and write them as PNG.
 
-    A spectrum needs a whole period in the window and is left out where there is none.
+    A spectrum needs a whole period in the window; without one it is left out.
 
     Args:
-        history: of a run, however short; see results.py.
+        history: of a run, however short; see `schema.VARIABLES`.
         case: its case.
         directory: made where it does not exist.
 

@@ -1,24 +1,30 @@
-"""Figures of the motion of both tips: histories, phase portraits, spectra, envelope."""
+"""Figures of the motion of all laminae at their probes: histories, portraits, spectra, envelope."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
+from itertools import pairwise
+
 import numpy as np
 import xarray as xr
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from delam_fem.case.definition import Case
 from delam_fem.numerics import harmonics
+from delam_fem.numerics.arrays import FloatArray
 from delam_fem.results import diagnostics
 from delam_fem.results.style import (
     BASE_COLOUR,
     BLACK,
     GAP_COLOUR,
     HISTORY_PERIODS,
-    LAMINA_COLOURS,
     PORTRAIT_PERIODS,
     WIDTH,
     finite,
+    lamina_colours,
     legend_above,
     time_axis,
     title,
@@ -28,27 +34,31 @@ SHOWN_HARMONICS = 20
 """Harmonics that a spectrum shows: the amplitudes beyond are below a micrometre."""
 SPECTRUM_DECADES = 5.0
 """Depth of a spectrum's axis below its largest amplitude."""
+PORTRAIT_COLUMNS = 2
+"""Phase portraits side by side."""
 
 
 def tip_histories(history: xr.Dataset, case: Case) -> Figure:
-    """Draw the positions y_1 = q_1 and y_2 = g0(L) + q_2 of both tips over the last periods."""
+    """Draw the positions y_i of all laminae at their probes over the last periods.
+
+    y_i is the displacement q_i plus the gaps at rest below lamina i.
+    """
     last = diagnostics.last_periods(history, case, HISTORY_PERIODS)
     unit, label = time_axis(case)
     t = last["time"].to_numpy() / unit
-    q = 1e3 * finite(last["tip_displacement"])
-    y = q + np.array([[0.0], [1e3 * float(history["gap0"][diagnostics.TIP])]])
+    y = 1e3 * finite(diagnostics.probe_positions(last))
     figure = Figure(figsize=(WIDTH, 4.2), layout="constrained")
     axes = figure.subplots()
-    if "base_displacement" in last:
-        base = 1e3 * finite(last["base_displacement"])
-        axes.plot(t, base, color=BASE_COLOUR, linewidth=0.9, linestyle="--", label="base")
-    axes.fill_between(t, y[0], y[1], where=y[1] >= y[0], color=GAP_COLOUR, label="gap")
-    for i, name in enumerate(history["lamina"].to_numpy()):
-        axes.plot(t, y[i], color=LAMINA_COLOURS[i], label=f"{name}  $y_{i + 1}$")
+    base = 1e3 * finite(last["base_displacement"])
+    axes.plot(t, base, color=BASE_COLOUR, linewidth=0.9, linestyle="--", label="base")
+    for j, (low, high) in enumerate(pairwise(y)):
+        axes.fill_between(
+            t, low, high, where=high >= low, color=GAP_COLOUR, label=None if j else "gap"
+        )
+    for i, (name, colour) in enumerate(_laminae(history)):
+        axes.plot(t, y[i], color=colour, label=f"{name}  $y_{{{i + 1}}}$")
     if case.contact.law != "none":
-        closed = diagnostics.tip_closed(last)
-        middle = y.mean(axis=0)[closed]
-        axes.plot(t[closed], middle, "o", color=BLACK, markersize=4.5, label="tips in contact")
+        _closures(axes, t, y, last)
     axes.set(xlabel=label, ylabel="position of the tip [mm]")
     axes.margins(x=0.0)
     legend_above(axes)
@@ -57,45 +67,47 @@ def tip_histories(history: xr.Dataset, case: Case) -> Figure:
 
 
 def phase_portraits(history: xr.Dataset, case: Case) -> Figure:
-    """Draw velocity over displacement of both tips, with the state at the end of each period."""
+    """Draw velocity over displacement of each lamina, with the state at the end of each period."""
     portrait = finite(diagnostics.phase_portrait(history, case, PORTRAIT_PERIODS))
-    figure = Figure(figsize=(WIDTH, 4.6), layout="constrained")
-    N = case.time.steps_per_period
-    for i, axes in enumerate(figure.subplots(1, 2)):
-        q, v = 1e3 * portrait[i, 0], portrait[i, 1]
-        axes.plot(q, v, color=LAMINA_COLOURS[i], linewidth=0.8)
+    n, N = len(portrait), case.time.steps_per_period
+    columns = min(n, PORTRAIT_COLUMNS)
+    rows = math.ceil(n / columns)
+    figure = Figure(figsize=(WIDTH, 4.6 * rows), layout="constrained")
+    panels = figure.subplots(rows, columns, squeeze=False).ravel()
+    for axes in panels[n:]:
+        axes.remove()
+    for i, (name, colour) in enumerate(_laminae(history)):
+        axes, q, v = panels[i], 1e3 * portrait[i, 0], portrait[i, 1]
+        axes.plot(q, v, color=colour, linewidth=0.8)
         if case.excitation.kind == "harmonic":
             at_end = slice(N - 1, None, N)
             axes.plot(q[at_end], v[at_end], "o", color=BLACK, markersize=4, label="ends of periods")
             legend_above(axes)
-        axes.set_title(str(history["lamina"].to_numpy()[i]), loc="left", color=LAMINA_COLOURS[i])
-        axes.set(xlabel=f"tip displacement  $q_{i + 1}$ [mm]", ylabel="tip velocity [m/s]")
+        axes.set_title(name, loc="left", color=colour)
+        axes.set(xlabel=f"tip displacement  $q_{{{i + 1}}}$ [mm]", ylabel="tip velocity [m/s]")
     count = portrait.shape[-1] / N
     figure.suptitle(f"{title(case)}; {count:g} period{'s' if count != 1 else ''}")
     return figure
 
 
 def spectra(history: xr.Dataset, case: Case) -> Figure:
-    """Draw the amplitude spectra of both tip displacements with the harmonics marked."""
+    """Draw the amplitude spectra of all displacements with the harmonics marked."""
     whole = diagnostics.last_periods(history, case)
     amplitudes = 1e3 * harmonics.amplitude_spectrum(finite(whole["tip_displacement"]))
     n_periods = whole.sizes["time"] // case.time.steps_per_period
     orders = np.arange(amplitudes.shape[1]) / n_periods
-    found = diagnostics.window_harmonics(history, case)
-    figure = Figure(figsize=(WIDTH, 6.0), layout="constrained")
     is_harmonic = case.excitation.kind == "harmonic"
+    found = diagnostics.window_harmonics(history, case) if is_harmonic else None
+    figure = Figure(figsize=(WIDTH, 3.0 * len(amplitudes)), layout="constrained")
     unit = 1.0 if is_harmonic else 1.0 / case.period
-    for i, axes in enumerate(figure.subplots(2, 1, sharex=True, sharey=True)):
-        name = str(history["lamina"].to_numpy()[i])
-        axes.semilogy(unit * orders[1:], amplitudes[i, 1:], color=LAMINA_COLOURS[i], linewidth=0.9)
-        if is_harmonic and found is not None:
-            marked = 1e3 * found[i, :SHOWN_HARMONICS]
-            axes.plot(1 + np.arange(marked.size), marked, "o", color=BLACK, markersize=4.5)
-            d = 100.0 * float(harmonics.distortion_factor(found[i]))
-            thd = 100.0 * float(harmonics.total_harmonic_distortion(found[i]))
-            name += f":  d = {d:.2f} %,  THD = {thd:.1f} %;  dots: harmonics of the excitation"
-        axes.set_title(name, loc="left", color=LAMINA_COLOURS[i])
-        axes.set_ylabel(f"amplitude of $q_{i + 1}$ [mm]")
+    panels = figure.subplots(len(amplitudes), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
+    for i, (name, colour) in enumerate(_laminae(history)):
+        axes, text = panels[i], name
+        axes.semilogy(unit * orders[1:], amplitudes[i, 1:], color=colour, linewidth=0.9)
+        if found is not None:
+            text += _mark_harmonics(axes, found[i])
+        axes.set_title(text, loc="left", color=colour)
+        axes.set_ylabel(f"amplitude of $q_{{{i + 1}}}$ [mm]")
         axes.yaxis.set_major_locator(LogLocator(numticks=12))
         axes.yaxis.set_minor_formatter(NullFormatter())
         axes.set_xlim(0.0, unit * (SHOWN_HARMONICS + 0.5))
@@ -110,25 +122,50 @@ def spectra(history: xr.Dataset, case: Case) -> Figure:
 
 
 def envelope(history: xr.Dataset, case: Case) -> Figure:
-    """Draw between which displacements each tip moved in every period of the run."""
+    """Draw the range of the displacement of each lamina in every period of the run."""
     unit, label = time_axis(case)
     edges = np.arange(history.sizes["period"] + 1) * case.period / unit
-    figure = Figure(figsize=(WIDTH, 4.8), layout="constrained")
-    for i, axes in enumerate(figure.subplots(2, 1, sharex=True)):
+    n = history.sizes["lamina"]
+    figure = Figure(figsize=(WIDTH, 2.4 * n), layout="constrained")
+    panels = figure.subplots(n, 1, sharex=True, squeeze=False)[:, 0]
+    for i, (name, colour) in enumerate(_laminae(history)):
         low, high, strobe = (
-            1e3 * finite(history[name][i])
-            for name in ("envelope_min", "envelope_max", "strobe_displacement")
+            1e3 * finite(history[variable][i])
+            for variable in ("envelope_min", "envelope_max", "strobe_displacement")
         )
-        colour = LAMINA_COLOURS[i]
+        axes = panels[i]
         axes.use_sticky_edges = False
         axes.stairs(high, edges, baseline=low, fill=True, color=colour, alpha=0.3, label="range")
         axes.plot(
             edges[1:], strobe, ".", color=BLACK, markersize=3, label="at the end of the period"
         )
-        axes.set_title(str(history["lamina"].to_numpy()[i]), loc="left", color=colour)
-        axes.set_ylabel(f"$q_{i + 1}$ [mm]")
+        axes.set_title(name, loc="left", color=colour)
+        axes.set_ylabel(f"$q_{{{i + 1}}}$ [mm]")
     legend_above(axes)
     axes.margins(x=0.01)
     axes.set_xlabel(label)
     figure.suptitle(f"{title(case)}: tip displacements within each period")
     return figure
+
+
+def _laminae(history: xr.Dataset) -> Iterator[tuple[str, str]]:
+    """Yield name and colour of each lamina."""
+    names = [str(name) for name in history["lamina"].to_numpy()]
+    yield from zip(names, lamina_colours(len(names)), strict=True)
+
+
+def _closures(axes: Axes, t: FloatArray, y: FloatArray, history: xr.Dataset) -> None:
+    """Mark the steps at which neighbours touch at their probes, midway between both."""
+    for j, closed in enumerate(diagnostics.ProbeMotion.of(history).is_closed):
+        middle = y[j : j + 2].mean(axis=0)[closed]
+        label = None if j else "tips in contact"
+        axes.plot(t[closed], middle, "o", color=BLACK, markersize=4.5, label=label)
+
+
+def _mark_harmonics(axes: Axes, amplitudes: FloatArray) -> str:
+    """Mark the harmonics in a spectrum; return the distortion of the signal in words."""
+    marked = 1e3 * amplitudes[:SHOWN_HARMONICS]
+    axes.plot(1 + np.arange(marked.size), marked, "o", color=BLACK, markersize=4.5)
+    d = 100.0 * float(harmonics.distortion_factor(amplitudes))
+    thd = 100.0 * float(harmonics.total_harmonic_distortion(amplitudes))
+    return f":  d = {d:.2f} %,  THD = {thd:.1f} %;  dots: harmonics of the excitation"

@@ -18,23 +18,26 @@ from delam_fem.results.style import title
 
 CAPTIONS = {
     "laminae": "The deformed laminae about the strongest strike of the window.",
-    "tip_histories": "Positions of both tips over the last periods, y₁ = q₁ and y₂ = g₀(L) + q₂.",
-    "phase_portraits": "Phase portraits of both tips.",
-    "spectra": "Amplitude spectra of both tip displacements.",
-    "contact_line": "Where and when the laminae touch.",
+    "tip_histories": (
+        "Positions of the tips over the last periods: yᵢ is the displacement qᵢ plus the gaps at "
+        "rest below lamina i."
+    ),
+    "phase_portraits": "Phase portraits of the tips.",
+    "spectra": "Amplitude spectra of the tip displacements.",
+    "contact_line": "Where and when neighbouring laminae touch.",
     "energy_ledger": "What changed the energy in each period, and what was stored at its end.",
     "envelope": "Tip displacements within each period of the whole run.",
 }
-"""Figures of the report, in its order; those that are missing are left out."""
+"""Captions of the figures in the order of the report; missing figures are left out."""
 
 UNITS = {
     "wall_seconds": "s", "microseconds_per_step": "µs", "tip_min": "m", "tip_max": "m",
-    "minimum_tip_gap": "m",
+    "minimum_tip_gap": "m", "impact_energy_gain": "J",
 }  # fmt: skip
 """Units of the entries of the summary that have one."""
 
 ORIGIN = ("delam_fem", "dolfinx", "petsc", "numpy", "engine", "outcome")
-"""Attributes of the history that say what made it."""
+"""Attributes of the history with its origin."""
 
 
 def write_report(
@@ -43,7 +46,7 @@ def write_report(
     """Write report.html with the figures found in the folder `figures` beside it.
 
     Args:
-        history: of a run; see results.py.
+        history: of a run; see `schema.VARIABLES`.
         summary: the numbers of summary.json.
         case: the case.
         directory: made where it does not exist.
@@ -63,7 +66,7 @@ def write_report(
 def page(history: xr.Dataset, summary: Mapping[str, Any], case: Case, figures: Path) -> str:
     """Return the page as HTML."""
     names = ", ".join(str(name) for name in history["lamina"].to_numpy())
-    about = f"Over the window of the last periods; laminae in the order {names}."
+    about = f"Over the window of the last periods; laminae from bottom to top: {names}."
     flows = "What changed the stored energy, added up over the run and in the last period."
     energy = Table(("", "whole run [J]", "last period [J]"), energy_rows(history))
     origin = [(name, str(history.attrs[name]), "") for name in ORIGIN if name in history.attrs]
@@ -105,7 +108,7 @@ def _shown(value: Any) -> str:
 
 
 def _figures(directory: Path) -> list[Figure]:
-    """Return the figures that are there, embedded."""
+    """Return the figures that exist in the folder, embedded."""
     found = {directory / f"{name}.png": caption for name, caption in CAPTIONS.items()}
     return [
         Figure([embedded(path)], caption, caption)

@@ -1,9 +1,7 @@
 """Every variable of a run's dataset, once: its dimensions, its unit, its meaning.
 
-Dimensions: `lamina` (bottom to top), `interface` (between two neighbours, bottom to top; absent
-where there is only one), `time` (every step of the window), `period` (all periods of the run),
-`frame` (instants of the window at which fields are kept), `node` (points along the laminae),
-`event` (pairs that were hit, in the order of time).
+A dataset with a single interface does not have the dimension `interface`. The coordinates `lamina`
+and `interface` hold names.
 """
 
 from __future__ import annotations
@@ -11,12 +9,27 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
+
+if TYPE_CHECKING:  # sweeps name their variables without any dataset
+    import xarray as xr
 
 INTERFACE = "interface"
+
+DIMENSIONS: Mapping[str, str] = MappingProxyType(
+    {
+        "lamina": "laminae from bottom to top",
+        INTERFACE: "pairs of neighbouring laminae from bottom to top; only if there are several",
+        "time": "every step of the window",
+        "period": "all periods of the run",
+        "frame": "instants of the window at which fields are kept",
+        "node": "points along the laminae",
+        "event": "impacts on single pairs in the window, in the order of time",
+    }
+)
+"""Dimensions of the variables with their meaning."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +88,7 @@ _ALL = (
         "energy set free by switching contact springs in the period",
     ),
     Variable(
-        "energy_residual", ("period",), "J", "what the ledger of the period does not account for"
+        "energy_residual", ("period",), "J", "energy of the period that the ledger does not explain"
     ),
     Variable("x", ("node",), "m", "position along the laminae"),
     Variable("tip_node", (), "1", "number of the node at which tip_… is taken"),
@@ -130,10 +143,23 @@ def by_interface(values: xr.DataArray) -> np.ndarray[Any, np.dtype[Any]]:
     return array if INTERFACE in values.dims else array[None]
 
 
+def event_interfaces(history: xr.Dataset) -> np.ndarray[Any, np.dtype[Any]]:
+    """Return the number of the interface that each event hits, also if there is only one."""
+    if "event_interface" in history:
+        return history["event_interface"].to_numpy()
+    return np.zeros(history.sizes["event"], dtype=np.int64)
+
+
 def markdown() -> str:
-    """Return the variables as a table of Markdown, for the documentation."""
-    rows = [
+    """Return dimensions and variables as tables of Markdown, for the documentation."""
+    dimensions = [f"| `{name}` | {meaning} |" for name, meaning in DIMENSIONS.items()]
+    variables = [
         f"| `{row.name}` | {', '.join(row.dims) or '–'} | {row.units} | {row.long_name} |"
-        for row in _ALL
+        for row in VARIABLES.values()
     ]
-    return "\n".join(["| variable | dimensions | unit | meaning |", "|---|---|---|---|", *rows])
+    return "\n".join(
+        [
+            *("| dimension | entries |", "|---|---|", *dimensions, ""),
+            *("| variable | dimensions | unit | meaning |", "|---|---|---|---|", *variables),
+        ]
+    )

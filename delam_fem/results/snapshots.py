@@ -7,8 +7,8 @@ import pyvista as pv
 import xarray as xr
 
 from delam_fem.case.definition import Case
-from delam_fem.numerics.arrays import BoolArray, FloatArray
-from delam_fem.results import diagnostics, ribbons
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.results import diagnostics, gaps, ribbons
 from delam_fem.results.style import title
 
 PHASES = (-0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3)
@@ -16,7 +16,7 @@ PHASES = (-0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3)
 SIZE = (1500, 1050)
 """Width and height of the picture [px]."""
 TURN, TILT = np.radians(24.0), np.radians(14.0)
-"""How far the camera is turned from the view on the laminae's edges, and raised."""
+"""Angles by which the camera is turned from the view on the edges of the laminae, and raised."""
 TO_CAMERA = np.array([np.sin(TILT), -np.cos(TILT) * np.sin(TURN), -np.cos(TILT) * np.cos(TURN)])
 """Direction of the camera; x is up and y to the right in the picture."""
 RIGHT = np.cross([1.0, 0.0, 0.0], TO_CAMERA) / np.cos(TILT)
@@ -24,23 +24,23 @@ RIGHT = np.cross([1.0, 0.0, 0.0], TO_CAMERA) / np.cos(TILT)
 ROW = 1.42
 """Length of the row of snapshots in lengths of the laminae: it fills the picture."""
 COLOURS = "coolwarm"
-"""Blue to grey to red: readable by the colour-blind, and zero is no white on white."""
+"""Blue to grey to red: readable by the colour-blind, and zero stays visible on white."""
+NAME_DISTANCE = 0.07
+"""Distance of the names of neighbours that touch, in lengths of the laminae."""
 TEXT = 22
 """Size of the letters [px]."""
 
 
 def strike_frame(history: xr.Dataset, case: Case) -> int:
-    """Return the last frame before the strongest impact at the tip, or before the smallest gap.
+    """Return the last frame before the strongest impact at the probes, or before the smallest gap.
 
-    The velocities there are those with which the laminae meet.
-
-    Instants too near to the ends of the window for all snapshots count only where the window is
-    too short to hold any other.
+    The velocities there are those with which the laminae meet. Instants too near to the ends of
+    the window for all snapshots count only if the window contains no others.
     """
-    at_tip = _tip_impacts(history)
-    if at_tip.any():
-        when = history["event_time"].to_numpy()[at_tip]
-        strength = history["event_impulse"].to_numpy()[at_tip]
+    at_probes = diagnostics.is_at_probes(history)
+    if at_probes.any():
+        when = history["event_time"].to_numpy()[at_probes]
+        strength = history["event_impulse"].to_numpy()[at_probes]
     else:
         when, strength = history["time"].to_numpy(), -diagnostics.tip_gap(history)
     frames = history["frame"].to_numpy()
@@ -57,7 +57,7 @@ def draw(history: xr.Dataset, case: Case) -> pv.Plotter:
     """Return the scene: the laminae side by side at the instants `PHASES`, true to scale.
 
     Args:
-        history: with the fields of at least one frame; see results.py.
+        history: with the fields of at least one frame; see `schema.VARIABLES`.
         case: its case.
 
     Returns:
@@ -70,20 +70,20 @@ def draw(history: xr.Dataset, case: Case) -> pv.Plotter:
     shown = sorted(set(shown))
     limit = float(np.abs(history["velocity"].to_numpy()[:, shown]).max()) or 1.0
     length = case.lamina[0].length
-    name = "strike" if _tip_impacts(history).any() else "closest"
+    name = "strike" if diagnostics.is_at_probes(history).any() else "closest"
     plotter = pv.Plotter(off_screen=True, window_size=list(SIZE))
     plotter.set_background("white")
     for k, frame in enumerate(shown):
         place = (k - (len(shown) - 1) / 2) * ROW / len(PHASES) * length * RIGHT
-        both = ribbons.grid(history, case, frame).translate(place)
-        both["lateral velocity"] = both["velocity"][:, 1]
-        outline = both.extract_surface(algorithm="dataset_surface")
+        laminae = ribbons.grid(history, case, frame).translate(place)
+        laminae["lateral velocity"] = laminae["velocity"][:, 1]
+        outline = laminae.extract_surface(algorithm="dataset_surface")
         plotter.add_mesh(outline.extract_feature_edges(60.0), color="#303030", line_width=1.0)
         plotter.add_mesh(
             _clamp(history, case, frame).translate(place), color="#9a9a9a", ambient=0.4
         )
         plotter.add_mesh(
-            both, scalars="lateral velocity", cmap=COLOURS, clim=(-limit, limit),
+            laminae, scalars="lateral velocity", cmap=COLOURS, clim=(-limit, limit),
             show_scalar_bar=False, ambient=0.75, diffuse=0.3, specular=0.0,
         )  # fmt: skip
         after = (frames[frame] - strike) / case.period
@@ -95,18 +95,12 @@ def draw(history: xr.Dataset, case: Case) -> pv.Plotter:
     return plotter
 
 
-def _tip_impacts(history: xr.Dataset) -> BoolArray:
-    """Say which of the events are impacts at the tip."""
-    at_tip: BoolArray = history["event_node"].to_numpy() == history.sizes["node"] - 1
-    return at_tip
-
-
 def _clamp(history: xr.Dataset, case: Case, frame: int) -> pv.PolyData:
-    """Return the block that holds both laminae at x = 0 and moves with the base."""
+    """Return the block that holds all laminae at x = 0 and moves with the base."""
     base = float(history["displacement"][0, frame, 0])
-    first, second = case.lamina
-    block, depth = 6.0 * (first.thickness + second.thickness), 0.05 * first.length
-    width = max(first.width, second.width)
+    block = 6.0 * sum(lamina.thickness for lamina in case.lamina)
+    depth = 0.05 * case.lamina[0].length
+    width = max(lamina.width for lamina in case.lamina)
     return pv.Box(
         bounds=(-depth, 0.0, base - block / 2, base + block / 2, -0.6 * width, 0.6 * width)
     )
@@ -121,12 +115,13 @@ def _label(plotter: pv.Plotter, point: FloatArray, text: str) -> None:
 
 
 def _name_laminae(plotter: pv.Plotter, history: xr.Dataset, frame: int, offset: float) -> None:
-    """Write the names of the laminae above their tips in the first snapshot."""
-    x, rest = float(history["x"][-1]), (0.0, float(history["gap0"][-1]))
+    """Write the names of the laminae beyond their probes in the first snapshot."""
+    node, length = diagnostics.probe_node(history), float(history["x"][-1])
+    x, at_rest = float(history["x"][node]), gaps.rest_positions(history)[:, node]
     for i, name in enumerate(history["lamina"].to_numpy()):
-        y = rest[i] + float(history["displacement"][i, frame, -1])
-        side = (-0.035, 0.035)[i] * x  # keeps the names of close tips apart
-        point = np.array([1.03 * x, y, 0.0]) + (offset + side) * RIGHT
+        y = at_rest[i] + float(history["displacement"][i, frame, node])
+        side = NAME_DISTANCE * (i - (len(at_rest) - 1) / 2) * length
+        point = np.array([x + 0.03 * length, y, 0.0]) + (offset + side) * RIGHT
         _label(plotter, point, str(name))
 
 

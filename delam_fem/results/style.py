@@ -1,7 +1,7 @@
 """How all figures look: colours, sizes, axes of time.
 
-Nothing here touches matplotlib's global state beyond the context that `styled` opens. Importing the
-module does not import matplotlib, so that whoever only measures can do without it.
+Nothing here changes the global state of matplotlib, except within the context `styled`. Importing
+this module does not import matplotlib, so that code which only measures does not need it.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILLION, PURPLE = (
     "#000000", "#E69F00", "#56B4E9", "#009E73", "#F0E442", "#0072B2", "#D55E00", "#CC79A7",
 )  # fmt: skip
-"""Colours that colour-blind readers tell apart (Okabe and Ito)."""
+"""Colours that colour-blind readers can distinguish (Okabe and Ito)."""
 
-LAMINA_COLOURS = (BLUE, VERMILLION)
-"""Lamina 1 and lamina 2 in every figure."""
+LAMINA_COLOURS = (BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY)
+"""Colours of the laminae from bottom to top in every figure; further laminae begin again."""
 GAP_COLOUR = "#e9e9e9"
 BASE_COLOUR = "#8a8a8a"
 
@@ -57,6 +57,11 @@ _STYLE: dict[str, object] = {
     "figure.dpi": DPI,
     "figure.facecolor": "white",
 }
+
+
+def lamina_colours(n: int) -> tuple[str, ...]:
+    """Return the colours of n laminae from bottom to top."""
+    return tuple(LAMINA_COLOURS[i % len(LAMINA_COLOURS)] for i in range(n))
 
 
 def legend_above(axes: Axes) -> None:

@@ -1,6 +1,6 @@
 """The deformed laminae as files: VTK fields for ParaView, and a rendered picture.
 
-What the files show is made in ribbons.py (the grids) and in snapshots.py (the scene).
+`ribbons` makes the grids and `snapshots` the scene of the picture.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from delam_fem.results import ribbons, snapshots
 def write_fields(history: xr.Dataset, case: Case, directory: str | Path) -> Path | None:
     """Write one .vtu per frame and the collection fields.pvd, which is written last.
 
-    Files of an earlier run that the collection does not name any more are removed.
+    Old files that the new collection does not name are removed.
 
     Args:
-        history: with the fields of the frames; see results.py.
+        history: with the fields of the frames; see `schema.VARIABLES`.
         case: gives widths and thicknesses.
         directory: made where it does not exist.
 
     Returns:
-        The collection; None where there is no frame of finite values.
+        The collection; None if no frame has finite values.
 
     Raises:
         OSError: the folder cannot be written or the disk is full.
@@ -51,15 +51,15 @@ def write_fields(history: xr.Dataset, case: Case, directory: str | Path) -> Path
 
 
 def render(history: xr.Dataset, case: Case, path: str | Path) -> Path | None:
-    """Write the picture of snapshots.py as PNG.
+    """Write the picture that `snapshots.draw` makes as PNG.
 
     Args:
-        history: see results.py.
+        history: of a run; see `schema.VARIABLES`.
         case: its case.
-        path: the file; its folder is made where it does not exist.
+        path: of the file; its folder is made if it does not exist.
 
     Returns:
-        The file; None where there is no frame of finite values.
+        The file; None if no frame has finite values.
 
     Raises:
         OSError: the file cannot be written.
@@ -69,7 +69,7 @@ def render(history: xr.Dataset, case: Case, path: str | Path) -> Path | None:
         return None
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    # without a display, VTK warns before it takes EGL or Mesa
+    # without a display, VTK warns before it uses EGL or Mesa
     with pv.vtk_verbosity("error"), atomic(path) as temporary:
         plotter = snapshots.draw(history, case)
         try:

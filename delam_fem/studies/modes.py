@@ -32,8 +32,8 @@ class Modes:
         names: names of the laminae.
         frequencies: computed, shape (n_laminae, n) [Hz].
         exact: of the Euler-Bernoulli cantilever, shape (n_laminae, n) [Hz].
-        x: nodes, clamp included, shape (n_nodes,) [m].
-        shapes: deflections at the nodes, 1 at the tip, shape (n_laminae, n, n_nodes) [-].
+        x: positions of the nodes, shape (n_nodes,) [m].
+        shapes: deflections at the nodes, 1 at the last one, shape (n_laminae, n, n_nodes) [-].
     """
 
     names: tuple[str, ...]

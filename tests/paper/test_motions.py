@@ -113,6 +113,7 @@ def struck(closures: dict[int, float], n_periods: int = 3) -> Result:
             "tip_displacement": (("lamina", "time"), q),
             "tip_velocity": (("lamina", "time"), v),
             "strobe_displacement": (("lamina", "period"), q[:, N - 1 :: N]),
+            "tip_node": ((), 1),
             "gap0": ("node", np.array([0.0, 0.012])),
             "event_node": ("event", np.zeros(0, dtype=int)),
             "event_time": ("event", np.zeros(0)),

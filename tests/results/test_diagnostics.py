@@ -2,9 +2,10 @@ import json
 
 import numpy as np
 import pytest
+import stack
+from stack import three_laminae
 from synthetic import (
     AMPLITUDES,
-    FRAMES,
     PERIODS,
     STEPS,
     SWEEP,
@@ -196,23 +197,6 @@ def test_less_than_a_period_and_not_finite_values_give_null_in_json() -> None:
     json.dumps(summary, allow_nan=False)
 
 
-def test_contact_line_is_the_farthest_contact() -> None:
-    history = synthetic_history(small_case())
-    line = diagnostics.contact_line(history)
-    x = history["x"].to_numpy()
-    assert line.shape == (FRAMES * WINDOW,)
-    assert line[:2].tolist() == [x[3], x[2]]
-    assert np.isnan(line[2:FRAMES]).all()
-
-
-def test_gap_field_ends_at_the_tip_gap() -> None:
-    history = synthetic_history(small_case())
-    field = diagnostics.gap_field(history)
-    every = STEPS // FRAMES
-    np.testing.assert_allclose(field[:, -1], diagnostics.tip_gap(history)[every - 1 :: every])
-    assert (field[:, 0] == 0.0).all()
-
-
 def test_phase_portrait_pairs_displacement_and_velocity() -> None:
     case = small_case()
     history = synthetic_history(case)
@@ -221,3 +205,53 @@ def test_phase_portrait_pairs_displacement_and_velocity() -> None:
     # central differences of the displacement; (2 pi)^2 / 6 / STEPS^2 and harmonics bound the error
     slope = (portrait[:, 0, 2:] - portrait[:, 0, :-2]) / (2.0 * case.time_step)
     assert np.abs(slope - portrait[:, 1, 1:-1]).max() < 2e-3 * np.abs(portrait[:, 1]).max()
+
+
+def test_three_laminae_meet_at_the_node_of_their_probes() -> None:
+    recorded = three_laminae()
+    history, case = recorded.history(), recorded.case
+    motion = diagnostics.ProbeMotion.of(history)
+    t = stack.PERIODS - WINDOW + np.arange(1, STEPS * WINDOW + 1) / STEPS
+    u = stack.q(t)
+    np.testing.assert_allclose(motion.displacement, u, atol=1e-15)
+    np.testing.assert_allclose(motion.gap_at_rest, stack.GAPS, rtol=1e-15)
+    gaps = [0.030 + u[1] - u[0], 0.020 + u[2] - u[1]]
+    np.testing.assert_allclose(motion.gaps, gaps, rtol=1e-13)
+    np.testing.assert_array_equal(diagnostics.tip_gap(history), motion.gaps.min(axis=0))
+    assert (
+        0 < (np.argmin(gaps, axis=0) == 0).sum() < t.size
+    )  # each of them is the smallest at times
+    for closed, phase in zip(motion.is_closed, stack.STRIKES.values(), strict=True):
+        expected = [j * STEPS + round(phase * STEPS) - 1 for j in range(WINDOW)]
+        assert np.flatnonzero(closed).tolist() == expected
+    np.testing.assert_allclose(
+        diagnostics.probe_positions(history),
+        u + np.array([[0.0], [0.030], [0.050]]),
+        rtol=1e-13,
+        atol=1e-15,
+    )
+    assert diagnostics.phase_portrait(history, case, 2).shape == (3, 2, 2 * STEPS)
+    harmonics = diagnostics.window_harmonics(history, case)
+    assert harmonics is not None
+    np.testing.assert_allclose(harmonics[:, 0], stack.AMPLITUDES, rtol=1e-12)
+
+
+def test_summary_of_three_laminae() -> None:
+    recorded = three_laminae()
+    summary = diagnostics.summary(recorded.history(), recorded.case)
+    u = stack.q(np.arange(1, STEPS + 1) / STEPS)
+    np.testing.assert_allclose(summary["tip_min"], u.min(axis=1), rtol=1e-12)
+    np.testing.assert_allclose(summary["tip_max"], u.max(axis=1), rtol=1e-12)
+    smallest = np.min([0.030 + u[1] - u[0], 0.020 + u[2] - u[1]])
+    assert summary["minimum_tip_gap"] == pytest.approx(smallest, rel=1e-12)
+    assert summary["tip_contacts_per_period"] == 2.0  # one of each interface
+    assert summary["impacts_per_period"] == 3.0
+    assert summary["periodicity"] == 1
+    assert len(summary["thd"]) == 3
+
+
+def test_the_gap_of_two_laminae_is_evaluated_in_one_order() -> None:
+    history = synthetic_history(small_case())
+    u = history["tip_displacement"].to_numpy()
+    gap = float(history["gap0"][-1]) + u[1] - u[0]
+    assert diagnostics.tip_gap(history).tobytes() == gap.tobytes()

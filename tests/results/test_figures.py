@@ -2,17 +2,26 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import stack
 import xarray as xr
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.image import imread
+from stack import three_laminae
 from synthetic import AMPLITUDES, PERIODS, STEPS, SWEEP, WINDOW, small_case, synthetic_history
 
 from delam_fem import Case
 from delam_fem.results import contact_figures, figures
-from delam_fem.results.style import DPI, HISTORY_PERIODS, LAMINA_COLOURS, WIDTH, styled
+from delam_fem.results.style import (
+    DPI,
+    HISTORY_PERIODS,
+    LAMINA_COLOURS,
+    WIDTH,
+    lamina_colours,
+    styled,
+)
 
-BOTH_LAMINAE = ("tip_histories", "phase_portraits", "spectra")
+EVERY_LAMINA = ("tip_histories", "phase_portraits", "spectra")
 
 
 def pixels(path: Path) -> np.ndarray:
@@ -33,8 +42,8 @@ def test_all_figures_are_written_and_show_something(tmp_path: Path) -> None:
         assert picture.shape[1] == round(WIDTH * DPI)
         assert 0.3 < picture.shape[0] / picture.shape[1] < 0.8
         assert 0.01 < (picture.min(axis=-1) < 0.9).mean() < 0.95, path.stem
-    for name in BOTH_LAMINAE:
-        for colour in LAMINA_COLOURS:
+    for name in EVERY_LAMINA:
+        for colour in lamina_colours(2):
             assert share_near(pixels(tmp_path / f"new/figures/{name}.png"), colour) > 2e-4, name
     assert not list(tmp_path.rglob("part-*"))
 
@@ -49,7 +58,7 @@ def test_tip_histories_show_positions_of_the_last_periods() -> None:
     history = synthetic_history(case)
     axes = draw("tip_histories", history, case).axes[0]
     lines = {line.get_label(): line for line in axes.lines}
-    t, y_2 = lines["thin  $y_2$"].get_data()
+    t, y_2 = lines["thin  $y_{2}$"].get_data()
     assert t[-1] == pytest.approx(PERIODS)
     assert t.size == HISTORY_PERIODS * STEPS
     q_2 = history["tip_displacement"].to_numpy()[1]
@@ -143,3 +152,66 @@ def test_an_unwritable_folder_is_an_error(tmp_path: Path) -> None:
     case = small_case()
     with pytest.raises(OSError, match="figures"):
         figures.save_figures(synthetic_history(case), case, tmp_path / "figures")
+
+
+def test_all_figures_of_three_laminae_are_written(tmp_path: Path) -> None:
+    recorded = three_laminae()
+    paths = figures.save_figures(recorded.history(), recorded.case, tmp_path)
+    assert [path.stem for path in paths] == list(figures.FIGURES)
+    for name in EVERY_LAMINA:
+        for colour in lamina_colours(3):
+            assert share_near(pixels(tmp_path / f"{name}.png"), colour) > 1e-4, (name, colour)
+
+
+def test_colours_of_laminae_differ_and_begin_again() -> None:
+    n = len(LAMINA_COLOURS)
+    assert len(set(lamina_colours(n))) == n >= 6
+    assert lamina_colours(n + 2)[n:] == lamina_colours(2)
+
+
+def test_histories_of_three_laminae_are_stacked() -> None:
+    recorded = three_laminae()
+    history = recorded.history()
+    axes = draw("tip_histories", history, recorded.case).axes[0]
+    lines = {line.get_label(): line for line in axes.lines}
+    u = 1e3 * history["tip_displacement"].to_numpy()
+    for number, name, below in ((1, "thick", 0.0), (2, "thin", 30.0), (3, "top", 50.0)):
+        y = lines[f"{name}  $y_{{{number}}}$"].get_ydata()
+        np.testing.assert_allclose(y, below + u[number - 1], rtol=1e-12, atol=1e-12)
+    labels = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert labels.count("gap") == labels.count("tips in contact") == 1
+    dots = [line.get_xdata() for line in axes.lines if line.get_marker() == "o"]
+    for found, phase in zip(dots, stack.STRIKES.values(), strict=True):
+        np.testing.assert_allclose(found % 1.0, [phase] * WINDOW)
+
+
+@pytest.mark.parametrize("name", ["phase_portraits", "spectra", "envelope"])
+def test_each_of_three_laminae_has_its_panel(name: str) -> None:
+    recorded = three_laminae()
+    axes = draw(name, recorded.history(), recorded.case).axes
+    titles = [panel.get_title(loc="left").split(":")[0] for panel in axes]
+    assert titles == ["thick", "thin", "top"]
+    colours = [panel._left_title.get_color() for panel in axes]
+    assert tuple(colours) == lamina_colours(3)
+
+
+def test_each_interface_has_its_contact_line() -> None:
+    recorded = three_laminae()
+    history = recorded.history()
+    figure = draw("contact_line", history, recorded.case)
+    panels = [axes for axes in figure.axes if axes.get_title(loc="left")]
+    assert [axes.get_title(loc="left") for axes in panels] == ["thick – thin", "thin – top"]
+    last = stack.PERIODS - contact_figures.LINE_PERIODS
+    x = 1e3 * history["x"].to_numpy()
+    for interface, axes in enumerate(panels):
+        marks = next(c for c in axes.collections if "impact" in str(c.get_label()))
+        t, at = np.asarray(marks.get_offsets()).T
+        phase, n = stack.STRIKES[interface], len(stack.IMPULSES[interface])
+        np.testing.assert_allclose(np.unique(np.round(t, 6)), [last + phase, last + 1 + phase])
+        assert sorted(set(np.round(at, 6))) == sorted(np.round(x[stack.NODE - np.arange(n)], 6))
+        assert f"at most {(1, 3)[interface]} mN s" in str(marks.get_label())
+    areas = [next(c for c in a.collections if "impact" in str(c.get_label())) for a in panels]
+    assert areas[0].get_sizes().max() < areas[1].get_sizes().max()  # both have the same scale
+    held = [[line for line in a.lines if "permanent" in str(line.get_label())] for a in panels]
+    assert not held[0]
+    assert sorted(set(np.round(held[1][0].get_ydata(), 6))) == [137.0, 274.0]

@@ -3,6 +3,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
+from stack import three_laminae
 from synthetic import small_case, synthetic_history
 
 from delam_fem import Case
@@ -93,3 +94,17 @@ def test_names_are_escaped(tmp_path: Path) -> None:
     assert "<b>thick, thin & light" in page.text["p"]
     assert "<script>" in page.text["td"]
     assert "script" not in page.open
+
+
+def test_a_report_of_three_laminae_shows_all_of_them(tmp_path: Path) -> None:
+    recorded = three_laminae()
+    history, case = recorded.history(), recorded.case
+    figures.save_figures(history, case, tmp_path / "figures")
+    summary = diagnostics.summary(history, case)
+    page = Page(report.page(history, summary, case, tmp_path / "figures"))
+    assert page.open == []
+    assert len(page.images) == len(figures.FIGURES)
+    assert "laminae from bottom to top: thick, thin, top." in page.text["p"]
+    largest = ", ".join(f"{value:.4g}" for value in summary["tip_max"])
+    assert f"tip max{largest}m" in page.text["td"]
+    assert 'name = "top"' in page.text["pre"]

@@ -5,7 +5,9 @@ import meshio
 import numpy as np
 import pytest
 import pyvista as pv
+import stack
 from matplotlib.image import imread
+from stack import three_laminae
 from synthetic import FRAMES, NODES, PERIODS, WINDOW, small_case, synthetic_history
 
 from delam_fem.results import ribbons, snapshots, vtk
@@ -139,3 +141,73 @@ def test_rendered_picture_shows_the_laminae(tmp_path: Path, n_frames: int) -> No
     bar = picture[:, int(0.88 * snapshots.SIZE[0]) :]
     assert (np.ptp(bar, axis=-1) > 0.4).mean() > 0.02  # its ends are blue and red
     assert [p.name for p in path.parent.iterdir()] == ["laminae.png"]
+
+
+def test_fields_of_three_laminae_are_read_back(tmp_path: Path) -> None:
+    recorded = three_laminae()
+    history, case = recorded.history(), recorded.case
+    reader = pv.get_reader(vtk.write_fields(history, case, tmp_path))
+    np.testing.assert_array_equal(reader.time_values, history["frame"].to_numpy())
+    reader.set_active_time_point(2)
+    block = reader.read()[0]
+    assert block.n_cells == 3 * (NODES - 1)
+    assert block.n_points == 3 * NODES * ribbons.CORNERS
+    assert np.unique(block.cell_data["lamina"], return_counts=True)[1].tolist() == [NODES - 1] * 3
+    assert block.cell_data["lamina"].tolist() == sorted(block.cell_data["lamina"].tolist())
+    corners = (3, NODES, ribbons.CORNERS)
+    state = block.point_data["contact_state"].reshape(corners)[..., 0]
+    # node 2 is hit on the lower interface and rests on the upper one
+    assert state[:, 2].tolist() == [1, 2, 2]
+    assert not np.delete(state, 2, axis=1).any()
+    u = history["displacement"].to_numpy()[:, 2]
+    moved = block.point_data["displacement"].reshape(*corners, 3)[..., 1]
+    np.testing.assert_array_equal(moved, np.broadcast_to(u[:, :, None], corners))
+    volumes = block.compute_cell_sizes(length=False, area=False)["Volume"]
+    for number, lamina in enumerate(case.lamina, start=1):
+        own = volumes[block.cell_data["lamina"] == number]
+        assert own.min() > 0.0
+        expected = lamina.length * lamina.width * lamina.thickness
+        assert own.sum() == pytest.approx(expected, rel=1e-6)
+
+
+def test_faces_of_three_laminae_are_their_gaps_apart() -> None:
+    recorded = three_laminae()
+    history = recorded.history()
+    points = ribbons.grid(history, recorded.case, FRAME).points
+    y = points.reshape(3, NODES, ribbons.CORNERS, 3)[..., 1]
+    u = history["displacement"].to_numpy()[:, FRAME]
+    gaps = stack.GAPS[:, None] * stack.shape(history["x"].to_numpy()) + np.diff(u, axis=0)
+    np.testing.assert_allclose(y[1:].min(axis=-1) - y[:-1].max(axis=-1), gaps, atol=1e-15)
+    rest = ribbons.rest_points(history, recorded.case)[..., 1]
+    assert (rest[0].max(axis=-1) == 0.0).all()
+    np.testing.assert_allclose(np.ptp(y, axis=-1)[:, 3], [0.002, 0.001, 0.0015])
+
+
+def test_the_picture_of_three_laminae_is_taken_before_their_strongest_strike(
+    tmp_path: Path,
+) -> None:
+    recorded = three_laminae()
+    history, case = recorded.history(), recorded.case
+    frame = snapshots.strike_frame(history, case)
+    when = history["frame"].to_numpy()[frame] / case.period % 1.0
+    assert when == pytest.approx(stack.STRIKES[1] - 1 / FRAMES)
+    picture = imread(vtk.render(history, case, tmp_path / "laminae.png"))[..., :3]
+    scene = picture[120:-120, : int(0.85 * snapshots.SIZE[0])]
+    assert 0.03 < (scene.min(axis=-1) < 0.95).mean() < 0.6
+
+
+def test_names_of_laminae_stand_side_by_side_beyond_their_probes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    recorded = three_laminae()
+    history = recorded.history()
+    labels = {}
+    monkeypatch.setattr(
+        snapshots, "_label", lambda plotter, point, text: labels.update({text: point})
+    )
+    snapshots._name_laminae(None, history, FRAME, 0.0)
+    assert list(labels) == ["thick", "thin", "top"]
+    places = np.array(list(labels.values())) @ snapshots.RIGHT
+    assert (np.diff(places) * np.sign(places[-1] - places[0]) > 0.0).all()
+    x, length = history["x"].to_numpy()[stack.NODE], recorded.case.lamina[0].length
+    assert labels["thin"][0] == pytest.approx(x + 0.03 * length)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from mpi4py import MPI
+from stack import three_laminae
 from synthetic import small_case, synthetic_history
 
 from delam_fem.model import _dolfinx
@@ -19,8 +20,8 @@ def frames() -> xr.Dataset:
     return synthetic_history(small_case())
 
 
-def test_nodes_of_both_lines_are_told_apart(frames: xr.Dataset) -> None:
-    points, cells = vtx.two_lines(frames)
+def test_lines_share_no_node(frames: xr.Dataset) -> None:
+    points, cells = vtx.lines_at_rest(frames)
     n = frames.sizes["node"]
     np.testing.assert_array_equal(points[n:, 1] - points[:n, 1], frames.gap0)
     assert cells.min() == 0 and cells.max() == 2 * n - 1
@@ -30,6 +31,28 @@ def test_nodes_of_both_lines_are_told_apart(frames: xr.Dataset) -> None:
     linear = _dolfinx.space(mesh, "Lagrange", 1)
     found = linear.tabulate_dof_coordinates()[:, :2]
     np.testing.assert_allclose(found, points[_dolfinx.input_nodes(linear)], rtol=0.0, atol=1e-15)
+
+
+def test_three_laminae_are_three_lines() -> None:
+    frames = three_laminae().history()
+    points, cells = vtx.lines_at_rest(frames)
+    n = frames.sizes["node"]
+    assert points.shape == (3 * n, 2)
+    assert cells.shape == (3 * (n - 1), 2)
+    assert np.unique(cells).tolist() == list(range(3 * n))
+    x = frames["x"].to_numpy()
+    for i, end in enumerate((0.0, 0.030, 0.050)):
+        own = points[i * n : (i + 1) * n]
+        np.testing.assert_array_equal(own[:, 0], x)
+        np.testing.assert_allclose(own[:, 1], end * (x / x[4]) ** 2, rtol=1e-14)
+    mesh = _dolfinx.create_interval_mesh(MPI.COMM_SELF, points, cells)
+    linear = _dolfinx.space(mesh, "Lagrange", 1)
+    nodes = _dolfinx.input_nodes(linear)
+    found = linear.tabulate_dof_coordinates()[:, :2]
+    np.testing.assert_allclose(found, points[nodes], rtol=0.0, atol=1e-15)
+    values = vtx.by_node(frames["displacement"].to_numpy())
+    assert values.shape == (frames.sizes["frame"], 3 * n)
+    np.testing.assert_array_equal(values[5].reshape(3, n), frames["displacement"][:, 5])
 
 
 def test_values_of_the_thin_lamina_follow_those_of_the_thick(frames: xr.Dataset) -> None:

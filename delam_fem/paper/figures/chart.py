@@ -13,7 +13,7 @@ from delam_fem.paper.claims import Claim, judged
 from delam_fem.paper.figures.shapes import detailed_case
 from delam_fem.paper.lab import Laboratory
 from delam_fem.paper.piece import NOT_IN_JSON, Numbers, Piece
-from delam_fem.results import diagnostics
+from delam_fem.results.gaps import gap_field
 from delam_fem.results.style import BLACK, BLUE, ORANGE, SKY, VERMILLION, WIDTH, legend_outside
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ def decisions(result: Result) -> Decisions:
     """
     history = result.history
     held = history["contact_state"].to_numpy()[:, 1:] == 2
-    closed = diagnostics.gap_field(history)[:, 1:] <= 0.0
+    closed = gap_field(history)[0, :, 1:] <= 0.0
     hit = np.zeros_like(held)
     steps = np.rint(
         (history["event_time"].to_numpy() - float(history["frame"][0])) / result.case.time_step

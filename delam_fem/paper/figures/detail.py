@@ -15,7 +15,7 @@ from delam_fem.paper.measures import CLEARLY, SMOOTH_HARMONICS, roughness, tip_p
 from delam_fem.paper.motions import RESONANT, strikes
 from delam_fem.paper.piece import NOT_IN_JSON, Numbers, Piece
 from delam_fem.results import diagnostics
-from delam_fem.results.style import LAMINA_COLOURS, PORTRAIT_PERIODS, WIDTH, legend_above
+from delam_fem.results.style import PORTRAIT_PERIODS, WIDTH, lamina_colours, legend_above
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -62,7 +62,7 @@ def _draw(details: Mapping[PaperMethod, StrikeDetail]) -> Figure:
     figure = Figure(figsize=(WIDTH, 0.5 + 4.1 * len(details)), layout="constrained")
     panels = figure.subplots(len(details), 2, squeeze=False, sharex="col", sharey="col")
     for row, (method, detail) in zip(panels, details.items(), strict=True):
-        for i, colour in enumerate(LAMINA_COLOURS):
+        for i, colour in enumerate(lamina_colours(2)):
             y, v, name = detail.position[i], detail.velocity[i], detail.names[i]
             style = {"color": colour, "linewidth": 0.7, "marker": ".", "markersize": 2.5}
             row[0].plot(y, v, label=name, **style)

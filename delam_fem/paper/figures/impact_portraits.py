@@ -52,7 +52,7 @@ class Portrait:
         return cls(
             (thick.name, thin.name),
             diagnostics.phase_portrait(result.history, result.case, PORTRAIT_PERIODS),
-            float(result.history["gap0"][diagnostics.TIP]),
+            float(diagnostics.ProbeMotion.of(result.history).gap_at_rest[0]),
             result.case.time.steps_per_period,
         )
 

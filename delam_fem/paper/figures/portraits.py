@@ -22,9 +22,9 @@ from delam_fem.paper.motions import FREQUENCIES
 from delam_fem.paper.piece import Numbers, Piece
 from delam_fem.results.style import (
     BLACK,
-    LAMINA_COLOURS,
     PORTRAIT_PERIODS,
     WIDTH,
+    lamina_colours,
     legend_outside,
 )
 
@@ -90,7 +90,7 @@ def _draw_both_tips(panel: Axes, portrait: Portrait) -> None:
     """Draw the portraits of both tips into one panel, over the tips' positions."""
     ends = slice(portrait.steps_per_period - 1, None, portrait.steps_per_period)
     shift = (0.0, 1e3 * portrait.gap_at_rest)
-    for i, colour in enumerate(LAMINA_COLOURS):
+    for i, colour in enumerate(lamina_colours(2)):
         q, v = 1e3 * portrait.motion[i, 0] + shift[i], portrait.motion[i, 1]
         panel.plot(q, v, color=colour, linewidth=0.6, label=portrait.names[i])
         label = "ends of periods" if i == 0 else None

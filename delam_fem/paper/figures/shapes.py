@@ -15,7 +15,8 @@ from delam_fem.paper.lab import Laboratory, motion_case
 from delam_fem.paper.motions import RESONANT
 from delam_fem.paper.piece import NOT_IN_JSON, Numbers, Piece
 from delam_fem.results import diagnostics
-from delam_fem.results.style import BLACK, GAP_COLOUR, GREEN, LAMINA_COLOURS, WIDTH
+from delam_fem.results.gaps import gap_field, rest_positions
+from delam_fem.results.style import BLACK, GAP_COLOUR, GREEN, WIDTH, lamina_colours
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -76,7 +77,7 @@ def measure(lab: Laboratory) -> Shapes:
     last = _last_period(result)
     n, x = last.sizes["frame"], last["x"].to_numpy()
     position = positions(last)
-    strike = int(np.argmin(diagnostics.gap_field(last)[:, diagnostics.TIP]))
+    strike = int(np.argmin(gap_field(last)[0, :, diagnostics.probe_node(last)]))
     shown = (strike + np.rint(np.array(PHASES) * n).astype(np.int64)) % n
     closed, near = contact_shares(result)
     thick, thin = result.case.lamina
@@ -95,14 +96,13 @@ def measure(lab: Laboratory) -> Shapes:
 
 def positions(frames: xr.Dataset) -> FloatArray:
     """Return u_1 = q_1 and u_2 = g0 + q_2 of all nodes, shape (2, n_frames, n_nodes) [mm]."""
-    u = 1e3 * frames["displacement"].to_numpy().copy()
-    u[1] += 1e3 * frames["gap0"].to_numpy()
-    return u
+    y: FloatArray = 1e3 * (frames["displacement"].to_numpy() + rest_positions(frames)[:, None])
+    return y
 
 
 def contact_shares(result: Result) -> tuple[FloatArray, FloatArray]:
     """Return the shares of time in which pairs are closed, and nearer than `CLOSED`, (n,) [-]."""
-    gap = diagnostics.gap_field(result.history)[:, 1:]
+    gap = gap_field(result.history)[0, :, 1:]
     held = result.history["contact_state"].to_numpy()[:, 1:] > 0
     return ((gap <= 0.0) | held).mean(axis=0), (gap < CLOSED).mean(axis=0)
 
@@ -148,7 +148,7 @@ def draw(numbers: Shapes) -> Figure:
 def _draw_shape(axes: Axes, x: FloatArray, position: FloatArray) -> None:
     """Draw both laminae at one time."""
     axes.fill_betweenx(x, position[0], position[1], color=GAP_COLOUR)
-    for i, colour in enumerate(LAMINA_COLOURS):
+    for i, colour in enumerate(lamina_colours(2)):
         axes.plot(position[i], x, color=colour, linewidth=2.2 - 0.8 * i)
     touching = _touching(position)
     axes.plot(position.mean(axis=0)[1:][touching], x[1:][touching], "o", color=BLACK, markersize=4)
@@ -160,7 +160,7 @@ def _legend(figure: Figure, names: tuple[str, str]) -> None:
 
     handles = [
         Line2D([], [], color=colour, linewidth=2.2 - 0.8 * i, label=names[i])
-        for i, colour in enumerate(LAMINA_COLOURS)
+        for i, colour in enumerate(lamina_colours(2))
     ]
     dots = Line2D([], [], color=BLACK, marker="o", markersize=4, linestyle="none")
     dots.set_label(f"nearer than {1e3 * CLOSED:g} mm")
@@ -186,7 +186,7 @@ def film(numbers: Shapes, path: Path) -> None:
     axes.set(xlabel="position [mm]", ylabel="x [mm]")
     lines = [
         axes.plot([], [], color=colour, linewidth=2.2 - 0.8 * i)[0]
-        for i, colour in enumerate(LAMINA_COLOURS)
+        for i, colour in enumerate(lamina_colours(2))
     ]
     (dots,) = axes.plot([], [], "o", color=BLACK, markersize=4)
     text = axes.set_title("", loc="left")

@@ -13,7 +13,7 @@ from delam_fem.paper.claims import Claim, judged
 from delam_fem.paper.lab import Laboratory, motion_case
 from delam_fem.paper.motions import RESONANT
 from delam_fem.paper.piece import NOT_IN_JSON, Numbers, Piece
-from delam_fem.results.style import BLACK, LAMINA_COLOURS, WIDTH, legend_above
+from delam_fem.results.style import BLACK, WIDTH, lamina_colours, legend_above
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -134,7 +134,7 @@ def draw(numbers: Velocities) -> Figure:
 def _draw_velocities(panel: Axes, numbers: Velocities) -> None:
     """Draw the velocities of both tips, with marks before and after each strike."""
     start, T = numbers.time[0], numbers.period
-    for i, colour in enumerate(LAMINA_COLOURS):
+    for i, colour in enumerate(lamina_colours(2)):
         label = f"{numbers.names[i]}  $\\dot y_{i + 1}$"
         panel.plot((numbers.time - start) / T, numbers.velocity[i], color=colour, label=label)
     for k, strike in enumerate(np.flatnonzero(numbers.strike_time_s >= start)):
@@ -152,7 +152,7 @@ def _draw_restitution(panel: Axes, numbers: Velocities) -> None:
     e, by_lamina = numbers.restitution, numbers.restitution_by_lamina
     number = np.arange(1, e.size + 1)
     panel.plot(number, e, "o", color=BLACK, label="eq. 3")
-    for i, (marker, colour) in enumerate(zip("^v", LAMINA_COLOURS, strict=True)):
+    for i, (marker, colour) in enumerate(zip("^v", lamina_colours(2), strict=True)):
         panel.plot(number, by_lamina[:, i], marker, color=colour, label=f"eq. 4, lamina {i + 1}")
     panel.axhspan(*MEASURED, color="#e9e9e9", label="paper's range")
     panel.axhline(numbers.given_restitution, color=BLACK, linewidth=0.8, label="given e")

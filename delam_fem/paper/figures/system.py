@@ -16,7 +16,7 @@ from delam_fem.paper.claims import Claim, judged
 from delam_fem.paper.lab import Laboratory, motion_case
 from delam_fem.paper.motions import RESONANT
 from delam_fem.paper.piece import NOT_IN_JSON, Numbers, Piece
-from delam_fem.results.style import BASE_COLOUR, BLACK, GAP_COLOUR, GREEN, LAMINA_COLOURS, WIDTH
+from delam_fem.results.style import BASE_COLOUR, BLACK, GAP_COLOUR, GREEN, WIDTH, lamina_colours
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -97,7 +97,7 @@ def _draw_laminae(axes: Axes, case: Case) -> None:
     own = 1e3 * initial_gap(case.gap, x, L)
     axes.fill_betweenx(1e3 * x, gaps[-1], gaps[0], color=GAP_COLOUR, label="p = 1 … 3")
     shapes = (np.zeros_like(x), own)
-    for lamina, shape, colour in zip(case.lamina, shapes, LAMINA_COLOURS, strict=True):
+    for lamina, shape, colour in zip(case.lamina, shapes, lamina_colours(2), strict=True):
         width = 2.5 * lamina.thickness / 1e-3
         label = f"{lamina.name}, {1e3 * lamina.thickness:g} mm"
         axes.plot(shape, 1e3 * x, color=colour, linewidth=width, label=label)
@@ -164,7 +164,7 @@ def _list_properties(axes: Axes, case: Case) -> None:
     table.auto_set_font_size(False)
     table.set_fontsize(10.0)
     table.scale(1.0, 1.6)
-    for column, colour in ((1, LAMINA_COLOURS[0]), (2, LAMINA_COLOURS[1])):
+    for column, colour in enumerate(lamina_colours(2), start=1):
         table[0, column].get_text().set_color(colour)
 
 

@@ -13,7 +13,7 @@ from delam_fem.numerics import extrapolation
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.studies.convergence.ladder import Ladder, Rung
 from delam_fem.studies.convergence.rung import RungResult
-from delam_fem.studies.convergence.statistics import EXTREMA
+from delam_fem.studies.convergence.statistics import Statistic, extrema
 
 
 @dataclass(frozen=True)
@@ -27,6 +27,16 @@ class Convergence:
 
     ladder: Ladder
     results: dict[str, RungResult]
+
+    @property
+    def n_laminae(self) -> int:
+        """Number of laminae."""
+        return len(self.ladder.case.lamina)
+
+    @property
+    def extrema(self) -> tuple[Statistic, ...]:
+        """Extremes of all laminae, from bottom to top."""
+        return extrema(self.n_laminae)
 
     @property
     def is_complete(self) -> bool:
@@ -61,16 +71,15 @@ class Convergence:
             reference: rung that stands for the limit; by default the limit of the same mesh.
 
         Returns:
-            The largest difference of the four extremes, each relative to half the peak-to-peak
-            displacement of its tip in the limit [-]; NaN if a result is missing or the ladder has
-            no limit.
+            The largest difference of all extremes, each in half peak-to-peak displacements of its
+            lamina in the limit [-]; NaN if either is missing or if the ladder has no limit.
         """
         if reference is None:
             if not self.ladder.has_limit:
                 return math.nan
             reference = self.ladder.limit_of(rung.mesh)
-        exact = np.array([self.value(reference, q.name) for q in EXTREMA])
-        found = np.array([self.value(rung, q.name) for q in EXTREMA])
+        exact = np.array([self.value(reference, q.name) for q in self.extrema])
+        found = np.array([self.value(rung, q.name) for q in self.extrema])
         half = np.repeat((exact[1::2] - exact[0::2]) / 2.0, 2)
         return float(np.abs((found - exact) / half).max())
 
@@ -78,14 +87,14 @@ class Convergence:
         """Return the relative errors of a rung without contact against the exact cantilever.
 
         Returns:
-            Errors of frequency and amplitude of tip 1, then of tip 2, shape (4,) [-]; NaN if the
-            rung has no result.
+            Errors of the frequency and the amplitude of each lamina against the exact cantilever,
+            lamina by lamina, shape (2 n_laminae,) [-]; NaN if the rung is missing.
         """
         frequencies, amplitudes = exact_free_motion(rung.case)
         return np.array(
             [
                 self.value(rung, f"{name}_{i + 1}") / exact[i] - 1.0
-                for i in range(2)
+                for i in range(self.n_laminae)
                 for name, exact in (("frequency", frequencies), ("amplitude", amplitudes))
             ]
         )
@@ -102,7 +111,7 @@ class Convergence:
 
 
 def exact_free_motion(case: Case) -> tuple[list[float], list[float]]:
-    """Return the exact first frequencies [Hz] and tip amplitudes [m] of both laminae alone."""
+    """Return first frequencies [Hz] and tip amplitudes [m] of all laminae without contact."""
     frequencies, amplitudes = [], []
     for i, lamina in enumerate(case.lamina):
         frequencies.append(float(lamina.angular_frequencies(1)[0]) / (2.0 * math.pi))

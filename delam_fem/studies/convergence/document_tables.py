@@ -9,7 +9,7 @@ import numpy as np
 from delam_fem.numerics.extrapolation import Limit
 from delam_fem.studies.convergence.analysis import Convergence
 from delam_fem.studies.convergence.ladder import Rung
-from delam_fem.studies.convergence.statistics import EXTREMA, WORK
+from delam_fem.studies.convergence.statistics import WORK, extrema
 from delam_fem.studies.convergence.study import (
     DAMPINGS,
     FEW,
@@ -22,7 +22,9 @@ from delam_fem.studies.convergence.study import (
 from delam_fem.studies.convergence.tables import Table, limit_text, number
 
 DEFAULT_STEPS = (1000, 2000, 4000)
-"""Steps per period of practical runs, for which the laws are compared."""
+"""Steps per period of practical runs, at which the laws are compared."""
+EXTREMA = extrema(2)
+"""The document is about two laminae."""
 Y1 = EXTREMA[0]
 
 

@@ -18,18 +18,18 @@ from delam_fem.results.style import (
     BLACK,
     BLUE,
     GREEN,
-    LAMINA_COLOURS,
     ORANGE,
     PURPLE,
     SKY,
     VERMILLION,
     WIDTH,
+    lamina_colours,
     legend_above,
     styled,
 )
 from delam_fem.studies.convergence.analysis import Convergence
 from delam_fem.studies.convergence.ladder import FREE, LIMIT, Rung
-from delam_fem.studies.convergence.statistics import EXTREMA, WORK
+from delam_fem.studies.convergence.statistics import WORK
 
 Value = Callable[[Rung], float]
 
@@ -132,10 +132,11 @@ def limit_over_elements(found: Convergence) -> Figure:
     n = [rung.elements for rung in rungs]
     figure = Figure(figsize=(WIDTH, 4.2), layout="constrained")
     left, right = figure.subplots(1, 2)
-    for k, q in enumerate(EXTREMA):
+    colours = lamina_colours(found.n_laminae)
+    for k, q in enumerate(found.extrema):
         values = [abs(q.factor * found.value(rung, q.name)) for rung in rungs]
         style = "o-" if q.name.startswith("tip_max") else "s--"
-        left.semilogx(n, values, style, color=LAMINA_COLOURS[k // 2], label=f"|{q.symbol}|")
+        left.semilogx(n, values, style, color=colours[k // 2], label=f"|{q.symbol}|")
     left.set(ylabel="rigid limit of the mesh [mm]", ylim=(0.0, None))
     legend_above(left)
     work = [WORK.factor * found.value(rung, WORK.name) for rung in rungs]
@@ -190,19 +191,20 @@ def _finish(figure: Figure, found: Convergence, xlabel: str, ylabel: str) -> Non
 def _free(
     found: Convergence, rungs: list[Rung], size: str, label: str, slopes: Sequence[float]
 ) -> Figure:
-    """Draw the four errors without contact, and lines with the given slopes."""
+    """Draw the errors without contact and lines of a slope."""
     figure = Figure(figsize=(WIDTH, 4.6), layout="constrained")
     axes = figure.subplots()
     n = np.array([getattr(rung, size) for rung in rungs], dtype=float)
     errors = np.abs([found.free_errors(rung) for rung in rungs])
     errors[~(errors > FREE_FLOOR)] = np.nan
+    colours = lamina_colours(found.n_laminae)
     for i, lamina in enumerate(found.ladder.case.lamina):
         for j, (name, style) in enumerate((("frequency", "o-"), ("amplitude", "s--"))):
             axes.loglog(
                 n,
                 errors[:, 2 * i + j],
                 style,
-                color=LAMINA_COLOURS[i],
+                color=colours[i],
                 label=f"{name}, {lamina.name}",
             )
     for slope in slopes:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 
 from delam_fem.studies.convergence.analysis import Convergence
 from delam_fem.studies.convergence.ladder import FREE, Rung
-from delam_fem.studies.convergence.statistics import EXTREMA, WORK
+from delam_fem.studies.convergence.statistics import WORK
 from delam_fem.studies.convergence.tables import NOTHING, Direction, Table, cost, lines, number
 
 
@@ -24,7 +24,7 @@ def overview(found: Convergence) -> Iterator[Table]:
             yield _side_by_side(
                 found, rungs, direction, text, lambda rung: 100.0 * found.error(rung)
             )
-        for q in (EXTREMA[0], WORK):
+        for q in (found.extrema[0], WORK):
             yield _side_by_side(
                 found,
                 rungs,
@@ -37,10 +37,10 @@ def overview(found: Convergence) -> Iterator[Table]:
 def _brief_free_table(
     found: Convergence, rungs: list[Rung], direction: Direction, where: str
 ) -> Table:
-    """Return the table of errors without contact, each the larger one of both laminae."""
+    """Return the largest errors of all laminae without contact."""
     rows = []
     for rung in rungs:
-        errors = abs(found.free_errors(rung)).reshape(2, 2).max(axis=0)
+        errors = abs(found.free_errors(rung)).reshape(-1, 2).max(axis=0)
         cells = (number(error, ".1e") for error in errors)
         rows.append((str(getattr(rung, direction)), *cells, cost(found, rung)))
     heading = (direction, "frequency", "amplitude", "µs/step")

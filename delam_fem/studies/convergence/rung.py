@@ -111,7 +111,8 @@ def _clapping(rung: Rung, engine: EngineName) -> RungResult:
     if run.outcome != "completed":
         error = f"{run.outcome} in period {periods}"
         return RungResult(rung.key, run.outcome, error, {}, cost, periods)
-    found = statistics(run.rows, run.recorder.strobe[-rung.periods :, 0].T)
+    strobe = run.recorder.strobe[-rung.periods :, 0, : len(case.lamina)]
+    found = statistics(run.rows, strobe.T)
     found["energy_residual"] = (run.recorder.energy_residual(), 0.0)
     return RungResult(rung.key, run.outcome, "", found, cost, periods)
 
@@ -215,7 +216,7 @@ def _run(
 ) -> _Run:
     """Run a case and reduce each of its `last` periods to numbers."""
     with session_of(case, operators, initial=initial, engine=engine) as opened:
-        watch = _Watch(opened.recorder, opened.motion, last)
+        watch = _Watch(opened.recorder, opened.motion, last, len(case.lamina))
         outcome = replace(opened, motion=watch.motion).run(watch.collect)
         seconds = float(np.median(watch.seconds)) if watch.seconds else math.nan
         return _Run(outcome, watch.rows, opened.recorder, opened.engine.state(), seconds)
@@ -229,6 +230,7 @@ class _Watch:
         recorder: recorder of the run.
         base: states of the base in a period, by its number.
         last: number of last periods to reduce.
+        n_laminae: number of laminae.
         rows: numbers of these periods.
         seconds: processor time of each period, with its recording [s].
     """
@@ -236,6 +238,7 @@ class _Watch:
     recorder: Recorder
     base: Callable[[int], FloatArray]
     last: int
+    n_laminae: int
     rows: list[PeriodRow] = field(default_factory=list)
     seconds: list[float] = field(default_factory=list)
     _begin: float = 0.0
@@ -250,7 +253,7 @@ class _Watch:
         """Store time and numbers of a finished period; return False, so that the run continues."""
         self.seconds.append(time.process_time() - self._begin)
         if done > self.recorder.n_periods - self.last:
-            self.rows.append(row_of(self.recorder))
+            self.rows.append(row_of(self.recorder, self.n_laminae))
         return False
 
 

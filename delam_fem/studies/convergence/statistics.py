@@ -1,8 +1,8 @@
 """Reduce the periods of a motion to numbers, and these numbers to means with their scatter.
 
-Trajectories of an impacting motion depend on round-off; these statistics do not. If a motion
-repeats after P periods, the statistics use blocks of P periods, so that alternating cycles do not
-count as scatter.
+Trajectories of an impacting motion depend on round-off; these statistics do not. The scatter of a
+motion that repeats after P periods is taken between blocks of P periods, so that alternating cycles
+do not count as scatter. The names of statistics contain the number of the lamina: 1, 2, ….
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ Statistics: TypeAlias = dict[str, tuple[float, float]]
 """Mean and scatter (standard deviation between blocks) of each statistic by name."""
 
 HARMONICS = 100
-"""Number of harmonics in the distortion factor; higher harmonics are about a nanometre."""
+"""Harmonics in the distortion factor; higher ones are of the size of a nanometre."""
 SHOWN_HARMONICS = 5
 """Number of harmonics whose amplitudes are statistics."""
 
@@ -49,24 +49,42 @@ class Statistic:
         return f"{self.symbol} [{self.unit}]"
 
 
-EXTREMA = tuple(
-    Statistic(f"tip_{end}_{i}", f"y{i} {end}", "mm", 1e3) for i in (1, 2) for end in ("min", "max")
-)
-"""Extremes of the tip displacements within a period, as means over periods. Extremes over several
-periods would grow with the scatter of the cycles."""
 WORK = Statistic("contact_work", "contact work", "mJ", 1e3)
-GENERAL = (
-    *(Statistic(f"distortion_factor_{i}", f"d{i}", "%", 1e2) for i in (1, 2)),
-    Statistic("impulse", "impulse", "mN s", 1e3),
-    WORK,
-)
-"""Statistics of a period: distortion factors, sum of impulses, energy lost in contact."""
-AMPLITUDES = tuple(
-    Statistic(f"amplitude_{i}_{k}", f"A{k} of {i}", "mm", 1e3)
-    for i in (1, 2)
-    for k in range(1, SHOWN_HARMONICS + 1)
-)
-CONVERGING = (*EXTREMA, *GENERAL, *AMPLITUDES)
+
+
+def extrema(n_laminae: int) -> tuple[Statistic, ...]:
+    """Return the mean extremes of the displacements within a period, lamina by lamina.
+
+    The extremes over several periods would grow with the scatter of cycles.
+    """
+    return tuple(
+        Statistic(f"tip_{end}_{i}", f"y{i} {end}", "mm", 1e3)
+        for i in range(1, n_laminae + 1)
+        for end in ("min", "max")
+    )
+
+
+def general(n_laminae: int) -> tuple[Statistic, ...]:
+    """Return distortion factors, sum of impulses and energy lost in contact, per period."""
+    return (
+        *(Statistic(f"distortion_factor_{i}", f"d{i}", "%", 1e2) for i in range(1, n_laminae + 1)),
+        Statistic("impulse", "impulse", "mN s", 1e3),
+        WORK,
+    )
+
+
+def amplitudes(n_laminae: int) -> tuple[Statistic, ...]:
+    """Return the amplitudes of the first harmonics, lamina by lamina."""
+    return tuple(
+        Statistic(f"amplitude_{i}_{k}", f"A{k} of {i}", "mm", 1e3)
+        for i in range(1, n_laminae + 1)
+        for k in range(1, SHOWN_HARMONICS + 1)
+    )
+
+
+def converging(n_laminae: int) -> tuple[Statistic, ...]:
+    """Return all statistics of which a limit is computed."""
+    return (*extrema(n_laminae), *general(n_laminae), *amplitudes(n_laminae))
 
 
 @dataclass(frozen=True)
@@ -74,9 +92,9 @@ class PeriodRow:
     """The numbers of one period.
 
     Attributes:
-        low: smallest tip displacements, shape (2,) [m].
-        high: largest tip displacements, shape (2,) [m].
-        harmonics: complex amplitudes of the excitation's harmonics at the tips, shape (2, n) [m].
+        low, high: smallest and largest tip displacements, each of shape (n_laminae,) [m].
+        harmonics: complex amplitudes of the excitation's harmonics at the tips, shape
+            (n_laminae, n) [m].
         impulse: sum of impulses [N s].
         impacts: number of impulses on pairs.
         work: net energy lost in contact by impacts, springs and dampers [J].
@@ -92,16 +110,21 @@ class PeriodRow:
     gain: float
 
 
-def row_of(recorder: Recorder) -> PeriodRow:
-    """Return the numbers of the last period of a recorder."""
+def row_of(recorder: Recorder, n_laminae: int) -> PeriodRow:
+    """Return the numbers of the last period of a recorder.
+
+    Args:
+        recorder: recorder of the run; its first probes are the tips, one for each lamina.
+        n_laminae: number of laminae.
+    """
     record, k = recorder.window[-1], recorder.n_closed - 1
-    u = record.u[1 : record.n_steps + 1, N_BASE:].T
+    u = record.u[1 : record.n_steps + 1, N_BASE : N_BASE + n_laminae].T
     below_nyquist = min(HARMONICS, (u.shape[1] - 1) // 2)
     coefficients = 2.0 * np.fft.rfft(u, axis=1)[:, 1 : below_nyquist + 1] / u.shape[1]
     ledger = dict(zip(LEDGER, recorder.ledger[k].tolist(), strict=True))
     return PeriodRow(
-        low=recorder.envelope[k, 0],
-        high=recorder.envelope[k, 1],
+        low=recorder.envelope[k, 0, :n_laminae],
+        high=recorder.envelope[k, 1, :n_laminae],
         harmonics=coefficients,
         impulse=float(recorder.impulse[k, 0]),
         impacts=float(recorder.impulse[k, 1]),
@@ -115,7 +138,7 @@ def statistics(rows: list[PeriodRow], strobe: FloatArray) -> Statistics:
 
     Args:
         rows: numbers of the periods.
-        strobe: tip displacements at the ends of these periods, shape (2, n_periods) [m].
+        strobe: tip displacements at the ends of these periods, shape (n_laminae, n_periods) [m].
     """
     low, high = (np.array([getattr(row, name) for row in rows]) for name in ("low", "high"))
     half_range = (high.max(axis=0) - low.min(axis=0)) / 2.0
@@ -136,14 +159,14 @@ def statistics(rows: list[PeriodRow], strobe: FloatArray) -> Statistics:
 
 def _of_block(rows: list[PeriodRow]) -> dict[str, float]:
     """Return the statistics of a block of successive periods by name."""
-    amplitudes = np.abs(np.mean([row.harmonics for row in rows], axis=0))
-    factors = harmonics.distortion_factor(amplitudes)
+    of_harmonics = np.abs(np.mean([row.harmonics for row in rows], axis=0))
+    factors = harmonics.distortion_factor(of_harmonics)
     values: dict[str, float] = {}
-    for i in range(2):
+    for i in range(len(of_harmonics)):
         values[f"tip_min_{i + 1}"] = float(np.mean([row.low[i] for row in rows]))
         values[f"tip_max_{i + 1}"] = float(np.mean([row.high[i] for row in rows]))
         values[f"distortion_factor_{i + 1}"] = float(factors[i])
-        for k, amplitude in enumerate(amplitudes[i, :SHOWN_HARMONICS].tolist()):
+        for k, amplitude in enumerate(of_harmonics[i, :SHOWN_HARMONICS].tolist()):
             values[f"amplitude_{i + 1}_{k + 1}"] = amplitude
     values["impulse"] = float(np.mean([row.impulse for row in rows]))
     values["impacts"] = float(np.mean([row.impacts for row in rows]))

@@ -11,17 +11,15 @@ from delam_fem.numerics.extrapolation import Limit, orders_of_errors
 from delam_fem.studies.convergence.analysis import Convergence
 from delam_fem.studies.convergence.ladder import FREE, LIMIT, Ladder, Method, Rung
 from delam_fem.studies.convergence.statistics import (
-    AMPLITUDES,
-    CONVERGING,
-    EXTREMA,
-    GENERAL,
     Statistic,
+    amplitudes,
+    converging,
+    general,
 )
 
 Direction = Literal["steps", "elements"]
 NOTHING = "–"
 NO_LIMIT = "The ladder has no limit (0 steps): errors against the rigid limit are left out."
-_FREE_NAMES = ("f1 of 1", "amplitude 1", "f1 of 2", "amplitude 2")
 
 
 @dataclass(frozen=True)
@@ -57,16 +55,18 @@ def tables(found: Convergence) -> Iterator[Table]:
     """Yield all tables of a ladder: without contact, then every line of rungs, then the limits."""
     for direction, where, rungs in lines(found.ladder, (FREE,)):
         yield free_table(found, rungs, direction, where)
+    shown = (*found.extrema, *general(found.n_laminae))
+    of_harmonics = amplitudes(found.n_laminae)
     for direction, where, rungs in lines(found.ladder, found.ladder.methods):
         title = f"{rungs[0].method}, {where}"
-        yield contact_table(found, rungs, direction, title, (*EXTREMA, *GENERAL))
-        yield contact_table(found, rungs, direction, f"{title}: harmonics", AMPLITUDES)
+        yield contact_table(found, rungs, direction, title, shown)
+        yield contact_table(found, rungs, direction, f"{title}: harmonics", of_harmonics)
     if found.ladder.has_limit:
         rungs = found.ladder.along_meshes(LIMIT, found.ladder.limit_steps)
         steps = f"{found.ladder.limit_steps} steps per period"
         title = f"rigid limit of each mesh: newton@moreau-jean with {steps}"
-        yield contact_table(found, rungs, "elements", title, (*EXTREMA, *GENERAL))
-        yield contact_table(found, rungs, "elements", f"{title}: harmonics", AMPLITUDES)
+        yield contact_table(found, rungs, "elements", title, shown)
+        yield contact_table(found, rungs, "elements", f"{title}: harmonics", of_harmonics)
     yield from limit_tables(found)
 
 
@@ -90,14 +90,16 @@ def free_table(found: Convergence, rungs: list[Rung], direction: Direction, wher
     """Return the table of errors and orders of frequencies and amplitudes without contact."""
     sizes = [1.0 / getattr(rung, direction) for rung in rungs]
     errors = [found.free_errors(rung) for rung in rungs]
-    orders = [orders_of_errors(sizes, [e[j] for e in errors]) for j in range(len(_FREE_NAMES))]
+    numbers = range(1, found.n_laminae + 1)
+    names = [name for i in numbers for name in (f"f1 of {i}", f"amplitude {i}")]
+    orders = [orders_of_errors(sizes, [e[j] for e in errors]) for j in range(len(names))]
     heading: list[str] = [direction]
-    for name in _FREE_NAMES:
+    for name in names:
         heading += [name, "order"]
     rows = []
     for k, rung in enumerate(rungs):
         row = [str(getattr(rung, direction))]
-        for j in range(len(_FREE_NAMES)):
+        for j in range(len(names)):
             row += [number(errors[k][j], "+.1e"), number(orders[j][k - 1], ".2f") if k else ""]
         rows.append((*row, cost(found, rung)))
     return Table(
@@ -153,7 +155,7 @@ def limit_tables(found: Convergence) -> Iterator[Table]:
 def limit_table(found: Convergence, rungs: list[Rung], direction: Direction, title: str) -> Table:
     """Return the table of observed orders and extrapolated limits of a line of rungs."""
     rows = []
-    for q in CONVERGING:
+    for q in converging(found.n_laminae):
         told = found.limit(rungs, q.name, by=direction)
         last = number(q.factor * found.value(rungs[-1], q.name), ".4g")
         orders = ", ".join(number(p, ".2f") for p in told.orders)

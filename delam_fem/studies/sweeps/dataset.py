@@ -20,7 +20,7 @@ from delam_fem.numerics.arrays import FloatArray
 from delam_fem.studies.sweeps.grid import DIRECTIONS, Dimension, Sweep
 from delam_fem.studies.sweeps.journal import Journal
 from delam_fem.studies.sweeps.point import Point
-from delam_fem.studies.sweeps.quantities import Quantity
+from delam_fem.studies.sweeps.quantities import VARIABLES, Quantity
 
 SLAB_NUMBERS = 1_000_000
 """Largest number of values in memory at a time (8 MB)."""
@@ -39,12 +39,12 @@ def write(
     """Write the dataset of a sweep; an existing file is replaced when the new one is complete.
 
     Args:
-        path: path of the NetCDF file.
-        sweep: the sweep, which defines the grid.
-        journal: journal with the points; missing points become NaN.
-        wanted: quantities in a row, in order.
-        x: positions of the nodes at the first point, clamp included, shape (n_nodes,) [m].
-        attributes: further attributes, besides sweep, case and versions.
+        path: of the NetCDF file.
+        sweep: gives the grid.
+        journal: gives the points; those that are missing are NaN.
+        wanted: layout of the rows.
+        x: positions of the nodes of the first point, shape (n_nodes,) [m].
+        attributes: of the dataset beside sweep, case and versions.
 
     Raises:
         OSError: the file cannot be written.
@@ -53,11 +53,9 @@ def write(
         sizes = _dimensions(file, sweep, wanted, x)
         grid = tuple(sweep.sizes)
         for quantity in wanted:
-            dims = (*grid, *quantity.dims)
-            labels = {"units": quantity.units, "long_name": quantity.long_name}
-            _variable(file, quantity.name, dims, np.float64, labels)
-        _variable(file, "outcome", grid, _TEXT, {"long_name": "how the run of the point ended"})
-        _variable(file, "error", grid, _TEXT, {"long_name": "why a point was not completed"})
+            _known_variable(file, quantity.name, np.float64, grid)
+        _known_variable(file, "outcome", _TEXT, grid)
+        _known_variable(file, "error", _TEXT, grid)
         for slab, points in _slabs(sweep, journal, wanted):
             _fill(file, slab, points, wanted, tuple(sizes[d] for d in grid))
         file.attrs.update(
@@ -82,28 +80,25 @@ def _dimensions(
     for dimension in sweep.dimensions:
         _axis(file, dimension)
     if "direction" in sizes:
-        _variable(file, "direction", ("direction",), _TEXT, {"long_name": "order of the points"})
+        _known_variable(file, "direction", _TEXT)
         file["direction"][:] = np.array(DIRECTIONS, dtype=object)
     if "lamina" in sizes:
-        _variable(file, "lamina", ("lamina",), _TEXT, {"long_name": "lamina"})
+        _known_variable(file, "lamina", _TEXT)
         file["lamina"][:] = np.array([lamina.name for lamina in sweep.base.lamina], dtype=object)
     if "strobe" in sizes:
-        label = {"units": "1", "long_name": "period, counted from the end"}
-        _variable(file, "strobe", ("strobe",), np.int64, label)
+        _known_variable(file, "strobe", np.int64)
         file["strobe"][:] = np.arange(1 - sizes["strobe"], 1)
     if "harmonic" in sizes:
-        label = {"units": "1", "long_name": "number of the harmonic"}
-        _variable(file, "harmonic", ("harmonic",), np.int64, label)
+        _known_variable(file, "harmonic", np.int64)
         file["harmonic"][:] = np.arange(1, sizes["harmonic"] + 1)
     if "node" in sizes:
-        label = {"units": "m", "long_name": "position along the laminae from the clamp"}
-        _variable(file, "x", ("node",), np.float64, label)
+        _known_variable(file, "x", np.float64)
         file["x"][:] = x
     return sizes
 
 
 def _off_dimension(sweep: Sweep, sizes: Mapping[str, int]) -> Iterator[str]:
-    """Yield the coordinates that are not dimensions; NetCDF needs a list of them."""
+    """Yield the coordinates without a dimension of the same name; NetCDF needs a list of them."""
     yield from (d.name for d in sweep.dimensions if d.name != d.along)
     if "node" in sizes:
         yield "x"
@@ -119,6 +114,15 @@ def _axis(file: h5netcdf.File, axis: Dimension) -> None:
     kind = _TEXT if is_text else np.int64 if is_whole else np.float64
     _variable(file, axis.name, (axis.along,), kind, labels)
     file[axis.name][:] = np.array(axis.values, dtype=object if is_text else kind)
+
+
+def _known_variable(
+    file: h5netcdf.File, name: str, kind: npt.DTypeLike, grid: tuple[str, ...] = ()
+) -> None:
+    """Make a variable of `VARIABLES`; its dimensions follow those of the grid."""
+    row = VARIABLES[name]
+    labels = {"units": row.units} if row.units else {}
+    _variable(file, name, (*grid, *row.dims), kind, {**labels, "long_name": row.long_name})
 
 
 def _variable(

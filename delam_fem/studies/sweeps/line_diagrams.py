@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -40,8 +41,7 @@ def response(data: xr.Dataset) -> Figure:
     """Draw the tip amplitudes over one axis for each direction, and those without contact."""
     (axis,) = axes_of(data, 1, "response")
     require(data, "tip_amplitude", "record.summary = true")
-    figure = Figure(figsize=(WIDTH, 6.0), layout="constrained")
-    panels = figure.subplots(2, 1, sharex=True)
+    figure, panels = _panels(data, 3.0)
     for i, (panel, name) in enumerate(zip(panels, data["lamina"].to_numpy(), strict=True)):
         _shade_two_motions(panel, data, axis)
         for label, part, (colour, marker, line) in _directions(data):
@@ -55,9 +55,9 @@ def response(data: xr.Dataset) -> Figure:
             _linear(panel, data, axis, i)
         _mark_missing(panel, data, axis)
         panel.set_title(str(name), loc="left")
-        panel.set(ylabel=f"half peak-to-peak  $q_{i + 1}$ [mm]")
+        panel.set(ylabel=f"half peak-to-peak  $q_{{{i + 1}}}$ [mm]")
     legend_above(panels[0])
-    _finish(figure, panels[1], data, axis)
+    _finish(figure, panels[-1], data, axis)
     return figure
 
 
@@ -65,8 +65,7 @@ def bifurcation(data: xr.Dataset) -> Figure:
     """Draw the tip displacements at the end of the last periods of each point over one axis."""
     (axis,) = axes_of(data, 1, "bifurcation")
     require(data, "strobe_displacement", "record.strobes = 40")
-    figure = Figure(figsize=(WIDTH, 7.5), layout="constrained")
-    panels = figure.subplots(2, 1, sharex=True)
+    figure, panels = _panels(data, 3.75)
     for i, (panel, name) in enumerate(zip(panels, data["lamina"].to_numpy(), strict=True)):
         _shade_two_motions(panel, data, axis)
         for label, part, _ in _directions(data):
@@ -80,9 +79,9 @@ def bifurcation(data: xr.Dataset) -> Figure:
             panel.plot([], [], "o", color=colour, markersize=2.0 * size, label=label)
         _mark_missing(panel, data, axis)
         panel.set_title(str(name), loc="left")
-        panel.set(ylabel=f"tip displacement  $q_{i + 1}$ at t = nT [mm]")
+        panel.set(ylabel=f"tip displacement  $q_{{{i + 1}}}$ at t = nT [mm]")
     legend_above(panels[0])
-    _finish(figure, panels[1], data, axis)
+    _finish(figure, panels[-1], data, axis)
     return figure
 
 
@@ -103,6 +102,13 @@ def lyapunov(data: xr.Dataset) -> Figure:
     legend_above(panel)
     _finish(figure, panel, data, axis)
     return figure
+
+
+def _panels(data: xr.Dataset, height: float) -> tuple[Figure, npt.NDArray[Any]]:
+    """Return a figure with one panel of a height [in] for each lamina."""
+    n = data.sizes["lamina"]
+    figure = Figure(figsize=(WIDTH, height * n), layout="constrained")
+    return figure, figure.subplots(n, 1, sharex=True, squeeze=False)[:, 0]
 
 
 def _directions(
@@ -139,7 +145,7 @@ def _top(panel: Axes, values: FloatArray) -> None:
 
 
 def _linear(panel: Axes, data: xr.Dataset, axis: DiagramAxis, i: int) -> None:
-    """Draw the exact amplitude of a cantilever without contact."""
+    """Draw the amplitude of the exact cantilever without contact."""
     case = Case.from_toml(data.attrs["case"])
     f = np.linspace(axis.values.min(), axis.values.max(), LINEAR_POINTS)
     amplitude = 1e3 * case.linear_amplitude(i, f)

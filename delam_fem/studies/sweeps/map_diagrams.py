@@ -71,7 +71,7 @@ def plane(data: xr.Dataset) -> Figure:
 
 
 def _thresholds() -> str:
-    """Return a text with the definitions of the kinds of motion."""
+    """Return the definitions of the kinds of motion in words."""
     return (
         f"period P: strobes P ≤ {LARGEST_PERIODICITY} periods apart differ by less than "
         f"{100 * PERIODIC_SCATTER:g} % of the half peak-to-peak amplitude (rms); "
@@ -95,11 +95,12 @@ def basins(data: xr.Dataset) -> Figure:
     _cells(panel, x, y, np.where(found.number < 0, n, found.number), (*colours, NONE))
     shown = min(n, len(ATTRACTOR_COLOURS))
     labels = []
-    for P, (first, second), share in zip(
+    for P, amplitudes, share in zip(
         found.periodicity[:shown], 1e3 * found.amplitude, found.share, strict=False
     ):
         period = f"period {P:.0f}" if np.isfinite(P) else "not periodic"
-        labels.append(f"{period}, {first:.1f} / {second:.1f} mm ({_percent(float(share))})")
+        sizes = " / ".join(f"{amplitude:.1f}" for amplitude in amplitudes)
+        labels.append(f"{period}, {sizes} mm ({_percent(float(share))})")
     if n > shown:
         labels.append(f"{n - shown} others ({_percent(float(found.share[shown:].sum()))})")
     if (found.number < 0).any():

@@ -28,7 +28,8 @@ from delam_fem.simulation.loop import State
 from delam_fem.simulation.recorder import Recorder
 from delam_fem.studies.lyapunov import largest_exponent
 from delam_fem.studies.sweeps.grid import Sweep
-from delam_fem.studies.sweeps.quantities import Quantity, quantities, row_of
+from delam_fem.studies.sweeps.quantities import Quantity, quantities
+from delam_fem.studies.sweeps.reduction import row_of
 
 KEPT_STRUCTURES = 16
 """Number of structures that a worker keeps; neighbouring points mostly share one."""
@@ -69,7 +70,7 @@ class Point:
         index: index of the point.
         outcome: "completed", "diverged" or "failed".
         error: reason why the point was not completed; empty if it was.
-        row: values of the quantities, shape (sum of their sizes,); None unless completed.
+        row: values in the order of `quantities.quantities`; None unless completed.
     """
 
     index: int

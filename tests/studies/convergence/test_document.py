@@ -15,11 +15,11 @@ from delam_fem.studies.convergence.analysis import Convergence, exact_free_motio
 from delam_fem.studies.convergence.document import document, fill
 from delam_fem.studies.convergence.ladder import FREE, Ladder, Rung
 from delam_fem.studies.convergence.rung import RungResult
-from delam_fem.studies.convergence.statistics import EXTREMA
+from delam_fem.studies.convergence.statistics import extrema
 from delam_fem.studies.convergence.study import ladders
 from delam_fem.studies.convergence.tables import Table
 
-LIMITS = dict(zip((q.name for q in EXTREMA), (-0.020, 0.015, 0.002, 0.032), strict=True))
+LIMITS = dict(zip((q.name for q in extrema(2)), (-0.020, 0.015, 0.002, 0.032), strict=True))
 
 
 def made_up(rung: Rung) -> RungResult:

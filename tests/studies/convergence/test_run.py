@@ -18,7 +18,7 @@ from delam_fem.studies.convergence.ladder import FREE, LIMIT, EngineName, Ladder
 from delam_fem.studies.convergence.overview import overview
 from delam_fem.studies.convergence.run import RESULT, load_results, run_ladder
 from delam_fem.studies.convergence.rung import RungResult
-from delam_fem.studies.convergence.statistics import CONVERGING, EXTREMA
+from delam_fem.studies.convergence.statistics import converging, extrema
 from delam_fem.studies.convergence.tables import NO_LIMIT, page, tables
 
 CASE = preset("default")
@@ -45,7 +45,7 @@ def synthetic(rung: Rung, engine: EngineName) -> RungResult:
     if rung.method == "newton@newmark" and rung.elements == 40:
         return RungResult(rung.key, "diverged", "diverged in period 7", {}, 0.5, 7)
     in_time = 0.0 if rung.method == LIMIT.name else 3.0 / math.sqrt(rung.steps)
-    values = {q.name: 1e-3 * (1.0 + in_time) for q in CONVERGING}
+    values = {q.name: 1e-3 * (1.0 + in_time) for q in converging(2)}
     values |= {
         name: value * (1.0 + in_time + 0.5 / rung.elements) for name, value in LIMITS.items()
     }
@@ -231,4 +231,4 @@ def test_processes_compute_a_ladder(tmp_path: Path) -> None:
 
 
 def test_extremes_have_a_pair_for_each_tip() -> None:
-    assert [q.name for q in EXTREMA] == list(LIMITS)
+    assert [q.name for q in extrema(2)] == list(LIMITS)

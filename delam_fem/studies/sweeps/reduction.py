@@ -1,0 +1,132 @@
+"""Reduce the record of a point to the row of numbers that a sweep keeps."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import numpy.typing as npt
+
+from delam_fem.case.definition import Case
+from delam_fem.model import fields
+from delam_fem.model.layout import Layout, Structure
+from delam_fem.numerics.arrays import FloatArray, IntArray
+from delam_fem.numerics.harmonics import (
+    distortion_factor,
+    harmonic_amplitudes,
+    total_harmonic_distortion,
+)
+from delam_fem.results import diagnostics
+from delam_fem.simulation.recorder import LEDGER, N_BASE, Recorder
+from delam_fem.studies.sweeps.quantities import ENERGIES, Quantity
+
+NO_PAIR = -1
+"""In place of a pair if the interface has none at the probes."""
+
+
+def row_of(
+    wanted: tuple[Quantity, ...],
+    case: Case,
+    recorder: Recorder,
+    structure: Structure,
+    extra: Mapping[str, float],
+) -> FloatArray:
+    """Return the row of a point.
+
+    Args:
+        wanted: the quantities in the row.
+        case: of the point.
+        recorder: after the run.
+        structure: that moved.
+        extra: values that do not follow from the record, by name.
+
+    Returns:
+        One row, NaN for numbers without a meaning, shape (sum of sizes,).
+    """
+    names = {quantity.name for quantity in wanted}
+    motion = probe_motion(recorder, structure)
+    n_laminae = len(structure.layout.parts)
+    values: dict[str, npt.ArrayLike | None] = dict(extra)
+    if "tip_min" in names:
+        values |= diagnostics.summary_of(motion, case)
+        values["tip_amplitude"] = np.ptp(motion.displacement, axis=1) / 2.0
+        values["energy_residual"] = recorder.energy_residual()
+    values["strobe_displacement"] = recorder.strobe[:, 0, :n_laminae].T
+    values["strobe_velocity"] = recorder.strobe[:, 1, :n_laminae].T
+    N = case.time.steps_per_period
+    if "harmonic_amplitude" in names:
+        whole = motion.whole_periods(N)
+        values["harmonic_amplitude"] = harmonic_amplitudes(whole, whole.shape[1] // N)
+    if "node_thd" in names:
+        values |= _node_distortion(recorder, structure.layout)
+    window = recorder.ledger[recorder.n_closed - len(recorder.window) : recorder.n_closed]
+    means = dict(zip(LEDGER, window.mean(axis=0), strict=True))
+    values |= {f"energy_{name}": means[name] for name in ENERGIES}
+    return np.concatenate([_fitted(quantity, values.get(quantity.name)) for quantity in wanted])
+
+
+def probe_motion(recorder: Recorder, structure: Structure) -> diagnostics.ProbeMotion:
+    """Return the motion of the reference probes that a recorder has kept.
+
+    The first probes of the layout are the reference probes, one for each part.
+    """
+    layout, gap0 = structure.layout, structure.operators.gap0
+    n_laminae, pairs = len(layout.parts), _pairs_at_probes(layout)
+    n_steps = sum(record.n_steps for record in recorder.window)
+    is_hit = np.zeros((pairs.size, n_steps), dtype=np.bool_)
+    start, n_impacts = 0, 0
+    for record in recorder.window:
+        jumps = record.jumps.columns()
+        n_impacts += jumps.hit.size
+        steps = np.repeat(jumps.steps, jumps.sizes) + (start - 1)
+        for row, pair in zip(is_hit, pairs, strict=True):
+            row[steps[jumps.hit == pair]] = True
+        start += record.n_steps
+    u = [r.u[1 : r.n_steps + 1, N_BASE : N_BASE + n_laminae] for r in recorder.window]
+    return diagnostics.ProbeMotion(
+        np.concatenate(u).T,
+        recorder.strobe[: recorder.n_closed, 0, :n_laminae].T,
+        np.where(pairs == NO_PAIR, 0.0, gap0[pairs]),
+        is_hit,
+        n_impacts,
+    )
+
+
+def _pairs_at_probes(layout: Layout) -> IntArray:
+    """Return the pair at the probe of the lower part of each interface, shape (n_interfaces,)."""
+    pairs = np.full(len(layout.interfaces), NO_PAIR, dtype=np.int64)
+    for number, interface in enumerate(layout.interfaces):
+        points = interface.points[:, 0]
+        found = np.flatnonzero(points == layout.probes[interface.parts[0]].point)
+        if found.size:
+            pairs[number] = interface.first_pair + found[0]
+    return pairs
+
+
+def _node_distortion(recorder: Recorder, layout: Layout) -> dict[str, npt.ArrayLike]:
+    """Return d and THD at every node from the frames of the window."""
+    states = np.concatenate([np.array(record.frames)[:, 0] for record in recorder.window])
+    base = np.concatenate([r.base_states[r.frame_steps, 0] for r in recorder.window])
+    u, _ = fields.nodal(layout, states, base)
+    amplitudes = harmonic_amplitudes(u.swapaxes(1, 2), len(recorder.window))
+    return {
+        "node_distortion_factor": distortion_factor(amplitudes),
+        "node_thd": total_harmonic_distortion(amplitudes),
+    }
+
+
+def _fitted(quantity: Quantity, value: npt.ArrayLike | None) -> FloatArray:
+    """Return a value as part of a row: the last strobes, the first harmonics, NaN if missing."""
+    row = np.full(quantity.shape, np.nan)
+    if value is None:
+        return row.ravel()
+    given = np.asarray(value, dtype=np.float64)
+    if quantity.dims[-1:] == ("strobe",):
+        n = min(given.shape[-1], row.shape[-1])
+        row[..., row.shape[-1] - n :] = given[..., given.shape[-1] - n :]
+    elif quantity.dims[-1:] == ("harmonic",):
+        n = min(given.shape[-1], row.shape[-1])
+        row[..., :n] = given[..., :n]
+    else:
+        row[...] = given
+    return row.ravel()

@@ -1,0 +1,70 @@
+"""The dataset of a run has the variables of the schema and no others."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import stack
+import xarray as xr
+from stack import three_laminae
+from synthetic import WINDOW
+
+import delam_fem as df
+from delam_fem.results.schema import DIMENSIONS, INTERFACE, VARIABLES
+
+NAMES = ("lamina", "interface")
+"""Coordinates that hold names."""
+
+
+@pytest.fixture(scope="module")
+def run() -> xr.Dataset:
+    """Return the history of a short run of two laminae."""
+    keys = {"time.periods": 2, "output.window_periods": 1, "output.fields_per_period": 4}
+    return df.run(df.preset("paper", keys), "compiled").history
+
+
+def described(history: xr.Dataset) -> list[tuple[object, ...]]:
+    """Return name, dimensions, unit and meaning of each variable in the order of the dataset."""
+    return [
+        (name, values.dims, values.attrs["units"], values.attrs["long_name"])
+        for name, values in history.variables.items()
+        if name not in NAMES
+    ]
+
+
+def test_two_laminae_have_all_variables_without_the_dimension_of_interfaces(
+    run: xr.Dataset,
+) -> None:
+    assert described(run) == [
+        (row.name, tuple(d for d in row.dims if d != INTERFACE), row.units, row.long_name)
+        for row in VARIABLES.values()
+        if row.name != "event_interface"
+    ]
+    assert set(run.dims) == DIMENSIONS.keys() - {INTERFACE}
+    assert "interface" not in run.variables
+
+
+def test_three_laminae_have_all_variables() -> None:
+    history = three_laminae().history()
+    assert described(history) == [
+        (row.name, row.dims, row.units, row.long_name) for row in VARIABLES.values()
+    ]
+    assert set(history.dims) == set(DIMENSIONS)
+    assert history["lamina"].values.tolist() == ["thick", "thin", "top"]
+    assert history["interface"].values.tolist() == ["thick-thin", "thin-top"]
+
+
+def test_only_reference_probes_are_shown_as_tips() -> None:
+    history = three_laminae().history()
+    assert int(history["tip_node"]) == stack.NODE
+    for name in ("tip_displacement", "tip_velocity", "strobe_displacement", "envelope_max"):
+        assert history[name].shape[0] == 3
+        assert float(history[name].max()) < 77.0, name  # the value of the fourth probe
+
+
+def test_events_name_interface_and_node() -> None:
+    history = three_laminae().history()
+    assert history["event_interface"].values.tolist() == [0, 1, 1] * WINDOW
+    assert history["event_node"].values.tolist() == [4, 4, 3] * WINDOW
+    np.testing.assert_array_equal(history["event_impulse"], [1e-3, 3e-3, 1e-3] * WINDOW)
+    np.testing.assert_allclose(history["event_energy"][:3], [-1e-5, -0.75e-5, -0.25e-5])

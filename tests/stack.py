@@ -1,0 +1,164 @@
+"""Three laminae of prescribed motion as a recorder keeps them, with all results known exactly.
+
+The reference probes are not at the last node, and a fourth probe measures something else.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
+from typing import Annotated
+
+import numpy as np
+import scipy.sparse as sp
+import xarray as xr
+from pydantic import Field
+from synthetic import FRAMES, LEDGER, NODES, STEPS, WINDOW, small_case
+
+from delam_fem import Case
+from delam_fem.case.sections import Lamina
+from delam_fem.contact.decision import Decision
+from delam_fem.model import closed_form
+from delam_fem.model.layout import Probe, Structure
+from delam_fem.results import dataset
+from delam_fem.simulation import recorder
+from delam_fem.simulation.impacts import Jumps
+from delam_fem.simulation.recorder import N_BASE, PeriodRecord
+
+PERIODS = 10
+NODE = 4
+"""Node of the reference probes."""
+AMPLITUDES = np.array([0.016, 0.004, 0.006])
+"""Amplitudes of the laminae at the probes [m]."""
+PHASES = np.array([0.0, 0.5, 1.1])
+GAPS = np.array([0.030, 0.020])
+"""Gaps at rest at the probes [m]."""
+STRIKES = {0: 0.25, 1: 0.75}
+"""Phase within the period at which the pair at the probes of each interface is hit."""
+IMPULSES = {0: (1e-3,), 1: (3e-3, 1e-3)}
+"""Impulses at the probe and, on the upper interface, at the node before it [N s]."""
+PAIRS = NODES - 1
+"""Pairs of an interface; pair k of it is at node k + 1."""
+
+
+class Stack(Case):
+    """A case with any number of laminae."""
+
+    lamina: Annotated[tuple[Lamina, ...], Field()]
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """A case, its structure and the record of its motion."""
+
+    case: Case
+    structure: Structure
+    recorder: SimpleNamespace
+
+    def history(self) -> xr.Dataset:
+        """Return the dataset of the motion."""
+        attributes = {"outcome": "completed", "engine": "compiled"}
+        return dataset.history(self.recorder, self.structure, self.case, attributes)
+
+
+def three_laminae(**overrides: object) -> Recorded:
+    """Return three laminae that move as (x / x_probe)^2 A_i sin(2 pi t + phase_i)."""
+    case = _case(overrides)
+    structure = _structure(case)
+    window = [_record(case, structure, PERIODS - WINDOW + j) for j in range(WINDOW)]
+    at_ends = np.stack([q(np.arange(1.0, PERIODS + 1)), q_rate(case, np.arange(1.0, PERIODS + 1))])
+    probes = np.concatenate([at_ends, np.full((2, 1, PERIODS), 77.0)], axis=1)
+    strobe = probes.transpose(2, 0, 1)
+    ledger = np.tile([LEDGER[name] for name in recorder.LEDGER], (PERIODS, 1))
+    return Recorded(
+        case,
+        structure,
+        SimpleNamespace(
+            window=window,
+            steps_per_period=STEPS,
+            time_step=case.time_step,
+            n_closed=PERIODS,
+            strobe=strobe,
+            envelope=strobe[:, :1] + np.array([-0.01, 0.01])[:, None],
+            impulse=np.tile([5e-3, 3.0, 0.0], (PERIODS, 1)),
+            ledger=ledger,
+            energy_residual=lambda: 0.0,
+        ),
+    )
+
+
+def q(t: np.ndarray) -> np.ndarray:
+    """Return displacements of the probes at times in periods, shape (3, n) [m]."""
+    return AMPLITUDES[:, None] * np.sin(2.0 * np.pi * t + PHASES[:, None])
+
+
+def q_rate(case: Case, t: np.ndarray) -> np.ndarray:
+    """Return velocities of the probes at times in periods, shape (3, n) [m/s]."""
+    omega = 2.0 * np.pi / case.period
+    return omega * AMPLITUDES[:, None] * np.cos(2.0 * np.pi * t + PHASES[:, None])
+
+
+def shape(x: np.ndarray) -> np.ndarray:
+    """Return the shape of all laminae and gaps along x, 1 at the probes."""
+    return (x / x[NODE]) ** 2
+
+
+def _case(overrides: dict[str, object]) -> Case:
+    """Return a case of three laminae, which no case file allows yet."""
+    two = small_case(time__periods=PERIODS, **overrides)
+    thick, thin = two.lamina
+    top = thin.model_copy(update={"name": "top", "thickness": 0.0015, "width": 0.030})
+    fields = {name: getattr(two, name) for name in Case.model_fields} | {"lamina": ()}
+    return Stack.model_construct(**fields).model_copy(update={"lamina": (thick, thin, top)})
+
+
+def _structure(case: Case) -> Structure:
+    """Return the structure with its reference probes at `NODE` and one further probe."""
+    made = closed_form.assemble(case)
+    layout, o = made.layout, made.operators
+    probes = (*(Probe("tip", i, NODE) for i in range(3)), Probe("mid", 1, 2))
+    gap0 = np.concatenate([gap * shape(layout.x)[1:] for gap in GAPS])
+    rows = sp.csr_matrix((len(probes), o.n_dofs))
+    return Structure(replace(o, gap0=gap0, probes=rows), replace(layout, probes=probes))
+
+
+def _record(case: Case, structure: Structure, period: int) -> PeriodRecord:
+    """Return the record of one period."""
+    layout = structure.layout
+    t = period + np.arange(STEPS + 1) / STEPS
+    u = np.full((STEPS + 1, N_BASE + 4), 77.0)
+    v = np.full((STEPS + 1, 4), 77.0)
+    u[:, N_BASE : N_BASE + 3], v[:, :3] = q(t).T, q_rate(case, t).T
+    frame_steps = np.arange(1, FRAMES + 1) * (STEPS // FRAMES)
+    state = np.zeros((FRAMES, 2, structure.operators.n_dofs))
+    x = layout.x[1:]
+    for part, now, rate in zip(
+        layout.parts, q(t[frame_steps]), q_rate(case, t[frame_steps]), strict=True
+    ):
+        own, along = part.dofs[1:], np.stack([x**2, 2.0 * x], axis=1) / layout.x[NODE] ** 2
+        state[:, 0, own] = now[:, None, None] * along
+        state[:, 1, own] = rate[:, None, None] * along
+    return PeriodRecord(
+        np.zeros((STEPS + 1, 3)), u, v, frame_steps, (None, 0.0, 0.0), list(state[:, :2]),
+        _contact(structure), _jumps(), n_steps=STEPS,
+    )  # fmt: skip
+
+
+def _contact(structure: Structure) -> list[np.ndarray]:
+    """Return contact states: nodes 1 to 3 below, then 1 and 2 above, then node 2 of both."""
+    states = np.zeros((FRAMES, structure.operators.n_pairs), dtype=np.int8)
+    states[0, 0:3] = 1
+    states[1, PAIRS : PAIRS + 2] = 2
+    states[2, [1, PAIRS + 1]] = 1, 2
+    return list(states)
+
+
+def _jumps() -> Jumps:
+    """Return the impacts of one period."""
+    jumps = Jumps()
+    for interface, phase in STRIKES.items():
+        impulses = np.array(IMPULSES[interface])
+        hit = interface * PAIRS + NODE - 1 - np.arange(impulses.size)
+        rates = np.full(impulses.size, -0.5)
+        jumps.append(round(phase * STEPS), Decision(hit, impulses, rates, -0.1 * rates), -1e-5)
+    return jumps
