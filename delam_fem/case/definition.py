@@ -107,6 +107,11 @@ class Case(Section):
         return tuple(keys)
 
     @property
+    def is_periodic(self) -> bool:
+        """Whether the base repeats its motion after each period."""
+        return self.excitation.kind == "harmonic"
+
+    @property
     def _top_frequency(self) -> float:
         """Frequency whose period is divided into steps; the highest one of a sweep [Hz]."""
         motion = self.excitation

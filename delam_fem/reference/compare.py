@@ -237,7 +237,7 @@ def _same_length(tips: FloatArray, expected: ReferenceRun) -> FloatArray:
 
 
 def _check(case: Case, impacts: int, periods: int) -> None:
-    if case.excitation.kind != "harmonic":
+    if not case.is_periodic:
         raise CaseError(
             "excitation.kind: a comparison covers the first periods of a harmonic excitation; "
             f"expected 'harmonic', given {case.excitation.kind!r}"

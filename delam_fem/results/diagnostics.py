@@ -218,7 +218,7 @@ def summary_of(motion: ProbeMotion, case: Case) -> dict[str, Any]:
     """
     q, N = motion.displacement, case.time.steps_per_period
     n_periods = q.shape[1] / N
-    is_harmonic = case.excitation.kind == "harmonic"
+    is_harmonic = case.is_periodic
     amplitudes = _harmonics(motion.whole_periods(N), N) if is_harmonic else None
     P, scatter = _periodicity_of(motion, N) if is_harmonic else (None, None)
     contacts = None

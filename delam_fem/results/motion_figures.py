@@ -79,7 +79,7 @@ def phase_portraits(history: xr.Dataset, case: Case) -> Figure:
     for i, (name, colour) in enumerate(_laminae(history)):
         axes, q, v = panels[i], 1e3 * portrait[i, 0], portrait[i, 1]
         axes.plot(q, v, color=colour, linewidth=0.8)
-        if case.excitation.kind == "harmonic":
+        if case.is_periodic:
             at_end = slice(N - 1, None, N)
             axes.plot(q[at_end], v[at_end], "o", color=BLACK, markersize=4, label="ends of periods")
             legend_above(axes)
@@ -96,7 +96,7 @@ def spectra(history: xr.Dataset, case: Case) -> Figure:
     amplitudes = 1e3 * harmonics.amplitude_spectrum(finite(whole["tip_displacement"]))
     n_periods = whole.sizes["time"] // case.time.steps_per_period
     orders = np.arange(amplitudes.shape[1]) / n_periods
-    is_harmonic = case.excitation.kind == "harmonic"
+    is_harmonic = case.is_periodic
     found = diagnostics.window_harmonics(history, case) if is_harmonic else None
     figure = Figure(figsize=(WIDTH, 3.0 * len(amplitudes)), layout="constrained")
     unit = 1.0 if is_harmonic else 1.0 / case.period

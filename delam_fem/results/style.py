@@ -99,7 +99,7 @@ def time_axis(case: Case) -> tuple[float, str]:
 
     Under harmonic excitation it is the period T = 1/f, otherwise the second.
     """
-    if case.excitation.kind == "harmonic":
+    if case.is_periodic:
         return case.period, "time / period of the excitation  t/T  [–]"
     return 1.0, "time  t  [s]"
 

@@ -44,8 +44,7 @@ def span_of(case: Case) -> Span:
 
 def motion_of(case: Case) -> BaseStates:
     """Return the base motion of a case as a function of the period."""
-    is_periodic = case.excitation.kind == "harmonic"
-    return by_period(base_motion(case), span_of(case), is_periodic=is_periodic)
+    return by_period(base_motion(case), span_of(case), is_periodic=case.is_periodic)
 
 
 def by_period(motion: Prescribed, span: Span, *, is_periodic: bool) -> BaseStates:

@@ -52,7 +52,7 @@ def test_gaining_periods_are_counted() -> None:
 
 
 def test_parting_pairs_of_moreau_count_by_periods() -> None:
-    moreau = preset("default", {"contact.law": "moreau"})
+    moreau = preset("default", {"contact.law": "newton@moreau-jean"})
     assert said(moreau, [1e-5, 1e-5], [1e-3, 1e-3]) is None
     text = said(moreau, [1e-5, 2e-3], [1e-3, -1e-3])
     assert text is not None
@@ -72,7 +72,7 @@ def test_a_diverged_period_does_not_hide_the_gain() -> None:
         ({"time.mass": "lumped"}, False),
         ({"contact.impulse": "consistent"}, False),
         ({"contact.law": "newton-penalty"}, True),
-        ({"contact.law": "moreau"}, False),
+        ({"contact.law": "newton@moreau-jean"}, False),
         ({"contact.law": "penalty"}, False),
     ],
 )

@@ -143,7 +143,7 @@ class Ladder:
         Raises:
             CaseError: a rung has an invalid case, or the meshes or steps do not become finer.
         """
-        if self.case.excitation.kind != "harmonic":
+        if not self.case.is_periodic:
             raise CaseError(
                 'converge: expected excitation.kind = "harmonic", because statistics need '
                 f'periods, given "{self.case.excitation.kind}"'

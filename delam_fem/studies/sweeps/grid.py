@@ -198,7 +198,7 @@ class Sweep:
             case = self._case(trial, label)
             self._initial(trial)
         case = self._case(first, label)
-        record, is_harmonic = self.file.record, case.excitation.kind == "harmonic"
+        record, is_harmonic = self.file.record, case.is_periodic
         if not is_harmonic and (self.file.order != "independent" or record.lyapunov):
             what = "order" if self.file.order != "independent" else "record.lyapunov"
             raise CaseError(f'{label}: {what}: expected excitation.kind "harmonic" for it')
