@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from delam_fem.contact.laws import Law, LawName
+from delam_fem.contact.laws import Law, LawName, combined_name
 from delam_fem.engines.session import session
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.arrays import FloatArray
@@ -47,6 +47,11 @@ class GroundLaw:
     stiffness: float = 0.0
     threshold_velocity: float = 0.5e-3
     scheme: SchemeName = "newmark"
+
+    @property
+    def method(self) -> str:
+        """The law with its scheme, as in `newton@moreau-jean`."""
+        return combined_name(self.name, self.scheme)
 
     @property
     def law(self) -> Law:

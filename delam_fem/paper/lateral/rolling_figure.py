@@ -135,7 +135,7 @@ def _draw_energy(axes: Axes, run: Rolling) -> None:
     shown = run.landing[0] + run.period * np.array(SHOWN_ENERGY)
     axes.set(xlim=1e3 * shown, ylim=(0.0, 1.0))
     axes.set(xlabel="time after the release  [ms]", ylabel="share of the energy  [–]")
-    axes.set_title(f"thin strip, {run.law.name}, {run.x.size} elements", loc="left")
+    axes.set_title(f"thin strip, {run.law.method}, {run.x.size} elements", loc="left")
     axes.legend(loc="lower right")
 
 
