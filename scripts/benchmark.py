@@ -50,8 +50,8 @@ SCHEMES: dict[str, dict[str, Any]] = {
 BASELINE = "newton-penalty, lumped mass and impulses"
 SIZES = (5, 20, 50, 200, 500, 1000, 2000)
 COUPLED_UP_TO = 200
-"""Largest number of elements with consistent impulses between steps; beyond it, simultaneous impacts
-of hundreds of pairs would take all the time."""
+"""Largest number of elements with consistent impulses between two steps; beyond it, simultaneous
+impacts of hundreds of pairs would take all the time."""
 PLANE = Path(__file__).parents[1] / "docs" / "examples" / "plane.toml"
 REPEATS = 3
 """Number of repeats of measurements that take seconds; the fastest counts."""
