@@ -14,6 +14,7 @@ in a temporary work tree, then the working tree, and compares both.
 from __future__ import annotations
 
 import argparse
+import importlib
 import json
 import os
 import signal
@@ -140,7 +141,7 @@ def sweep_of(data: dict[str, Any]) -> Any:
     try:
         from delam_fem.studies.sweeps.grid import sweep_of as made
     except ImportError:
-        from delam_fem.studies.sweeps.grid import sweep_of as made  # type: ignore[no-redef]
+        made = importlib.import_module("delam_fem.sweepgrid").sweep_of  # before there were folders
     return made(data)
 
 
