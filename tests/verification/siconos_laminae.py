@@ -36,12 +36,12 @@ class LoadedSystem(sk.LagrangianLinearTIDS):  # type: ignore[misc]
 
 
 def integrate(problem: dict[str, npt.NDArray[np.float64]]) -> dict[str, npt.NDArray[np.float64]]:
-    """Return observed displacements and velocities after each step and how many pairs were hit.
+    """Return displacements and velocities of the probes after each step, and the pairs hit in it.
 
     Args:
         problem: mass, damping, stiffness (n, n), gap_matrix (p, n), gap0 (p,), base (3, n): columns
             of stiffness, damping and mass that couple to the base, base_states (n_steps + 1, 3):
-            its displacement, velocity and acceleration, time_step, restitution, observed (k,).
+            its displacement, velocity and acceleration, time_step, restitution, probes (k, n).
     """
     dt = float(problem["time_step"])
     n_steps = len(problem["base_states"]) - 1
@@ -59,12 +59,12 @@ def integrate(problem: dict[str, npt.NDArray[np.float64]]) -> dict[str, npt.NDAr
         system, sk.TimeDiscretisation(0.0, dt), sk.MoreauJeanOSI(THETA), sk.LCP()
     )
     simulation.setNewtonOptions(sk.SICONOS_TS_LINEAR)
-    observed = problem["observed"]
-    u = np.empty((n_steps, observed.size))
+    probes = problem["probes"]
+    u = np.empty((n_steps, len(probes)))
     v, hits = np.empty_like(u), np.zeros(n_steps, dtype=np.int64)
     for step in range(n_steps):
         simulation.computeOneStep()
-        u[step], v[step] = body.q()[observed], body.velocity()[observed]
+        u[step], v[step] = probes @ body.q(), probes @ body.velocity()
         hits[step] = sum(pair.lambda_(1)[0] > 0.0 for pair in pairs)
         simulation.nextStep()
     return {"u": u, "v": v, "hits": hits}

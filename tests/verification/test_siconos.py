@@ -73,7 +73,7 @@ def by_siconos(case: Case, directory: Path) -> dict[str, FloatArray]:
         base_states=base_motion(case).states(times),
         time_step=case.time_step,
         restitution=case.contact.restitution,
-        probes=o.probes,
+        probes=o.probes.toarray(),
     )
     # its own process: Siconos brings its own solvers and prints as it likes
     subprocess.run([sys.executable, SCRIPT, given, result], check=True, capture_output=True)
