@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 import typer
 
 from delam_fem.cli.converge import register as register_convergence
-from delam_fem.cli.inputs import case_of, writable
+from delam_fem.cli.inputs import CaseArgument, Quiet, case_of, writable
 from delam_fem.cli.paper import register as register_paper
 from delam_fem.cli.sweep import register as register_sweeps
 from delam_fem.cli.terminal import (
@@ -39,9 +39,6 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-CaseArgument = Annotated[
-    str, typer.Argument(metavar="CASE", help="A preset by name, or a case file (.toml).")
-]
 Overrides = Annotated[
     list[str] | None,
     typer.Option(
@@ -58,7 +55,6 @@ Verbose = Annotated[
     bool,
     typer.Option("-v", "--verbose", help="Show more messages, e.g. keys that nothing reads."),
 ]
-Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Show no progress, no table.")]
 
 
 @app.callback()

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from delam_fem.cli.inputs import CaseArgument, Quiet, Workers, case_of, writable
 from delam_fem.cli.terminal import INTERRUPTED, fail, reported, say_files, table
 
 if TYPE_CHECKING:
@@ -14,9 +15,6 @@ if TYPE_CHECKING:
     from delam_fem.studies.convergence.analysis import Convergence
     from delam_fem.studies.convergence.ladder import Ladder, MeshChoice, Method
 
-CaseArgument = Annotated[
-    str, typer.Argument(metavar="CASE", help="A preset by name, or a case file (.toml).")
-]
 Folder = Annotated[
     Path | None,
     typer.Option(
@@ -58,14 +56,9 @@ LimitSteps = Annotated[
 EngineOption = Annotated[
     Literal["petsc", "compiled"], typer.Option(help="Engine that computes the steps.")
 ]
-Workers = Annotated[
-    int | None,
-    typer.Option("-j", "--workers", min=1, metavar="N", help="Processes (default: one per core)."),
-]
 Resume = Annotated[
     bool, typer.Option("--resume", help="Continue an interrupted ladder, or extend a finished one.")
 ]
-Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Show no progress, no table.")]
 
 
 def register(app: typer.Typer) -> None:
@@ -92,7 +85,6 @@ def converge_command(
 ) -> None:
     """Refine a case, and show to which limit, how fast and at what cost each method converges."""
     with reported(quiet):
-        from delam_fem.cli.inputs import case_of, writable
         from delam_fem.studies.convergence.ladder import LIMIT_STEPS, PERIODS, Ladder
 
         case = case_of(case_name, overrides)

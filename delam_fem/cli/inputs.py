@@ -1,13 +1,24 @@
-"""Read the inputs that commands share: a case with overrides, and a folder for results."""
+"""Define the inputs that commands share: arguments, a case with overrides, a result folder."""
 
 from __future__ import annotations
 
 import tempfile
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
+
+import typer
 
 if TYPE_CHECKING:
     from delam_fem.case.definition import Case
+
+CaseArgument = Annotated[
+    str, typer.Argument(metavar="CASE", help="A preset by name, or a case file (.toml).")
+]
+Workers = Annotated[
+    int | None,
+    typer.Option("-j", "--workers", min=1, metavar="N", help="Processes (default: one per core)."),
+]
+Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Show no progress, no table.")]
 
 
 def case_of(name: str, overrides: list[str] | None) -> Case:

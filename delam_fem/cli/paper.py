@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 
 import typer
 
+from delam_fem.cli.inputs import Quiet, Workers
 from delam_fem.cli.terminal import FAILED, fail, reported, say_files, table
 
 Figures = Annotated[
@@ -15,10 +16,6 @@ Figures = Annotated[
 ]
 Folder = Annotated[
     Path, typer.Option("-o", "--output", metavar="DIR", help="Folder of the results.")
-]
-Workers = Annotated[
-    int | None,
-    typer.Option("-j", "--workers", min=1, metavar="N", help="Processes (default: one per core)."),
 ]
 
 
@@ -39,9 +36,7 @@ def paper_command(
     engine: Annotated[
         Literal["petsc", "compiled"], typer.Option(help="Engine that computes the steps.")
     ] = "compiled",
-    quiet: Annotated[
-        bool, typer.Option("-q", "--quiet", help="Show no progress, no table.")
-    ] = False,
+    quiet: Quiet = False,
 ) -> None:
     """Reproduce the paper: figures, numbers, and its claims beside the computed results."""
     with reported(quiet):

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from delam_fem.cli.inputs import Quiet, Workers
 from delam_fem.cli.terminal import FAILED, INTERRUPTED, fail, reported, say_files, table
 
 if TYPE_CHECKING:
@@ -40,10 +41,6 @@ Overrides = Annotated[
     typer.Option("--set", metavar="KEY=VALUE", help="Override a key of the base case; repeatable."),
 ]
 Resume = Annotated[bool, typer.Option("--resume", help="Continue an interrupted sweep.")]
-Workers = Annotated[
-    int | None,
-    typer.Option("-j", "--workers", min=1, metavar="N", help="Processes (default: one per core)."),
-]
 ExecutorOption = Annotated[
     Literal["process", "mpi", "serial"] | None,
     typer.Option(
@@ -52,7 +49,6 @@ ExecutorOption = Annotated[
         "(the default under python -m mpi4py.futures), or one after another in this process.",
     ),
 ]
-Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Show no progress, no table.")]
 
 
 def register(app: typer.Typer) -> None:

@@ -43,7 +43,6 @@ class Recovery:
         active = np.flatnonzero(lacking < 0.0)
         if not active.size:
             return None
-        lacking = lacking.copy()
         while True:  # add neighbours that the impulses push below their floor
             columns = self._compliance.columns(active)
             impulses = floor_impulses(lacking[active], columns[active])

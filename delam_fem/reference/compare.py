@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,7 +9,6 @@ import numpy as np
 import scipy.sparse as sp
 from matplotlib.figure import Figure
 
-from delam_fem.case.atomic import atomic, write_text
 from delam_fem.case.definition import Case
 from delam_fem.case.toml import CaseError
 from delam_fem.model.layout import Structure
@@ -18,6 +16,7 @@ from delam_fem.model.operators import Operators
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.reference import matrices
 from delam_fem.reference.loop import ReferenceRun, simulate_reference
+from delam_fem.studies.findings import save_findings
 from delam_fem.studies.modes import modes_of
 
 COMPARED_MODES = 6
@@ -93,10 +92,7 @@ class Comparison:
         Raises:
             OSError: the folder cannot be written.
         """
-        directory = Path(directory)
-        directory.mkdir(parents=True, exist_ok=True)
-        table, picture = directory / "compare.json", directory / "compare.png"
-        content = {
+        numbers: dict[str, object] = {
             "matrices_relative": self.matrices,
             "frequencies_relative": self.frequencies,
             "impact_limit": self.impact_limit,
@@ -106,10 +102,7 @@ class Comparison:
             "end_time_s": float(self.times[-1]),
             "impacts": {"dolfinx": self.impacts[0], "reference": self.impacts[1]},
         }
-        write_text(table, json.dumps(content, indent=2) + "\n")
-        with atomic(picture) as temporary:
-            self.figure().savefig(temporary, dpi=150)
-        return [table, picture]
+        return save_findings(directory, "compare", numbers, self.figure)
 
     def figure(self) -> Figure:
         """Draw the tip histories of both runs, and their difference on a logarithmic axis."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,13 +11,13 @@ from matplotlib.figure import Figure
 from scipy.linalg import eigh
 from scipy.sparse.linalg import eigsh
 
-from delam_fem.case.atomic import atomic, write_text
 from delam_fem.case.definition import Case
 from delam_fem.case.toml import CaseError
 from delam_fem.model.layout import DISPLACEMENT, Part, Structure
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.numerics.cantilever import cantilever_mode
+from delam_fem.studies.findings import save_findings
 
 DENSE_DOFS = 400
 """Up to here a dense eigenvalue problem is solved: no iteration, and still below 0.1 s."""
@@ -74,19 +73,13 @@ class Modes:
         Raises:
             OSError: the directory cannot be written.
         """
-        directory = Path(directory)
-        directory.mkdir(parents=True, exist_ok=True)
-        table, picture = directory / "modes.json", directory / "modes.png"
-        content = {
+        numbers: dict[str, object] = {
             "lamina": list(self.names),
             "frequency_hz": self.frequencies.tolist(),
             "exact_hz": self.exact.tolist(),
             "relative_difference": self.relative_differences.tolist(),
         }
-        write_text(table, json.dumps(content, indent=2) + "\n")
-        with atomic(picture) as temporary:
-            self.figure().savefig(temporary, dpi=150)
-        return [table, picture]
+        return save_findings(directory, "modes", numbers, self.figure)
 
     def figure(self) -> Figure:
         """Draw the computed shapes as dots on the exact lines, lowest mode at the bottom."""
