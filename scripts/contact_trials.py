@@ -12,7 +12,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from delam_fem.results.style import styled
+from delam_fem.results.figures.style import styled
 from delam_fem.studies.convergence.document import fill
 from delam_fem.studies.convergence.trials import LIMIT_STEPS, STEPS, figure, measure, table
 

@@ -11,7 +11,7 @@ from delam_fem.numerics.arrays import FloatArray
 from delam_fem.paper.motions import is_as_described, strikes
 from delam_fem.paper.piece import Numbers
 from delam_fem.results import diagnostics
-from delam_fem.results.style import HISTORY_PERIODS
+from delam_fem.results.figures.style import HISTORY_PERIODS
 
 if TYPE_CHECKING:
     from delam_fem.results.folder import Result

@@ -13,8 +13,8 @@ from typing import Any
 
 from delam_fem.case.atomic import atomic, write_text
 from delam_fem.paper.claims import HEADING, Claim, markdown_table
-from delam_fem.results import html
-from delam_fem.results.html import Block, Figure, Link, Paragraph, Section, Table
+from delam_fem.results.pages import html
+from delam_fem.results.pages.html import Block, Figure, Link, Paragraph, Section, Table
 
 PAPER = (
     'I. Müller, "Clapping in Delaminated Sandwich-beams due to Forced Oscillations", '

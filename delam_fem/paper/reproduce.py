@@ -38,7 +38,7 @@ from delam_fem.paper.figures import (
 )
 from delam_fem.paper.lab import Laboratory
 from delam_fem.paper.piece import Piece
-from delam_fem.results.style import styled
+from delam_fem.results.figures.style import styled
 
 FIGURES: dict[str, Piece[Any]] = {
     piece.name: piece

@@ -48,12 +48,13 @@ class Result:
         Raises:
             OSError: the folder cannot be written or the disk is full.
         """
-        from delam_fem.results import figures, vtk, vtx
-        from delam_fem.results.report import write_report
+        from delam_fem.results.fields import vtk, vtx
+        from delam_fem.results.figures.run import save_figures
+        from delam_fem.results.pages.report import write_report
 
         directory = Path(directory)
         written = self.save_numbers(directory)
-        written += figures.save_figures(self.history, self.case, directory / "figures")
+        written += save_figures(self.history, self.case, directory / "figures")
         if self.history.sizes.get("frame", 0):
             collection = vtk.write_fields(self.history, self.case, directory / "fields")
             lines = vtx.write_lines(self.history, directory / "fields")

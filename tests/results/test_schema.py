@@ -14,7 +14,8 @@ from project import ROOT
 from synthetic import small_case, synthetic_history
 
 import delam_fem as df
-from delam_fem.results import report, schema
+from delam_fem.results import schema
+from delam_fem.results.pages import report
 from delam_fem.studies.sweeps.quantities import VARIABLES as OF_SWEEPS
 
 SOURCES = sorted((ROOT / "delam_fem").rglob("*.py"))

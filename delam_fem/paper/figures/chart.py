@@ -13,8 +13,16 @@ from delam_fem.paper.claims import Claim, judged
 from delam_fem.paper.figures.shapes import detailed_case
 from delam_fem.paper.lab import Laboratory
 from delam_fem.paper.piece import NOT_IN_JSON, Numbers, Piece
+from delam_fem.results.figures.style import (
+    BLACK,
+    BLUE,
+    ORANGE,
+    SKY,
+    VERMILLION,
+    WIDTH,
+    legend_outside,
+)
 from delam_fem.results.gaps import gap_field
-from delam_fem.results.style import BLACK, BLUE, ORANGE, SKY, VERMILLION, WIDTH, legend_outside
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -15,7 +15,7 @@ from delam_fem.paper.measures import CLEARLY, SMOOTH_HARMONICS, roughness, tip_p
 from delam_fem.paper.motions import RESONANT, strikes
 from delam_fem.paper.piece import NOT_IN_JSON, Numbers, Piece
 from delam_fem.results import diagnostics
-from delam_fem.results.style import PORTRAIT_PERIODS, WIDTH, lamina_colours, legend_above
+from delam_fem.results.figures.style import PORTRAIT_PERIODS, WIDTH, lamina_colours, legend_above
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

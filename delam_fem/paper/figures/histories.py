@@ -12,7 +12,7 @@ from delam_fem.paper.lab import Laboratory, PaperMethod, both_methods
 from delam_fem.paper.measures import MotionNumbers, motion_numbers, tip_positions
 from delam_fem.paper.motions import FREQUENCIES, RESONANT, strikes
 from delam_fem.paper.piece import Numbers, Piece
-from delam_fem.results.style import (
+from delam_fem.results.figures.style import (
     GAP_COLOUR,
     HISTORY_PERIODS,
     LAMINA_COLOURS,

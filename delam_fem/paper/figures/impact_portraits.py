@@ -15,7 +15,7 @@ from delam_fem.paper.measures import MotionNumbers, motion_numbers, settling
 from delam_fem.paper.motions import FREQUENCIES, RESONANT
 from delam_fem.paper.piece import Numbers, Piece
 from delam_fem.results import diagnostics
-from delam_fem.results.style import LAMINA_COLOURS, PORTRAIT_PERIODS, WIDTH
+from delam_fem.results.figures.style import LAMINA_COLOURS, PORTRAIT_PERIODS, WIDTH
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

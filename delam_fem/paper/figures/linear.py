@@ -24,7 +24,7 @@ from delam_fem.paper.swept_sine import (
     swept_envelope,
     swept_extremes,
 )
-from delam_fem.results.style import (
+from delam_fem.results.figures.style import (
     BASE_COLOUR,
     BLACK,
     BLUE,

@@ -24,7 +24,7 @@ from delam_fem.paper.measures import (
 from delam_fem.paper.motions import RESONANT
 from delam_fem.paper.piece import NOT_IN_JSON, Numbers, Piece
 from delam_fem.results import diagnostics
-from delam_fem.results.style import BLACK, LAMINA_COLOURS, PORTRAIT_PERIODS, legend_above
+from delam_fem.results.figures.style import BLACK, LAMINA_COLOURS, PORTRAIT_PERIODS, legend_above
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

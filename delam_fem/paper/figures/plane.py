@@ -14,7 +14,7 @@ from delam_fem.paper.lab import Laboratory
 from delam_fem.paper.piece import Numbers, Piece
 from delam_fem.paper.plane_measures import KINDS, Decade, Plane, best_decade, plane_of
 from delam_fem.results.diagnostics import LARGEST_PERIODICITY, PERIODIC_SCATTER
-from delam_fem.results.style import BLACK, GREEN, ORANGE, SKY, VERMILLION, WIDTH
+from delam_fem.results.figures.style import BLACK, GREEN, ORANGE, SKY, VERMILLION, WIDTH
 
 if TYPE_CHECKING:
     import xarray as xr

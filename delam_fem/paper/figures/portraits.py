@@ -20,7 +20,7 @@ from delam_fem.paper.measures import (
 )
 from delam_fem.paper.motions import FREQUENCIES
 from delam_fem.paper.piece import Numbers, Piece
-from delam_fem.results.style import (
+from delam_fem.results.figures.style import (
     BLACK,
     PORTRAIT_PERIODS,
     WIDTH,

@@ -16,7 +16,7 @@ from delam_fem.paper.measures import half_ranges
 from delam_fem.paper.motions import FREQUENCIES, RESONANT
 from delam_fem.paper.piece import NOT_IN_JSON, Numbers, Piece
 from delam_fem.paper.swept_sine import BAND, swept_case, swept_envelope
-from delam_fem.results.style import (
+from delam_fem.results.figures.style import (
     BASE_COLOUR,
     BLACK,
     BLUE,

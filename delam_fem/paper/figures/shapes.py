@@ -15,8 +15,8 @@ from delam_fem.paper.lab import Laboratory, motion_case
 from delam_fem.paper.motions import RESONANT
 from delam_fem.paper.piece import NOT_IN_JSON, Numbers, Piece
 from delam_fem.results import diagnostics
+from delam_fem.results.figures.style import BLACK, GAP_COLOUR, GREEN, WIDTH, lamina_colours
 from delam_fem.results.gaps import gap_field, rest_positions
-from delam_fem.results.style import BLACK, GAP_COLOUR, GREEN, WIDTH, lamina_colours
 
 if TYPE_CHECKING:
     import xarray as xr

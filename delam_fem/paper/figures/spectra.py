@@ -20,7 +20,7 @@ from delam_fem.paper.measures import describe
 from delam_fem.paper.motions import RESONANT
 from delam_fem.paper.piece import NOT_IN_JSON, Numbers, Piece
 from delam_fem.results import diagnostics
-from delam_fem.results.style import BASE_COLOUR, LAMINA_COLOURS, WIDTH, legend_above
+from delam_fem.results.figures.style import BASE_COLOUR, LAMINA_COLOURS, WIDTH, legend_above
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -13,7 +13,7 @@ from delam_fem.paper.claims import Claim, judged
 from delam_fem.paper.lab import Laboratory, motion_case
 from delam_fem.paper.motions import RESONANT
 from delam_fem.paper.piece import NOT_IN_JSON, Numbers, Piece
-from delam_fem.results.style import BLACK, WIDTH, lamina_colours, legend_above
+from delam_fem.results.figures.style import BLACK, WIDTH, lamina_colours, legend_above
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -16,7 +16,14 @@ from delam_fem.paper.claims import Claim, judged
 from delam_fem.paper.lab import Laboratory, motion_case
 from delam_fem.paper.motions import RESONANT
 from delam_fem.paper.piece import NOT_IN_JSON, Numbers, Piece
-from delam_fem.results.style import BASE_COLOUR, BLACK, GAP_COLOUR, GREEN, WIDTH, lamina_colours
+from delam_fem.results.figures.style import (
+    BASE_COLOUR,
+    BLACK,
+    GAP_COLOUR,
+    GREEN,
+    WIDTH,
+    lamina_colours,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -14,7 +14,14 @@ from delam_fem.paper.lab import Laboratory, motion_case
 from delam_fem.paper.measures import half_ranges
 from delam_fem.paper.motions import FREQUENCIES, RESONANT
 from delam_fem.paper.piece import NOT_IN_JSON, Numbers, Piece
-from delam_fem.results.style import BASE_COLOUR, BLUE, GREEN, VERMILLION, WIDTH, legend_above
+from delam_fem.results.figures.style import (
+    BASE_COLOUR,
+    BLUE,
+    GREEN,
+    VERMILLION,
+    WIDTH,
+    legend_above,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

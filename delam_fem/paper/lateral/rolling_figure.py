@@ -12,7 +12,7 @@ from delam_fem.paper.lateral.rolling import Rolling
 from delam_fem.paper.lateral.studies import RollingStudy
 from delam_fem.paper.lateral.tip_block import TipBlock
 from delam_fem.paper.lateral.tip_figure import GAUGE_COLOURS
-from delam_fem.results.style import (
+from delam_fem.results.figures.style import (
     BASE_COLOUR,
     BLACK,
     BLUE,

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from delam_fem.case.files import preset
 from delam_fem.model import closed_form
-from delam_fem.results.style import BLACK, BLUE, GREEN, VERMILLION, WIDTH
+from delam_fem.results.figures.style import BLACK, BLUE, GREEN, VERMILLION, WIDTH
 from delam_fem.studies.convergence.analysis import Convergence
 from delam_fem.studies.convergence.document_tables import document_tables
 from delam_fem.studies.convergence.figures import (

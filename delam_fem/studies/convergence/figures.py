@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from delam_fem.case.atomic import atomic
-from delam_fem.results.style import (
+from delam_fem.results.figures.style import (
     BASE_COLOUR,
     BLACK,
     BLUE,

@@ -14,7 +14,7 @@ from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
 from delam_fem.model import closed_form
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.results.style import WIDTH
+from delam_fem.results.figures.style import WIDTH
 from delam_fem.studies.convergence.tables import Table, number
 from delam_fem.studies.convergence.trial_runners import LIMIT, RESTITUTION, runners
 

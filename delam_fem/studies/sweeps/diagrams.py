@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 from matplotlib.figure import Figure
 
 from delam_fem.case.atomic import atomic
-from delam_fem.results.style import styled
+from delam_fem.results.figures.style import styled
 from delam_fem.studies.sweeps import line_diagrams, map_diagrams
 
 if TYPE_CHECKING:

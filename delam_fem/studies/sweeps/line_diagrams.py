@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from delam_fem.case.definition import Case
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.numerics.attractors import SAME_ATTRACTOR
-from delam_fem.results.style import (
+from delam_fem.results.figures.style import (
     BASE_COLOUR,
     BLACK,
     BLUE,

@@ -15,7 +15,7 @@ from delam_fem.case.toml import CaseError
 from delam_fem.numerics import attractors as at
 from delam_fem.numerics.arrays import FloatArray, IntArray
 from delam_fem.results.diagnostics import LARGEST_PERIODICITY, PERIODIC_SCATTER
-from delam_fem.results.style import (
+from delam_fem.results.figures.style import (
     BLACK,
     BLUE,
     GREEN,

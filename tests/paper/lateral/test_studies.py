@@ -12,7 +12,7 @@ from delam_fem.paper.lateral.ground_run import LIFT, GroundLaw
 from delam_fem.paper.lateral.rolling import Rolling, rolling
 from delam_fem.paper.lateral.studies import RollingStudy, StripRung
 from delam_fem.paper.lateral.tip_block import TipBlock
-from delam_fem.results.style import styled
+from delam_fem.results.figures.style import styled
 from delam_fem.simulation.solution import ImpactTable
 
 ROUND_OFF = 1e-9

@@ -10,7 +10,7 @@ from matplotlib.image import imread
 from stack import three_laminae
 from synthetic import FRAMES, NODES, PERIODS, WINDOW, small_case, synthetic_history
 
-from delam_fem.results import ribbons, snapshots, vtk
+from delam_fem.results.fields import ribbons, snapshots, vtk
 
 FRAME = 7
 """Some frame without symmetry."""

@@ -11,8 +11,9 @@ from stack import three_laminae
 from synthetic import AMPLITUDES, PERIODS, STEPS, SWEEP, WINDOW, small_case, synthetic_history
 
 from delam_fem import Case
-from delam_fem.results import contact_figures, figures
-from delam_fem.results.style import (
+from delam_fem.results.figures import contact as contact_figures
+from delam_fem.results.figures import run as figures
+from delam_fem.results.figures.style import (
     DPI,
     HISTORY_PERIODS,
     LAMINA_COLOURS,

@@ -16,7 +16,7 @@ from delam_fem.case.definition import Case
 from delam_fem.numerics import harmonics
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.results import diagnostics
-from delam_fem.results.style import (
+from delam_fem.results.figures.style import (
     BASE_COLOUR,
     BLACK,
     GAP_COLOUR,

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from delam_fem.results import html
-from delam_fem.results.html import Figure, Link, Paragraph, Preformatted, Section, Table
+from delam_fem.results.pages import html
+from delam_fem.results.pages.html import Figure, Link, Paragraph, Preformatted, Section, Table
 
 NASTY = '<b>"it\'s" & 1 < 2</b>'
 

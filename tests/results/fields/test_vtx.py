@@ -12,7 +12,7 @@ from stack import three_laminae
 from synthetic import small_case, synthetic_history
 
 from delam_fem.model import _dolfinx
-from delam_fem.results import vtx
+from delam_fem.results.fields import vtx
 
 
 @pytest.fixture(scope="module")

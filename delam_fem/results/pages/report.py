@@ -11,10 +11,10 @@ import xarray as xr
 
 from delam_fem.case.atomic import write_text
 from delam_fem.case.definition import Case
-from delam_fem.results import html
-from delam_fem.results.contact_figures import FLOWS
-from delam_fem.results.html import Figure, Paragraph, Preformatted, Section, Table, embedded
-from delam_fem.results.style import title
+from delam_fem.results.figures.contact import FLOWS
+from delam_fem.results.figures.style import title
+from delam_fem.results.pages import html
+from delam_fem.results.pages.html import Figure, Paragraph, Preformatted, Section, Table, embedded
 
 CAPTIONS = {
     "laminae": "The deformed laminae about the strongest strike of the window.",

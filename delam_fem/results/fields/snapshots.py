@@ -8,8 +8,9 @@ import xarray as xr
 
 from delam_fem.case.definition import Case
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.results import diagnostics, gaps, ribbons
-from delam_fem.results.style import title
+from delam_fem.results import diagnostics, gaps
+from delam_fem.results.fields import ribbons
+from delam_fem.results.figures.style import title
 
 PHASES = (-0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3)
 """Instants of the snapshots, in periods from the strike."""

@@ -11,8 +11,7 @@ from matplotlib.figure import Figure
 from delam_fem.case.definition import Case
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.results import gaps
-from delam_fem.results.schema import by_interface, event_interfaces
-from delam_fem.results.style import (
+from delam_fem.results.figures.style import (
     BLACK,
     BLUE,
     GREEN,
@@ -26,6 +25,7 @@ from delam_fem.results.style import (
     time_axis,
     title,
 )
+from delam_fem.results.schema import by_interface, event_interfaces
 from delam_fem.simulation.recorder import RESTING
 
 LINE_PERIODS = 2

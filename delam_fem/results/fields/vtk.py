@@ -14,7 +14,7 @@ import xarray as xr
 from delam_fem.case.atomic import atomic
 from delam_fem.case.definition import Case
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.results import ribbons, snapshots
+from delam_fem.results.fields import ribbons, snapshots
 
 
 def write_fields(history: xr.Dataset, case: Case, directory: str | Path) -> Path | None:

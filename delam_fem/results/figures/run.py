@@ -1,4 +1,4 @@
-"""Draw and write the figures of a run; the modules `…_figures` draw each of them."""
+"""Draw and write the figures of a run; the other modules draw each of them."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from matplotlib.figure import Figure
 
 from delam_fem.case.atomic import atomic
 from delam_fem.case.definition import Case
-from delam_fem.results import contact_figures, motion_figures
-from delam_fem.results.style import styled
+from delam_fem.results.figures import contact, motion
+from delam_fem.results.figures.style import styled
 
 FIGURES: dict[str, Callable[[xr.Dataset, Case], Figure]] = {
-    "tip_histories": motion_figures.tip_histories,
-    "phase_portraits": motion_figures.phase_portraits,
-    "spectra": motion_figures.spectra,
-    "contact_line": contact_figures.contact_line,
-    "energy_ledger": contact_figures.energy_ledger,
-    "envelope": motion_figures.envelope,
+    "tip_histories": motion.tip_histories,
+    "phase_portraits": motion.phase_portraits,
+    "spectra": motion.spectra,
+    "contact_line": contact.contact_line,
+    "energy_ledger": contact.energy_ledger,
+    "envelope": motion.envelope,
 }
 """The figures by the names of their files."""
 

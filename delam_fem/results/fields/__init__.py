@@ -1,0 +1,1 @@
+"""Export fields of displacement and moment to other programs."""
