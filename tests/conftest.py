@@ -1,8 +1,12 @@
-"""What all tests share: no display, one thread, the same random inputs every time."""
+"""What all tests share: no display, one thread, the same random inputs, labelled axes."""
 
 import os
+from collections.abc import Iterator
 
 import hypothesis
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 for name, value in {
     "MPLBACKEND": "Agg",
@@ -13,3 +17,34 @@ for name, value in {
 
 hypothesis.settings.register_profile("fixed", derandomize=True, deadline=None)
 hypothesis.settings.load_profile("fixed")
+
+
+@pytest.fixture(autouse=True)
+def every_saved_figure_has_labels(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Let a test fail that saves a figure with an axis that has no label."""
+    save, bare = Figure.savefig, []
+
+    def checked(figure: Figure, *given: object, **options: object) -> None:
+        bare.extend(axes.get_title("left") or "untitled" for axes in unlabelled(figure))
+        save(figure, *given, **options)
+
+    monkeypatch.setattr(Figure, "savefig", checked)
+    yield
+    assert not bare, f"panels without a label or numbers at the x axis: {bare}"
+
+
+def unlabelled(figure: Figure) -> list[Axes]:
+    """Return the panels without a label or numbers below their x axis.
+
+    Colour bars, tables, drawings without axes and second y axes need none.
+    """
+    panels = (
+        axes
+        for axes in figure.axes
+        if axes.axison and axes.xaxis.get_visible() and axes.get_label() != "<colorbar>"
+    )
+    return [
+        axes
+        for axes in panels
+        if not axes.get_xlabel() or not axes.xaxis.get_tick_params()["labelbottom"]
+    ]

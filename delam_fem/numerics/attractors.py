@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from delam_fem.numerics.arrays import FloatArray, IntArray
+from delam_fem.numerics.arrays import BoolArray, FloatArray, IntArray
 
 TextArray = npt.NDArray[np.object_] | npt.NDArray[np.str_]
 
@@ -154,6 +154,23 @@ def attractors(
         np.array([np.median(amplitude[own], axis=0) for own in members]),
         counts[order] / max(number.size, 1),
     )
+
+
+def is_isolated(number: IntArray) -> BoolArray:
+    """Return which cells of a map have an attractor that no two neighbouring cells share.
+
+    A single cell amid others shows no attractor: a transient that is not over, or a motion that
+    lies near the bound `SAME_ATTRACTOR`, looks alike.
+
+    Args:
+        number: of the attractor of each cell, -1 for none, shape (...).
+    """
+    shared = [np.array([-1])]
+    for axis in range(number.ndim):
+        along = np.moveaxis(number, axis, 0)
+        shared.append(along[1:][along[1:] == along[:-1]])
+    isolated: BoolArray = ~np.isin(number, np.concatenate(shared))
+    return isolated
 
 
 def _most_frequent(values: FloatArray) -> float:

@@ -13,6 +13,8 @@ from delam_fem.results.folder import Result
 BAND = (0.5, 4.0)
 """Lowest and highest frequency of the experiment [Hz]."""
 SWEEP_SECONDS = 1800.0
+TRANSIENT_LEFT = 0.01
+"""The envelope of a swept sine begins when so much of the transient of its start is left [-]."""
 
 
 def swept_case(spacing: str, ends: tuple[float, float], law: str, steps: int) -> Case:
@@ -59,14 +61,23 @@ def swept_envelope(result: Result) -> tuple[FloatArray, FloatArray]:
     current frequency are combined.
 
     Returns:
-        Frequencies, shape (n,) [Hz]; half ranges, shape (2, n) [m].
+        Frequencies, shape (n,) [Hz]; half ranges, shape (2, n) [m]; NaN while more than
+        `TRANSIENT_LEFT` of the transient of the start is left.
     """
     middle, (low, high) = swept_extremes(result)
     f = base_motion(result.case).instantaneous_frequency(middle)
     half = np.ceil(0.5 / (f * result.case.period)).astype(np.int64)
     ranges = [slice(max(k - w, 0), k + w + 1) for k, w in enumerate(half.tolist())]
     half_range = [0.5 * (high[:, r].max(axis=1) - low[:, r].min(axis=1)) for r in ranges]
-    return f, np.stack(half_range, axis=1)
+    envelope = np.stack(half_range, axis=1)
+    envelope[:, middle < transient_seconds(result.case)] = np.nan
+    return f, envelope
+
+
+def transient_seconds(case: Case) -> float:
+    """Return the time in which free vibrations decay to `TRANSIENT_LEFT` [s]."""
+    rates = [lam.damping_ratio * float(lam.angular_frequencies(1)[0]) for lam in case.lamina]
+    return float(-np.log(TRANSIENT_LEFT) / min(rates))
 
 
 def peak_frequency(result: Result, lamina: int) -> float:
@@ -75,5 +86,5 @@ def peak_frequency(result: Result, lamina: int) -> float:
     If the largest amplitude occurs at several times, return the mean of their frequencies.
     """
     f, amplitude = swept_envelope(result)
-    top = np.flatnonzero(amplitude[lamina] >= amplitude[lamina].max() * (1.0 - 1e-9))
+    top = np.flatnonzero(amplitude[lamina] >= np.nanmax(amplitude[lamina]) * (1.0 - 1e-9))
     return float(f[top].mean())

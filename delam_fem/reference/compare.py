@@ -16,6 +16,7 @@ from delam_fem.model.operators import Operators
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.reference import matrices
 from delam_fem.reference.loop import ReferenceRun, simulate_reference
+from delam_fem.results.figures.style import label_x
 from delam_fem.studies.findings import save_findings
 from delam_fem.studies.modes import modes_of
 
@@ -120,7 +121,8 @@ class Comparison:
             label = f" impact {self.impact_limit}"
             bottom.annotate(label, (self.impact_time, seen.max()), fontsize=8, va="top")
         floor = max(float(seen[seen > np.finfo(np.float64).tiny].min(initial=1e-18)), 1e-20)
-        bottom.set(xlabel="time [s]", ylabel="largest difference [m]", ylim=(floor, None))
+        label_x((top, bottom), "time [s]")
+        bottom.set(ylabel="largest difference [m]", ylim=(floor, None))
         figure.suptitle("dolfinx and PETSc beside the independent reference")
         return figure
 

@@ -15,7 +15,13 @@ from delam_fem.paper.measures import CLEARLY, SMOOTH_HARMONICS, roughness, tip_p
 from delam_fem.paper.motions import RESONANT, strikes
 from delam_fem.paper.piece import NOT_IN_JSON, Numbers, Piece
 from delam_fem.results import diagnostics
-from delam_fem.results.figures.style import PORTRAIT_PERIODS, WIDTH, lamina_colours, legend_above
+from delam_fem.results.figures.style import (
+    PORTRAIT_PERIODS,
+    WIDTH,
+    label_x,
+    lamina_colours,
+    legend_above,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -72,8 +78,8 @@ def _draw(details: Mapping[PaperMethod, StrikeDetail]) -> Figure:
         row[0].set_ylabel("velocity of the tip [m/s]")
         row[1].set_ylabel("position of the tip [mm]")
         row[1].set_xticks(np.arange(-1, 3) / 10.0)
-    panels[-1][0].set_xlabel("position of the tip [mm]")
-    panels[-1][1].set_xlabel("time since the strike  t/T [–]")
+    label_x(panels[:, 0], "position of the tip [mm]")
+    label_x(panels[:, 1], "time since the strike  t/T [–]")
     legend_above(panels[0][1])
     return figure
 

@@ -17,6 +17,7 @@ from delam_fem.results.figures.style import (
     HISTORY_PERIODS,
     LAMINA_COLOURS,
     WIDTH,
+    label_x,
     legend_above,
 )
 
@@ -73,7 +74,7 @@ def draw(numbers: Histories) -> Figure:
     """Draw the positions of both tips over four periods at four frequencies, by both methods."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(WIDTH, 8.4), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 9.6), layout="constrained")
     panels = figure.subplots(4, 2, sharex=True, sharey="row")
     for (frequency, method), (t, y) in numbers.curves.items():
         panel = panels[FREQUENCIES.index(frequency), int(method == "3.2")]
@@ -85,8 +86,7 @@ def draw(numbers: Histories) -> Figure:
         panel.margins(x=0.0)
     for row in panels:
         row[0].set_ylabel("tip [mm]")
-    for panel in panels[-1]:
-        panel.set_xlabel("time t/T [–]")
+    label_x(panels.flat, "time t/T [–]")
     legend_above(panels[0, 1])
     return figure
 

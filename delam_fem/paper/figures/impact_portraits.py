@@ -15,7 +15,7 @@ from delam_fem.paper.measures import MotionNumbers, motion_numbers, settling
 from delam_fem.paper.motions import FREQUENCIES, RESONANT
 from delam_fem.paper.piece import Numbers, Piece
 from delam_fem.results import diagnostics
-from delam_fem.results.figures.style import LAMINA_COLOURS, PORTRAIT_PERIODS, WIDTH
+from delam_fem.results.figures.style import LAMINA_COLOURS, PORTRAIT_PERIODS, WIDTH, label_x
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -148,8 +148,8 @@ def two_portraits(
             panel.plot(1e3 * q, v, color=LAMINA_COLOURS[i], linewidth=0.6)
             panel.set_title(f"{portrait.names[i]}, {title}", loc="left")
         row[0].set_ylabel("velocity of the tip [m/s]")
-    for i, panel in enumerate(panels[-1]):
-        panel.set_xlabel(f"displacement of the tip $q_{i + 1}$ [mm]")
+    for i, column in enumerate(panels.T):
+        label_x(column, f"displacement of the tip $q_{i + 1}$ [mm]")
     return figure, [figure.add_subplot(grid[rows, i]) for i in range(2 * n_below)]
 
 

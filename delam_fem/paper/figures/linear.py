@@ -136,7 +136,7 @@ def measure(lab: Laboratory) -> WithoutContact:
         sweep_peak_hz={
             name: [peak_frequency(result, i) for i in range(2)] for name, result in swept.items()
         },
-        sweep_peak_m={name: a.max(axis=1) for name, (_, a) in envelopes.items()},
+        sweep_peak_m={name: np.nanmax(a, axis=1) for name, (_, a) in envelopes.items()},
         stepped_frequency_hz=f,
         stepped_amplitude_m=stepped,
         stepped_over_exact=stepped / exact,
@@ -268,7 +268,8 @@ WITHOUT_CONTACT = Piece(
     "2a",
     "Frequency responses without contact",
     "Each lamina alone: the exact cantilever, the computed stepped sine and the envelopes of "
-    "30-minute swept sines (0.5 to 4 Hz); below the record of one of them. The paper's curves "
+    "30-minute swept sines (0.5 to 4 Hz) without the transient of their first minute; below the "
+    "record of one of them. The paper's curves "
     "are not available; compared are the two natural frequencies that its text reads off them.",
     measure,
     draw,

@@ -24,6 +24,7 @@ from delam_fem.results.figures.style import (
     BLACK,
     PORTRAIT_PERIODS,
     WIDTH,
+    label_x,
     lamina_colours,
     legend_outside,
 )
@@ -80,8 +81,7 @@ def draw(numbers: Portraits) -> Figure:
         panel.set_title(f"[{letter}] {frequency:.2f} Hz, method {method}", loc="left")
     for row in panels:
         row[0].set_ylabel("velocity of the tip [m/s]")
-    for panel in panels[-1]:
-        panel.set_xlabel("position of the tip [mm]")
+    label_x(panels.flat, "position of the tip [mm]")
     legend_outside(figure, panels[0, 0], 3)
     return figure
 

@@ -128,11 +128,11 @@ def draw(numbers: Shapes) -> Figure:
         _draw_shape(panel, x, position[:, frame])
         panel.set_title(f"strike {phase:+g} T".replace("-", "−") if phase else "strike", loc="left")
         panel.set(xlim=limits, ylim=(0.0, 1.03 * x[-1]))
-        panel.label_outer()
+        panel.set_xlabel("position [mm]")
     for panel in panels[:, 0]:
         panel.set_ylabel("x [mm]")
-    for panel in panels[1, :-1]:
-        panel.set_xlabel("position [mm]")
+    for panel in panels[:, 1:-1].flat:
+        panel.set_yticklabels([])
     for panel, share, text in (
         (panels[0, -1], numbers.share_closed, "pair closed"),
         (panels[1, -1], numbers.share_near, "gap < 0.1 mm"),

@@ -20,6 +20,7 @@ from delam_fem.results.figures.style import (
     GREEN,
     VERMILLION,
     WIDTH,
+    label_x,
     legend_above,
 )
 
@@ -124,7 +125,8 @@ def draw(numbers: Threshold) -> Figure:
         panels[2].semilogx(gammas, numbers.impacts_per_period[key], **style)
     panels[0].set_ylabel("impacts followed by\npermanent contact [%]")
     panels[1].set_ylabel("half peak-to-peak [mm]\nthick –, thin - -")
-    panels[2].set(xlabel="threshold γ [m/s]", ylabel="impacts per period", yscale="log")
+    label_x(panels, "threshold γ [m/s]")
+    panels[2].set(ylabel="impacts per period", yscale="log")
     for panel in panels:
         panel.axvline(PRINTED, color=BASE_COLOUR, linestyle=":")
     legend_above(panels[0])

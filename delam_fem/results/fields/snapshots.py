@@ -54,6 +54,19 @@ def strike_frame(history: xr.Dataset, case: Case) -> int:
     return max(0, int(np.searchsorted(frames, strike - 1e-6 * case.time_step)) - 1)
 
 
+def largest_speed(history: xr.Dataset, frames: list[int]) -> float:
+    """Return the end of the colour scale: the largest speed of any strike and frame [m/s].
+
+    The probes are recorded at every step. Frames are too far apart to hold the speeds of strikes.
+
+    Args:
+        history: of a run; see `schema.VARIABLES`.
+        frames: numbers of the frames that are shown.
+    """
+    speeds = (history["velocity"].to_numpy()[:, frames], history["tip_velocity"].to_numpy())
+    return max(float(np.nanmax(np.abs(v), initial=0.0, where=np.isfinite(v))) for v in speeds)
+
+
 def draw(history: xr.Dataset, case: Case) -> pv.Plotter:
     """Return the scene: the laminae side by side at the instants `PHASES`, true to scale.
 
@@ -69,7 +82,7 @@ def draw(history: xr.Dataset, case: Case) -> pv.Plotter:
     strike = frames[shown_strike]
     shown = [int(np.argmin(np.abs(frames - strike - phase * case.period))) for phase in PHASES]
     shown = sorted(set(shown))
-    limit = float(np.abs(history["velocity"].to_numpy()[:, shown]).max()) or 1.0
+    limit = largest_speed(history, shown) or 1.0
     length = case.lamina[0].length
     name = "strike" if diagnostics.is_at_probes(history).any() else "closest"
     plotter = pv.Plotter(off_screen=True, window_size=list(SIZE))

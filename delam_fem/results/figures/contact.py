@@ -21,6 +21,7 @@ from delam_fem.results.figures.style import (
     VERMILLION,
     WIDTH,
     finite,
+    label_x,
     legend_above,
     time_axis,
     title,
@@ -71,7 +72,7 @@ def contact_line(history: xr.Dataset, case: Case) -> Figure:
             axes.set_title(f"{names[j]} – {names[j + 1]}", loc="left")
         if axes.get_legend_handles_labels()[0]:
             legend_above(axes)
-    panels[-1].set_xlabel(label)
+    label_x(panels, label)
     figure.suptitle(title(case))
     return figure
 
@@ -154,7 +155,7 @@ def energy_ledger(history: xr.Dataset, case: Case) -> Figure:
         axes.margins(x=0.0)
         if axes.get_legend_handles_labels()[0]:
             legend_above(axes)
-    lower.set_xlabel(label)
+    label_x((upper, lower), label)
     figure.suptitle(f"{title(case)}: energy")
     return figure
 

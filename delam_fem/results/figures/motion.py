@@ -24,6 +24,7 @@ from delam_fem.results.figures.style import (
     PORTRAIT_PERIODS,
     WIDTH,
     finite,
+    label_x,
     lamina_colours,
     legend_above,
     time_axis,
@@ -116,7 +117,7 @@ def spectra(history: xr.Dataset, case: Case) -> Figure:
         axes.set_ylim(top * 10.0**-SPECTRUM_DECADES, 2.0 * top)
     if is_harmonic:
         axes.set_xticks(np.arange(0, SHOWN_HARMONICS + 1, 2))
-    axes.set_xlabel("frequency / frequency of excitation [–]" if is_harmonic else "frequency [Hz]")
+    label_x(panels, "frequency / frequency of excitation [–]" if is_harmonic else "frequency [Hz]")
     figure.suptitle(f"{title(case)}; {n_periods} period{'s' if n_periods != 1 else ''}")
     return figure
 
@@ -143,7 +144,7 @@ def envelope(history: xr.Dataset, case: Case) -> Figure:
         axes.set_ylabel(f"$q_{{{i + 1}}}$ [mm]")
     legend_above(axes)
     axes.margins(x=0.01)
-    axes.set_xlabel(label)
+    label_x(panels, label)
     figure.suptitle(f"{title(case)}: tip displacements within each period")
     return figure
 

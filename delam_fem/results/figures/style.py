@@ -6,7 +6,7 @@ this module does not import matplotlib, so that code which only measures does no
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
@@ -62,6 +62,13 @@ _STYLE: dict[str, object] = {
 def lamina_colours(n: int) -> tuple[str, ...]:
     """Return the colours of n laminae from bottom to top."""
     return tuple(LAMINA_COLOURS[i % len(LAMINA_COLOURS)] for i in range(n))
+
+
+def label_x(panels: Iterable[Axes], text: str) -> None:
+    """Write the label and the numbers of the x axis below each panel, shared or not."""
+    for panel in panels:
+        panel.set_xlabel(text)
+        panel.tick_params(labelbottom=True)
 
 
 def legend_above(axes: Axes) -> None:

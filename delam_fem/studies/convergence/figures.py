@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -23,13 +24,14 @@ from delam_fem.results.figures.style import (
     SKY,
     VERMILLION,
     WIDTH,
+    label_x,
     lamina_colours,
     legend_above,
     styled,
 )
 from delam_fem.studies.convergence.analysis import Convergence
 from delam_fem.studies.convergence.ladder import FREE, LIMIT, Rung
-from delam_fem.studies.convergence.statistics import WORK
+from delam_fem.studies.convergence.statistics import WORK, Statistic
 
 Value = Callable[[Rung], float]
 
@@ -42,6 +44,8 @@ PANELS = 3
 """Largest number of panels side by side."""
 LONG_RANGE = 100.0
 """Ratio of the ends of an axis beyond which only powers of ten have ticks."""
+BARS = 2.0
+"""Half the length of error bars, in standard errors of the mean."""
 FREE_FLOOR = 1e-13
 """Errors without contact below this value are round-off and are not drawn."""
 
@@ -134,16 +138,17 @@ def limit_over_elements(found: Convergence) -> Figure:
     left, right = figure.subplots(1, 2)
     colours = lamina_colours(found.n_laminae)
     for k, q in enumerate(found.extrema):
-        values = [abs(q.factor * found.value(rung, q.name)) for rung in rungs]
         style = "o-" if q.name.startswith("tip_max") else "s--"
-        left.semilogx(n, values, style, color=colours[k // 2], label=f"|{q.symbol}|")
-    left.set(ylabel="rigid limit of the mesh [mm]", ylim=(0.0, None))
+        _with_bars(left, found, rungs, q, fmt=style, color=colours[k // 2], label=f"|{q.symbol}|")
+    left.set(ylabel=f"rigid limit of the mesh [mm], bars: ±{BARS:g} standard errors")
+    left.set_ylim(0.0, None)
     legend_above(left)
-    work = [WORK.factor * found.value(rung, WORK.name) for rung in rungs]
-    right.loglog(n, work, "o-", color=BLACK)
+    _with_bars(right, found, rungs, WORK, fmt="o-", color=BLACK)
+    right.set_yscale("log")
     right.set_ylabel("contact work per period [mJ]")
     _plain_numbers(right.yaxis)
     for axes in (left, right):
+        axes.set_xscale("log")
         _plain(axes, n)
         axes.set_xlabel("elements per lamina")
     figure.suptitle(
@@ -152,12 +157,22 @@ def limit_over_elements(found: Convergence) -> Figure:
     return figure
 
 
+def _with_bars(
+    axes: Axes, found: Convergence, rungs: Sequence[Rung], shown: Statistic, **style: Any
+) -> None:
+    """Draw the size of a statistic over the elements with `BARS` standard errors of its mean."""
+    n = [rung.elements for rung in rungs]
+    values = [abs(shown.factor * found.value(rung, shown.name)) for rung in rungs]
+    errors = [BARS * shown.factor * found.standard_error(rung, shown.name) for rung in rungs]
+    axes.errorbar(n, values, yerr=errors, capsize=4.0, **style)
+
+
 def _panels(found: Convergence, abscissa: Value, ordinate: Value) -> Figure:
     """Draw one line for each method, in one panel for each mesh."""
     meshes = found.ladder.meshes
     columns = min(PANELS, len(meshes))
     rows = math.ceil(len(meshes) / columns)
-    figure = Figure(figsize=(WIDTH, 1.4 + 3.2 * rows), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 1.4 + 3.5 * rows), layout="constrained")
     grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
     for axes in grid[len(meshes) :]:
         axes.remove()
@@ -176,13 +191,11 @@ def _finish(figure: Figure, found: Convergence, xlabel: str, ylabel: str) -> Non
     axes = figure.axes
     columns = min(PANELS, len(axes))
     for k, panel in enumerate(axes):
-        if k + columns >= len(axes):
-            panel.set_xlabel(xlabel)
-            panel.tick_params(labelbottom=True)
         if k % columns == 0:
             panel.set_ylabel(ylabel)
         _plain_numbers(panel.xaxis)
         _plain_numbers(panel.yaxis)
+    label_x(axes, xlabel)
     handles, labels = axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False)
     figure.suptitle(_title(found))

@@ -6,15 +6,28 @@ from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from multiprocessing import get_context
+from typing import TypeAlias
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullLocator
 
 from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
 from delam_fem.model import closed_form
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.results.figures.style import WIDTH
+from delam_fem.results.figures.style import (
+    BLACK,
+    BLUE,
+    GAP_COLOUR,
+    GREEN,
+    ORANGE,
+    PURPLE,
+    SKY,
+    VERMILLION,
+    WIDTH,
+    label_x,
+)
 from delam_fem.studies.convergence.tables import Table, number
 from delam_fem.studies.convergence.trial_runners import LIMIT, RESTITUTION, runners
 
@@ -22,6 +35,12 @@ STEPS = (1000, 4000, 16000)
 LIMIT_STEPS = 256_000
 MEAN_PERIODS = 60
 """Number of last periods over which extremes are averaged."""
+METHOD_COLOURS = (BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY, BLACK)
+PER_PANEL = len(METHOD_COLOURS)
+"""Largest number of methods in one panel of the figure; so no colour is used twice there."""
+
+Errors: TypeAlias = dict[str, dict[int, float]]
+"""Errors [%] by the name of the method and steps per period."""
 
 
 @dataclass(frozen=True)
@@ -68,29 +87,61 @@ def table(found: dict[str, Found], limit: FloatArray) -> Table:
     return Table("", tuple(heading), tuple(rows))
 
 
-def figure(found: dict[str, Found], limit: FloatArray) -> Figure:
-    """Draw the error of every method over steps per period."""
-    result = Figure(figsize=(WIDTH, 5.2), layout="constrained")
-    axes = result.add_subplot(
-        xscale="log",
-        yscale="log",
-        xlabel="steps per period [–]",
-        ylabel="error of the extremes [%]",
-    )
-    colours = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-    for i, (name, one) in enumerate(found.items()):
-        errors = [100.0 * one.error(n, limit) for n in one.extremes]
-        line = ("-", "--", ":")[i // len(colours)]
-        colour, marker = colours[i % len(colours)], "os^v"[i // len(colours)]
-        width = 3.0 if i == 0 else 1.3
-        axes.plot(list(one.extremes), errors, line + marker, color=colour, lw=width, label=name)
-    axes.set_xticks(list(next(iter(found.values())).extremes))
-    axes.xaxis.set_major_formatter(lambda value, _: f"{value:.0f}")
-    axes.minorticks_off()
-    axes.grid(alpha=0.3)
-    result.legend(loc="outside right center", fontsize=7)
-    result.suptitle("3.25 Hz, 20 elements, stiffness damping, e = 0.1", fontsize=10)
+def errors_of(found: dict[str, Found], limit: FloatArray) -> Errors:
+    """Return the error of every method against the limit [%], by name and steps per period."""
+    return {
+        name: {n: 100.0 * one.error(n, limit) for n in one.extremes} for name, one in found.items()
+    }
+
+
+def errors_in(text: str) -> Errors:
+    """Return the errors [%] in the table of the trials of a document, as `table` writes them.
+
+    Raises:
+        ValueError: the text has no such table.
+    """
+    rows = [
+        [cell.strip() for cell in line.strip("| ").split("|")]
+        for line in text.partition("<!-- table trials -->")[2]
+        .partition("<!-- end -->")[0]
+        .split("\n")
+        if line.startswith("|")
+    ]
+    if len(rows) < 3:
+        raise ValueError("no table of trials between <!-- table trials --> and <!-- end -->")
+    steps = {k: int(cell.split()[1]) for k, cell in enumerate(rows[0]) if cell.startswith("error,")}
+    return {row[0]: {n: float(row[k]) for k, n in steps.items()} for row in rows[2:]}
+
+
+def figure(errors: Errors) -> Figure:
+    """Draw the error of every method over steps per period, `PER_PANEL` methods in each panel.
+
+    Each method has its own colour and marker within its panel; all other methods are grey there.
+    """
+    names = list(errors)
+    groups = [names[k : k + PER_PANEL] for k in range(0, len(names), PER_PANEL)]
+    result = Figure(figsize=(WIDTH, 3.4 * len(groups)), layout="constrained")
+    panels = result.subplots(len(groups), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
+    for panel, group in zip(panels, groups, strict=True):
+        for name in names:
+            if name not in group:
+                panel.loglog(*_curve(errors[name]), color=GAP_COLOUR, linewidth=0.8, zorder=1)
+        for name, colour, marker in zip(group, METHOD_COLOURS, "os^vDPX", strict=False):
+            panel.loglog(*_curve(errors[name]), color=colour, marker=marker, label=name)
+        panel.set_ylabel("error of the extremes [%]")
+        panel.set_xticks(list(errors[names[0]]))
+        panel.xaxis.set_major_formatter(lambda value, _: f"{value:.0f}")
+        panel.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+        panel.xaxis.set_minor_locator(NullLocator())
+        panel.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
+    label_x(panels, "steps per period [–]")
+    result.suptitle("3.25 Hz, 20 elements, stiffness damping, e = 0.1; grey: the other panels")
     return result
+
+
+def _curve(by_steps: dict[int, float]) -> tuple[list[int], list[float]]:
+    """Return steps and errors of one method."""
+    return list(by_steps), list(by_steps.values())
 
 
 def measure(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from delam_fem.results.figures.style import (
     SKY,
     VERMILLION,
     WIDTH,
+    label_x,
     legend_above,
 )
 from delam_fem.studies.sweeps.axes import DiagramAxis, axes_of, heading, require, sweep_keys
@@ -57,7 +59,7 @@ def response(data: xr.Dataset) -> Figure:
         panel.set_title(str(name), loc="left")
         panel.set(ylabel=f"half peak-to-peak  $q_{{{i + 1}}}$ [mm]")
     legend_above(panels[0])
-    _finish(figure, panels[-1], data, axis)
+    _finish(figure, panels, data, axis)
     return figure
 
 
@@ -81,7 +83,7 @@ def bifurcation(data: xr.Dataset) -> Figure:
         panel.set_title(str(name), loc="left")
         panel.set(ylabel=f"tip displacement  $q_{{{i + 1}}}$ at t = nT [mm]")
     legend_above(panels[0])
-    _finish(figure, panels[-1], data, axis)
+    _finish(figure, panels, data, axis)
     return figure
 
 
@@ -100,7 +102,7 @@ def lyapunov(data: xr.Dataset) -> Figure:
     _mark_missing(panel, data, axis)
     panel.set(ylabel="largest Lyapunov exponent [1/s]")
     legend_above(panel)
-    _finish(figure, panel, data, axis)
+    _finish(figure, [panel], data, axis)
     return figure
 
 
@@ -165,8 +167,10 @@ def _mark_missing(panel: Axes, data: xr.Dataset, axis: DiagramAxis) -> None:
         )  # fmt: skip
 
 
-def _finish(figure: Figure, panel: Axes, data: xr.Dataset, axis: DiagramAxis) -> None:
-    """Label the shared axis and write the title of the figure."""
-    panel.set(xlabel=axis.label, xscale="log" if axis.is_logarithmic else "linear")
-    panel.margins(x=0.01)
+def _finish(figure: Figure, panels: Iterable[Axes], data: xr.Dataset, axis: DiagramAxis) -> None:
+    """Label the axis of all panels and write the title of the figure."""
+    for panel in panels:
+        panel.set(xscale="log" if axis.is_logarithmic else "linear")
+        panel.margins(x=0.01)
+    label_x(panels, axis.label)
     figure.suptitle(heading(data))

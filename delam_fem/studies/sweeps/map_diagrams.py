@@ -36,7 +36,7 @@ KIND_COLOURS = (SKY, ORANGE, GREEN, "#bbbbbb", BLACK, "#ffffff")
 """Colours of the kinds of motion, in the order of `KINDS`."""
 ATTRACTOR_COLOURS = (BLUE, ORANGE, GREEN, SKY, VERMILLION, YELLOW, PURPLE)
 """Colours of the attractors, the most frequent first; all further attractors share a grey."""
-OTHERS, NONE = "#999999", "#ffffff"
+OTHERS, ISOLATED, NONE = "#999999", "#dddddd", "#ffffff"
 MOST_LABELS = 900
 """Largest number of cells up to which the periodicity is written into them."""
 DIVERGING = "PuOr_r"
@@ -87,34 +87,44 @@ def basins(data: xr.Dataset) -> Figure:
     require(data, "strobe_displacement", "record.strobes = 40")
     names = ("periodicity", "tip_min", "tip_max", "strobe_displacement")
     found = at.attractors(*(_values(data, name, x, y) for name in names))
-    n = len(found.share)
-    colours = [ATTRACTOR_COLOURS[k] if k < len(ATTRACTOR_COLOURS) else OTHERS for k in range(n)]
+    isolated = at.is_isolated(found.number)
+    kept = np.setdiff1d(found.number[~isolated], [-1])
+    number = np.where(isolated, kept.size, np.searchsorted(kept, found.number))
+    number[found.number < 0] = kept.size + 1
+    colours = [ATTRACTOR_COLOURS[k] if k < len(ATTRACTOR_COLOURS) else OTHERS for k in kept]
     figure = Figure(figsize=(WIDTH, 6.6), layout="constrained")
     panel = figure.subplots()
     panel.grid(False)
-    _cells(panel, x, y, np.where(found.number < 0, n, found.number), (*colours, NONE))
-    shown = min(n, len(ATTRACTOR_COLOURS))
-    labels = []
-    for P, amplitudes, share in zip(
-        found.periodicity[:shown], 1e3 * found.amplitude, found.share, strict=False
+    _cells(panel, x, y, number, (*colours, ISOLATED, NONE))
+    shown = min(kept.size, len(ATTRACTOR_COLOURS))
+    labels = [_attractor(found, k) for k in kept[:shown].tolist()]
+    colours = colours[:shown]
+    for colour, text, share in (
+        (OTHERS, f"{kept.size - shown} others", found.share[kept[shown:]].sum()),
+        (ISOLATED, "isolated cells: not decided", isolated.mean()),
+        (NONE, "not completed", (found.number < 0).mean()),
     ):
-        period = f"period {P:.0f}" if np.isfinite(P) else "not periodic"
-        sizes = " / ".join(f"{amplitude:.1f}" for amplitude in amplitudes)
-        labels.append(f"{period}, {sizes} mm ({_percent(float(share))})")
-    if n > shown:
-        labels.append(f"{n - shown} others ({_percent(float(found.share[shown:].sum()))})")
-    if (found.number < 0).any():
-        labels.append(f"not completed ({_percent(float((found.number < 0).mean()))})")
-        colours = [*colours[: shown + (n > shown)], NONE]
-    _legend(panel, colours[: len(labels)], labels)
+        if share > 0.0:
+            labels.append(f"{text} ({_percent(float(share))})")
+            colours.append(colour)
+    _legend(panel, colours, labels)
     _finish(figure, panel, (x, y), data)
     laminae = " / ".join(str(name) for name in data["lamina"].to_numpy())
     figure.supxlabel(
         f"attractors by period and half peak-to-peak tip displacement ({laminae}); one attractor: "
-        f"extremes and strobes differ by at most {100 * at.SAME_ATTRACTOR:g} % of the amplitude",
+        f"extremes and strobes differ by at most {100 * at.SAME_ATTRACTOR:g} % of the amplitude,\n"
+        "and two neighbouring cells share it",
         fontsize=8.0, color="#555555",
     )  # fmt: skip
     return figure
+
+
+def _attractor(found: at.Attractors, k: int) -> str:
+    """Return period, amplitudes and share of an attractor in words."""
+    P = found.periodicity[k]
+    period = f"period {P:.0f}" if np.isfinite(P) else "not periodic"
+    sizes = " / ".join(f"{amplitude:.1f}" for amplitude in 1e3 * found.amplitude[k])
+    return f"{period}, {sizes} mm ({_percent(float(found.share[k]))})"
 
 
 def lyapunov_map(data: xr.Dataset) -> Figure:

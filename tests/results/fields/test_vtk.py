@@ -118,6 +118,20 @@ def test_the_picture_is_taken_before_the_strongest_strike() -> None:
     )
 
 
+def test_the_colours_reach_the_speeds_of_the_strikes() -> None:
+    case = small_case()
+    history = synthetic_history(case)
+    frames = [0, 1]
+    slow = float(np.abs(history["velocity"].to_numpy()[:, frames]).max())
+    strike = 2.0 * float(np.abs(history["velocity"]).max())
+    history["tip_velocity"] = history["tip_velocity"].copy()
+    history["tip_velocity"].to_numpy()[1, 7] = -strike
+    assert snapshots.largest_speed(history, frames) == strike > slow
+    history["tip_velocity"].to_numpy()[:] = 0.0
+    history["tip_velocity"].to_numpy()[0, 3] = np.nan
+    assert snapshots.largest_speed(history, frames) == slow
+
+
 def test_without_strikes_the_picture_is_of_the_smallest_gap() -> None:
     case = small_case()
     history = synthetic_history(case).isel(event=slice(0, 0))

@@ -26,8 +26,31 @@ def test_trials_in_a_short_form(monkeypatch: pytest.MonkeyPatch) -> None:
     assert limit[:, 0] == pytest.approx([-0.020, 0.015], abs=0.002)
     errors = {name: one.error(500, limit) for name, one in found.items()}
     assert errors["recovery@moreau-jean"] < 0.5 * errors["newton@moreau-jean"]
-    figure = trials.figure(found, limit)
+    figure = trials.figure(trials.errors_of(found, limit))
     assert len(figure.axes[0].lines) == 2
+
+
+def test_no_two_methods_of_a_panel_share_a_colour() -> None:
+    errors = {f"way {k}": {1000: 1.0 + k, 4000: 1.0} for k in range(20)}
+    figure = trials.figure(errors)
+    named = [
+        [line for line in panel.lines if not line.get_label().startswith("_")]
+        for panel in figure.axes
+    ]
+    assert [line.get_label() for panel in named for line in panel] == list(errors)
+    for panel, lines in zip(figure.axes, named, strict=True):
+        assert len({line.get_color() for line in lines}) == len(lines)
+        assert len(panel.lines) == 20 and panel.get_xlabel()
+
+
+def test_the_figure_is_redrawn_from_the_table() -> None:
+    limit = np.array([[-0.02, 0.0], [0.02, 0.03]])
+    found = {"way": trials.Found({1000: 1.1 * limit, 4000: 1.05 * limit})}
+    body = trials.table(found, limit).markdown()
+    text = f"before\n<!-- table trials -->\n{body}\n<!-- end -->\n| after | 1 |"
+    assert trials.errors_in(text) == {"way": {1000: 20.0, 4000: 10.0}}
+    with pytest.raises(ValueError, match="no table of trials"):
+        trials.errors_in("nothing")
 
 
 def test_the_script_writes_table_and_figure(

@@ -156,6 +156,19 @@ def test_basins_name_the_attractors() -> None:
     assert labels[-1] == "not completed (17 %)"
 
 
+def test_a_cell_amid_others_is_no_attractor() -> None:
+    number = np.zeros((4, 5), dtype=np.int64)
+    number[:2, 3:], number[3, 0], number[2, 2], number[3, 4] = 1, 2, -1, 2
+    assert np.argwhere(at.is_isolated(number)).tolist() == [[3, 0], [3, 4]]
+    assert not at.is_isolated(np.array([[0, 0], [1, 1]])).any()
+    data = plane().isel(penalty_stiffness=[0, 1, 1])
+    data["tip_max"][0, 0] = 0.04
+    figure = diagram("basins", data)
+    labels = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
+    assert labels[-1] == "isolated cells: not decided (17 %)"
+    assert len(labels) == 3, labels
+
+
 REFUSED: list[tuple[DiagramName, xr.Dataset, str]] = [
     ("plane", lines(), "expected a sweep over 2 axes, given frequency"),
     ("response", plane(), "expected a sweep over 1 axis, given restitution, penalty_stiffness"),
