@@ -284,7 +284,8 @@ WITH_CONTACT = Piece(
     "Both laminae in contact (method 3.2): stepped sine, each frequency going on from the one "
     "before, and 30-minute swept sines without the transient of their first minute. Grey: up "
     f"and down differ by more than {100 * DIFFERS:g} %. White dots: the four "
-    "excitations of the text, from rest. The paper's curves are not available; compared is what its text says of them.",
+    "excitations of the text, from rest. The paper's curves are not available; compared is what "
+    "its text says of them.",
     measure,
     draw,
     judge,
