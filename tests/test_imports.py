@@ -274,7 +274,9 @@ def test_third_party_imports_are_declared() -> None:
 def text_files(folder: Path) -> Iterator[Path]:
     """Yield the project's own text files below a folder."""
     for path in sorted(folder.iterdir()):
-        if path.is_dir() and not NOT_OURS.fullmatch(path.name):
+        if NOT_OURS.fullmatch(path.name):
+            continue
+        if path.is_dir():
             yield from text_files(path)
         elif path.is_file() and path.suffix in TEXT_FILES:
             yield path
