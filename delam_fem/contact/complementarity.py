@@ -11,9 +11,9 @@ of several solutions, but H^T p is unique.
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
+from delam_fem.caches.kernels import njit
 from delam_fem.numerics.arrays import FloatArray
 
 TOLERANCE = 1e-13
@@ -23,7 +23,7 @@ UNSOLVABLE = 1e-4
 """A residual above this number times the largest |q| is an error; nearly equal pairs reach 1e-6."""
 
 
-@numba.njit(cache=True)
+@njit
 def _solve_active(W, q, active, n_active, out):  # type: ignore[no-untyped-def]
     """Solve W_AA s = -q_A by Cholesky; return False if W_AA is singular to round-off."""
     factor = np.empty((n_active, n_active))
@@ -51,7 +51,7 @@ def _solve_active(W, q, active, n_active, out):  # type: ignore[no-untyped-def]
     return True
 
 
-@numba.njit(cache=True)
+@njit
 def _solve_all(W, q, p):  # type: ignore[no-untyped-def]
     """Solve with all pairs active, the usual case; return whether no impulse is negative."""
     n = q.size
@@ -63,7 +63,7 @@ def _solve_all(W, q, p):  # type: ignore[no-untyped-def]
     return True
 
 
-@numba.njit(cache=True, forceinline=True)
+@njit(forceinline=True)
 def _most_violated(W, q, p, active, n_active, is_barred, limit):  # type: ignore[no-untyped-def]
     """Return the inactive pair with the smallest residual below -limit, or -1."""
     best, chosen = -limit, -1
@@ -77,7 +77,7 @@ def _most_violated(W, q, p, active, n_active, is_barred, limit):  # type: ignore
     return chosen
 
 
-@numba.njit(cache=True, forceinline=True)
+@njit(forceinline=True)
 def _feasible_step(p, trial, active, n_active):  # type: ignore[no-untyped-def]
     """Return the largest fraction of the way from p to trial that keeps all impulses >= 0."""
     step = 1.0
@@ -88,7 +88,7 @@ def _feasible_step(p, trial, active, n_active):  # type: ignore[no-untyped-def]
     return step
 
 
-@numba.njit(cache=True, forceinline=True)
+@njit(forceinline=True)
 def _drop_pulled(p, trial, active, n_active):  # type: ignore[no-untyped-def]
     """Remove the pairs whose impulse fell to zero; return how many pairs stay active."""
     kept = 0
@@ -101,7 +101,7 @@ def _drop_pulled(p, trial, active, n_active):  # type: ignore[no-untyped-def]
     return kept
 
 
-@numba.njit(cache=True)
+@njit
 def _active_set(W, q, p, limit):  # type: ignore[no-untyped-def]
     """Run Lawson and Hanson's iteration; return the number of solves, negative on failure."""
     n = q.size
@@ -132,7 +132,7 @@ def _active_set(W, q, p, limit):  # type: ignore[no-untyped-def]
     return -solves
 
 
-@numba.njit(cache=True)
+@njit
 def solve_into(W, q, p):  # type: ignore[no-untyped-def]
     """Write the solution into p; return whether one was found (called from compiled code)."""
     if q.size == 1:

@@ -19,6 +19,8 @@ import llvmlite.binding
 import numpy as np
 import numpy.typing as npt
 
+from delam_fem.caches import forms
+from delam_fem.caches.folders import ensure_home
 from delam_fem.numerics.arrays import FloatArray, IntArray
 
 
@@ -36,28 +38,34 @@ def _symbols_stay_local() -> Iterator[None]:
             setattr(owner, name, original)
 
 
+ensure_home()  # dolfinx asks for it when it is imported
 with _symbols_stay_local():
     import dolfinx
     import dolfinx.fem.petsc
     import dolfinx.io
     import dolfinx.mesh
 
+import ffcx.codegeneration.jit  # noqa: E402
 import ufl  # noqa: E402  (after dolfinx, which brings it)
 from mpi4py import MPI  # noqa: E402
 
+forms.protect(ffcx.codegeneration.jit)
 version: str = dolfinx.__version__
 has_adios2: bool = dolfinx.common.has_adios2
 
 
+def _is_warning(record: logging.LogRecord) -> bool:
+    return record.levelno >= logging.WARNING
+
+
 @contextmanager
 def _compiling_in_silence() -> Iterator[None]:
-    """Silence setuptools, which ffcx uses to compile and which logs each of its commands."""
-    before = logging.root.manager.disable
-    logging.disable(logging.INFO)
+    """Silence setuptools, which ffcx compiles with; it writes each command to the root logger."""
+    logging.root.addFilter(_is_warning)
     try:
         yield
     finally:
-        logging.disable(before)
+        logging.root.removeFilter(_is_warning)
 
 
 @_compiling_in_silence()

@@ -19,8 +19,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 
-import numba
-
+from delam_fem.caches.kernels import njit
 from delam_fem.model.operators import BaseCoupling
 from delam_fem.numerics.arrays import FloatArray
 
@@ -106,7 +105,7 @@ def base_flows(
     return work, 2.0 * cross_damping + corner_damping
 
 
-@numba.njit(cache=True)
+@njit
 def _sums(seen, base):  # type: ignore[no-untyped-def]
     """Return four sums over steps: Δ(m·u) mean(q''), Δ(c·u) mean(q'), mean(k·u) Δq, mean(q')²."""
     by_mass = by_damping = by_stiffness = square = 0.0

@@ -10,10 +10,10 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import Protocol
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
+from delam_fem.caches.kernels import njit
 from delam_fem.contact.decision import Decision
 from delam_fem.model.operators import BaseCoupling
 from delam_fem.numerics.arrays import BoolArray, FloatArray, IntArray
@@ -236,7 +236,7 @@ def _level(stepper: Stepper) -> Level:
     return stepper.energies(), stepper.dissipated, stepper.contact_damped
 
 
-@numba.njit(cache=True)
+@njit
 def _extremes(u, n_rows, envelope):  # type: ignore[no-untyped-def]
     """Write the extremes of each probe into `envelope`; return the largest magnitude.
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
+from delam_fem.caches.kernels import njit
 from delam_fem.engines.compiled import banded
 from delam_fem.engines.compiled import lane_kernels as lk
 from delam_fem.engines.compiled.banded import row_product
@@ -12,7 +12,7 @@ from delam_fem.engines.compiled.lane_kernels import R, Z
 from delam_fem.engines.compiled.state import MOREAU
 
 
-@numba.njit(cache=True)
+@njit
 def solve_step(system, X):  # type: ignore[no-untyped-def]
     """Solve A z = r for the fields R and Z of X."""
     if system.is_chained:
@@ -21,7 +21,7 @@ def solve_step(system, X):  # type: ignore[no-untyped-def]
         banded.substitute(X, system.size, system.band, R, Z)
 
 
-@numba.njit(cache=True)
+@njit
 def solve_mass(system, X):  # type: ignore[no-untyped-def]
     """Solve M z = r for the fields R and Z of X."""
     if system.is_chained:
@@ -30,14 +30,14 @@ def solve_mass(system, X):  # type: ignore[no-untyped-def]
         banded.substitute(X, system.size, system.mass_band, R, Z)
 
 
-@numba.njit(cache=True)
+@njit
 def clear(X, size, field):  # type: ignore[no-untyped-def]
     """Set a field of X to 0."""
     for i in range(field * size, (field + 1) * size):
         X[i] = 0.0
 
 
-@numba.njit(cache=True)
+@njit
 def spread_one(system, X, pair, value):  # type: ignore[no-untyped-def]
     """Add Hᵀ λ to the field r, where λ has a value on one pair only."""
     H, shift = system.gap_rows, R * system.size
@@ -45,7 +45,7 @@ def spread_one(system, X, pair, value):  # type: ignore[no-untyped-def]
         X[shift + H.column[entry]] += value * H.value[entry]
 
 
-@numba.njit(cache=True)
+@njit
 def spread(system, X, pairs, values, n, sign):  # type: ignore[no-untyped-def]
     """Write sign Hᵀ λ into the field r, where λ has values on n pairs."""
     clear(X, system.size, R)
@@ -53,7 +53,7 @@ def spread(system, X, pairs, values, n, sign):  # type: ignore[no-untyped-def]
         spread_one(system, X, pairs[k], sign * values[k])
 
 
-@numba.njit(cache=True)
+@njit
 def measure(system, X, ahead, gap, rate):  # type: ignore[no-untyped-def]
     """Write the gaps at the displacements u + ahead v, and the gap rates, of all pairs."""
     for k in range(system.n_pairs):
@@ -61,7 +61,7 @@ def measure(system, X, ahead, gap, rate):  # type: ignore[no-untyped-def]
         gap[k] = system.gap0[k] + row_product(system.gap_rows, k, X, 0) + ahead * rate[k]
 
 
-@numba.njit(cache=True)
+@njit
 def compliance_block(system, law, memory, n):  # type: ignore[no-untyped-def]
     """Return W = H B⁻¹ Hᵀ of the n hit pairs, with B = A for the θ-scheme and M otherwise."""
     X, W, hit, n_pairs = memory.X, memory.compliance, memory.hit, system.n_pairs

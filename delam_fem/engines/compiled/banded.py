@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
+from delam_fem.caches.kernels import njit
 from delam_fem.numerics.arrays import FloatArray, IntArray
 
 
@@ -80,7 +80,7 @@ def factorise(matrix: sp.spmatrix) -> Band:
     return Band(width, value)
 
 
-@numba.njit(cache=True)
+@njit
 def _factorise(value, width):  # type: ignore[no-untyped-def]
     """Replace a band by its factors; return the row of a zero pivot, or -1."""
     n = value.shape[0]
@@ -96,7 +96,7 @@ def _factorise(value, width):  # type: ignore[no-untyped-def]
     return -1
 
 
-@numba.njit(cache=True)
+@njit
 def substitute(X, size, band, right, out):  # type: ignore[no-untyped-def]
     """Solve A x = r; `right` and `out` are the numbers of the fields r and x of X."""
     r, x, width, value = right * size, out * size, band.width, band.value
@@ -113,7 +113,7 @@ def substitute(X, size, band, right, out):  # type: ignore[no-untyped-def]
         X[x + i] = total / value[i * row + width]
 
 
-@numba.njit(cache=True)
+@njit
 def row_product(matrix, row, X, shift):  # type: ignore[no-untyped-def]
     """Return the entry `row` of A x, where x is the field of X that begins at `shift`."""
     result = 0.0
@@ -122,7 +122,7 @@ def row_product(matrix, row, X, shift):  # type: ignore[no-untyped-def]
     return result
 
 
-@numba.njit(cache=True)
+@njit
 def form(matrix, n, X, shift):  # type: ignore[no-untyped-def]
     """Return xᵀ A x, where x is the field of X with n numbers that begins at `shift`."""
     result = 0.0

@@ -6,9 +6,9 @@ same order. Only few steps have contact, so the code is scalar and runs over spa
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
+from delam_fem.caches.kernels import njit
 from delam_fem.contact import complementarity
 from delam_fem.engines.compiled import lane_kernels as lk
 from delam_fem.engines.compiled.algebra import compliance_block, solve_mass, solve_step, spread
@@ -33,7 +33,7 @@ ROUND_OFF = 1e-12
 """A shortfall of a gap rate below this fraction of the largest shortfall is round-off."""
 
 
-@numba.njit(cache=True)
+@njit
 def _note(memory, log, step, n, energy):  # type: ignore[no-untyped-def]
     """Write an impact of n pairs into the event buffers."""
     memory.totals[IMPACT] += energy
@@ -46,7 +46,7 @@ def _note(memory, log, step, n, energy):  # type: ignore[no-untyped-def]
     memory.counts[N_HITS] = first + n
 
 
-@numba.njit(cache=True)
+@njit
 def _coupled_impulses(system, law, memory, n, q):  # type: ignore[no-untyped-def]
     """Solve 0 <= p ⊥ W p + q >= 0 on the n hit pairs; store p and W p."""
     W = compliance_block(system, law, memory, n)
@@ -65,7 +65,7 @@ def _coupled_impulses(system, law, memory, n, q):  # type: ignore[no-untyped-def
     return DONE
 
 
-@numba.njit(cache=True)
+@njit
 def _separate_impulses(system, law, memory, n):  # type: ignore[no-untyped-def]
     """Compute impulse and gap rate after of each hit pair as if it were alone (paper eq. 14)."""
     H = system.gap_rows
@@ -78,7 +78,7 @@ def _separate_impulses(system, law, memory, n):  # type: ignore[no-untyped-def]
         memory.rate_post[j] = -law.restitution * rate
 
 
-@numba.njit(cache=True)
+@njit
 def _apply_impulses(system, law, memory, n):  # type: ignore[no-untyped-def]
     """Change the velocities by the impulses; return the change of kinetic energy [J]."""
     X, size = memory.X, system.size
@@ -99,7 +99,7 @@ def _apply_impulses(system, law, memory, n):  # type: ignore[no-untyped-def]
     return energy
 
 
-@numba.njit(cache=True)
+@njit
 def examine_impacts(system, law, memory, log, step):  # type: ignore[no-untyped-def]
     """Release open springs, hit closed approaching pairs, rest slow pairs (newton.Impacts)."""
     X, resting = memory.X, memory.resting
@@ -144,7 +144,7 @@ def examine_impacts(system, law, memory, log, step):  # type: ignore[no-untyped-
     return DONE
 
 
-@numba.njit(cache=True)
+@njit
 def examine_penalty(system, law, memory):  # type: ignore[no-untyped-def]
     """Put springs on exactly the closed pairs (penalty.PenaltySprings)."""
     is_same = True
@@ -162,7 +162,7 @@ def examine_penalty(system, law, memory):  # type: ignore[no-untyped-def]
         renew_acceleration(system, law, memory)
 
 
-@numba.njit(cache=True)
+@njit
 def _push_within_step(system, law, memory, log, step, n):  # type: ignore[no-untyped-def]
     """Add the impulses of n pairs to a θ-step; a pair with a zero impulse does not count as hit."""
     X, size = memory.X, system.size
@@ -190,7 +190,7 @@ def _push_within_step(system, law, memory, log, step, n):  # type: ignore[no-unt
     _note(memory, log, step, n_pushed, energy)
 
 
-@numba.njit(cache=True)
+@njit
 def examine_moreau(system, law, memory, log, step):  # type: ignore[no-untyped-def]
     """Add the impulses of the pairs whose predicted gap is closed (moreau.StepImpacts).
 
@@ -214,7 +214,7 @@ def examine_moreau(system, law, memory, log, step):  # type: ignore[no-untyped-d
     return status
 
 
-@numba.njit(cache=True)
+@njit
 def _lacking(system, law, memory):  # type: ignore[no-untyped-def]
     """Write the gap rates minus their floors (impulses.recovery_floor); return the smallest.
 
@@ -236,7 +236,7 @@ def _lacking(system, law, memory):  # type: ignore[no-untyped-def]
     return smallest
 
 
-@numba.njit(cache=True)
+@njit
 def _join(system, memory, n, tolerance):  # type: ignore[no-untyped-def]
     """Add pairs that n impulses push below their floor to the hit pairs; return the new n."""
     lacking, n_pairs, total, j = memory.direction, system.n_pairs, 0, 0
@@ -261,7 +261,7 @@ def _join(system, memory, n, tolerance):  # type: ignore[no-untyped-def]
     return total
 
 
-@numba.njit(cache=True)
+@njit
 def examine_recovery(system, law, memory, log, step):  # type: ignore[no-untyped-def]
     """Hold every gap rate at or above its floor (recovery.Recovery)."""
     tolerance = -ROUND_OFF * _lacking(system, law, memory)
@@ -285,7 +285,7 @@ def examine_recovery(system, law, memory, log, step):  # type: ignore[no-untyped
     return DONE
 
 
-@numba.njit(cache=True)
+@njit
 def examine(system, law, memory, log, step):  # type: ignore[no-untyped-def]
     """Apply the law at the end of a step; return DONE, NOT_FINITE or UNSOLVED."""
     if law.kind == IMPACTS:

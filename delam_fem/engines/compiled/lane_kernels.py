@@ -20,9 +20,9 @@ accelerations; they follow from the equation of motion.
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
+from delam_fem.caches.kernels import njit
 from delam_fem.engines.compiled.simd import (
     fma,
     lane,
@@ -44,13 +44,13 @@ ROW = 8
 """Numbers in a row: two components times four lanes."""
 
 
-@numba.njit(cache=True, forceinline=True)
+@njit(forceinline=True)
 def total(a):  # type: ignore[no-untyped-def]
     """Return the sum of the lanes."""
     return (lane(a, 0) + lane(a, 1)) + (lane(a, 2) + lane(a, 3))
 
 
-@numba.njit(cache=True, forceinline=True)
+@njit(forceinline=True)
 def _forth(solution, t, right, before):  # type: ignore[no-untyped-def]
     """Return y_j = r_j - L_j y_{j-1}, the forward substitution of one row."""
     (r0, r1), (y0, y1) = right, before
@@ -59,7 +59,7 @@ def _forth(solution, t, right, before):  # type: ignore[no-untyped-def]
     return fma(load(solution, t + 4), y1, r0), fma(load(solution, t + 12), y1, r1)
 
 
-@numba.njit(cache=True, forceinline=True)
+@njit(forceinline=True)
 def _back(solution, t, own, after):  # type: ignore[no-untyped-def]
     """Return x_j = D_j⁻¹ y_j - U_j x_{j+1}, the backward substitution of one row."""
     (y0, y1), (x0_next, x1_next) = own, after
@@ -70,7 +70,7 @@ def _back(solution, t, own, after):  # type: ignore[no-untyped-def]
     return fma(load(solution, t + 36), x1_next, x0), fma(load(solution, t + 44), x1_next, x1)
 
 
-@numba.njit(cache=True, forceinline=True)
+@njit(forceinline=True)
 def _flow(form, q, own, after):  # type: ignore[no-untyped-def]
     """Return one row's part of half of C z; the products of z with all parts sum up to zᵀ C z."""
     (z0, z1), (z0_next, z1_next) = own, after
@@ -81,7 +81,7 @@ def _flow(form, q, own, after):  # type: ignore[no-untyped-def]
     return fma(load(form, q + 16), z1_next, flow0), fma(load(form, q + 24), z1_next, flow1)
 
 
-@numba.njit(cache=True, forceinline=True)
+@njit(forceinline=True)
 def eliminate_diagonal(X, size, c, load_tape, solution, force0, force1):  # type: ignore[no-untyped-def]
     """Substitute from the ends to the middle with r = Δt f + B w for a diagonal B.
 
@@ -102,7 +102,7 @@ def eliminate_diagonal(X, size, c, load_tape, solution, force0, force1):  # type
         store(X, y + i + 4, y1)
 
 
-@numba.njit(cache=True, forceinline=True)
+@njit(forceinline=True)
 def eliminate_chained(X, size, c, load_tape, solution, force0, force1):  # type: ignore[no-untyped-def]
     """Substitute from the ends to the middle with r = Δt f + B w for a block tridiagonal B.
 
@@ -137,7 +137,7 @@ def eliminate_chained(X, size, c, load_tape, solution, force0, force1):  # type:
         before0, before1, w0, w1, r0, r1 = w0, w1, next0, next1, zero, zero
 
 
-@numba.njit(cache=True, forceinline=True)
+@njit(forceinline=True)
 def finish(X, size, c, solution, form, rest, held, ahead, keeps):  # type: ignore[no-untyped-def]
     """Substitute back from the middle to the ends, complete the step (L1, L2), and measure it.
 
@@ -178,7 +178,7 @@ def finish(X, size, c, solution, form, rest, held, ahead, keeps):  # type: ignor
     return total(loss0 + loss1), _smallest(gap)
 
 
-@numba.njit(cache=True, forceinline=True)
+@njit(forceinline=True)
 def step(system, X, base_state, ahead, keeps):  # type: ignore[no-untyped-def]
     """Compute a candidate state; return zᵀ C z and the smallest gap.
 
@@ -200,7 +200,7 @@ def step(system, X, base_state, ahead, keeps):  # type: ignore[no-untyped-def]
     return finish(X, size, c, system.solution, system.form, system.rest, held, ahead, keeps)
 
 
-@numba.njit(cache=True, forceinline=True)
+@njit(forceinline=True)
 def base_rows(system, X, out, first):  # type: ignore[no-untyped-def]
     """Write m_b·u, c_b·u, k_b·u to out[first:]; only the first row of u contributes."""
     u0, u1, base, size = load(X, 0), load(X, 4), system.base, system.size
@@ -209,14 +209,14 @@ def base_rows(system, X, out, first):  # type: ignore[no-untyped-def]
         out[first + j] = total(terms)
 
 
-@numba.njit(cache=True, forceinline=True)
+@njit(forceinline=True)
 def _smallest(gap):  # type: ignore[no-untyped-def]
     """Return the smallest number of the four lanes."""
     gap = smaller(gap, swap_neighbours(gap))
     return lane(smaller(gap, swap_halves(gap)), 0)
 
 
-@numba.njit(cache=True)
+@njit
 def loss(X, size, form):  # type: ignore[no-untyped-def]
     """Return pᵀ C p, where p is the field P."""
     first, last = P * size, size - 8
@@ -232,7 +232,7 @@ def loss(X, size, form):  # type: ignore[no-untyped-def]
     return total(loss0 + loss1)
 
 
-@numba.njit(cache=True, forceinline=True)
+@njit(forceinline=True)
 def smallest_gap(X, size, rest, ahead):  # type: ignore[no-untyped-def]
     """Return the smallest gap at the displacements u + ahead v."""
     gap, time = splat(np.inf), splat(ahead)
@@ -242,7 +242,7 @@ def smallest_gap(X, size, rest, ahead):  # type: ignore[no-untyped-def]
     return _smallest(gap)
 
 
-@numba.njit(cache=True)
+@njit
 def substitute(X, size, solution, right, out):  # type: ignore[no-untyped-def]
     """Solve A x = r; `right` and `out` are the numbers of the fields r and x of X."""
     r, x = right * size, out * size

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
+from delam_fem.caches.kernels import njit
 from delam_fem.engines.compiled import banded
 from delam_fem.engines.compiled import contact as contact
 from delam_fem.engines.compiled import lane_kernels as lk
@@ -35,7 +35,7 @@ OPEN, HIT, RESTING = (np.int8(k) for k in range(3))
 """Contact states of a pair in a frame; see simulation/recorder.py."""
 
 
-@numba.njit(cache=True)
+@njit
 def _advance_banded(system, memory, base_state):  # type: ignore[no-untyped-def]
     """Compute the candidate state in band order; return zᵀ C z and the smallest gap."""
     X, size, column, scheme = memory.X, system.size, system.base, system.scheme
@@ -60,7 +60,7 @@ def _advance_banded(system, memory, base_state):  # type: ignore[no-untyped-def]
     return _loss(system, X), _smallest_gap(system, X, 0.0)
 
 
-@numba.njit(cache=True)
+@njit
 def _loss(system, X):  # type: ignore[no-untyped-def]
     """Return zᵀ C z, where z is the field P."""
     if system.is_chained:
@@ -68,7 +68,7 @@ def _loss(system, X):  # type: ignore[no-untyped-def]
     return banded.form(system.damping, system.size, X, lk.P * system.size)
 
 
-@numba.njit(cache=True)
+@njit
 def _smallest_gap(system, X, ahead):  # type: ignore[no-untyped-def]
     """Return the smallest gap at the displacements u + ahead v."""
     if system.is_chained:
@@ -82,7 +82,7 @@ def _smallest_gap(system, X, ahead):  # type: ignore[no-untyped-def]
     return smallest
 
 
-@numba.njit(cache=True)
+@njit
 def _anticipated_gap(system, X):  # type: ignore[no-untyped-def]
     """Return the smallest U + Δt U̇⁺, where U is the gap at the start of the step."""
     smallest, scheme = np.inf, system.scheme
@@ -94,7 +94,7 @@ def _anticipated_gap(system, X):  # type: ignore[no-untyped-def]
     return smallest
 
 
-@numba.njit(cache=True, forceinline=True)
+@njit(forceinline=True)
 def _look_ahead(system, law, memory):  # type: ignore[no-untyped-def]
     """Return the smallest predicted gap (theta.py, J2); store gaps and rates if one is closed.
 
@@ -113,7 +113,7 @@ def _look_ahead(system, law, memory):  # type: ignore[no-untyped-def]
     return smallest
 
 
-@numba.njit(cache=True, forceinline=True)
+@njit(forceinline=True)
 def _mix_base(system, base, states, step):  # type: ignore[no-untyped-def]
     """Return the base state at θ within a step, and store the base state at its end."""
     after, k = system.scheme.theta, 3 * step
@@ -125,7 +125,7 @@ def _mix_base(system, base, states, step):  # type: ignore[no-untyped-def]
     return q, dq, ddq
 
 
-@numba.njit(cache=True, forceinline=True)
+@njit(forceinline=True)
 def _observe(system, X, u, v, row):  # type: ignore[no-untyped-def]
     """Write the recorded quantities into row `row` of u and v.
 
@@ -148,7 +148,7 @@ def _observe(system, X, u, v, row):  # type: ignore[no-untyped-def]
             v[first_v + k] = row_product(system.probe_rows, k, X, system.size)
 
 
-@numba.njit(cache=True)
+@njit
 def _glide(system, law, memory, log, steps, touch):  # type: ignore[no-untyped-def]
     """Compute steps in lane order while all gaps are larger than `touch`, without springs.
 
@@ -172,7 +172,7 @@ def _glide(system, law, memory, log, steps, touch):  # type: ignore[no-untyped-d
     return last + 1, 0.0, np.inf
 
 
-@numba.njit(cache=True)
+@njit
 def _advance(system, law, memory, log, step):  # type: ignore[no-untyped-def]
     """Compute one candidate, with springs if any; return zᵀ C z and the smallest gap."""
     X, predicted = memory.X, _look_ahead(system, law, memory)
@@ -189,7 +189,7 @@ def _advance(system, law, memory, log, step):  # type: ignore[no-untyped-def]
     return flow, predicted if law.kind == MOREAU else smallest
 
 
-@numba.njit(cache=True)
+@njit
 def _keep_frame(system, memory, log, step):  # type: ignore[no-untyped-def]
     """Store the whole state of a step and the contact state of each pair."""
     n, size = memory.counts[N_FRAMES], system.size
@@ -207,7 +207,7 @@ def _keep_frame(system, memory, log, step):  # type: ignore[no-untyped-def]
     memory.counts[N_FRAMES] = n + 1
 
 
-@numba.njit(cache=True)
+@njit
 def _contact(system, law, memory, log, step, flow):  # type: ignore[no-untyped-def]
     """Account for the damping of a candidate and apply the law; return the result of the law."""
     if law.kind < MOREAU:
@@ -218,7 +218,7 @@ def _contact(system, law, memory, log, step, flow):  # type: ignore[no-untyped-d
     return status
 
 
-@numba.njit(cache=True)
+@njit
 def _run_steps(system, law, memory, log, first, floor):  # type: ignore[no-untyped-def]
     """Compute steps with bare pointers; see `run_steps`."""
     counts, step, touch = memory.counts, first, floor if law.kind == NONE else 0.0
@@ -248,7 +248,7 @@ def _run_steps(system, law, memory, log, first, floor):  # type: ignore[no-untyp
     return log.n_steps, COMPLETED
 
 
-@numba.njit(cache=True)
+@njit
 def _store_energies(system, law, memory):  # type: ignore[no-untyped-def]
     X, size, stored = memory.X, system.size, memory.stored
     momentum = attachment = 0.0
@@ -264,7 +264,7 @@ def _store_energies(system, law, memory):  # type: ignore[no-untyped-def]
 # -- called from Python -----------------------------------------------------------------------
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(nogil=True)
 def run_steps(system, law, memory, log, first, floor):  # type: ignore[no-untyped-def]
     """Compute the steps from `first` to the end of the period; store the energies at the end.
 
@@ -278,25 +278,25 @@ def run_steps(system, law, memory, log, first, floor):  # type: ignore[no-untype
     return ending
 
 
-@numba.njit(cache=True)
+@njit
 def observe(system, memory, u, v):  # type: ignore[no-untyped-def]
     """Write m_b·u, c_b·u, k_b·u and the probes of u into `u`; the probes of v into `v`."""
     _observe(pointers(system), pointers(memory).X, u, v, 0)
 
 
-@numba.njit(cache=True)
+@njit
 def renew(system, law, memory):  # type: ignore[no-untyped-def]
     """Compute the accelerations from the equation of motion."""
     springs.renew_acceleration(pointers(system), law, pointers(memory))
 
 
-@numba.njit(cache=True)
+@njit
 def list_springs(system, memory):  # type: ignore[no-untyped-def]
     """Update the list of spring pairs from `resting`."""
     springs.list_springs(pointers(system), pointers(memory))
 
 
-@numba.njit(cache=True)
+@njit
 def store_energies(system, law, memory):  # type: ignore[no-untyped-def]
     """Update `Memory.stored`."""
     _store_energies(pointers(system), law, pointers(memory))

@@ -6,8 +6,7 @@ pairs have weights w, the springs act on gaps times √w.
 
 from __future__ import annotations
 
-import numba
-
+from delam_fem.caches.kernels import njit
 from delam_fem.engines.compiled import lane_kernels as lk
 from delam_fem.engines.compiled.algebra import clear, solve_mass, solve_step, spread_one
 from delam_fem.engines.compiled.banded import row_product
@@ -18,19 +17,19 @@ RELATIVE_RESIDUAL = 1e-14
 """Relative residual of the conjugate gradients for spring forces; the energy ledger must close."""
 
 
-@numba.njit(cache=True)
+@njit
 def _spring_gap(system, X, k):  # type: ignore[no-untyped-def]
     """Return the gap of a pair, times the square root of its weight."""
     return system.roots[k] * (system.gap0[k] + row_product(system.gap_rows, k, X, 0))
 
 
-@numba.njit(cache=True)
+@njit
 def _spring_rate(system, X, k, shift):  # type: ignore[no-untyped-def]
     """Return H x of a pair, times the square root of its weight; x is the field at `shift`."""
     return system.roots[k] * row_product(system.gap_rows, k, X, shift)
 
 
-@numba.njit(cache=True)
+@njit
 def _spread_springs(system, memory, values, sign):  # type: ignore[no-untyped-def]
     """Write sign Hᵀ λ into the field r, where λ has values on the spring pairs."""
     clear(memory.X, system.size, R)
@@ -39,7 +38,7 @@ def _spread_springs(system, memory, values, sign):  # type: ignore[no-untyped-de
         spread_one(system, memory.X, k, sign * (system.roots[k] * values[j]))
 
 
-@numba.njit(cache=True)
+@njit
 def _spring_loads(system, law, memory, out):  # type: ignore[no-untyped-def]
     """Write k U + c U̇ of the spring pairs at the end of the step to `out`."""
     X = memory.X
@@ -50,7 +49,7 @@ def _spring_loads(system, law, memory, out):  # type: ignore[no-untyped-def]
             out[j] += law.damping * _spring_rate(system, X, k, system.size)
 
 
-@numba.njit(cache=True)
+@njit
 def _mean_spring_loads(system, law, memory, out):  # type: ignore[no-untyped-def]
     """Write k U + c U̇ of the spring pairs in the middle of the step to `out`.
 
@@ -64,7 +63,7 @@ def _mean_spring_loads(system, law, memory, out):  # type: ignore[no-untyped-def
         out[j] += by_rate * _spring_rate(system, X, k, lk.P * system.size)
 
 
-@numba.njit(cache=True)
+@njit
 def spring_energy(system, law, memory):  # type: ignore[no-untyped-def]
     """Return the energy of the springs at the current gaps [J]."""
     total = 0.0
@@ -75,7 +74,7 @@ def spring_energy(system, law, memory):  # type: ignore[no-untyped-def]
     return 0.5 * law.stiffness * total
 
 
-@numba.njit(cache=True)
+@njit
 def _spring_forces(system, law, memory):  # type: ignore[no-untyped-def]
     """Solve (I + softness S_PP) λ = k U + c U̇ by conjugate gradients; return λ (newmark.py, N2).
 
@@ -117,7 +116,7 @@ def _spring_forces(system, law, memory):  # type: ignore[no-untyped-def]
     return forces
 
 
-@numba.njit(cache=True)
+@njit
 def push_springs(system, law, memory):  # type: ignore[no-untyped-def]
     """Correct the candidate of a step by the springs.
 
@@ -143,7 +142,7 @@ def push_springs(system, law, memory):  # type: ignore[no-untyped-def]
         memory.totals[CONTACT_DAMPED] += system.scheme.weight * law.damping * total
 
 
-@numba.njit(cache=True)
+@njit
 def list_springs(system, memory):  # type: ignore[no-untyped-def]
     """Update the list of spring pairs from `resting`."""
     n = 0
@@ -154,7 +153,7 @@ def list_springs(system, memory):  # type: ignore[no-untyped-def]
     memory.counts[N_SPRINGS] = n
 
 
-@numba.njit(cache=True)
+@njit
 def renew_acceleration(system, law, memory):  # type: ignore[no-untyped-def]
     """Compute a from M a = f - C v - K u - Hᵀ λ at the current state."""
     X, size, base = memory.X, system.size, memory.base

@@ -10,17 +10,18 @@ from __future__ import annotations
 import numba
 import numpy as np
 
+from delam_fem.caches.kernels import njit
 from delam_fem.contact.complementarity import solve_into
 from delam_fem.studies.convergence.trial_schemes import BOUNDED, CLOSED, END, MOREAU
 
 
-@numba.njit(cache=True)
+@njit
 def _load(m, base):  # type: ignore[no-untyped-def]
     """Return the load due to the base motion `base` = (q, q', q''), shape (n,) [N, N m]."""
     return -(m.of.base[0] * base[2] + m.of.base[1] * base[1] + m.of.base[2] * base[0])
 
 
-@numba.njit(cache=True)
+@njit
 def _floors(m, gap, rate):  # type: ignore[no-untyped-def]
     """Return the smallest allowed gap rate of each pair, -inf if free; see `trial_schemes.LAWS`."""
     dt, law, e = m.numbers[0], int(m.numbers[1]), m.numbers[2]
@@ -39,7 +40,7 @@ def _floors(m, gap, rate):  # type: ignore[no-untyped-def]
     return floors
 
 
-@numba.njit(cache=True)
+@njit
 def _impulses(m, W, free, floors):  # type: ignore[no-untyped-def]
     """Solve 0 <= p ⊥ free + W p - floors >= 0 over all pairs with a finite floor; return p."""
     p = np.zeros(free.size)
@@ -59,7 +60,7 @@ def _impulses(m, W, free, floors):  # type: ignore[no-untyped-def]
     return p
 
 
-@numba.njit(cache=True)
+@njit
 def theta_step(m, W, u, v, a, before, after):  # type: ignore[no-untyped-def]
     """Make a step of the Moreau–Jean scheme with θ = 1/2."""
     dt = m.numbers[0]
@@ -72,7 +73,7 @@ def theta_step(m, W, u, v, a, before, after):  # type: ignore[no-untyped-def]
     v[:] = v_free + m.push @ p
 
 
-@numba.njit(cache=True)
+@njit
 def exact_step(m, W, u, v, a, before, after):  # type: ignore[no-untyped-def]
     """Make an exact linear step with impulses at its end or as a constant force in it."""
     n = u.size
@@ -85,7 +86,7 @@ def exact_step(m, W, u, v, a, before, after):  # type: ignore[no-untyped-def]
     v[:] = x[n:] + m.push @ p
 
 
-@numba.njit(cache=True)
+@njit
 def alpha_step(m, W, u, v, a, before, after):  # type: ignore[no-untyped-def]
     """Make a step of the non-smooth generalised-α scheme: a smooth part, then a velocity jump."""
     dt, e, am, af, gamma, beta = m.numbers
@@ -102,7 +103,7 @@ def alpha_step(m, W, u, v, a, before, after):  # type: ignore[no-untyped-def]
     v += m.push @ p
 
 
-@numba.njit(cache=True)
+@njit
 def implicit_step(m, W, u, v, a, before, after):  # type: ignore[no-untyped-def]
     """Make a step of Newmark's scheme with contact forces implicit in the gaps (Kane et al.).
 

@@ -1,0 +1,211 @@
+"""Compiled code survives damage, kills, folders that cannot be written and no home at all."""
+
+import logging
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from project import ROOT
+
+from delam_fem.caches import folders
+from delam_fem.caches.folders import DamagedError, opened, sealed
+
+KERNEL = """
+import logging, sys
+from delam_fem.caches.kernels import njit
+
+logging.basicConfig(level=logging.DEBUG if "-v" in sys.argv else logging.WARNING)
+logging.getLogger("numba").setLevel(logging.WARNING)
+
+
+@njit
+def double(x):
+    return 2.0 * x
+
+
+assert double(21.0) == 42.0
+print(sum(double.stats.cache_hits.values()))
+"""
+FORMS = """
+import logging, sys
+logging.basicConfig(level=logging.DEBUG if "-v" in sys.argv else logging.WARNING)
+for name in ("numba", "FFCx", "UFL", "ffcx"):
+    logging.getLogger(name).setLevel(logging.WARNING)
+import numpy as np
+from mpi4py import MPI
+from delam_fem.model import _dolfinx
+
+x, cells = np.linspace(0.0, 1.0, 3), np.array([[0, 1], [1, 2]])
+mesh = _dolfinx.create_interval_mesh(MPI.COMM_SELF, x, cells)
+import ufl
+space = _dolfinx.space(mesh, "Lagrange", 1)
+u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+matrix = _dolfinx.assemble_matrix(u * v * ufl.dx)
+assert abs(sum(matrix.getValuesCSR()[2]) - 1.0) < 1e-14
+matrix.destroy()
+"""
+DAMAGES = {
+    "empty": lambda text: b"",
+    "truncated": lambda text: text[: len(text) // 2],
+    "changed": lambda text: text[:-9] + bytes([text[-9] ^ 1]) + text[-8:],
+    "other": lambda text: b"<html>quota exceeded</html>",
+}
+
+
+def python(
+    program: Path, *arguments: str, cwd: Path, **environment: str
+) -> subprocess.CompletedProcess[str]:
+    """Run a program in a process of its own, with a cache below `cwd`."""
+    return subprocess.run(
+        [sys.executable, str(program), *arguments],
+        cwd=cwd,
+        env=in_cache(cwd) | environment,
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+
+
+def in_cache(folder: Path) -> dict[str, str]:
+    """Return the environment of a process whose cache is below a folder."""
+    return {**os.environ, "PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": str(folder / "cache")}
+
+
+@pytest.fixture
+def kernel(tmp_path: Path) -> Path:
+    program = tmp_path / "kernel.py"
+    program.write_text(KERNEL)
+    return program
+
+
+@pytest.fixture(scope="module")
+def compiled_forms(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a program and the libraries that it has compiled."""
+    folder = tmp_path_factory.mktemp("forms")
+    (folder / "forms.py").write_text(FORMS)
+    done = python(folder / "forms.py", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+def libraries(folder: Path) -> list[Path]:
+    return sorted((folder / "cache" / "fenics" / "delam_fem").glob("*/*.so"))
+
+
+def test_a_seal_shows_every_change() -> None:
+    assert opened(sealed(b"content")) == b"content"
+    for damage in DAMAGES.values():
+        with pytest.raises(DamagedError):
+            opened(damage(sealed(b"some longer content")))
+
+
+def test_machine_code_is_kept(kernel: Path) -> None:
+    first, second = (python(kernel, cwd=kernel.parent) for _ in range(2))
+    assert (first.stdout, second.stdout) == ("0\n", "1\n")
+
+
+@pytest.mark.parametrize(
+    ("suffix", "damage"), [("nbi", "empty"), ("nbc", "truncated"), ("nbc", "changed")]
+)
+def test_damaged_machine_code_is_compiled_anew(kernel: Path, suffix: str, damage: str) -> None:
+    python(kernel, cwd=kernel.parent)
+    (path,) = (kernel.parent / "__pycache__").glob(f"*.{suffix}")
+    path.write_bytes(DAMAGES[damage](path.read_bytes()))
+    again = python(kernel, "-v", cwd=kernel.parent)
+    assert (again.returncode, again.stdout) == (0, "0\n"), again.stderr
+    assert "DEBUG" in again.stderr and "compiled anew" in again.stderr
+    assert DAMAGES[damage](path.read_bytes()) != path.read_bytes() != b""
+    opened(path.read_bytes())  # mended
+
+
+def test_without_any_folder_machine_code_goes_to_a_temporary_one(kernel: Path) -> None:
+    folder = kernel.parent
+    (folder / "cache").write_text("no folder")
+    (folder / "__pycache__").write_text("no folder")
+    (folder / "tmp").mkdir()
+    found = [python(kernel, cwd=folder, TMPDIR=str(folder / "tmp")) for _ in range(2)]
+    assert [done.stdout for done in found] == ["0\n", "1\n"]
+    assert found[0].stderr.count("no folder for compiled code can be written") == 1
+    assert len(found[0].stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize("damage", ["empty", "truncated"])
+def test_damaged_forms_are_compiled_anew(compiled_forms: Path, tmp_path: Path, damage: str) -> None:
+    shutil.copytree(compiled_forms, tmp_path, dirs_exist_ok=True)
+    for library in libraries(tmp_path):
+        library.write_bytes(DAMAGES[damage](library.read_bytes()))
+    again = python(tmp_path / "forms.py", "-v", cwd=tmp_path)
+    assert again.returncode == 0, again.stderr
+    n_libraries = len(libraries(tmp_path))
+    assert again.stderr.count(": damaged (") == n_libraries > 0
+    third = python(tmp_path / "forms.py", "-v", cwd=tmp_path)
+    assert third.returncode == 0 and ": damaged (" not in third.stderr
+
+
+def test_a_kill_while_forms_are_compiled_spoils_nothing(tmp_path: Path) -> None:
+    (tmp_path / "forms.py").write_text(FORMS)
+    cache = tmp_path / "cache" / "fenics" / "delam_fem"
+    process = subprocess.Popen(
+        [sys.executable, "forms.py"],
+        cwd=tmp_path,
+        env=in_cache(tmp_path),
+        start_new_session=True,
+        stderr=subprocess.DEVNULL,
+    )
+    end = time.monotonic() + 60.0
+    while not list(cache.glob("part-*/*.c")) and time.monotonic() < end:
+        time.sleep(0.002)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    (left,) = cache.glob("part-*")
+    begin = time.monotonic()
+    again = python(tmp_path / "forms.py", cwd=tmp_path)
+    assert again.returncode == 0, again.stderr
+    assert time.monotonic() - begin < 60.0
+    os.utime(left, (0.0, 0.0))  # long ago
+    shutil.rmtree(libraries(tmp_path)[0].parent)
+    assert python(tmp_path / "forms.py", cwd=tmp_path).returncode == 0
+    assert not list(cache.glob("part-*"))
+
+
+def test_without_home_forms_are_compiled_in_a_temporary_folder(tmp_path: Path) -> None:
+    (tmp_path / "forms.py").write_text(FORMS)
+    (tmp_path / "cache").write_text("no folder")
+    (tmp_path / "tmp").mkdir()
+    environment = {"TMPDIR": str(tmp_path / "tmp"), "HOME": "/proc/nowhere"}
+    done = python(tmp_path / "forms.py", cwd=tmp_path, **environment)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr.count("no folder for compiled code can be written") == 1
+    (temporary,) = (tmp_path / "tmp").glob("delam_fem-*")
+    assert temporary.stat().st_mode & 0o077 == 0
+    assert list(temporary.glob("delam_fem/libffcx_*/*.so"))
+
+
+@pytest.mark.parametrize("of_others", ["link", "open"])
+def test_a_temporary_folder_of_others_is_not_used(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, of_others: str
+) -> None:
+    taken = tmp_path / f"delam_fem-{os.getuid()}"
+    if of_others == "link":
+        (tmp_path / "elsewhere").mkdir(mode=0o700)
+        taken.symlink_to(tmp_path / "elsewhere")
+    else:
+        taken.mkdir()
+        taken.chmod(0o777)
+    monkeypatch.setattr(folders.tempfile, "gettempdir", lambda: str(tmp_path))
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr(folders.tempfile, "tempdir", str(tmp_path))
+    folders.temporary_folder.cache_clear()
+    try:
+        logging.getLogger("delam_fem").setLevel(logging.ERROR)
+        found = folders.temporary_folder()
+    finally:
+        folders.temporary_folder.cache_clear()
+        logging.getLogger("delam_fem").setLevel(logging.NOTSET)
+    assert found != taken and found.parent == tmp_path
+    assert found.stat().st_mode & 0o077 == 0
