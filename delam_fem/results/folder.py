@@ -56,10 +56,10 @@ class Result:
         written = self.save_numbers(directory)
         written += save_figures(self.history, self.case, directory / "figures")
         if self.history.sizes.get("frame", 0):
-            collection = vtk.write_fields(self.history, self.case, directory / "fields")
+            written += vtk.write_fields(self.history, self.case, directory / "fields")
             lines = vtx.write_lines(self.history, directory / "fields")
             picture = vtk.render(self.history, self.case, directory / "figures" / "laminae.png")
-            written += [path for path in (collection, lines, picture) if path is not None]
+            written += [path for path in (lines, picture) if path is not None]
         written.append(write_report(self.history, self.summary, self.case, directory))
         return written
 

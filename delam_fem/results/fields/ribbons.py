@@ -1,4 +1,4 @@
-"""The deformed laminae as ribbons of hexahedra of their real width and thickness.
+"""The laminae as ribbons of hexahedra of their real width and thickness.
 
 x runs along the laminae, y is the direction of the motion, z runs across the width. Sections move
 without rotation, which would move the faces by at most a tenth of a millimetre. At rest the top
@@ -8,17 +8,25 @@ top face of the lamina below, so faces touch where the gap is 0.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
 import numpy as np
+import numpy.typing as npt
 import pyvista as pv
 import xarray as xr
 
 from delam_fem.case.definition import Case
 from delam_fem.numerics.arrays import FloatArray, IntArray
+from delam_fem.results.fields import derived
 from delam_fem.results.gaps import of_laminae
 from delam_fem.results.schema import by_interface
 
 CORNERS = 4
 """Points per section: (-y, -z), (+y, -z), (+y, +z), (-y, +z)."""
+UPWARDS = np.array([-1.0, 1.0, 1.0, -1.0])
+"""Sign of y at these points, seen from the middle plane."""
 
 
 def drawable_frames(history: xr.Dataset) -> xr.Dataset:
@@ -50,41 +58,77 @@ def rest_points(history: xr.Dataset, case: Case) -> FloatArray:
     points[..., 0] = x[:, None]
     for i, lamina in enumerate(case.lamina):
         half = lamina.thickness / 2.0
-        points[i, :, :, 1] = middle[i][:, None] + half * np.array([-1, 1, 1, -1])
+        points[i, :, :, 1] = middle[i][:, None] + half * UPWARDS
         points[i, :, :, 2] = lamina.width / 2.0 * np.array([-1, -1, 1, 1])
     return points
 
 
-def grid(
-    history: xr.Dataset, case: Case, frame: int, *, rest: FloatArray | None = None
-) -> pv.UnstructuredGrid:
-    """Return the deformed laminae of one frame.
+@dataclass(frozen=True)
+class Ribbons:
+    """The laminae at rest, and what is known of them at every frame.
 
-    Point data are displacement [m], velocity [m/s] (vectors), moment [N m] and contact_state;
-    cell data is lamina (1, 2, …). The points at rest are the points minus the displacement.
-
-    Args:
-        history: with the fields of the frames.
-        case: gives widths and thicknesses.
-        frame: index of the frame.
-        rest: `rest_points`; None to compute them.
+    Attributes:
+        rest: corners of all sections, shape (n_laminae, n_nodes, 4 corners, 3) [m].
+        height: of the corners above the middle planes, shape (n_laminae, 4 corners) [m].
+        vectors: lateral components of vector fields, each (n_laminae, n_frames, n_nodes).
+        scalars: other fields, each (n_laminae, n_frames, n_nodes).
     """
-    rest = rest_points(history, case) if rest is None else rest
-    n_laminae, n_nodes = rest.shape[:2]
-    displacement = _lateral(history["displacement"].to_numpy()[:, frame])
-    cells = hexahedra(n_laminae, n_nodes)
-    result = pv.UnstructuredGrid(
-        {pv.CellType.HEXAHEDRON: cells}, rest.reshape(-1, 3) + displacement
-    )
-    result.point_data["displacement"] = displacement
-    result.point_data["velocity"] = _lateral(history["velocity"].to_numpy()[:, frame])
-    moment = history["moment"].to_numpy()[:, frame]
-    result.point_data["moment"] = np.repeat(moment.ravel(), CORNERS)
-    state = of_laminae(by_interface(history["contact_state"])[:, frame])
-    result.point_data["contact_state"] = np.repeat(state.ravel(), CORNERS)
+
+    rest: FloatArray
+    height: FloatArray
+    vectors: Mapping[str, FloatArray]
+    scalars: Mapping[str, npt.NDArray[Any]]
+
+    @classmethod
+    def of(cls, history: xr.Dataset, case: Case) -> Ribbons:
+        """Return the ribbons of a run with the fields of its frames."""
+        half = np.array([lamina.thickness / 2.0 for lamina in case.lamina])
+        return cls(
+            rest_points(history, case),
+            half[:, None] * UPWARDS,
+            {name: history[name].to_numpy() for name in ("displacement", "velocity")},
+            {
+                "moment": history["moment"].to_numpy(),
+                "curvature": derived.curvature(history),
+                "gap": derived.gap_of_laminae(history),
+                "contact_state": of_laminae(by_interface(history["contact_state"])),
+                "impulse": derived.impulse_of_laminae(history),
+                "contact_force": derived.contact_force_of_laminae(history, case),
+            },
+        )
+
+    def point_data(self, frame: int) -> dict[str, npt.NDArray[Any]]:
+        """Return all fields at all points, scalars of shape (n,), vectors of shape (n, 3).
+
+        displacement [m], velocity [m/s], moment [N m], curvature [1/m], gap [m], contact_state [-],
+        impulse since the frame before [N s], contact_force of a pair [N], and the axial strain of
+        bending, minus the height above the middle plane times the curvature [-].
+        """
+        data = {name: _lateral(values[:, frame]) for name, values in self.vectors.items()}
+        for name, values in self.scalars.items():
+            data[name] = np.repeat(values[:, frame].ravel(), CORNERS)
+        curvature = self.scalars["curvature"][:, frame, :, None]
+        data["strain"] = (-self.height[:, None, :] * curvature).ravel()
+        return data
+
+    def grid(self, frame: int) -> pv.UnstructuredGrid:
+        """Return the laminae at rest with the fields of one frame.
+
+        "Warp by vector" with the displacement shows the deformed laminae. Cell data is lamina (1,
+        2, …).
+        """
+        cells = {pv.CellType.HEXAHEDRON: hexahedra(*self.rest.shape[:2])}
+        result = pv.UnstructuredGrid(cells, self.rest.reshape(-1, 3))
+        for name, values in self.point_data(frame).items():
+            result.point_data[name] = values
+        result.cell_data["lamina"] = lamina_numbers(*self.rest.shape[:2])
+        return result
+
+
+def lamina_numbers(n_laminae: int, n_nodes: int) -> npt.NDArray[np.int8]:
+    """Return the number of the lamina of each cell of all ribbons, from 1."""
     numbers = np.arange(1, n_laminae + 1, dtype=np.int8)
-    result.cell_data["lamina"] = np.repeat(numbers, n_nodes - 1)
-    return result
+    return np.repeat(numbers, n_nodes - 1)
 
 
 def hexahedra(n_laminae: int, n_nodes: int) -> IntArray:

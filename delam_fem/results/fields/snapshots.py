@@ -81,7 +81,7 @@ def draw(history: xr.Dataset, case: Case) -> pv.Plotter:
     shown_strike = strike_frame(history, case)
     strike = frames[shown_strike]
     shown = [int(np.argmin(np.abs(frames - strike - phase * case.period))) for phase in PHASES]
-    shown = sorted(set(shown))
+    shown, bodies = sorted(set(shown)), ribbons.Ribbons.of(history, case)
     limit = largest_speed(history, shown) or 1.0
     length = case.lamina[0].length
     name = "strike" if diagnostics.is_at_probes(history).any() else "closest"
@@ -89,7 +89,7 @@ def draw(history: xr.Dataset, case: Case) -> pv.Plotter:
     plotter.set_background("white")
     for k, frame in enumerate(shown):
         place = (k - (len(shown) - 1) / 2) * ROW / len(PHASES) * length * RIGHT
-        laminae = ribbons.grid(history, case, frame).translate(place)
+        laminae = bodies.grid(frame).warp_by_vector("displacement").translate(place)
         laminae["lateral velocity"] = laminae["velocity"][:, 1]
         outline = laminae.extract_surface(algorithm="dataset_surface")
         plotter.add_mesh(outline.extract_feature_edges(60.0), color="#303030", line_width=1.0)

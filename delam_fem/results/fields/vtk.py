@@ -1,6 +1,7 @@
-"""The deformed laminae as files: VTK fields for ParaView, and a rendered picture.
+"""The laminae as files: VTK fields for ParaView, and a rendered picture.
 
-`ribbons` makes the grids and `snapshots` the scene of the picture.
+`ribbons` makes the grids, `vtkhdf` the file of a whole series, `snapshots` the scene of the
+picture.
 """
 
 from __future__ import annotations
@@ -8,19 +9,22 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
+import numpy as np
 import pyvista as pv
 import xarray as xr
 
 from delam_fem.case.atomic import atomic
 from delam_fem.case.definition import Case
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.results.fields import ribbons, snapshots
+from delam_fem.results.fields import ribbons, snapshots, vtkhdf
 
 
-def write_fields(history: xr.Dataset, case: Case, directory: str | Path) -> Path | None:
-    """Write one .vtu per frame and the collection fields.pvd, which is written last.
+def write_fields(history: xr.Dataset, case: Case, directory: str | Path) -> list[Path]:
+    """Write fields.vtkhdf with all frames, and fields.pvd with the frames of the last period.
 
-    Old files that the new collection does not name are removed.
+    All frames of fields.vtkhdf share one mesh, the laminae at rest. fields.pvd is for programs that
+    do not read VTKHDF: it has one .vtu per frame, so it is kept small. Old files that the new
+    collection does not name are removed.
 
     Args:
         history: with the fields of the frames; see `schema.VARIABLES`.
@@ -28,26 +32,27 @@ def write_fields(history: xr.Dataset, case: Case, directory: str | Path) -> Path
         directory: made where it does not exist.
 
     Returns:
-        The collection; None if no frame has finite values.
+        Both files; none if no frame has finite values.
 
     Raises:
         OSError: the folder cannot be written or the disk is full.
     """
     history = ribbons.drawable_frames(history)
-    n_frames = history.sizes["frame"]
-    if not n_frames:
-        return None
+    times = history["frame"].to_numpy()
+    if not times.size:
+        return []
     directory = Path(directory)
     directory.mkdir(parents=True, exist_ok=True)
-    digits = len(str(n_frames - 1))
-    names = [f"fields_{k:0{digits}d}.vtu" for k in range(n_frames)]
-    rest = ribbons.rest_points(history, case)
-    for k, name in enumerate(names):
+    bodies = ribbons.Ribbons.of(history, case)
+    series = vtkhdf.write(bodies, times, directory / "fields.vtkhdf")
+    last = np.flatnonzero(times > times[-1] - case.period + 0.5 * case.time_step)
+    names = [f"fields_{k:0{len(str(last.size - 1))}d}.vtu" for k in range(last.size)]
+    for frame, name in zip(last, names, strict=True):
         with atomic(directory / name) as temporary:
-            ribbons.grid(history, case, k, rest=rest).save(temporary)
+            bodies.grid(int(frame)).save(temporary)
     for path in set(directory.glob("fields_*.vtu")) - {directory / name for name in names}:
         path.unlink()
-    return _write_collection(directory / "fields.pvd", history["frame"].to_numpy(), names)
+    return [series, _write_collection(directory / "fields.pvd", times[last], names)]
 
 
 def render(history: xr.Dataset, case: Case, path: str | Path) -> Path | None:

@@ -1,31 +1,51 @@
+import shutil
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
+import h5py
 import meshio
 import numpy as np
 import pytest
 import pyvista as pv
 import stack
+import xarray as xr
 from matplotlib.image import imread
 from stack import three_laminae
 from synthetic import FRAMES, NODES, PERIODS, WINDOW, small_case, synthetic_history
+from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline
+from vtkmodules.vtkIOHDF import vtkHDFReader
 
-from delam_fem.results.fields import ribbons, snapshots, vtk
+from delam_fem import Case
+from delam_fem.results.fields import ribbons, snapshots, vtk, vtkhdf
 
 FRAME = 7
 """Some frame without symmetry."""
 
 
-def test_fields_read_by_another_reader_give_the_history_back(tmp_path: Path) -> None:
+def collection_of(history: xr.Dataset, case: Case, directory: Path) -> Path:
+    """Write the fields and return the collection of .vtu files."""
+    series, collection = vtk.write_fields(history, case, directory)
+    assert (series.name, collection.name) == ("fields.vtkhdf", "fields.pvd")
+    return collection
+
+
+def deformed(history: xr.Dataset, case: Case, frame: int) -> pv.UnstructuredGrid:
+    """Return the deformed laminae as ParaView's "Warp by vector" makes them."""
+    return ribbons.Ribbons.of(history, case).grid(frame).warp_by_vector("displacement")
+
+
+def test_fields_read_by_another_reader_give_the_last_period_back(tmp_path: Path) -> None:
     case = small_case()
     history = synthetic_history(case)
-    collection = vtk.write_fields(history, case, tmp_path / "fields")
+    collection = collection_of(history, case, tmp_path / "fields")
     entries = ET.parse(collection).getroot().findall("Collection/DataSet")
     times = [float(entry.get("timestep")) for entry in entries]
-    assert times == history["frame"].to_numpy().tolist()
+    last = history.isel(frame=slice(-FRAMES, None))
+    assert times == last["frame"].to_numpy().tolist()
     mesh = meshio.read(collection.parent / entries[FRAME].get("file"))
+    np.testing.assert_array_equal(mesh.points, ribbons.rest_points(history, case).reshape(-1, 3))
     corners = (2, NODES, ribbons.CORNERS)
-    at_frame = history.isel(frame=FRAME)
+    at_frame = last.isel(frame=FRAME)
     for name in ("displacement", "velocity"):
         vectors = mesh.point_data[name].reshape(*corners, 3)
         expected = at_frame[name].to_numpy()[:, :, None]
@@ -41,18 +61,53 @@ def test_fields_read_by_another_reader_give_the_history_back(tmp_path: Path) -> 
 def test_paraview_s_reader_knows_times_and_files(tmp_path: Path) -> None:
     case = small_case()
     history = synthetic_history(case)
-    reader = pv.get_reader(vtk.write_fields(history, case, tmp_path))
-    np.testing.assert_array_equal(reader.time_values, history["frame"].to_numpy())
+    reader = pv.get_reader(collection_of(history, case, tmp_path))
+    np.testing.assert_array_equal(reader.time_values, history["frame"].to_numpy()[-FRAMES:])
     reader.set_active_time_point(FRAME)
-    block = reader.read()[0]
-    expected = ribbons.grid(history, case, FRAME)
+    block = reader.read()[0].warp_by_vector("displacement")
+    expected = deformed(history, case, FRAME - FRAMES)
     np.testing.assert_array_equal(block.points, expected.points)
     assert block.n_cells == 2 * (NODES - 1)
 
 
+def test_vtk_s_reader_gives_every_frame_of_the_series_back(tmp_path: Path) -> None:
+    recorded = three_laminae()
+    history, case = recorded.history(), recorded.case
+    series, _ = vtk.write_fields(history, case, tmp_path)
+    reader = vtkHDFReader()
+    reader.SetFileName(str(series))
+    reader.UpdateInformation()
+    times = reader.GetOutputInformation(0).Get(vtkStreamingDemandDrivenPipeline.TIME_STEPS())
+    assert list(times) == history["frame"].to_numpy().tolist()
+    bodies = ribbons.Ribbons.of(history, case)
+    for frame in (0, FRAME, len(times) - 1):
+        reader.UpdateTimeStep(times[frame])
+        found, expected = pv.wrap(reader.GetOutput()), bodies.grid(frame)
+        np.testing.assert_array_equal(found.points, expected.points)
+        np.testing.assert_array_equal(found.cell_connectivity, expected.cell_connectivity)
+        assert (found.celltypes == pv.CellType.HEXAHEDRON).all()
+        assert set(found.point_data) == set(expected.point_data)
+        for name in expected.point_data:
+            np.testing.assert_array_equal(found.point_data[name], expected.point_data[name])
+        np.testing.assert_array_equal(found.cell_data["lamina"], expected.cell_data["lamina"])
+
+
+def test_a_series_is_written_in_blocks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    case = small_case()
+    history = synthetic_history(case)
+    whole = vtk.write_fields(history, case, tmp_path)[0].with_suffix(".whole")
+    shutil.copyfile(tmp_path / "fields.vtkhdf", whole)
+    monkeypatch.setattr(vtkhdf, "POINTS_AT_ONCE", 3 * 2 * NODES * ribbons.CORNERS)
+    in_blocks, _ = vtk.write_fields(history, case, tmp_path)
+    with h5py.File(whole) as one, h5py.File(in_blocks) as other:
+        assert one["VTKHDF/PointData/velocity"].chunks != other["VTKHDF/PointData/velocity"].chunks
+        for name, values in one["VTKHDF/PointData"].items():
+            np.testing.assert_array_equal(other["VTKHDF/PointData"][name], values)
+
+
 def test_ribbons_have_their_real_volume_and_no_inverted_cell() -> None:
     case = small_case()
-    mesh = ribbons.grid(synthetic_history(case), case, FRAME)
+    mesh = deformed(synthetic_history(case), case, FRAME)
     volumes = mesh.compute_cell_sizes(length=False, area=False)["Volume"]
     for number, lamina in enumerate(case.lamina, start=1):
         own = volumes[mesh.cell_data["lamina"] == number]
@@ -64,7 +119,7 @@ def test_ribbons_have_their_real_volume_and_no_inverted_cell() -> None:
 def test_faces_are_the_gap_apart_and_touch_where_it_is_zero() -> None:
     case = small_case()
     history = synthetic_history(case)
-    points = ribbons.grid(history, case, FRAME).points.reshape(2, NODES, ribbons.CORNERS, 3)
+    points = deformed(history, case, FRAME).points.reshape(2, NODES, ribbons.CORNERS, 3)
     u = history["displacement"].to_numpy()[:, FRAME]
     gap = history["gap0"].to_numpy() + u[1] - u[0]
     between = points[1, :, :, 1].min(axis=-1) - points[0, :, :, 1].max(axis=-1)
@@ -74,18 +129,10 @@ def test_faces_are_the_gap_apart_and_touch_where_it_is_zero() -> None:
     np.testing.assert_allclose(np.ptp(points[..., 2], axis=-1), 0.040)
 
 
-def test_points_minus_displacement_are_the_points_at_rest() -> None:
-    case = small_case()
-    history = synthetic_history(case)
-    mesh = ribbons.grid(history, case, FRAME)
-    rest = ribbons.rest_points(history, case).reshape(-1, 3)
-    np.testing.assert_allclose(mesh.points - mesh.point_data["displacement"], rest, atol=1e-15)
-
-
 def test_no_frames_give_no_files(tmp_path: Path) -> None:
     case = small_case()
     history = synthetic_history(case).isel(frame=slice(0, 0))
-    assert vtk.write_fields(history, case, tmp_path / "fields") is None
+    assert vtk.write_fields(history, case, tmp_path / "fields") == []
     assert vtk.render(history, case, tmp_path / "laminae.png") is None
     assert not list(tmp_path.iterdir())
 
@@ -94,13 +141,15 @@ def test_a_shorter_run_leaves_no_old_frames_and_skips_infinite_ones(tmp_path: Pa
     case = small_case()
     history = synthetic_history(case)
     vtk.write_fields(history, case, tmp_path)
-    assert len(list(tmp_path.glob("*.vtu"))) == FRAMES * WINDOW
+    assert len(list(tmp_path.glob("*.vtu"))) == FRAMES
     short = history.isel(frame=slice(0, 3))
     short["displacement"] = short["displacement"].copy()
     short["displacement"].to_numpy()[1, 2, -1] = np.inf
-    collection = vtk.write_fields(short, case, tmp_path)
+    collection = collection_of(short, case, tmp_path)
     files = [entry.get("file") for entry in ET.parse(collection).getroot().iter("DataSet")]
-    assert sorted(p.name for p in tmp_path.iterdir()) == sorted([*files, "fields.pvd"])
+    assert sorted(p.name for p in tmp_path.iterdir()) == sorted(
+        [*files, "fields.pvd", "fields.vtkhdf"]
+    )
     assert len(files) == 2
 
 
@@ -160,8 +209,8 @@ def test_rendered_picture_shows_the_laminae(tmp_path: Path, n_frames: int) -> No
 def test_fields_of_three_laminae_are_read_back(tmp_path: Path) -> None:
     recorded = three_laminae()
     history, case = recorded.history(), recorded.case
-    reader = pv.get_reader(vtk.write_fields(history, case, tmp_path))
-    np.testing.assert_array_equal(reader.time_values, history["frame"].to_numpy())
+    reader = pv.get_reader(collection_of(history, case, tmp_path))
+    np.testing.assert_array_equal(reader.time_values, history["frame"].to_numpy()[-FRAMES:])
     reader.set_active_time_point(2)
     block = reader.read()[0]
     assert block.n_cells == 3 * (NODES - 1)
@@ -173,7 +222,7 @@ def test_fields_of_three_laminae_are_read_back(tmp_path: Path) -> None:
     # node 2 is hit on the lower interface and rests on the upper one
     assert state[:, 2].tolist() == [1, 2, 2]
     assert not np.delete(state, 2, axis=1).any()
-    u = history["displacement"].to_numpy()[:, 2]
+    u = history["displacement"].to_numpy()[:, 2 - FRAMES]
     moved = block.point_data["displacement"].reshape(*corners, 3)[..., 1]
     np.testing.assert_array_equal(moved, np.broadcast_to(u[:, :, None], corners))
     volumes = block.compute_cell_sizes(length=False, area=False)["Volume"]
@@ -187,7 +236,7 @@ def test_fields_of_three_laminae_are_read_back(tmp_path: Path) -> None:
 def test_faces_of_three_laminae_are_their_gaps_apart() -> None:
     recorded = three_laminae()
     history = recorded.history()
-    points = ribbons.grid(history, recorded.case, FRAME).points
+    points = deformed(history, recorded.case, FRAME).points
     y = points.reshape(3, NODES, ribbons.CORNERS, 3)[..., 1]
     u = history["displacement"].to_numpy()[:, FRAME]
     gaps = stack.GAPS[:, None] * stack.shape(history["x"].to_numpy()) + np.diff(u, axis=0)
