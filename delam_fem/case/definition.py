@@ -89,6 +89,15 @@ class Case(Section):
             combination(self.contact.law, self.time.scheme)
         except ValueError as error:
             raise inconsistent("contact.law", str(error)) from None
+        reads = combination(self.contact.law, self.time.scheme).reads
+        is_lumped = self.contact.impulse == "lumped" and "impulse" in reads
+        if self.contact.points_per_element > 1 and is_lumped:
+            raise inconsistent(
+                "contact.points_per_element",
+                'expected 1 with contact.impulse = "lumped", because points inside an element '
+                "share its nodes and separate impulses on them add energy; given "
+                f'{self.contact.points_per_element}: use contact.impulse = "consistent"',
+            )
         if self.output.fields_per_period > self.time.steps_per_period:
             raise inconsistent(
                 "output.fields_per_period",
@@ -100,11 +109,17 @@ class Case(Section):
     @property
     def unread(self) -> tuple[str, ...]:
         """Keys that the case sets although a run does not use them, as overrides name them."""
-        reads = {"law", *combination(self.contact.law, self.time.scheme).reads}
-        keys = [f"contact.{key}" for key in sorted(self.contact.model_fields_set - reads)]
+        read = self._read_contact_keys
+        keys = [f"contact.{key}" for key in sorted(self.contact.model_fields_set - read)]
         if self.excitation.kind == "sweep" and "periods" in self.time.model_fields_set:
             keys.append("time.periods")
         return tuple(keys)
+
+    @property
+    def _read_contact_keys(self) -> set[str]:
+        """Keys of the section `contact` that have an effect."""
+        reads = combination(self.contact.law, self.time.scheme).reads
+        return {"law", "points_per_element", *reads}
 
     @property
     def is_periodic(self) -> bool:
@@ -181,8 +196,7 @@ class Case(Section):
         Contact keys that the law does not read are left out, unless the case sets them.
         """
         data = self.model_dump(exclude_none=True)
-        kept = {"law", *combination(self.contact.law, self.time.scheme).reads}
-        kept |= self.contact.model_fields_set
+        kept = self._read_contact_keys | self.contact.model_fields_set
         data["contact"] = {k: value for k, value in data["contact"].items() if k in kept}
         return toml_text(data)
 

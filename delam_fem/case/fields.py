@@ -54,6 +54,9 @@ Restitution = Annotated[float, _FINITE, Field(ge=0.0, le=1.0), expected("a numbe
 Elements = Annotated[
     int, _WHOLE, Field(ge=1, le=100_000), expected("a whole number from 1 to 100000")
 ]
+PointsPerElement = Annotated[
+    int, _WHOLE, Field(ge=1, le=64), expected("a whole number from 1 to 64")
+]
 Steps = Annotated[
     int, _WHOLE, Field(ge=4, le=100_000_000), expected("a whole number from 4 to 100000000")
 ]

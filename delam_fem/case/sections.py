@@ -21,6 +21,7 @@ from delam_fem.case.fields import (
     FileName,
     Label,
     NotNegative,
+    PointsPerElement,
     Positive,
     Restitution,
     Section,
@@ -201,6 +202,9 @@ class Contact(Section):
         penalty_stiffness: k_con [N/m per node pair].
         penalty_damping: c [N s/m per node pair]; only the law "penalty" reads it.
         threshold_velocity: gamma [m/s]; a pair that separates more slowly than this stays at rest.
+        points_per_element: number of contact points per element, at equal distances; 1: the nodes,
+            as in the paper. Inside the elements the gap follows from the Hermite interpolants. A
+            penalty spring then has its share of the stiffness and damping, which hold per element.
     """
 
     law: LawName
@@ -209,6 +213,7 @@ class Contact(Section):
     penalty_stiffness: NotNegative = 100.0
     penalty_damping: NotNegative = 0.0
     threshold_velocity: NotNegative = 0.5e-3
+    points_per_element: PointsPerElement = 1
 
 
 class TimeStepping(Section):

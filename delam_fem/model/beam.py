@@ -21,7 +21,7 @@ from mpi4py import MPI
 
 from delam_fem.case.definition import Case
 from delam_fem.model.hermite import BENDING_DEGREE, MASS_DEGREE, Hermite
-from delam_fem.model.laminae import clamped_laminae, gap_at_rest
+from delam_fem.model.laminae import clamped_laminae, gap_at_rest, pair_weights
 from delam_fem.model.layout import BASE, Layout, Structure
 from delam_fem.model.mesh import node_coordinates
 from delam_fem.model.operators import BaseCoupling, Operators
@@ -129,5 +129,6 @@ def _operators(
         base=BaseCoupling(m, c, k, corner=(m_aa, c_aa, k_aa)),
         gap_matrix=gap_matrix(layout.parts, layout.interfaces, free.size),
         gap0=gap_at_rest(case, layout),
+        pair_weights=pair_weights(case, layout),
         probes=probe_rows(layout, free.size),
     )

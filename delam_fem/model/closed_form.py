@@ -15,7 +15,7 @@ import scipy.sparse as sp
 from delam_fem.case.definition import Case
 from delam_fem.case.sections import Lamina
 from delam_fem.case.toml import CaseError
-from delam_fem.model.laminae import clamped_laminae, gap_at_rest
+from delam_fem.model.laminae import clamped_laminae, gap_at_rest, pair_weights
 from delam_fem.model.layout import Structure
 from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.model.pairing import gap_matrix, probe_rows
@@ -61,6 +61,7 @@ def assemble(case: Case, x: npt.ArrayLike | None = None) -> Structure:
         ),
         gap_matrix=gap_matrix(layout.parts, layout.interfaces, mass.shape[0]),
         gap0=gap_at_rest(case, layout),
+        pair_weights=pair_weights(case, layout),
         probes=probe_rows(layout, mass.shape[0]),
     )
     return Structure(operators, layout)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from delam_fem.model.layout import BASE, Layout
+from delam_fem.model.layout import BASE, DISPLACEMENT, SLOPE, Layout
+from delam_fem.model.pairing import interpolation
 from delam_fem.numerics.arrays import FloatArray
 
 
@@ -28,10 +29,33 @@ def nodal(layout: Layout, vectors: FloatArray, base: FloatArray) -> FloatArray:
     return result
 
 
-def bending_moment(layout: Layout, u: FloatArray, phi: FloatArray) -> FloatArray:
-    """Return the bending moment E I u'' at the points.
+def at_stations(layout: Layout, u: FloatArray, phi: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return displacements and slopes at the stations: those of the Hermite interpolants.
 
-    At a point between two cells it is the mean of both cells; an end has one cell only.
+    Args:
+        layout: gives the stations.
+        u: displacements at the points, shape (n_parts, k, n_points) [m].
+        phi: slopes at the points, shape (n_parts, k, n_points) [-].
+
+    Returns:
+        Displacements and slopes, each of shape (n_parts, k, n_stations).
+    """
+    part, places = layout.parts[0], layout.stations
+    if places.size == part.x.size:
+        return u, phi
+    found = []
+    for component in (DISPLACEMENT, SLOPE):
+        cells, weights = interpolation(part, places, component)
+        ends = np.stack([u[..., cells], phi[..., cells], u[..., cells + 1], phi[..., cells + 1]])
+        found.append(np.asarray(np.einsum("e...s,se->...s", ends, weights)))
+    return found[0], found[1]
+
+
+def bending_moment(layout: Layout, u: FloatArray, phi: FloatArray) -> FloatArray:
+    """Return the bending moment E I u'' at the stations.
+
+    Within a cell it is linear. At a point between two cells it is the mean of both cells; an end
+    has one cell only.
 
     Args:
         layout: gives the points and E I of the cells.
@@ -39,7 +63,7 @@ def bending_moment(layout: Layout, u: FloatArray, phi: FloatArray) -> FloatArray
         phi: slopes, shape (n_parts, k, n_points) [-].
 
     Returns:
-        Moments, shape (n_parts, k, n_points) [N m].
+        Moments, shape (n_parts, k, n_stations) [N m].
     """
     h = np.diff(layout.x)
     EI = np.stack([part.flexural_rigidity for part in layout.parts])[:, None, :]
@@ -50,4 +74,11 @@ def bending_moment(layout: Layout, u: FloatArray, phi: FloatArray) -> FloatArray
     moment[..., :-1] += at_start
     moment[..., 1:] += at_end
     moment[..., 1:-1] *= 0.5
-    return moment
+    places = layout.stations
+    if places.size == layout.x.size:
+        return moment
+    cells = np.clip(np.ceil(places).astype(np.int64) - 1, 0, h.size - 1)
+    X, is_point = places - cells, places == np.round(places)
+    result = (1.0 - X) * at_start[..., cells] + X * at_end[..., cells]
+    result[..., is_point] = moment
+    return np.asarray(result)

@@ -12,7 +12,7 @@ import numpy as np
 from delam_fem.case.definition import Case
 from delam_fem.case.gap import initial_gap
 from delam_fem.model.layout import BASE, FIXED, Interface, Layout, Part, Probe, Support
-from delam_fem.model.pairing import opposite
+from delam_fem.model.pairing import opposite, tributary_lengths
 from delam_fem.numerics.arrays import FloatArray, IntArray
 
 CLAMP, TIP = 0, -1
@@ -38,7 +38,8 @@ def clamped_laminae(
     interfaces: list[Interface] = []
     for lower in range(len(parts) - 1):
         first_pair = sum(len(interface.points) for interface in interfaces)
-        interfaces.append(opposite(parts, lower, lower + 1, first_pair))
+        per_element = case.contact.points_per_element
+        interfaces.append(opposite(parts, lower, lower + 1, first_pair, per_element=per_element))
     return Layout(
         parts,
         tuple(interfaces),
@@ -53,13 +54,28 @@ def gap_at_rest(case: Case, layout: Layout) -> FloatArray:
     Raises:
         CaseError: see `initial_gap`.
     """
-    gaps = [
-        initial_gap(case.gap, layout.parts[interface.parts[0]].x, case.lamina[0].length)[
-            interface.points[:, 0]
-        ]
-        for interface in layout.interfaces
-    ]
+    gaps = []
+    for interface in layout.interfaces:
+        x = layout.parts[interface.parts[0]].positions(interface.places(0))
+        gaps.append(initial_gap(case.gap, x, case.lamina[0].length))
     return np.concatenate(gaps)
+
+
+def pair_weights(case: Case, layout: Layout) -> FloatArray | None:
+    """Return the factors of the springs of all pairs, shape (n_pairs,) [-].
+
+    With contact points inside the elements a spring's stiffness holds for a mean element, and each
+    pair has its share: its tributary length in lengths of the mean element. None: only the nodes
+    are pairs, and each has the whole stiffness, as in the paper.
+    """
+    if case.contact.points_per_element == 1:
+        return None
+    shares = []
+    for interface in layout.interfaces:
+        lower = layout.parts[interface.parts[0]]
+        mean = (lower.x[TIP] - lower.x[CLAMP]) / lower.n_elements
+        shares.append(tributary_lengths(layout.parts, interface) / mean)
+    return np.concatenate(shares)
 
 
 def _dofs(lamina: int, n: int) -> IntArray:

@@ -7,8 +7,11 @@ between which points the contact pairs are, and which points the probes record a
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.arrays import FloatArray, IntArray
@@ -60,6 +63,14 @@ class Part:
         """Number of elements."""
         return self.x.size - 1
 
+    def positions(self, places: FloatArray) -> FloatArray:
+        """Return x at places along the part, shape (k,) [m].
+
+        Args:
+            places: numbers of points; 2.25 lies a quarter of the cell behind point 2, shape (k,).
+        """
+        return np.asarray(np.interp(places, np.arange(self.x.size), self.x))
+
     @property
     def own_dofs(self) -> IntArray:
         """The free dofs of the part, increasing, shape (n,)."""
@@ -68,24 +79,64 @@ class Part:
 
 @dataclass(frozen=True)
 class Interface:
-    """Two parts that may touch at pairs of opposite points.
+    """Two parts that may touch at pairs of opposite points, which may lie inside the cells.
 
     Attributes:
         name: name of the interface.
         parts: numbers of the lower and the upper part.
-        points: points of the lower and the upper part that form each pair, shape (n_pairs, 2).
+        points: points of the lower and the upper part that form each pair, shape (n_pairs, 2). Of
+            a pair inside cells: the points at which its cells end.
         first_pair: row of the first of these pairs in the gap operator.
+        local: local coordinates of the pairs within the cells that end at `points`, above 0, 1: at
+            these points, shape (n_pairs, 2) [-]; None: all pairs are at points.
     """
 
     name: str
     parts: tuple[int, int]
     points: IntArray
     first_pair: int = 0
+    local: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        """Check the local coordinates.
+
+        Raises:
+            ValueError: they do not fit the points, or one is not within its cell.
+        """
+        if self.local is None:
+            return
+        inside = self.local < 1.0
+        if self.local.shape != self.points.shape or np.any(inside & (self.points < 1)):
+            raise ValueError(
+                f"interface {self.name}: expected a local coordinate for each of the points "
+                f"{self.points.shape}, and no pair before the first point"
+            )
+        if np.any(self.local <= 0.0) or np.any(self.local > 1.0):
+            raise ValueError(
+                f"interface {self.name}: expected local coordinates above 0, up to 1, given "
+                f"{self.local.min()} to {self.local.max()}"
+            )
 
     @property
     def pairs(self) -> slice:
         """The rows of the gap operator that belong to this interface."""
         return slice(self.first_pair, self.first_pair + len(self.points))
+
+    @property
+    def is_at_points(self) -> bool:
+        """Whether all pairs are at points of the parts, none inside a cell."""
+        return self.local is None or bool(np.all(self.local == 1.0))
+
+    def places(self, side: int) -> FloatArray:
+        """Return the pairs' places on a part as numbers of points, shape (n_pairs,).
+
+        A whole number is that point; 2.25 lies a quarter of the cell behind point 2.
+
+        Args:
+            side: 0 for the lower part, 1 for the upper part.
+        """
+        points = self.points[:, side].astype(np.float64)
+        return points if self.local is None else points - 1.0 + self.local[:, side]
 
 
 @dataclass(frozen=True)
@@ -158,19 +209,36 @@ class Layout:
         """Names of the parts."""
         return tuple(part.name for part in self.parts)
 
-    def at_points(self, interface: Interface, of_pairs: FloatArray) -> FloatArray:
-        """Arrange the values of an interface's pairs by the points of its lower part.
+    @cached_property
+    def stations(self) -> FloatArray:
+        """Places of all points and pairs along the lower parts, increasing, shape (n_stations,).
+
+        Results are kept at the stations. If all pairs are at points, the stations are the points.
+        """
+        points = np.arange(self.x.size, dtype=np.float64)
+        inside = [i.places(0) for i in self.interfaces if not i.is_at_points]
+        return np.asarray(np.unique(np.concatenate([points, *inside])))
+
+    def stations_of(self, interface: Interface) -> IntArray:
+        """Return the station of each pair of an interface, shape (n_pairs,)."""
+        return np.searchsorted(self.stations, interface.places(0))
+
+    def station_of_point(self, point: int) -> int:
+        """Return the station at a point."""
+        return int(np.searchsorted(self.stations, float(point)))
+
+    def at_stations(self, interface: Interface, of_pairs: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """Arrange the values of an interface's pairs by stations.
 
         Args:
             interface: one of `interfaces`.
             of_pairs: values of all pairs of the structure, shape (…, n_pairs).
 
         Returns:
-            Values at the points, 0 where there is no pair, shape (…, n_points).
+            Values at the stations, 0 where there is no pair, shape (…, n_stations).
         """
-        n_points = self.parts[interface.parts[0]].x.size
-        result = np.zeros((*of_pairs.shape[:-1], n_points), dtype=of_pairs.dtype)
-        result[..., interface.points[:, 0]] = of_pairs[..., interface.pairs]
+        result = np.zeros((*of_pairs.shape[:-1], self.stations.size), dtype=of_pairs.dtype)
+        result[..., self.stations_of(interface)] = of_pairs[..., interface.pairs]
         return result
 
 

@@ -1,4 +1,8 @@
-"""Contact pairs of opposite points: the gap operator, the weights of pairs, the rows of probes."""
+"""Contact pairs: the gap operator, the weights of pairs, the rows of probes.
+
+A pair is at two opposite points, or inside two opposite cells, where the gap is that of the cubic
+Hermite interpolants of both parts.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +15,9 @@ from delam_fem.model.layout import DISPLACEMENT, Interface, Layout, Part
 from delam_fem.numerics.arrays import FloatArray, IntArray
 
 
-def opposite(parts: Sequence[Part], lower: int, upper: int, first_pair: int = 0) -> Interface:
+def opposite(
+    parts: Sequence[Part], lower: int, upper: int, first_pair: int = 0, *, per_element: int = 1
+) -> Interface:
     """Pair the opposite points of two parts, except points where both parts are held.
 
     Args:
@@ -19,11 +25,71 @@ def opposite(parts: Sequence[Part], lower: int, upper: int, first_pair: int = 0)
         lower: number of the lower part.
         upper: number of the upper part, which has the same number of points.
         first_pair: row of the first pair in the gap operator.
+        per_element: number of pairs per element, at the local coordinates 1/p, 2/p, …, 1; 1: only
+            the points.
     """
     free = [part.dofs[:, DISPLACEMENT] >= 0 for part in (parts[lower], parts[upper])]
     points = np.flatnonzero(free[0] | free[1])
     name = f"{parts[lower].name}-{parts[upper].name}"
-    return Interface(name, (lower, upper), np.column_stack([points, points]), first_pair)
+    if per_element == 1:
+        return Interface(name, (lower, upper), np.column_stack([points, points]), first_pair)
+    n = parts[lower].n_elements
+    ends = np.concatenate([[0], np.repeat(np.arange(1, n + 1), per_element)])
+    local = np.concatenate([[1.0], np.tile(np.arange(1, per_element + 1) / per_element, n)])
+    is_kept = (local < 1.0) | np.isin(ends, points)
+    both = [np.column_stack([values[is_kept]] * 2) for values in (ends, local)]
+    return Interface(name, (lower, upper), both[0], first_pair, both[1])
+
+
+def interpolation_rows(
+    part: Part, places: FloatArray, n_dofs: int, component: int = DISPLACEMENT
+) -> sp.csr_matrix:
+    """Return rows that evaluate the cubic Hermite interpolant of a part, shape (k, n_dofs).
+
+        u(X) = (1 - 3 X² + 2 X³) u₀ + (X - 2 X² + X³) h φ₀ + (3 X² - 2 X³) u₁ + (X³ - X²) h φ₁
+
+    Points that are held add no entries: the rows give what the free dofs contribute.
+
+    Args:
+        part: the part.
+        places: numbers of points; 2.25 lies a quarter of the cell behind point 2, shape (k,).
+        n_dofs: number of dofs of the structure.
+        component: DISPLACEMENT for u, SLOPE for u'.
+    """
+    cells, weights = interpolation(part, places, component)
+    dofs = np.concatenate([part.dofs[cells], part.dofs[cells + 1]], axis=1)  # (k, 4)
+    rows = np.repeat(np.arange(len(places))[:, None], 4, axis=1)
+    there = (dofs >= 0) & (weights != 0.0)
+    entries = weights[there], (rows[there], dofs[there])
+    return sp.csr_matrix(entries, shape=(len(places), n_dofs))
+
+
+def interpolation(
+    part: Part, places: FloatArray, component: int = DISPLACEMENT
+) -> tuple[IntArray, FloatArray]:
+    """Return the cell of each place, and the weights of (u₀, φ₀, u₁, φ₁) of this cell.
+
+    Args:
+        part: gives the points.
+        places: numbers of points; 2.25 lies a quarter of the cell behind point 2, shape (k,).
+        component: DISPLACEMENT for u, SLOPE for u'.
+
+    Returns:
+        Cells, shape (k,), and weights, shape (k, 4).
+    """
+    cells = np.clip(np.ceil(places).astype(np.int64) - 1, 0, part.n_elements - 1)
+    X, h = places - cells, np.diff(part.x)[cells]
+    if component == DISPLACEMENT:
+        terms = (
+            1.0 - 3.0 * X**2 + 2.0 * X**3,
+            (X - 2.0 * X**2 + X**3) * h,
+            3.0 * X**2 - 2.0 * X**3,
+            (X**3 - X**2) * h,
+        )
+    else:
+        bend = 6.0 * (X**2 - X) / h
+        terms = (bend, 1.0 - 4.0 * X + 3.0 * X**2, -bend, 3.0 * X**2 - 2.0 * X)
+    return cells, np.stack(terms, axis=1)
 
 
 def gap_matrix(
@@ -31,36 +97,31 @@ def gap_matrix(
 ) -> sp.csr_matrix:
     """Return H of all pairs: gap rate = u̇ of the upper point − u̇ of the lower, (n_pairs, n_dofs).
 
-    A point that is held adds no entry to its row.
+    A point that is held adds no entry to its row: both parts move with the base there.
     """
-    rows, columns, values, n_pairs = [], [], [], 0
-    for interface in interfaces:
-        n = len(interface.points)
-        for side, sign in ((0, -1.0), (1, 1.0)):
-            part = parts[interface.parts[side]]
-            dofs = part.dofs[interface.points[:, side], DISPLACEMENT]
-            free = np.flatnonzero(dofs >= 0)
-            rows.append(interface.first_pair + free)
-            columns.append(dofs[free])
-            values.append(np.full(free.size, sign))
-        n_pairs = max(n_pairs, interface.first_pair + n)
-    if not rows:
-        return sp.csr_matrix((0, n_dofs))
-    entries = np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))
-    return sp.csr_matrix(entries, shape=(n_pairs, n_dofs))
+    blocks = []
+    for interface in sorted(interfaces, key=lambda interface: interface.first_pair):
+        lower, upper = (
+            interpolation_rows(parts[number], interface.places(side), n_dofs)
+            for side, number in enumerate(interface.parts)
+        )
+        blocks.append(upper - lower)
+    return sp.vstack(blocks, format="csr") if blocks else sp.csr_matrix((0, n_dofs))
 
 
 def tributary_lengths(parts: Sequence[Part], interface: Interface) -> FloatArray:
     """Return the length of the lower part that belongs to each pair, shape (n_pairs,) [m].
 
-    A length is half of both cells that meet at the point. With these weights, springs per length do
-    not depend on the mesh.
+    A length is half of the distances to the next points or pairs on both sides. With these weights,
+    springs per length do not depend on the mesh.
     """
-    h = np.diff(parts[interface.parts[0]].x)
+    lower, own = parts[interface.parts[0]], interface.places(0)
+    places = np.unique(np.concatenate([np.arange(lower.x.size, dtype=np.float64), own]))
+    h = np.diff(lower.positions(places))
     lengths = np.zeros(h.size + 1)
     lengths[:-1] += 0.5 * h
     lengths[1:] += 0.5 * h
-    return np.asarray(lengths[interface.points[:, 0]])
+    return np.asarray(lengths[np.searchsorted(places, own)])
 
 
 def probe_rows(layout: Layout, n_dofs: int) -> sp.csr_matrix:

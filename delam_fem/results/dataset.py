@@ -38,9 +38,9 @@ def history(
         data = data.assign_coords(interface=[interface.name for interface in layout.interfaces])
     _add_window(data, recorder, start, len(layout.parts))
     _add_periods(data, recorder, len(layout.parts))
-    add(data, "x", layout.x)
+    add(data, "x", layout.parts[0].positions(layout.stations))
     data = data.set_coords("x")
-    add(data, "tip_node", layout.probes[0].point)
+    add(data, "tip_node", layout.station_of_point(layout.probes[0].point))
     add(data, "gap0", _of_interfaces(layout, gap0))
     _add_frames(data, recorder, structure, start)
     _add_events(data, recorder, layout, start)
@@ -88,13 +88,14 @@ def _add_frames(data: xr.Dataset, recorder: Recorder, structure: Structure, star
     """Add the fields of the window's frames."""
     layout = structure.layout
     steps, states, contact, base = _frames(recorder, structure.operators, start)
-    u, phi = fields.nodal(layout, states[:, 0], base[:, 0])
-    v, _ = fields.nodal(layout, states[:, 1], base[:, 1])
+    nodal = fields.nodal(layout, states[:, 0], base[:, 0])
+    u, phi = fields.at_stations(layout, *nodal)
+    v, _ = fields.at_stations(layout, *fields.nodal(layout, states[:, 1], base[:, 1]))
     add(data, "frame", steps * recorder.time_step)
     add(data, "displacement", u)
     add(data, "slope", phi)
     add(data, "velocity", v)
-    add(data, "moment", fields.bending_moment(layout, u, phi))
+    add(data, "moment", fields.bending_moment(layout, *nodal))
     add(data, "contact_state", _of_interfaces(layout, contact))
 
 
@@ -122,8 +123,8 @@ def _frames(
 
 
 def _of_interfaces(layout: Layout, of_pairs: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Spread values of pairs over the nodes, one interface or all of them first."""
-    spread = [layout.at_points(interface, of_pairs) for interface in layout.interfaces]
+    """Spread values of pairs over the stations, one interface or all of them first."""
+    spread = [layout.at_stations(interface, of_pairs) for interface in layout.interfaces]
     return spread[0] if len(spread) == 1 else np.stack(spread)
 
 
@@ -150,9 +151,9 @@ def _add_events(data: xr.Dataset, recorder: Recorder, layout: Layout, start: int
 
 
 def _places(layout: Layout) -> tuple[IntArray, IntArray]:
-    """Return interface and node of each pair, both of shape (n_pairs,)."""
+    """Return interface and station of each pair, both of shape (n_pairs,)."""
     numbers = [
         np.full(len(interface.points), number) for number, interface in enumerate(layout.interfaces)
     ]
-    nodes = [interface.points[:, 0] for interface in layout.interfaces]
+    nodes = [layout.stations_of(interface) for interface in layout.interfaces]
     return np.concatenate(numbers), np.concatenate(nodes)

@@ -25,7 +25,7 @@ DIMENSIONS: Mapping[str, str] = MappingProxyType(
         "time": "every step of the window",
         "period": "all periods of the run",
         "frame": "instants of the window at which fields are kept",
-        "node": "points along the laminae",
+        "node": "points along the laminae: nodes, and contact points inside the elements",
         "event": "impacts on single pairs in the window, in the order of time",
     }
 )
@@ -91,7 +91,7 @@ _ALL = (
         "energy_residual", ("period",), "J", "energy of the period that the ledger does not explain"
     ),
     Variable("x", ("node",), "m", "position along the laminae"),
-    Variable("tip_node", (), "1", "number of the node at which tip_… is taken"),
+    Variable("tip_node", (), "1", "number of the point at which tip_… is taken"),
     Variable("gap0", (INTERFACE, "node"), "m", "gap at rest"),
     Variable("frame", ("frame",), "s", "time of the frame"),
     Variable("displacement", _FIELD, "m", "displacement, base motion included"),
@@ -106,7 +106,7 @@ _ALL = (
     ),
     Variable("event_time", ("event",), "s", "time of the impact"),
     Variable("event_interface", ("event",), "1", "number of the interface that is hit"),
-    Variable("event_node", ("event",), "1", "node that is hit"),
+    Variable("event_node", ("event",), "1", "point that is hit"),
     Variable("event_impulse", ("event",), "N s", "impulse that parts the laminae"),
     Variable("event_velocity_before", ("event",), "m/s", "gap rate before the impact"),
     Variable(

@@ -80,7 +80,7 @@ def test_parts_with_points_of_their_own_have_no_common_x() -> None:
 def test_values_of_pairs_stand_at_their_points() -> None:
     delaminated = Interface("a-b", (0, 1), np.array([[1, 1]]), first_pair=2)
     layout = Layout((part("a"), part("b")), (delaminated,))
-    spread = layout.at_points(delaminated, np.array([[5, 6, 7], [8, 9, 10]], dtype=np.int8))
+    spread = layout.at_stations(delaminated, np.array([[5, 6, 7], [8, 9, 10]], dtype=np.int8))
     assert spread.tolist() == [[0, 7, 0], [0, 10, 0]]
     assert spread.dtype == np.int8
 
