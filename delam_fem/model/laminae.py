@@ -70,7 +70,7 @@ def pair_weights(case: Case, layout: Layout) -> FloatArray | None:
     """
     if case.contact.points_per_element == 1:
         return None
-    shares = []
+    shares: list[FloatArray] = []
     for interface in layout.interfaces:
         lower = layout.parts[interface.parts[0]]
         mean = (lower.x[TIP] - lower.x[CLAMP]) / lower.n_elements
