@@ -11,19 +11,19 @@ import numpy as np
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
+from delam_fem.case.drive import Excitation, HarmonicExcitation, SweepExcitation, TableExcitation
 from delam_fem.case.fields import Section, expected, inconsistent
 from delam_fem.case.overrides import apply_overrides
 from delam_fem.case.sections import (
     Contact,
     Damping,
     Gap,
-    HarmonicExcitation,
     Lamina,
     Mesh,
     Output,
-    SweepExcitation,
     TimeStepping,
 )
+from delam_fem.case.series import read_series
 from delam_fem.case.toml import CaseError, Data, message, toml_text
 from delam_fem.contact.laws import combination
 from delam_fem.numerics import rayleigh
@@ -53,7 +53,7 @@ class Case(Section):
         gap: the gap at rest.
         mesh: the mesh of both laminae.
         damping: the damping model.
-        excitation: the motion of the base.
+        excitation: the motion of the base, or the force at a point.
         contact: the contact law.
         time: the time integration.
         output: the window and the frames that a run records.
@@ -68,7 +68,7 @@ class Case(Section):
     gap: Gap
     mesh: Mesh
     damping: Damping = Damping()
-    excitation: Annotated[HarmonicExcitation | SweepExcitation, Field(discriminator="kind")]
+    excitation: Excitation
     contact: Contact
     time: TimeStepping = TimeStepping()
     output: Output = Output()
@@ -85,6 +85,7 @@ class Case(Section):
                 f"expected the length {first.length!r} of lamina {first.name}, as the contact "
                 f"line needs opposite points, given {second.length!r}",
             )
+        self._check_force()
         try:
             combination(self.contact.law, self.time.scheme)
         except ValueError as error:
@@ -106,12 +107,29 @@ class Case(Section):
             )
         return self
 
+    def _check_force(self) -> None:
+        """Check that the point of a force exists."""
+        name = getattr(self.excitation, "lamina", None)
+        if name is None:
+            return
+        lengths = {lamina.name: lamina.length for lamina in self.lamina}
+        if name not in lengths:
+            raise inconsistent(
+                "excitation.lamina", f"expected one of {', '.join(lengths)}, given {name!r}"
+            )
+        position = getattr(self.excitation, "position", 0.0)
+        if position > lengths[name]:
+            raise inconsistent(
+                "excitation.position",
+                f"expected at most the length {lengths[name]!r} m, given {position!r}",
+            )
+
     @property
     def unread(self) -> tuple[str, ...]:
         """Keys that the case sets although a run does not use them, as overrides name them."""
         read = self._read_contact_keys
         keys = [f"contact.{key}" for key in sorted(self.contact.model_fields_set - read)]
-        if self.excitation.kind == "sweep" and "periods" in self.time.model_fields_set:
+        if self.excitation.length is not None and "periods" in self.time.model_fields_set:
             keys.append("time.periods")
         return tuple(keys)
 
@@ -123,23 +141,16 @@ class Case(Section):
 
     @property
     def is_periodic(self) -> bool:
-        """Whether the base repeats its motion after each period."""
-        return self.excitation.kind == "harmonic"
-
-    @property
-    def _top_frequency(self) -> float:
-        """Frequency whose period is divided into steps; the highest one of a sweep [Hz]."""
-        motion = self.excitation
-        if isinstance(motion, HarmonicExcitation):
-            return motion.frequency
-        return max(motion.start_frequency, motion.end_frequency)
+        """Whether the excitation repeats after each period."""
+        return self.excitation.is_periodic
 
     @property
     def n_periods(self) -> int:
         """Number of periods to compute; for a sweep, enough to cover its duration."""
-        if isinstance(self.excitation, HarmonicExcitation):
+        length = self.excitation.length
+        if length is None:
             return self.time.periods
-        return max(1, math.ceil(self.excitation.duration * self._top_frequency - _ROUND_OFF))
+        return max(1, math.ceil(length * self.excitation.top_frequency - _ROUND_OFF))
 
     @property
     def n_window_periods(self) -> int:
@@ -149,7 +160,7 @@ class Case(Section):
     @property
     def time_step(self) -> float:
         """Time step dt = 1/(N f), where f is the highest frequency of a sweep [s]."""
-        return 1.0 / (self.time.steps_per_period * self._top_frequency)
+        return 1.0 / (self.time.steps_per_period * self.excitation.top_frequency)
 
     @property
     def period(self) -> float:
@@ -173,6 +184,8 @@ class Case(Section):
     def linear_amplitude(self, i: int, frequency: FloatArray) -> FloatArray:
         """Return the exact tip amplitude of one lamina without contact on the moving base.
 
+        It is NaN if the base does not move harmonically.
+
         Args:
             i: index of the lamina, 0 or 1.
             frequency: frequencies of the base, any shape [Hz].
@@ -188,7 +201,11 @@ class Case(Section):
             mass_per_length=lamina.mass_per_length,
             rayleigh=self.rayleigh(i),
         )
-        return np.asarray(self.excitation.amplitude * np.abs(H))
+        given = self.excitation
+        if not isinstance(given, HarmonicExcitation | SweepExcitation):
+            return np.full_like(H, np.nan, dtype=np.float64)
+        each = [given.displacement_amplitude(f) for f in np.ravel(frequency)]
+        return np.asarray(np.reshape(each, np.shape(frequency)) * np.abs(H))
 
     def to_toml(self) -> str:
         """Return the complete case as TOML; reading the text gives an equal case.
@@ -258,4 +275,29 @@ class Case(Section):
         for key, file in (("gap.file", self.gap.file), ("mesh.file", self.mesh.file)):
             if file is not None and not file.is_file():
                 raise CaseError(f"{label}: {key}: no such file: {file}")
+        return self._with_table_checked(label)
+
+    def _with_table_checked(self, label: str) -> Self:
+        """Return the case with the period of a tabulated excitation; check its table.
+
+        Raises:
+            CaseError: the table cannot be used, or it ends before the run.
+        """
+        given = self.excitation
+        if not isinstance(given, TableExcitation):
+            return self
+        if not given.file.is_file():
+            raise CaseError(f"{label}: excitation.file: no such file: {given.file}")
+        length = read_series(given.file, given.acts_on).length
+        if given.period is None:
+            period = length / self.time.periods
+            return self.model_copy(
+                update={"excitation": given.model_copy(update={"period": period})}
+            )
+        if self.time.periods * given.period > length * (1.0 + _ROUND_OFF):
+            raise CaseError(
+                f"{label}: excitation.file: expected times up to {self.time.periods} periods of "
+                f"{given.period:g} s, given {length:g} s; set time.periods to at most "
+                f"{int(length / given.period)}"
+            )
         return self

@@ -1,6 +1,6 @@
-"""Compute the motion of the base: displacement, exact velocity and acceleration at given times.
+"""Compute the drive: motion of the base with exact derivatives, or force at a point, in time.
 
-Both kinds of motion start at t = 0 with the displacement 0 but not with the velocity 0: the base
+Motions of the base start at t = 0 with the displacement 0 but not with the velocity 0: the base
 starts abruptly while the laminae are at rest, as in the paper.
 """
 
@@ -12,9 +12,19 @@ from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
+from scipy.interpolate import BSpline, make_interp_spline
 
 from delam_fem.case.definition import Case
-from delam_fem.case.sections import HarmonicExcitation, SweepExcitation
+from delam_fem.case.drive import (
+    ForceExcitation,
+    HammerExcitation,
+    HarmonicExcitation,
+    SweepExcitation,
+    TableExcitation,
+)
+from delam_fem.case.force import ForceDrive, HalfSine, SineForce, TabulatedForce
+from delam_fem.case.series import Series, read_series
+from delam_fem.case.toml import CaseError
 from delam_fem.numerics.arrays import FloatArray
 
 
@@ -72,6 +82,8 @@ class SweptMotion:
         duration: T [s].
         amplitude: A [m].
         logarithmic: whether the frequency changes logarithmically in time, not linearly.
+        acceleration: a [m/s2]; if given, A = a / (2 pi f(t))^2 instead of `amplitude`. The
+            acceleration then has the amplitude a but for terms of the order f'/f^2.
     """
 
     start_frequency: float
@@ -79,6 +91,7 @@ class SweptMotion:
     duration: float
     amplitude: float
     logarithmic: bool = False
+    acceleration: float | None = None
 
     def states(self, times: npt.ArrayLike) -> FloatArray:
         """Return displacement, velocity and acceleration, shape (k, 3); see `BaseMotion`."""
@@ -88,7 +101,20 @@ class SweptMotion:
         turns = turns + self.end_frequency * beyond
         rate = np.where(beyond > 0.0, 0.0, rate)
         rotation = 2.0 * math.pi * self.instantaneous_frequency(t)
-        return _states(self.amplitude, 2.0 * math.pi * turns, rotation, 2.0 * math.pi * rate)
+        states = _states(self.amplitude, 2.0 * math.pi * turns, rotation, 2.0 * math.pi * rate)
+        if self.acceleration is None:
+            return states
+        sine = _states(1.0, 2.0 * math.pi * turns, rotation, 2.0 * math.pi * rate)
+        return _product(self._amplitudes(rotation, 2.0 * math.pi * rate), sine)
+
+    def _amplitudes(self, omega: FloatArray, rate: FloatArray) -> FloatArray:
+        """Return A = a / omega^2 with two derivatives in time, shape (k, 3)."""
+        r = math.log(self.end_frequency / self.start_frequency) / self.duration
+        bend = r * rate if self.logarithmic else np.zeros_like(rate)  # omega''
+        amplitude = (self.acceleration or 0.0) / omega**2
+        slope = -2.0 * amplitude * rate / omega
+        curvature = amplitude * (6.0 * (rate / omega) ** 2 - 2.0 * bend / omega)
+        return np.stack([amplitude, slope, curvature], axis=-1)
 
     def instantaneous_frequency(self, times: npt.ArrayLike) -> FloatArray:
         """Return f(t), same shape as `times` [Hz]."""
@@ -109,22 +135,103 @@ class SweptMotion:
         return turns, self.instantaneous_frequency(t) * r / T
 
 
+@dataclass(frozen=True)
+class TabulatedMotion:
+    """A measured motion of the base: a quintic spline of its displacement.
+
+    From accelerations, the displacement is their double integral that is 0 at both ends of the
+    table, so that a base that vibrates does not drift away. A displacement counts from its first
+    value.
+
+    Attributes:
+        spline: the displacement [m].
+    """
+
+    spline: BSpline
+
+    @classmethod
+    def of(cls, series: Series) -> TabulatedMotion:
+        """Return the motion of a table of displacements [m] or accelerations [m/s2]."""
+        if series.unit == "m":
+            return cls(make_interp_spline(series.time, series.value - series.value[0], k=5))
+        twice = make_interp_spline(series.time, series.value, k=3).antiderivative(2)
+        ends = np.array([0.0, series.length])
+        first, last = twice(ends).tolist()
+        line = make_interp_spline(ends, [first, last], k=1)
+        return cls(_difference(twice, line))
+
+    def states(self, times: npt.ArrayLike) -> FloatArray:
+        """Return displacement, velocity and acceleration, shape (k, 3); see `BaseMotion`."""
+        t = np.clip(np.asarray(times, dtype=np.float64), *self.spline.t[[0, -1]])
+        return np.stack([self.spline(t, nu=order) for order in range(3)], axis=-1)
+
+
+def _difference(spline: BSpline, line: BSpline) -> BSpline:
+    """Return a spline minus a straight line, as a spline of the same degree."""
+    k, t = spline.k, spline.t
+    greville = np.array([t[j + 1 : j + k + 1].mean() for j in range(len(t) - k - 1)])
+    return BSpline(t, spline.c[: greville.size] - line(greville), k)
+
+
+class Drive(Protocol):
+    """What makes the laminae move: the base, or a force at a point."""
+
+    def states(self, times: npt.ArrayLike) -> FloatArray:
+        """Return (q, q', q'') of the base at `times` of shape (k,) [s], shape (k, 3).
+
+        With a force the rows have two more columns: force [N] and rate [N/s].
+        """
+        ...
+
+
+def drive(case: Case) -> Drive:
+    """Return the drive that a case describes.
+
+    Raises:
+        CaseError: the table of a tabulated drive cannot be used.
+    """
+    given = case.excitation
+    if isinstance(given, HarmonicExcitation | SweepExcitation):
+        return base_motion(case)
+    if isinstance(given, TableExcitation):
+        series = read_series(given.file, given.acts_on)
+        if given.acts_on == "base":
+            return TabulatedMotion.of(series)
+        return ForceDrive(TabulatedForce.of(series))
+    if isinstance(given, HammerExcitation):
+        return ForceDrive(HalfSine(given.amplitude, given.duration, given.start))
+    if given.frequency is not None:
+        return ForceDrive(SineForce(HarmonicMotion(given.frequency, given.amplitude)))
+    return ForceDrive(SineForce(_swept(given, given.amplitude)))
+
+
 def base_motion(case: Case) -> BaseMotion:
-    """Return the motion of the base that a case describes."""
+    """Return the harmonic or swept motion of the base that a case describes.
+
+    Raises:
+        CaseError: the case has another excitation.
+    """
     given = case.excitation
     if isinstance(given, HarmonicExcitation):
-        return HarmonicMotion(given.frequency, given.amplitude)
-    return _swept(given)
+        return HarmonicMotion(given.frequency, given.displacement_amplitude(given.frequency))
+    if isinstance(given, SweepExcitation):
+        return _swept(given, given.amplitude or 0.0, given.acceleration)
+    raise CaseError(
+        f"excitation.kind: expected 'harmonic' or 'sweep' of the base, given {given.kind!r}"
+    )
 
 
-def _swept(given: SweepExcitation) -> SweptMotion:
-    """Return the motion of the base for a sweep excitation."""
+def _swept(
+    given: SweepExcitation | ForceExcitation, amplitude: float, acceleration: float | None = None
+) -> SweptMotion:
+    """Return the course of a sweep."""
     return SweptMotion(
-        given.start_frequency,
-        given.end_frequency,
-        given.duration,
-        given.amplitude,
+        given.start_frequency or 0.0,
+        given.end_frequency or 0.0,
+        given.duration or 0.0,
+        amplitude,
         logarithmic=given.spacing == "logarithmic",
+        acceleration=acceleration,
     )
 
 
@@ -135,3 +242,10 @@ def _states(A: float, phi: FloatArray, rotation: FloatArray, change: FloatArray)
         [sin, rotation * cos, change * cos - rotation**2 * sin], axis=-1
     )
     return states
+
+
+def _product(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return the product of two functions with its derivatives, shape (k, 3)."""
+    first = a[:, 1] * b[:, 0] + a[:, 0] * b[:, 1]
+    second = a[:, 2] * b[:, 0] + 2.0 * a[:, 1] * b[:, 1] + a[:, 0] * b[:, 2]
+    return np.stack([a[:, 0] * b[:, 0], first, second], axis=-1)

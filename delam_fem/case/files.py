@@ -33,7 +33,7 @@ def load_case(path: str | Path, overrides: Mapping[str, object] | None = None) -
     """
     path = Path(path)
     data = read_toml(path)
-    for section in ("gap", "mesh"):
+    for section in ("gap", "mesh", "excitation"):
         table = data.get(section)
         if isinstance(table, dict) and isinstance(table.get("file"), str):
             table["file"] = os.path.join(path.absolute().parent, table["file"])
@@ -92,7 +92,9 @@ def save_case(case: Case, directory: str | Path) -> Path:
     directory.mkdir(parents=True, exist_ok=True)
     data = tomllib.loads(case.to_toml())
     taken: set[str] = set()
-    for section, file in (("gap", case.gap.file), ("mesh", case.mesh.file)):
+    drive_file: Path | None = getattr(case.excitation, "file", None)
+    named = {"gap": case.gap.file, "mesh": case.mesh.file, "excitation": drive_file}
+    for section, file in named.items():
         if file is not None:
             name = file.name if file.name not in taken else f"{section}-{file.name}"
             taken.add(name)

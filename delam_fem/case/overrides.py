@@ -8,7 +8,11 @@ from datetime import date, datetime, time
 
 from delam_fem.case.toml import CaseError, Data
 
-_ALTERNATIVES = (("mesh", ("elements", "file")), ("gap", ("exponent", "shape", "file")))
+_ALTERNATIVES = (
+    ("mesh", ("elements", "file")),
+    ("gap", ("exponent", "shape", "file")),
+    ("excitation", ("amplitude", "acceleration")),
+)
 """Sections with alternative keys: an override that sets one of them removes the others."""
 
 
@@ -109,12 +113,16 @@ def apply_overrides(data: Data, overrides: Mapping[str, object]) -> None:
     for section, choices in _ALTERNATIVES:
         table = data.get(section)
         if isinstance(table, dict) and any(f"{section}.{key}" in overrides for key in choices):
-            dropped = {*choices, "tip"} if f"{section}.file" in overrides else set(choices)
+            has_table = section == "gap" and "gap.file" in overrides
+            dropped = {*choices, "tip"} if has_table else set(choices)
             for key in dropped & set(table):
                 del table[key]
     table, kind = data.get("excitation"), overrides.get("excitation.kind")
     if isinstance(table, dict) and kind is not None and kind != table.get("kind"):
-        data["excitation"] = {key: table[key] for key in ("amplitude",) if key in table}
+        groups = (("harmonic", "sweep"), ("force", "hammer"))  # kinds that mean the same amplitude
+        are_alike = any(kind in group and table.get("kind") in group for group in groups)
+        kept = ("amplitude", "acceleration", "lamina", "position") if are_alike else ()
+        data["excitation"] = {key: table[key] for key in kept if key in table}
     for key, value in overrides.items():
         if key == "contact.law" and isinstance(value, str) and "@" in value:
             value, _, scheme = value.partition("@")  # a law with its scheme

@@ -157,40 +157,6 @@ class Damping(Section):
     rayleigh: Kind = "two-mode"
 
 
-class HarmonicExcitation(Section):
-    """Base motion A sin(2 pi f t).
-
-    Attributes:
-        kind: "harmonic".
-        frequency: f [Hz].
-        amplitude: A [m].
-    """
-
-    kind: Literal["harmonic"] = "harmonic"
-    frequency: Positive
-    amplitude: NotNegative
-
-
-class SweepExcitation(Section):
-    """Base motion A sin(phi(t)) with a frequency that changes from a start to an end value.
-
-    Attributes:
-        kind: "sweep".
-        start_frequency: frequency at t = 0 [Hz].
-        end_frequency: frequency at t = duration [Hz].
-        duration: length of the sweep [s].
-        amplitude: A [m].
-        spacing: "linear" or "logarithmic" change of the frequency in time.
-    """
-
-    kind: Literal["sweep"] = "sweep"
-    start_frequency: Positive
-    end_frequency: Positive
-    duration: Positive
-    amplitude: NotNegative
-    spacing: Literal["linear", "logarithmic"] = "linear"
-
-
 class Contact(Section):
     """The contact law and its parameters.
 

@@ -22,7 +22,7 @@ Data: TypeAlias = dict[str, object]
 _BARE_KEY = re.compile(r"[\w-]+", re.ASCII)
 """Pattern of a key that TOML accepts without quotes."""
 
-_UNION_TAGS = ("harmonic", "sweep")
+_UNION_TAGS = ("harmonic", "sweep", "force", "hammer", "table")
 """Names that pydantic inserts into the path of an error although the case file has no such
 level."""
 

@@ -124,7 +124,7 @@ def _draw_laminae(axes: Axes, case: Case) -> None:
         arrowprops={"arrowstyle": "<->", "color": BLACK},
     )  # fmt: skip
     axes.text(
-        tip / 2, -0.13 * height, f"base: A sin(2πft), A = {1e3 * case.excitation.amplitude:g} mm",
+        tip / 2, -0.13 * height, f"base: A sin(2πft), {case.excitation.size}",
         ha="center", va="top",
     )  # fmt: skip
     axes.set(xlabel="position [mm]", ylabel="x [mm]", xlim=(-9.0, tip + 9.0))

@@ -116,9 +116,4 @@ def title(case: Case) -> str:
     contact = combined_name(case.contact.law, case.time.scheme)
     if "impulse" in combination(case.contact.law, case.time.scheme).reads:
         contact += f", {case.contact.impulse} impulses"
-    motion = case.excitation
-    if motion.kind == "harmonic":
-        excitation = f"{motion.frequency:g} Hz"
-    else:
-        excitation = f"sweep {motion.start_frequency:g}–{motion.end_frequency:g} Hz"
-    return f"{case.name}: {excitation}, A = {1e3 * motion.amplitude:g} mm, contact: {contact}"
+    return f"{case.name}: {case.excitation.words}, contact: {contact}"

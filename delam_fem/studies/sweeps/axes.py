@@ -114,8 +114,8 @@ def heading(data: xr.Dataset) -> str:
     parts = []
     if motion.kind == "harmonic" and "excitation.frequency" not in keys:
         parts.append(f"{motion.frequency:g} Hz")
-    if "excitation.amplitude" not in keys:
-        parts.append(f"A = {1e3 * motion.amplitude:g} mm")
+    if not {"excitation.amplitude", "excitation.acceleration"} & keys:
+        parts.append(motion.size)
     if "contact.law" not in keys:
         parts.append(f"contact: {contact.law}")
     if "contact.restitution" not in keys:

@@ -30,7 +30,7 @@ _UNITS = {
     "amplitude": "m", "tip": "m", "length": "m", "width": "m", "thickness": "m",
     "density": "kg/m3", "young_modulus": "Pa", "bending_stiffness": "N m2",
     "penalty_stiffness": "N/m", "penalty_damping": "N s/m", "threshold_velocity": "m/s",
-    "displacement": "m", "velocity": "m/s",
+    "displacement": "m", "velocity": "m/s", "acceleration": "m/s2", "position": "m",
 }  # fmt: skip
 """Units by the last part of a key; all other keys are numbers without a unit."""
 
@@ -84,12 +84,18 @@ class Sweep:
                 name,
                 axis.key,
                 axis.points,
-                _UNITS.get(axis.key.rsplit(".", 1)[-1], "1"),
+                self._unit(axis.key),
                 axis.key.replace(".", " ").replace("_", " "),
                 names[0] if is_zip else name,
             )
             for name, axis in zip(names, self.file.axis, strict=True)
         )
+
+    def _unit(self, key: str) -> str:
+        """Return the unit of a key."""
+        if key == "excitation.amplitude" and self.base.excitation.acts_on == "force":
+            return "N"
+        return _UNITS.get(key.rsplit(".", 1)[-1], "1")
 
     @cached_property
     def sizes(self) -> dict[str, int]:

@@ -1,0 +1,320 @@
+"""Define the section `[excitation]` of a case: what makes the laminae move.
+
+The base moves, or a force acts at a point of a lamina. Every kind has the properties `acts_on`,
+`is_periodic`, `top_frequency` and `length`, so that other code need not know the kinds.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal, Self, TypeAlias
+
+from pydantic import Field, model_validator
+
+from delam_fem.case.fields import FileName, Label, NotNegative, Positive, Section, inconsistent
+from delam_fem.case.toml import CaseError
+
+Target = Literal["base", "force"]
+
+
+class _OfBase(Section):
+    """A motion of the base with a given amplitude of its displacement or of its acceleration.
+
+    Attributes:
+        amplitude: A, amplitude of the displacement [m].
+        acceleration: amplitude of the acceleration [m/s2], as shakers are set.
+    """
+
+    amplitude: NotNegative | None = None
+    acceleration: NotNegative | None = None
+
+    @model_validator(mode="after")
+    def _one_size(self) -> Self:
+        """Check that either the displacement or the acceleration is given."""
+        if self.amplitude is None and self.acceleration is None:
+            raise inconsistent(
+                "amplitude", "missing, but required unless excitation.acceleration is given"
+            )
+        if self.amplitude is not None and self.acceleration is not None:
+            raise inconsistent(
+                "acceleration", "expected either amplitude [m] or acceleration [m/s2], given both"
+            )
+        return self
+
+    @property
+    def acts_on(self) -> Target:
+        """Whether the base moves or a force acts."""
+        return "base"
+
+    @property
+    def size(self) -> str:
+        """The amplitude in words."""
+        if self.acceleration is not None:
+            return f"a = {self.acceleration:g} m/s²"
+        return f"A = {1e3 * (self.amplitude or 0.0):g} mm"
+
+    def displacement_amplitude(self, frequency: float) -> float:
+        """Return A: the given one, or acceleration / (2 pi f)^2 [m]."""
+        if self.acceleration is None:
+            return self.amplitude or 0.0
+        return self.acceleration / (2.0 * math.pi * frequency) ** 2
+
+
+class HarmonicExcitation(_OfBase):
+    """Base motion A sin(2 pi f t).
+
+    Attributes:
+        kind: "harmonic".
+        frequency: f [Hz].
+    """
+
+    kind: Literal["harmonic"] = "harmonic"
+    frequency: Positive
+
+    @property
+    def is_periodic(self) -> bool:
+        """Whether the excitation repeats after each period."""
+        return True
+
+    @property
+    def top_frequency(self) -> float:
+        """Frequency whose period is divided into steps [Hz]."""
+        return self.frequency
+
+    @property
+    def length(self) -> float | None:
+        """Time that a run must cover [s]; None: `time.periods` periods."""
+        return None
+
+    @property
+    def words(self) -> str:
+        """The excitation in words, for titles."""
+        return f"{self.frequency:g} Hz, {self.size}"
+
+
+class SweepExcitation(_OfBase):
+    """Base motion A sin(phi(t)) with a frequency that changes from a start to an end value.
+
+    Attributes:
+        kind: "sweep".
+        start_frequency: frequency at t = 0 [Hz].
+        end_frequency: frequency at t = duration [Hz].
+        duration: length of the sweep [s].
+        spacing: "linear" or "logarithmic" change of the frequency in time.
+    """
+
+    kind: Literal["sweep"] = "sweep"
+    start_frequency: Positive
+    end_frequency: Positive
+    duration: Positive
+    spacing: Literal["linear", "logarithmic"] = "linear"
+
+    @property
+    def is_periodic(self) -> bool:
+        """Whether the excitation repeats after each period."""
+        return False
+
+    @property
+    def top_frequency(self) -> float:
+        """Frequency whose period is divided into steps: the highest one [Hz]."""
+        return max(self.start_frequency, self.end_frequency)
+
+    @property
+    def length(self) -> float | None:
+        """Time that a run must cover [s]."""
+        return self.duration
+
+    @property
+    def words(self) -> str:
+        """The excitation in words, for titles."""
+        return f"sweep {self.start_frequency:g}–{self.end_frequency:g} Hz, {self.size}"
+
+
+class _AtPoint(Section):
+    """A force at a point of a lamina, in the direction of the deflection.
+
+    Attributes:
+        lamina: name of the lamina.
+        position: x of the point [m].
+        amplitude: largest force [N]; positive acts upwards, from the first lamina to the last.
+    """
+
+    lamina: Label
+    position: NotNegative
+    amplitude: NotNegative
+
+    @property
+    def acts_on(self) -> Target:
+        """Whether the base moves or a force acts."""
+        return "force"
+
+    @property
+    def size(self) -> str:
+        """The amplitude in words."""
+        return f"{self.amplitude:g} N on {self.lamina} at {self.position:g} m"
+
+
+class ForceExcitation(_AtPoint):
+    """Force F sin(2 pi f t) at a point, or F sin(phi(t)) with a frequency that changes.
+
+    Attributes:
+        kind: "force".
+        frequency: f of a harmonic force [Hz].
+        start_frequency, end_frequency, duration, spacing: of a swept force, as in
+            `SweepExcitation`.
+    """
+
+    kind: Literal["force"] = "force"
+    frequency: Positive | None = None
+    start_frequency: Positive | None = None
+    end_frequency: Positive | None = None
+    duration: Positive | None = None
+    spacing: Literal["linear", "logarithmic"] = "linear"
+
+    @model_validator(mode="after")
+    def _one_course(self) -> Self:
+        """Check that either one frequency is given or all keys of a sweep."""
+        swept = {key: getattr(self, key) for key in _SWEPT}
+        if self.frequency is not None:
+            for key in _SWEPT:
+                if swept[key] is not None:
+                    raise inconsistent(
+                        key, "expected either frequency or the keys of a sweep, given both"
+                    )
+            return self
+        if all(value is None for value in swept.values()):
+            raise inconsistent(
+                "frequency", f"missing, but required; or {', '.join(_SWEPT)} of a sweep"
+            )
+        for key, value in swept.items():
+            if value is None:
+                raise inconsistent(key, "missing, but required for a swept force")
+        return self
+
+    @property
+    def is_periodic(self) -> bool:
+        """Whether the excitation repeats after each period."""
+        return self.frequency is not None
+
+    @property
+    def top_frequency(self) -> float:
+        """Frequency whose period is divided into steps; the highest one of a sweep [Hz]."""
+        return max(self.frequency or 0.0, self.start_frequency or 0.0, self.end_frequency or 0.0)
+
+    @property
+    def length(self) -> float | None:
+        """Time that a run must cover [s]; None: `time.periods` periods."""
+        return self.duration
+
+    @property
+    def words(self) -> str:
+        """The excitation in words, for titles."""
+        if self.frequency is not None:
+            return f"{self.frequency:g} Hz, {self.size}"
+        return f"sweep {self.start_frequency:g}–{self.end_frequency:g} Hz, {self.size}"
+
+
+_SWEPT = ("start_frequency", "end_frequency", "duration")
+"""Keys that a swept force needs."""
+
+
+class HammerExcitation(_AtPoint):
+    """A blow of an impulse hammer: a half sine of force at a point.
+
+    Attributes:
+        kind: "hammer".
+        duration: length of the blow [s].
+        start: time at which the blow begins [s].
+        period: length of the N steps of one period [s].
+    """
+
+    kind: Literal["hammer"] = "hammer"
+    duration: Positive
+    start: NotNegative = 0.0
+    period: Positive
+
+    @property
+    def is_periodic(self) -> bool:
+        """Whether the excitation repeats after each period."""
+        return False
+
+    @property
+    def top_frequency(self) -> float:
+        """Frequency whose period is divided into steps [Hz]."""
+        return 1.0 / self.period
+
+    @property
+    def length(self) -> float | None:
+        """Time that a run must cover [s]; None: `time.periods` periods."""
+        return None
+
+    @property
+    def words(self) -> str:
+        """The excitation in words, for titles."""
+        return f"hammer {1e3 * self.duration:g} ms, {self.size}"
+
+
+class TableExcitation(Section):
+    """A motion of the base or a force from a table.
+
+    Attributes:
+        kind: "table".
+        file: CSV table with the columns time [s] and value; an absolute path. See `series.py`.
+        acts_on: "base" (displacement [m] or acceleration [m/s2]) or "force" [N].
+        lamina, position: point at which a force acts, as in `ForceExcitation`.
+        period: length of the N steps of one period [s]; if it is not given, `time.periods` periods
+            cover the table.
+    """
+
+    kind: Literal["table"] = "table"
+    file: FileName
+    acts_on: Target
+    lamina: Label | None = None
+    position: NotNegative | None = None
+    period: Positive | None = None
+
+    @model_validator(mode="after")
+    def _has_point(self) -> Self:
+        """Check that a force has its point, and a motion of the base none."""
+        for key in ("lamina", "position"):
+            is_given, needs = getattr(self, key) is not None, self.acts_on == "force"
+            if needs and not is_given:
+                raise inconsistent(key, 'missing, but required with acts_on = "force"')
+            if is_given and not needs:
+                raise inconsistent(key, 'expected none with acts_on = "base"')
+        return self
+
+    @property
+    def is_periodic(self) -> bool:
+        """Whether the excitation repeats after each period."""
+        return False
+
+    @property
+    def top_frequency(self) -> float:
+        """Frequency whose period is divided into steps [Hz]."""
+        if self.period is None:
+            raise CaseError("excitation.period: missing; load the case from a file, which sets it")
+        return 1.0 / self.period
+
+    @property
+    def length(self) -> float | None:
+        """Time that a run must cover [s]; None: `time.periods` periods."""
+        return None
+
+    @property
+    def size(self) -> str:
+        """The amplitude in words: the table's name."""
+        place = "base" if self.lamina is None else f"{self.lamina} at {self.position:g} m"
+        return f"{self.file.name} on {place}"
+
+    @property
+    def words(self) -> str:
+        """The excitation in words, for titles."""
+        return self.size
+
+
+Excitation: TypeAlias = Annotated[
+    HarmonicExcitation | SweepExcitation | ForceExcitation | HammerExcitation | TableExcitation,
+    Field(discriminator="kind"),
+]
+"""The section `[excitation]`; its key `kind` says which."""
