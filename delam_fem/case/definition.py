@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import tomllib
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Annotated, Self
 
 import numpy as np
@@ -13,6 +14,7 @@ from pydantic_core import PydanticCustomError
 
 from delam_fem.case.drive import Excitation, HarmonicExcitation, SweepExcitation, TableExcitation
 from delam_fem.case.fields import Section, expected, inconsistent
+from delam_fem.case.layers import Delamination, Support, require_fitting
 from delam_fem.case.overrides import apply_overrides
 from delam_fem.case.sections import (
     Contact,
@@ -34,12 +36,14 @@ _ROUND_OFF = 1e-9
 """Share of a period by which round-off alone may make a sweep longer than whole periods."""
 
 
-def _two_tables(value: object) -> object:
-    """Check that there are exactly two [[lamina]] tables."""
-    if not isinstance(value, list | tuple) or len(value) != 2:
+def _several_tables(value: object) -> object:
+    """Check that there are at least two [[lamina]] tables."""
+    if not isinstance(value, list | tuple) or len(value) < 2:
         count = len(value) if isinstance(value, list | tuple) else "something else"
         raise PydanticCustomError(
-            "inconsistent", "expected two [[lamina]] tables, given {count}", {"count": count}
+            "inconsistent",
+            "expected two or more [[lamina]] tables, given {count}",
+            {"count": count},
         )
     return value
 
@@ -49,8 +53,11 @@ class Case(Section):
 
     Attributes:
         name: name of the case and of the folder of its results.
-        lamina: lamina 1 (thick) and lamina 2 (thin), both clamped at x = 0.
-        gap: the gap at rest.
+        lamina: the laminae from bottom to top; in the paper thick and thin.
+        gap: the gap at rest between laminae that are apart over their whole length.
+        support: how the laminae are held at their ends.
+        delamination: where neighbours are apart; elsewhere they are bonded. Without any, laminae
+            with a gap are apart over their whole length.
         mesh: the mesh of both laminae.
         damping: the damping model.
         excitation: the motion of the base, or the force at a point.
@@ -64,8 +71,10 @@ class Case(Section):
         Field(strict=True, pattern=r"^\w[\w .+-]*$", max_length=100),
         expected("a name fit for a folder: letters, digits, space and . + - _"),
     ]
-    lamina: Annotated[tuple[Lamina, Lamina], BeforeValidator(_two_tables)]
-    gap: Gap
+    lamina: Annotated[tuple[Lamina, ...], BeforeValidator(_several_tables)]
+    gap: Gap | None = None
+    support: Support = Support()
+    delamination: tuple[Delamination, ...] = ()
     mesh: Mesh
     damping: Damping = Damping()
     excitation: Excitation
@@ -76,15 +85,8 @@ class Case(Section):
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         """Check conditions that involve several sections."""
-        first, second = self.lamina
-        if first.name == second.name:
-            raise inconsistent("lamina", f"expected two names, given {first.name!r} twice")
-        if first.length != second.length:
-            raise inconsistent(
-                f"lamina.{second.name}.length",
-                f"expected the length {first.length!r} of lamina {first.name}, as the contact "
-                f"line needs opposite points, given {second.length!r}",
-            )
+        self._check_laminae()
+        self._check_openings()
         self._check_force()
         try:
             combination(self.contact.law, self.time.scheme)
@@ -123,6 +125,52 @@ class Case(Section):
                 "excitation.position",
                 f"expected at most the length {lengths[name]!r} m, given {position!r}",
             )
+
+    def _check_laminae(self) -> None:
+        """Check that names differ and lengths agree."""
+        first = self.lamina[0]
+        for number, other in enumerate(self.lamina[1:], start=1):
+            if any(other.name == below.name for below in self.lamina[:number]):
+                raise inconsistent("lamina", f"expected two names, given {other.name!r} twice")
+            if first.length != other.length:
+                raise inconsistent(
+                    f"lamina.{other.name}.length",
+                    f"expected the length {first.length!r} of lamina {first.name}, as the contact "
+                    f"line needs opposite points, given {other.length!r}",
+                )
+
+    def _check_openings(self) -> None:
+        """Check that either a gap or delaminations are given, and that they fit the laminae."""
+        if self.delamination:
+            if self.gap is not None:
+                raise inconsistent("gap", "expected no gap beside [[delamination]]: give openings")
+            names = tuple(lamina.name for lamina in self.lamina)
+            require_fitting(self.delamination, names, self.length, self.support)
+        elif self.gap is None and "support" not in self.model_fields_set:
+            raise inconsistent(
+                "gap",
+                "missing, but required for laminae that are apart; give [[delamination]] tables "
+                "for a bonded stack, or [support] alone for one without delaminations",
+            )
+        elif self.gap is not None and self.support != Support():
+            raise inconsistent(
+                "support",
+                'expected start = "clamped" and end = "free" beside a gap; give a '
+                "[[delamination]] from 0 to the length for other supports",
+            )
+
+    @property
+    def length(self) -> float:
+        """Length of the laminae [m]."""
+        return self.lamina[0].length
+
+    @property
+    def is_apart(self) -> bool:
+        """Whether all laminae are cantilevers of their own, apart over their whole length."""
+        if self.gap is not None:
+            return True
+        open_everywhere = {d.between for d in self.delamination if d.spans(self.length)}
+        return self.support == Support() and len(open_everywhere) == len(self.lamina) - 1
 
     @property
     def unread(self) -> tuple[str, ...]:
@@ -170,8 +218,11 @@ class Case(Section):
     def rayleigh(self, i: int) -> tuple[float, float]:
         """Return the damping coefficients of one lamina, C = alpha M + beta K.
 
+        The coefficients are those of a cantilever of its own; a bonded stack has those of its
+        modes, see `model.network`.
+
         Args:
-            i: index of the lamina, 0 or 1.
+            i: index of the lamina from 0.
 
         Returns:
             alpha [1/s], beta [s].
@@ -187,7 +238,7 @@ class Case(Section):
         It is NaN if the base does not move harmonically.
 
         Args:
-            i: index of the lamina, 0 or 1.
+            i: index of the lamina from 0.
             frequency: frequencies of the base, any shape [Hz].
 
         Returns:
@@ -215,6 +266,10 @@ class Case(Section):
         data = self.model_dump(exclude_none=True)
         kept = self._read_contact_keys | self.contact.model_fields_set
         data["contact"] = {k: value for k, value in data["contact"].items() if k in kept}
+        if not self.delamination:
+            del data["delamination"]
+        if self.is_apart and "support" not in self.model_fields_set:
+            del data["support"]
         return toml_text(data)
 
     @classmethod
@@ -272,8 +327,8 @@ class Case(Section):
         Raises:
             CaseError: a file is missing.
         """
-        for key, file in (("gap.file", self.gap.file), ("mesh.file", self.mesh.file)):
-            if file is not None and not file.is_file():
+        for key, file in self.files.items():
+            if not file.is_file():
                 raise CaseError(f"{label}: {key}: no such file: {file}")
         return self._with_table_checked(label)
 
@@ -286,8 +341,6 @@ class Case(Section):
         given = self.excitation
         if not isinstance(given, TableExcitation):
             return self
-        if not given.file.is_file():
-            raise CaseError(f"{label}: excitation.file: no such file: {given.file}")
         length = read_series(given.file, given.acts_on).length
         if given.period is None:
             period = length / self.time.periods
@@ -301,3 +354,12 @@ class Case(Section):
                 f"{int(length / given.period)}"
             )
         return self
+
+    @property
+    def files(self) -> dict[str, Path]:
+        """The files that the case names, by their keys."""
+        named = {f"delamination.{i}.file": own.file for i, own in enumerate(self.delamination)}
+        named["gap.file"] = None if self.gap is None else self.gap.file
+        named["mesh.file"] = self.mesh.file
+        named["excitation.file"] = getattr(self.excitation, "file", None)
+        return {key: file for key, file in named.items() if file is not None}

@@ -11,10 +11,10 @@ from pathlib import Path
 
 from delam_fem.case.atomic import atomic, write_text
 from delam_fem.case.definition import Case
-from delam_fem.case.overrides import apply_overrides
+from delam_fem.case.overrides import apply_overrides, set_key
 from delam_fem.case.toml import CaseError, Data, read_toml, toml_text
 
-PRESETS = ("paper", "default")
+PRESETS = ("paper", "default", "embedded")
 """Names of the presets: the cases that come with the package."""
 
 
@@ -33,8 +33,9 @@ def load_case(path: str | Path, overrides: Mapping[str, object] | None = None) -
     """
     path = Path(path)
     data = read_toml(path)
-    for section in ("gap", "mesh", "excitation"):
-        table = data.get(section)
+    delaminations = data.get("delamination")
+    listed = delaminations if isinstance(delaminations, list) else []
+    for table in (data.get("gap"), data.get("mesh"), data.get("excitation"), *listed):
         if isinstance(table, dict) and isinstance(table.get("file"), str):
             table["file"] = os.path.join(path.absolute().parent, table["file"])
     return _case(data, overrides, f"case {path}")
@@ -92,17 +93,15 @@ def save_case(case: Case, directory: str | Path) -> Path:
     directory.mkdir(parents=True, exist_ok=True)
     data = tomllib.loads(case.to_toml())
     taken: set[str] = set()
-    drive_file: Path | None = getattr(case.excitation, "file", None)
-    named = {"gap": case.gap.file, "mesh": case.mesh.file, "excitation": drive_file}
-    for section, file in named.items():
-        if file is not None:
-            name = file.name if file.name not in taken else f"{section}-{file.name}"
-            taken.add(name)
-            _copy(file, directory / name)
-            data[section] = {**data[section], "file": name}
-            heavy = file.with_suffix(".h5")
-            if file.suffix == ".xdmf" and heavy.is_file():  # XDMF keeps its numbers in this file
-                _copy(heavy, directory / heavy.name)
+    for key, file in case.files.items():
+        prefix = key.removesuffix(".file").replace(".", "-")
+        name = file.name if file.name not in taken else f"{prefix}-{file.name}"
+        taken.add(name)
+        _copy(file, directory / name)
+        set_key(data, key, name)
+        heavy = file.with_suffix(".h5")
+        if file.suffix == ".xdmf" and heavy.is_file():  # XDMF keeps its numbers in this file
+            _copy(heavy, directory / heavy.name)
     return write_text(directory / "case.toml", toml_text(data))
 
 

@@ -1,4 +1,4 @@
-"""Compute the gap at rest between the laminae: a power, the first mode, or a measured table."""
+"""Compute the gap at rest between laminae: a power, a mode, an arch, or a measured table."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import PchipInterpolator
 
+from delam_fem.case.layers import Delamination
 from delam_fem.case.sections import Gap
 from delam_fem.case.toml import CaseError
 from delam_fem.numerics.arrays import FloatArray
@@ -60,6 +61,34 @@ def initial_gap(gap: Gap, x: npt.ArrayLike, length: float) -> FloatArray:
     return g0
 
 
+def opening_at_rest(
+    delamination: Delamination, x: FloatArray, *, opens_at_start: bool = False
+) -> FloatArray:
+    """Return the gap at rest at places within a delamination, shape of x [m].
+
+        half-cosine:  opening cos(pi (s - 1/2)),  s = (x - start)/(end - start)
+        power:        opening s^p, s from the bonded end to the open end
+        file:         the table, interpolated by PCHIP
+
+    Args:
+        delamination: gives edges, opening and shape.
+        x: places from start to end [m].
+        opens_at_start: whether the open end of the shape "power" is the start.
+
+    Raises:
+        CaseError: the table cannot be used.
+    """
+    own = delamination
+    if own.file is not None:
+        table = read_table(own.file, own.start, own.end)
+        return np.asarray(PchipInterpolator(*table)(np.clip(x, table[0][0], table[0][-1])))
+    s = np.clip((x - own.start) / (own.end - own.start), 0.0, 1.0)
+    if own.shape == "power":
+        s = 1.0 - s if opens_at_start else s
+        return np.asarray(own.opening * s ** (2.0 if own.exponent is None else own.exponent))
+    return np.asarray(own.opening * np.sin(np.pi * s))
+
+
 def read_gap_table(path: Path, length: float) -> tuple[FloatArray, FloatArray]:
     """Read the gap from a CSV table and check it.
 
@@ -74,17 +103,7 @@ def read_gap_table(path: Path, length: float) -> tuple[FloatArray, FloatArray]:
         CaseError: the file is missing; a row is not a pair of numbers; x does not increase or does
             not cover [0, L]; or the gap is not 0 at the clamp or not positive beyond it.
     """
-    rows = _numbers(path)
-    if len(rows) < 2:
-        raise CaseError(f"gap file {path}: expected at least two rows of x, gap, given {len(rows)}")
-    lines = [line for line, _, _ in rows]
-    x = np.array([row[1] for row in rows])
-    gap = np.array([row[2] for row in rows])
-    for k in np.flatnonzero(~(np.diff(x) > 0.0)):
-        raise CaseError(
-            f"gap file {path}, line {lines[k + 1]}: expected x to increase, given {x[k + 1]} "
-            f"after {x[k]}"
-        )
+    lines, x, gap = _columns(path)
     margin = _END_TOLERANCE * length
     if abs(x[0]) > margin or x[-1] < length - margin:
         raise CaseError(
@@ -102,6 +121,49 @@ def read_gap_table(path: Path, length: float) -> tuple[FloatArray, FloatArray]:
         )
     x[0] = gap[0] = 0.0
     return x, gap
+
+
+def read_table(path: Path, start: float, end: float) -> tuple[FloatArray, FloatArray]:
+    """Read the opening of a delamination from a CSV table and check it.
+
+    Args:
+        path: CSV file with the columns x [m], gap [m]; a heading and comments (#) are skipped.
+        start: where the delamination begins [m].
+        end: where it ends [m].
+
+    Returns:
+        Positions x, increasing, shape (rows,) [m]; gap, at least 0, shape (rows,) [m].
+
+    Raises:
+        CaseError: the file is missing; a row is not a pair of numbers; x does not increase or does
+            not cover the delamination; or a gap is negative.
+    """
+    lines, x, gap = _columns(path)
+    margin = _END_TOLERANCE * end
+    if x[0] > start + margin or x[-1] < end - margin:
+        raise CaseError(
+            f"gap file {path}: expected x from {start!r} to {end!r} m, given {x[0]} to {x[-1]}"
+        )
+    for k in np.flatnonzero(gap < 0.0):
+        raise CaseError(
+            f"gap file {path}, line {lines[k]}: expected a gap of at least 0, given {gap[k]} m"
+        )
+    return x, gap
+
+
+def _columns(path: Path) -> tuple[list[int], FloatArray, FloatArray]:
+    """Return line numbers, x (increasing) [m] and gap [m] of a CSV table."""
+    rows = _numbers(path)
+    if len(rows) < 2:
+        raise CaseError(f"gap file {path}: expected at least two rows of x, gap, given {len(rows)}")
+    lines = [line for line, _, _ in rows]
+    x = np.array([row[1] for row in rows])
+    for k in np.flatnonzero(~(np.diff(x) > 0.0)):
+        raise CaseError(
+            f"gap file {path}, line {lines[k + 1]}: expected x to increase, given {x[k + 1]} "
+            f"after {x[k]}"
+        )
+    return lines, x, np.array([row[2] for row in rows])
 
 
 def _numbers(path: Path) -> list[tuple[int, float, float]]:

@@ -55,7 +55,7 @@ def set_key(data: Data, key: str, value: object) -> None:
     Args:
         data: the case as `tomllib` returns it.
         key: path to the key, with dots; an entry of an array of tables is named by its `name` or by
-            its number from 1.
+            its number: laminae from 1, delaminations, which have no names, from 0.
         value: the new value; None removes the key.
 
     Raises:
@@ -67,11 +67,12 @@ def set_key(data: Data, key: str, value: object) -> None:
         if isinstance(table, dict) and part:
             table = table.setdefault(part, {})
         elif isinstance(table, list):
-            table = _entry(table, part, key)
+            table = _entry(table, part, key, first_number(parents[depth - 2]))
         if not isinstance(table, dict | list):
             raise CaseError(f"override {key}: {'.'.join(parents[:depth])} is not a table")
     if not isinstance(table, dict) or not last:
-        names = " or ".join(f"{'.'.join(parents)}.{name}.{last}" for name in _names(table))
+        first = first_number(parents[-1]) if parents else 1
+        names = " or ".join(f"{'.'.join(parents)}.{name}.{last}" for name in _names(table, first))
         raise CaseError(
             f"override {key}: not a key of a case" + (f"; expected {names}" * bool(names))
         )
@@ -81,20 +82,26 @@ def set_key(data: Data, key: str, value: object) -> None:
         table[last] = value.item() if hasattr(value, "item") else value  # of NumPy too
 
 
-def _names(table: object) -> list[str]:
+def _names(table: object, first: int) -> list[str]:
     """Return the names of the entries of an array of tables; [] for anything else."""
     entries = table if isinstance(table, list) else []
-    return [str(entry.get("name", i)) for i, entry in enumerate(entries, start=1)]
+    return [str(entry.get("name", i)) for i, entry in enumerate(entries, start=first)]
 
 
-def _entry(tables: list[Data], part: str, key: str) -> Data:
-    """Return the entry of an array of tables with the name or the number (from 1) `part`."""
-    for number, table in enumerate(tables, start=1):
+def first_number(array: str) -> int:
+    """Return the number of the first entry of an array of tables: laminae count from 1."""
+    return 0 if array == "delamination" else 1
+
+
+def _entry(tables: list[Data], part: str, key: str, first: int) -> Data:
+    """Return the entry of an array of tables with the name or the number `part`."""
+    for number, table in enumerate(tables, start=first):
         if part in (str(number), table.get("name")):
             return table
-    names = ", ".join(_names(tables))
+    names = ", ".join(_names(tables, first))
     raise CaseError(
-        f"override {key}: no entry {part!r}; expected one of {names} or a number from 1"
+        f"override {key}: no entry {part!r}; expected one of {names or 'none'} or a number from "
+        f"{first}"
     )
 
 

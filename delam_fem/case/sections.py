@@ -28,6 +28,7 @@ from delam_fem.case.fields import (
     Steps,
     inconsistent,
 )
+from delam_fem.case.materials import MATERIALS
 from delam_fem.contact.laws import Impulse, LawName
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.numerics.cantilever import cantilever_roots
@@ -36,13 +37,17 @@ from delam_fem.numerics.schemes import SchemeName
 
 
 class Lamina(Section):
-    """One lamina of the delaminated beam: a uniform cantilever.
+    """One lamina of the delaminated beam: uniform along its length.
+
+    A case file may give `material`, or `mass_per_length` [kg/m] instead of the density; without a
+    modulus, `bending_stiffness` gives it. The lamina then has the numbers that follow.
 
     Attributes:
         name: name of the lamina in results.
         length: L [m].
         width: b [m].
         thickness: h [m].
+        material: name of a row of `materials.MATERIALS`, whose density and modulus these are.
         density: rho [kg/m3].
         young_modulus: E [Pa].
         bending_stiffness: EI [N m2]; if given, it replaces E b h^3/12.
@@ -53,10 +58,27 @@ class Lamina(Section):
     length: Positive
     width: Positive
     thickness: Positive
+    material: str | None = None
     density: Positive
     young_modulus: Positive
     bending_stiffness: Positive | None = None
     damping_ratio: DampingRatio
+
+    @model_validator(mode="before")
+    @classmethod
+    def _resolved(cls, data: object) -> object:
+        """Put the numbers of a material, of EI or of the mass per length in their places."""
+        if not isinstance(data, Mapping):
+            return data
+        given = dict(data)
+        _take_material(given)
+        _take_section(given)
+        return given
+
+    @property
+    def axial_rigidity(self) -> float:
+        """Axial stiffness E b h [N]."""
+        return self.young_modulus * self.width * self.thickness
 
     @property
     def flexural_rigidity(self) -> float:
@@ -82,6 +104,44 @@ class Lamina(Section):
         speed = np.sqrt(self.flexural_rigidity / self.mass_per_length)
         frequencies: FloatArray = (cantilever_roots(n) / self.length) ** 2 * speed
         return frequencies
+
+
+def _take_material(given: dict[object, object]) -> None:
+    """Fill in density and modulus of a named material; other values beside it are refused."""
+    name = given.get("material")
+    if name is None:
+        return
+    row = MATERIALS.get(name) if isinstance(name, str) else None
+    if row is None:
+        raise inconsistent("material", f"expected one of {', '.join(MATERIALS)}, given {name!r}")
+    for key in ("density", "young_modulus"):
+        value = getattr(row, key)
+        if given.setdefault(key, value) != value:
+            raise inconsistent(
+                key, f"expected {value!r}, that of {name}, or no material; given {given[key]!r}"
+            )
+
+
+def _take_section(given: dict[object, object]) -> None:
+    """Turn a mass per length into the density, and without a modulus EI into the modulus."""
+    width, thickness, line_mass, EI = (
+        given.get(key) for key in ("width", "thickness", "mass_per_length", "bending_stiffness")
+    )
+    sizes = [width, thickness]
+    if any(isinstance(v, bool) or not isinstance(v, int | float) or v <= 0.0 for v in sizes):
+        return  # the sizes themselves are refused
+    b, h = float(width), float(thickness)  # type: ignore[arg-type]
+    if line_mass is not None:
+        if "density" in given:
+            raise inconsistent("mass_per_length", "expected density or mass_per_length, not both")
+        if isinstance(line_mass, bool) or not isinstance(line_mass, int | float) or line_mass <= 0:
+            raise inconsistent(
+                "mass_per_length", f"expected a positive number, given {line_mass!r}"
+            )
+        given["density"] = float(line_mass) / (b * h)
+        del given["mass_per_length"]
+    if "young_modulus" not in given and isinstance(EI, int | float):
+        given["young_modulus"] = 12.0 * float(EI) / (b * h**3)
 
 
 class Gap(Section):

@@ -151,7 +151,8 @@ def _path(place: tuple[int | str, ...], data: Mapping[str, object]) -> Iterator[
         if isinstance(part, int):
             entry = tables[part] if isinstance(tables, list | tuple) else {}
             name = entry.get("name") if isinstance(entry, Mapping) else None
-            yield name if isinstance(name, str) and name else str(part + 1)
+            first = 0 if place[0] == "delamination" else 1  # the numbers of overrides
+            yield name if isinstance(name, str) and name else str(part + first)
         else:
             tables = data.get(part)
             yield part

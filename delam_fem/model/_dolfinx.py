@@ -98,15 +98,15 @@ def create_interval_mesh(comm: MPI.Intracomm, x: FloatArray, cells: IntArray) ->
 
 
 @_compiling_in_silence()
-def pair_space(mesh: Any) -> Any:
-    """Return the mixed space P1 × P1 on a mesh of intervals."""
+def mixed_space(mesh: Any, n: int) -> Any:
+    """Return the mixed space P1 × … × P1 of n components on a mesh of intervals."""
     if hasattr(dolfinx.fem, "functionspace"):
         import basix.ufl
 
         linear = basix.ufl.element("Lagrange", "interval", 1)
-        return dolfinx.fem.functionspace(mesh, basix.ufl.mixed_element([linear, linear]))
+        return dolfinx.fem.functionspace(mesh, basix.ufl.mixed_element([linear] * n))
     linear = ufl.FiniteElement("Lagrange", mesh.ufl_cell(), 1)
-    return dolfinx.fem.FunctionSpace(mesh, ufl.MixedElement([linear, linear]))
+    return dolfinx.fem.FunctionSpace(mesh, ufl.MixedElement([linear] * n))
 
 
 @_compiling_in_silence()

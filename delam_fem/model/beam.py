@@ -4,7 +4,7 @@
     k(w, v) = ∫ E I w'' v'' dx                             (stiffness)
     c(w, v) = ∫ alpha rho A w v dx + ∫ beta E I w'' v'' dx (Rayleigh damping)
 
-w and v are the Hermite interpolants of (u, phi). Both laminae lie on one mesh as two separate
+w and v are the Hermite interpolants of (u, phi). All laminae lie on one mesh as separate
 lines; E I, rho A, alpha and beta are functions of x on this mesh. The clamped dofs are separated
 after the assembly (paper eq. 9, 10).
 """
@@ -20,6 +20,8 @@ import ufl
 from mpi4py import MPI
 
 from delam_fem.case.definition import Case
+from delam_fem.case.toml import CaseError
+from delam_fem.model import stack
 from delam_fem.model.hermite import BENDING_DEGREE, MASS_DEGREE, Hermite
 from delam_fem.model.laminae import clamped_laminae, gap_at_rest, pair_weights
 from delam_fem.model.layout import BASE, Layout, Structure
@@ -29,7 +31,7 @@ from delam_fem.model.pairing import gap_matrix, probe_rows
 from delam_fem.numerics.arrays import FloatArray, IntArray
 
 Profile = Callable[[int, FloatArray], FloatArray | float]
-"""A property along a lamina: (lamina 0 or 1, x [m]) -> values at x."""
+"""A property along a lamina: (number of the lamina from 0, x [m]) -> values at x."""
 
 
 def assemble(
@@ -39,7 +41,7 @@ def assemble(
     flexural_rigidity: Profile | None = None,
     mass_per_length: Profile | None = None,
 ) -> Structure:
-    """Assemble the two laminae of a case.
+    """Assemble the laminae of a case.
 
     Args:
         case: the case; it gives all values that the other arguments do not replace.
@@ -51,23 +53,29 @@ def assemble(
         CaseError: the mesh or the gap is not usable.
     """
     x = node_coordinates(case)
+    if not case.is_apart:
+        if flexural_rigidity is not None or mass_per_length is not None:
+            raise CaseError("bonded laminae: expected constant properties, given a profile along x")
+        return stack.assemble(case, x, comm)
     n = len(x) - 1
     EI = flexural_rigidity or (lambda i, x: case.lamina[i].flexural_rigidity)
     rhoA = mass_per_length or (lambda i, x: case.lamina[i].mass_per_length)
-    laminae = Hermite.on_line(comm, np.tile(x, 2), _two_lines(n))
+    count = len(case.lamina)
+    laminae = Hermite.on_line(comm, np.tile(x, count), _lines(n, count))
     M, C, K, lumped = _matrices(case, laminae, n, (EI, rhoA))
     middle = 0.5 * (x[1:] + x[:-1])
     EI_of_cell, rhoA_of_cell = (
-        np.array([np.broadcast_to(profile(i, middle), n) for i in (0, 1)]) for profile in (EI, rhoA)
+        np.array([np.broadcast_to(profile(i, middle), n) for i in range(count)])
+        for profile in (EI, rhoA)
     )
     layout = clamped_laminae(case, x, EI_of_cell, rhoA_of_cell)
     return Structure(_operators(case, layout, (M, C, K), lumped), layout)
 
 
-def _two_lines(n: int) -> IntArray:
-    """Return the cells of two separate lines of n elements, shape (2 n, 2)."""
+def _lines(n: int, count: int) -> IntArray:
+    """Return the cells of separate lines of n elements each, shape (count n, 2)."""
     line = np.column_stack([np.arange(n), np.arange(1, n + 1)])
-    return np.vstack([line, line + n + 1]).astype(np.int64)
+    return np.vstack([line + k * (n + 1) for k in range(count)]).astype(np.int64)
 
 
 def _matrices(
@@ -77,8 +85,8 @@ def _matrices(
 
     def coefficient(profile: Profile) -> Any:
         def values(cells: IntArray, x: FloatArray) -> FloatArray:
-            on_first = cells < n
-            return np.where(on_first, profile(0, x), profile(1, x))
+            own = [cells // n == i for i in range(len(case.lamina))]
+            return np.select(own, [profile(i, x) for i in range(len(own))])
 
         return laminae.coefficient(values)
 

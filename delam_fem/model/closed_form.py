@@ -15,11 +15,14 @@ import scipy.sparse as sp
 from delam_fem.case.definition import Case
 from delam_fem.case.sections import Lamina
 from delam_fem.case.toml import CaseError
+from delam_fem.model.bonded import structure
 from delam_fem.model.laminae import clamped_laminae, gap_at_rest, pair_weights
 from delam_fem.model.layout import Structure
+from delam_fem.model.mesh import node_coordinates, require_edges
+from delam_fem.model.network import Group, Network, Segment, network
 from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.model.pairing import gap_matrix, probe_rows
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.arrays import FloatArray, IntArray
 
 CLAMP_U, CLAMP_PHI = 0, 1
 """Dofs of the clamped node. One lamina's dofs run node by node from the clamp, u before phi."""
@@ -39,6 +42,8 @@ def assemble(case: Case, x: npt.ArrayLike | None = None) -> Structure:
         CaseError: the mesh is a file and x is not given, or x does not run from 0 to the length.
     """
     x = _nodes(case, x)
+    if not case.is_apart:
+        return _stack(case, network(case, x))
     beams = [Beam.of(lamina, np.diff(x)) for lamina in case.lamina]
     damping = [case.rayleigh(i) for i in range(len(beams))]
     is_lumped = case.time.mass == "lumped"
@@ -65,6 +70,55 @@ def assemble(case: Case, x: npt.ArrayLike | None = None) -> Structure:
         probes=probe_rows(layout, mass.shape[0]),
     )
     return Structure(operators, layout)
+
+
+def _stack(case: Case, stack: Network) -> Structure:
+    """Assemble a bonded stack: every group of a segment is one beam about its neutral axis."""
+    sizes = (stack.n_columns, stack.n_columns)
+    mass, stiffness = sp.csr_matrix(sizes), sp.csr_matrix(sizes)
+    lumped = np.zeros(stack.n_columns)
+    for segment, group in stack.groups():
+        nodes = segment.nodes
+        h = np.diff(stack.x[nodes])
+        EI, rhoA, EA = _section(stack, group)
+        beam = Beam.uniform(EI, rhoA, h)
+        to = _chain(stack, nodes, group[0])
+        stretch = _stretch(stack, segment, group)
+        mass = mass + to.T @ beam.mass @ to
+        stiffness = stiffness + to.T @ beam.stiffness @ to + EA / h.sum() * stretch.T @ stretch
+        lumped += to.T @ beam.lumped_mass  # each column of `to` picks a single dof
+    return structure(case, stack, mass, stiffness, lumped)
+
+
+def _section(stack: Network, group: Group) -> tuple[float, float, float]:
+    """Return EI about the neutral axis [N m2], ρA [kg/m] and EA [N] of bonded laminae."""
+    laminae = [stack.laminae[i] for i in group]
+    arms = stack.middles[list(group)] - stack.neutral_axis(group)
+    EA = [lamina.axial_rigidity for lamina in laminae]
+    EI = sum(
+        lamina.flexural_rigidity + ea * float(arm) ** 2
+        for lamina, ea, arm in zip(laminae, EA, arms, strict=True)
+    )
+    return EI, sum(lamina.mass_per_length for lamina in laminae), sum(EA)
+
+
+def _chain(stack: Network, nodes: IntArray, lamina: int) -> sp.csr_matrix:
+    """Return the matrix from the unknowns to (w, w') along the nodes of a segment."""
+    rows = sp.lil_matrix((2 * nodes.size, stack.n_columns))
+    for k, node in enumerate(nodes):
+        for component in (0, 1):
+            for column, factor in stack.row(node, lamina, component):
+                rows[2 * k + component, column] += factor
+    return rows.tocsr()
+
+
+def _stretch(stack: Network, segment: Segment, group: Group) -> sp.csr_matrix:
+    """Return the row from the unknowns to the elongation of a group in a segment."""
+    row = sp.lil_matrix((1, stack.n_columns))
+    for node, sign in ((segment.first, -1.0), (segment.last, 1.0)):
+        for column, factor in stack.axial_row(node, group):
+            row[0, column] += sign * factor
+    return row.tocsr()
 
 
 def element_stiffness(flexural_rigidity: npt.ArrayLike, h: npt.ArrayLike) -> FloatArray:
@@ -146,8 +200,13 @@ class Beam:
     @classmethod
     def of(cls, lamina: Lamina, h: FloatArray) -> Beam:
         """Assemble a lamina from elements of lengths h, shape (n,) [m]."""
-        rigidity = np.full(h.size, lamina.flexural_rigidity)
-        mass_per_length = np.full(h.size, lamina.mass_per_length)
+        return cls.uniform(lamina.flexural_rigidity, lamina.mass_per_length, h)
+
+    @classmethod
+    def uniform(cls, EI: float, rhoA: float, h: FloatArray) -> Beam:
+        """Assemble a uniform beam of stiffness EI [N m2] and mass ρA [kg/m]; see `of`."""
+        rigidity = np.full(h.size, EI)
+        mass_per_length = np.full(h.size, rhoA)
         ends = element_lumped_mass(mass_per_length, h)
         lumped = np.zeros(2 * h.size + 2)
         lumped[:-2] += ends[:, :2].ravel()
@@ -178,13 +237,14 @@ def _nodes(case: Case, x: npt.ArrayLike | None) -> FloatArray:
                 "mesh.file: the closed form reads no mesh files; expected mesh.elements, or the "
                 f"positions of the nodes as x; given {case.mesh.file}"
             )
-        return np.linspace(0.0, length, case.mesh.elements + 1)
+        return node_coordinates(case)
     nodes = np.asarray(x, dtype=np.float64)
     if nodes[0] != 0.0 or abs(nodes[-1] - length) > 1e-9 * length:
         raise CaseError(
             f"x: the nodes must run from 0 to the length {length:g} m, "
             f"given {nodes[0]:g} to {nodes[-1]:g} m"
         )
+    require_edges(case, nodes, "x")
     return nodes
 
 

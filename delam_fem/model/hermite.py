@@ -5,8 +5,11 @@ A P1 field f has the values f - X J f' and f + (1 - X) J f' at the ends of its c
 therefore an algebraic expression in UFL. It needs no C1 element from the library, and its slopes
 are physical on any graded or reversed cell.
 
+Bonded laminae have a third P1 field, the axial displacement.
+
 Nodes keep the numbers that they have in `Hermite.on_line`. In every gathered matrix node j has the
-dofs 2 j (u) and 2 j + 1 (phi), however dolfinx and the partitioning number them.
+dofs 2 j (u) and 2 j + 1 (phi), however dolfinx and the partitioning number them; with an axial
+field, 3 j (u), 3 j + 1 (phi) and 3 j + 2 (axial).
 """
 
 from __future__ import annotations
@@ -35,9 +38,10 @@ class Hermite:
     Attributes:
         comm: communicator of the mesh.
         mesh: dolfinx mesh of intervals.
-        space: the space P1 × P1.
+        space: the space P1 × P1, or P1 × P1 × P1 with an axial field.
         node_of_vertex: input node of each geometry node of this rank.
         cell_of_cell: input cell of each cell of this rank, ghosts included.
+        n_fields: number of P1 fields of the space.
     """
 
     comm: MPI.Intracomm
@@ -45,23 +49,29 @@ class Hermite:
     space: Any
     node_of_vertex: IntArray
     cell_of_cell: IntArray
+    n_fields: int = 2
 
     @classmethod
-    def on_line(cls, comm: MPI.Intracomm, x: FloatArray, cells: IntArray) -> Hermite:
+    def on_line(
+        cls, comm: MPI.Intracomm, x: FloatArray, cells: IntArray, *, has_axial: bool = False
+    ) -> Hermite:
         """Build the space on intervals, which may form several separate lines.
 
         Args:
             comm: communicator.
             x: node coordinates, shape (n_nodes,) [m].
             cells: node pairs in any order and direction, shape (n_cells, 2).
+            has_axial: whether there is a third P1 field, the axial displacement.
         """
+        n_fields = 3 if has_axial else 2
         mesh = _dolfinx.create_interval_mesh(comm, x, cells)
         return cls(
             comm,
             mesh,
-            _dolfinx.pair_space(mesh),
+            _dolfinx.mixed_space(mesh, n_fields),
             np.asarray(mesh.geometry.input_global_indices, dtype=np.int64),
             np.asarray(mesh.topology.original_cell_index, dtype=np.int64),
+            n_fields,
         )
 
     def _ends(self, field: Any) -> tuple[Any, Any, Any, Any]:
@@ -105,16 +115,17 @@ class Hermite:
         return _dolfinx.function(space, fill)
 
     def _global_to_input(self) -> IntArray:
-        """Return the input dof (2 node + component) of each global dof, the same on every rank."""
+        """Return the input dof (n_fields node + component) of each global dof, on every rank."""
+        n = self.n_fields
         rows = []
         nodes = _dolfinx.cell_nodes(self.mesh)
         index_map = self.space.dofmap.index_map
-        for component in (0, 1):
+        for component in range(n):
             dofmap = self.space.sub(component).dofmap
             for cell, vertices in enumerate(nodes):
                 local = dofmap.cell_dofs(cell).astype(np.int32)
                 dofs = index_map.local_to_global(local)
-                rows.append(np.column_stack([dofs, 2 * self.node_of_vertex[vertices] + component]))
+                rows.append(np.column_stack([dofs, n * self.node_of_vertex[vertices] + component]))
         mine = np.vstack(rows) if rows else np.empty((0, 2), dtype=np.int64)
         table = np.vstack(self.comm.allgather(mine))
         result = np.empty(index_map.size_global, dtype=np.int64)

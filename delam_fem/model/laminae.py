@@ -10,7 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from delam_fem.case.definition import Case
-from delam_fem.case.gap import initial_gap
+from delam_fem.case.gap import initial_gap, opening_at_rest
+from delam_fem.case.layers import EDGE_TOLERANCE, open_ends
 from delam_fem.model.layout import BASE, FIXED, Interface, Layout, Part, Probe, Support
 from delam_fem.model.pairing import opposite, tributary_lengths
 from delam_fem.numerics.arrays import FloatArray, IntArray
@@ -52,13 +53,28 @@ def gap_at_rest(case: Case, layout: Layout) -> FloatArray:
     """Return the gaps at rest of all pairs, shape (n_pairs,) [m].
 
     Raises:
-        CaseError: see `initial_gap`.
+        CaseError: see `initial_gap` and `opening_at_rest`.
     """
     gaps = []
     for interface in layout.interfaces:
         x = layout.parts[interface.parts[0]].positions(interface.places(0))
-        gaps.append(initial_gap(case.gap, x, case.lamina[0].length))
+        if case.gap is not None:
+            gaps.append(initial_gap(case.gap, x, case.length))
+        else:
+            names = (layout.names[interface.parts[0]], layout.names[interface.parts[1]])
+            gaps.append(_openings(case, names, x))
     return np.concatenate(gaps)
+
+
+def _openings(case: Case, between: tuple[str, str], x: FloatArray) -> FloatArray:
+    """Return the gaps at rest between two laminae at places within their delaminations [m]."""
+    gap, margin = np.zeros(x.size), EDGE_TOLERANCE * case.length
+    for own in case.delamination:
+        if own.between == between:
+            inside = (x >= own.start - margin) & (x <= own.end + margin)
+            is_at_start = open_ends(own, case.length, case.support) == ("start",)
+            gap[inside] = opening_at_rest(own, x[inside], opens_at_start=is_at_start)
+    return gap
 
 
 def pair_weights(case: Case, layout: Layout) -> FloatArray | None:

@@ -16,6 +16,7 @@ from delam_fem.case.definition import Case
 from delam_fem.case.toml import CaseError
 from delam_fem.numerics.arrays import FloatArray, IntArray
 
+_COUNTS = {2: "two", 3: "three"}
 NODE_TOLERANCE = 1e-9  # relative to the length: nodes closer than this along x are opposite
 
 
@@ -29,14 +30,75 @@ def node_coordinates(case: Case) -> FloatArray:
     length = case.lamina[0].length
     if case.mesh.file is None:
         assert case.mesh.elements is not None
-        return np.linspace(0.0, length, case.mesh.elements + 1)
+        return _placed(case, case.mesh.elements)
     path = Path(case.mesh.file)
-    first, second = (
+    first, *others = (
         _lamina_nodes(path, points, cells, length)
         for points, cells in _lamina_lines(path, [lamina.name for lamina in case.lamina])
     )
-    _require_opposite(path, first, second, length)
+    for other in others:
+        _require_opposite(path, first, other, length)
+    require_edges(case, first, f"mesh.file: {path}")
     return first
+
+
+def edges(case: Case) -> FloatArray:
+    """Return the ends of the structure and the edges of its delaminations, increasing [m]."""
+    length = case.length
+    places = sorted({edge for own in case.delamination for edge in (own.start, own.end)})
+    margin = NODE_TOLERANCE * length
+    kept = [0.0]
+    for place in places:
+        if place - kept[-1] > margin and length - place > margin:
+            kept.append(place)
+    return np.array([*kept, length])
+
+
+def require_edges(case: Case, x: FloatArray, source: str) -> None:
+    """Check that nodes are at every edge of a delamination.
+
+    Raises:
+        CaseError: an edge lies between two nodes.
+    """
+    for edge in edges(case):
+        nearest = float(x[np.argmin(np.abs(x - edge))])
+        if abs(nearest - edge) > NODE_TOLERANCE * case.length:
+            raise CaseError(
+                f"{source}: expected a node at the edge x = {edge:g} m of a delamination, the "
+                f"nearest is at {nearest:g} m"
+            )
+
+
+def _placed(case: Case, n: int) -> FloatArray:
+    """Return the nodes of n elements with a node at every edge, uniform where that is possible.
+
+    Otherwise each segment between two edges has equal elements, as many as its share of the length,
+    and at least two, so that there is a pair within every delamination.
+    """
+    length, at = case.length, edges(case)
+    uniform = np.linspace(0.0, length, n + 1)
+    nearest = np.abs(uniform[:, None] - at).argmin(axis=0)
+    if np.all(np.abs(uniform[nearest] - at) <= NODE_TOLERANCE * length) and (
+        at.size == 2 or np.diff(nearest).min() > 1
+    ):
+        return uniform
+    spans = np.diff(at)
+    if n < 2 * spans.size:
+        raise CaseError(
+            f"mesh.elements: expected at least {2 * spans.size}, two between neighbouring edges of "
+            f"delaminations, given {n}"
+        )
+    counts = np.maximum(2, np.floor(n * spans / length)).astype(np.int64)
+    while counts.sum() != n:  # the coarsest segment gets one more, or the finest one fewer
+        h = spans / counts
+        if counts.sum() < n:
+            counts[np.argmax(h)] += 1
+        else:
+            counts[np.argmin(np.where(counts > 2, h, np.inf))] -= 1
+    pieces = [
+        np.linspace(a, b, k + 1)[:-1] for a, b, k in zip(at[:-1], at[1:], counts, strict=True)
+    ]
+    return np.concatenate([*pieces, [length]])
 
 
 def _read(path: Path) -> Any:
@@ -66,8 +128,8 @@ def _lamina_lines(path: Path, names: list[str]) -> list[tuple[FloatArray, IntArr
     ]
     if not tags:
         raise CaseError(
-            f"mesh.file: {path}: expected the lines in two physical groups named "
-            f"{names[0]!r} and {names[1]!r}"
+            f"mesh.file: {path}: expected the lines in {_COUNTS.get(len(names), len(names))} "
+            f"physical groups named {' and '.join(map(repr, names))}"
         )
     tag = tags[0]
     if set(names) <= set(mesh.field_data):

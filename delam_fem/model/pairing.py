@@ -18,7 +18,7 @@ from delam_fem.numerics.arrays import FloatArray, IntArray
 def opposite(
     parts: Sequence[Part], lower: int, upper: int, first_pair: int = 0, *, per_element: int = 1
 ) -> Interface:
-    """Pair the opposite points of two parts, except points where both parts are held.
+    """Pair the opposite points of two parts, except points where both are held or bonded.
 
     Args:
         parts: all parts of the structure.
@@ -29,14 +29,17 @@ def opposite(
             the points.
     """
     free = [part.dofs[:, DISPLACEMENT] >= 0 for part in (parts[lower], parts[upper])]
-    points = np.flatnonzero(free[0] | free[1])
+    is_bonded = parts[lower].dofs[:, DISPLACEMENT] == parts[upper].dofs[:, DISPLACEMENT]
+    is_apart = (free[0] | free[1]) & ~is_bonded
+    points = np.flatnonzero(is_apart)
     name = f"{parts[lower].name}-{parts[upper].name}"
     if per_element == 1:
         return Interface(name, (lower, upper), np.column_stack([points, points]), first_pair)
     n = parts[lower].n_elements
     ends = np.concatenate([[0], np.repeat(np.arange(1, n + 1), per_element)])
     local = np.concatenate([[1.0], np.tile(np.arange(1, per_element + 1) / per_element, n)])
-    is_kept = (local < 1.0) | np.isin(ends, points)
+    within = is_apart[ends] | is_apart[np.maximum(ends - 1, 0)]  # of elements that are not bonded
+    is_kept = np.where(local < 1.0, within, is_apart[ends])
     both = [np.column_stack([values[is_kept]] * 2) for values in (ends, local)]
     return Interface(name, (lower, upper), both[0], first_pair, both[1])
 

@@ -17,6 +17,7 @@ from scipy.optimize import brentq
 
 from delam_fem.case.definition import Case
 from delam_fem.case.sections import Gap, Lamina
+from delam_fem.case.toml import CaseError
 from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.numerics.arrays import FloatArray
 
@@ -36,6 +37,8 @@ def assemble(case: Case, x: npt.ArrayLike) -> Operators:
     Returns:
         The operators; a gap opens as u2 - u1 grows.
     """
+    if case.gap is None:
+        raise CaseError("reference: expected laminae that are apart, with a section gap")
     x = np.asarray(x, dtype=np.float64)
     laminae = [_lamina(case, lamina, x) for lamina in case.lamina]
     free, clamps = _partition(x.size)

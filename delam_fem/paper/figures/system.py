@@ -63,6 +63,7 @@ def measure(lab: Laboratory) -> System:
     """Return the properties of the paper's case; no motion is computed."""
     case = motion_case(RESONANT, lab.plan)
     thick, thin = case.lamina
+    assert case.gap is not None  # the paper's case has one
     x = np.linspace(0.0, thick.length, 21)
     return System(
         case=case.to_toml(),
@@ -98,6 +99,7 @@ def draw(numbers: System) -> Figure:
 
 def _draw_laminae(axes: Axes, case: Case) -> None:
     """Draw both laminae upright on their base."""
+    assert case.gap is not None  # the paper's case has one
     L, tip = case.lamina[0].length, 1e3 * float(case.gap.tip or 0.0)
     x = np.linspace(0.0, L, SHOWN_POINTS)
     gaps = [1e3 * initial_gap(Gap(tip=case.gap.tip, exponent=p), x, L) for p in EXPONENTS]

@@ -1,0 +1,77 @@
+"""Free vibrations of a structure with delaminations that open freely, or that are kept closed."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.linalg import eigh
+from scipy.sparse.linalg import eigsh
+
+from delam_fem.model.layout import Layout
+from delam_fem.numerics.arrays import FloatArray
+
+DENSE_DOFS = 400
+"""Up to here a dense eigenvalue problem is solved: no iteration, and still below 0.1 s."""
+
+
+def lowest(
+    K: sp.csr_matrix, M: sp.csr_matrix, n: int, *, is_floating: bool = False
+) -> tuple[FloatArray, FloatArray]:
+    """Return the n lowest frequencies [Hz] and vectors, shape (n_dofs, n).
+
+    M v = mu (K + s M) v is solved for the largest mu = 1/(omega^2 + s): the other way round, the
+    lowest frequencies would drown in the round-off of the highest.
+
+    Args:
+        K: stiffness.
+        M: mass.
+        n: number of modes.
+        is_floating: whether K is singular; a shift s then makes the problem regular. Without it s
+            is 0.
+    """
+    dofs = K.shape[0]
+    shift = _shift(K, M) if is_floating else 0.0
+    if dofs <= DENSE_DOFS or 2 * n > dofs:
+        stiff = K.toarray() + shift * M.toarray() if shift else K.toarray()
+        mu, vectors = eigh(M.toarray(), stiff, subset_by_index=(dofs - n, dofs - 1))
+        squares, vectors = 1.0 / mu[::-1] - shift, vectors[:, ::-1]
+        omega = np.sqrt(np.maximum(squares, 0.0)) if shift else 1.0 / np.sqrt(mu[::-1])
+    else:
+        squares, vectors = eigsh(K.tocsc(), n, M.tocsc(), sigma=-shift, v0=np.ones(dofs))
+        order = np.argsort(squares)
+        omega, vectors = np.sqrt(np.maximum(squares[order], 0.0)), vectors[:, order]
+    return omega / (2.0 * np.pi), vectors
+
+
+def kept_closed(layout: Layout, n_dofs: int) -> sp.csr_matrix:
+    """Return the matrix S of u = S u_closed, with equal motion on both sides of every pair.
+
+    The laminae share deflection and slope at each pair, and so everywhere between; they slide on
+    one another without friction.
+
+    Args:
+        layout: gives the dofs of the points of each pair.
+        n_dofs: number of free dofs.
+
+    Returns:
+        Shape (n_dofs, number of dofs that are left).
+    """
+    master = np.arange(n_dofs)
+    for interface in layout.interfaces:
+        lower, upper = (
+            layout.parts[part].dofs[interface.points[:, side]]
+            for side, part in enumerate(interface.parts)
+        )
+        both = (lower >= 0) & (upper >= 0)
+        for below, above in zip(lower[both].tolist(), upper[both].tolist(), strict=True):
+            a, b = master[below], master[above]
+            master[master == max(a, b)] = min(a, b)
+    kept, place = np.unique(master, return_inverse=True)
+    entries = np.ones(n_dofs), (np.arange(n_dofs), place)
+    return sp.csr_matrix(entries, shape=(n_dofs, kept.size))
+
+
+def _shift(K: sp.csr_matrix, M: sp.csr_matrix) -> float:
+    """Return a rough square of an elastic angular frequency, above those of rigid motions."""
+    few = min(K.shape[0], 7)
+    return float(eigh(K.toarray(), M.toarray(), eigvals_only=True)[:few].max())
