@@ -43,8 +43,13 @@ ALLOWED: dict[str, set[str]] = {
 
 # Modules that must not reach the others, even through what they import at once. The table of laws
 # imports the laws when they are set up, so cases may read it.
-JUDGE = {"reference.contact", "reference.loop", "reference.matrices"}
-ASSEMBLERS = {"model.beam", "model.closed_form", "model.ground", "model.hermite", "model.layout"}
+JUDGE = {
+    "reference.contact", "reference.loop", "reference.matrices", "reference.split_beam",
+}  # fmt: skip
+ASSEMBLERS = {
+    "model.beam", "model.bonded", "model.closed_form", "model.ground", "model.hermite", "model.layout",
+    "model.network", "model.stack", "model.vibration",
+}  # fmt: skip
 DECIDING = {"contact.impulses", "contact.complementarity", "contact.newton", "contact.moreau"}
 STRANGERS = [
     (JUDGE, {*DECIDING, "engines", "simulation", "case.gap", *ASSEMBLERS}),
@@ -58,7 +63,8 @@ INPUTS = {
 }  # fmt: skip
 """What the judge shares with what it judges. Case sections import the exact cantilever."""
 COMPUTED_BY_THE_CASE = {
-    "angular_frequencies", "flexural_rigidity", "linear_amplitude", "mass_per_length",
+    "angular_frequencies", "axial_rigidity", "flexural_rigidity", "linear_amplitude",
+    "mass_per_length",
 }  # fmt: skip
 """Numbers derived by the case, besides `rayleigh`; the judge derives them by itself."""
 ABOVE_DOLFINX = {

@@ -6,6 +6,7 @@ import tomllib
 from collections.abc import Mapping
 from datetime import date, datetime, time
 
+from delam_fem.case.materials import MATERIALS
 from delam_fem.case.toml import CaseError, Data
 
 _ALTERNATIVES = (
@@ -14,6 +15,15 @@ _ALTERNATIVES = (
     ("excitation", ("amplitude", "acceleration")),
 )
 """Sections with alternative keys: an override that sets one of them removes the others."""
+
+
+_MATERIAL_KEYS = {
+    "material": ("density", "young_modulus", "mass_per_length", "bending_stiffness"),
+    "density": ("material", "mass_per_length"),
+    "mass_per_length": ("material", "density"),
+    "young_modulus": ("material",),
+}
+"""What an override of a lamina's material, or of a number of it, removes."""
 
 
 def parse_override(text: str) -> tuple[str, object]:
@@ -134,4 +144,21 @@ def apply_overrides(data: Data, overrides: Mapping[str, object]) -> None:
         if key == "contact.law" and isinstance(value, str) and "@" in value:
             value, _, scheme = value.partition("@")  # a law with its scheme
             set_key(data, "time.scheme", scheme)
+        if key.startswith("lamina."):
+            _leave_material(data, key)
         set_key(data, key, value)
+
+
+def _leave_material(data: Data, key: str) -> None:
+    """Remove what a new material, density or modulus of a lamina replaces."""
+    path, _, last = key.rpartition(".")
+    entries, part = data.get("lamina"), path.removeprefix("lamina.")
+    if not isinstance(entries, list) or last not in _MATERIAL_KEYS or "." in part:
+        return
+    entry = _entry(entries, part, key, first_number("lamina"))
+    row = MATERIALS.get(str(entry.get("material")))
+    if row is not None:
+        entry.setdefault("density", row.density)
+        entry.setdefault("young_modulus", row.young_modulus)
+    for other in _MATERIAL_KEYS[last]:
+        entry.pop(other, None)

@@ -1,0 +1,185 @@
+"""Layered beams in the case file: materials, supports, delaminations, openings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from delam_fem.case.definition import Case
+from delam_fem.case.files import load_case, preset, preset_text, save_case
+from delam_fem.case.gap import opening_at_rest
+from delam_fem.case.layers import Delamination
+from delam_fem.case.materials import MATERIALS
+from delam_fem.case.toml import CaseError
+from delam_fem.model import closed_form
+
+EDGES = {"between": ("lower", "upper"), "start": 0.1, "end": 0.3}
+
+
+def refused(overrides: dict[str, object], name: str = "embedded") -> str:
+    """Return the message with which a preset refuses overrides."""
+    with pytest.raises(CaseError) as error:
+        preset(name, overrides)
+    return str(error.value)
+
+
+def written(case: Case) -> Case:
+    """Return a case after it went through its text."""
+    return Case.from_toml(case.to_toml())
+
+
+def test_preset_embedded_is_the_aluminium_beam() -> None:
+    case = preset("embedded")
+    lower, upper = case.lamina
+    assert (lower.density, lower.young_modulus) == (2700.0, 70e9)
+    assert (lower.thickness, upper.thickness, case.length) == (0.0014, 0.0006, 0.4)
+    assert (case.support.start, case.support.end, case.is_apart) == ("clamped", "clamped", False)
+    (delamination,) = case.delamination
+    assert (delamination.start, delamination.end, delamination.opening) == (0.12, 0.28, 0.0)
+    assert written(case) == case
+
+
+def test_a_material_gives_density_and_modulus() -> None:
+    case = preset("embedded", {"lamina.upper.material": "steel"})
+    assert case.lamina[1].density == MATERIALS["steel"].density
+    assert case.lamina[1].young_modulus == MATERIALS["steel"].young_modulus
+    again = case.with_overrides({"lamina.upper.material": "titanium"})
+    assert again.lamina[1].young_modulus == MATERIALS["titanium"].young_modulus
+
+
+def test_a_number_replaces_that_of_the_material_and_keeps_the_other() -> None:
+    upper = preset("embedded", {"lamina.upper.density": 2600.0}).lamina[1]
+    assert (upper.density, upper.young_modulus, upper.material) == (2600.0, 70e9, None)
+
+
+def test_stiffness_and_mass_per_length_are_enough() -> None:
+    lamina = {
+        "name": "upper",
+        "length": 0.4,
+        "width": 0.02,
+        "thickness": 0.0006,
+        "damping_ratio": 0.005,
+        "bending_stiffness": 0.03,
+        "mass_per_length": 0.04,
+    }
+    lower = preset("embedded").lamina[0].model_dump(exclude_none=True)
+    upper = preset("embedded", {"lamina": [lower, lamina]}).lamina[1]
+    assert upper.flexural_rigidity == 0.03
+    assert upper.mass_per_length == pytest.approx(0.04, rel=1e-15)
+    assert upper.axial_rigidity == pytest.approx(12.0 * 0.03 / 0.0006**2, rel=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("overrides", "text"),
+    [
+        ({"lamina.upper.material": "cheese"}, "lamina.upper.material: expected one of aluminium, "),
+        ({"lamina.upper.mass_per_length": -1.0}, "upper.mass_per_length: expected a positive num"),
+        ({"support.start": "glued"}, "support.start: expected 'clamped', 'pinned' or 'free'"),
+        ({"delamination.0.start": 0.3}, "delamination.0.end: expected a place beyond start = 0.3"),
+        ({"delamination.0.end": 0.5}, "delamination.0.end: expected at most the length 0.4 m, giv"),
+        ({"delamination.0.between": ["upper", "lower"]}, 'expected neighbours .* \\["lower", "up'),
+        ({"delamination.0.between": ["lower"]}, "delamination.0.between: expected the names of"),
+        ({"delamination.0.opening": -1.0}, "opening: expected a number of at least 0, given -1.0"),
+        ({"delamination.0.shape": "power"}, 'delamination.0.shape: expected "half-cosine" or a'),
+        ({"delamination.0.exponent": 2.0}, 'exponent: expected only with shape = "power"'),
+        ({"delamination.0.file": "no.csv"}, "delamination.0.file: no such file: /.*no.csv"),
+        ({"delamination.1.start": 0.1}, "no entry '1'; expected one of 0 or a number from 0"),
+        ({"gap.tip": 0.01}, "gap: expected no gap beside"),
+        ({"delamination.0.star": 0.1}, "delamination.0.star: unknown key; did you mean start?"),
+    ],
+)
+def test_bad_layers_are_told_with_their_key(overrides: dict[str, object], text: str) -> None:
+    with pytest.raises(CaseError, match=text):
+        preset("embedded", overrides)
+
+
+def test_delaminations_between_the_same_laminae_are_apart() -> None:
+    two = [EDGES, {**EDGES, "start": 0.3, "end": 0.35}]
+    assert "delamination.1.start: expected a place apart from delamination.0" in refused(
+        {"delamination": two}
+    )
+
+
+def test_a_gap_goes_with_the_supports_of_the_paper() -> None:
+    assert 'support: expected start = "clamped" and end = "free" beside a gap' in refused(
+        {"support.end": "clamped"}, "paper"
+    )
+
+
+def test_laminae_without_gap_and_delaminations_are_bonded_only_if_that_is_said() -> None:
+    assert "gap: missing, but required for laminae that are apart" in refused(
+        {"gap": None}, "paper"
+    )
+    assert not preset("paper", {"gap": None, "support.end": "free"}).is_apart
+
+
+def test_three_laminae_with_a_gap_are_apart() -> None:
+    thick, thin = (lamina.model_dump(exclude_none=True) for lamina in preset("paper").lamina)
+    case = preset("paper", {"lamina": [thick, thin, {**thin, "name": "top"}]})
+    assert case.is_apart
+    structure = closed_form.assemble(case)
+    assert [len(interface.points) for interface in structure.layout.interfaces] == [20, 20]
+
+
+def test_openings_at_rest() -> None:
+    x = np.array([0.1, 0.15, 0.2, 0.3])
+    arch = Delamination(**EDGES, opening=0.002)
+    expected = 0.002 * np.cos(np.pi * np.array([-0.5, -0.25, 0.0, 0.5]))
+    assert opening_at_rest(arch, x) == pytest.approx(expected, abs=1e-18)
+    power = Delamination(**EDGES, opening=0.002, shape="power", exponent=3.0)
+    s = (x - 0.1) / 0.2
+    assert opening_at_rest(power, x) == pytest.approx(0.002 * s**3)
+    from_start = opening_at_rest(power, x, opens_at_start=True)
+    assert from_start == pytest.approx(0.002 * (1.0 - s) ** 3)
+
+
+@pytest.mark.parametrize("free", ["start", "end"])
+def test_a_power_opens_towards_the_free_end(free: str) -> None:
+    edges = {"start": 0.0, "end": 0.2} if free == "start" else {"start": 0.2, "end": 0.4}
+    case = preset(
+        "embedded",
+        {
+            f"support.{free}": "free",
+            **{f"delamination.0.{key}": value for key, value in edges.items()},
+            "delamination.0.opening": 0.001,
+            "delamination.0.shape": "power",
+            "delamination.0.exponent": 1.0,
+        },
+    )
+    structure = closed_form.assemble(case)
+    (interface,) = structure.layout.interfaces
+    x = structure.layout.x[interface.points[:, 0]]
+    distance = x - 0.2 if free == "end" else 0.2 - x
+    assert structure.operators.gap0 == pytest.approx(0.001 * distance / 0.2, abs=1e-17)
+    assert distance.max() == pytest.approx(0.2)  # the free end is a pair
+
+
+def test_a_measured_opening_travels_with_the_case(tmp_path: Path) -> None:
+    (tmp_path / "blister.csv").write_text("x,gap\n0.12,0.0\n0.2,0.0003\n0.28,0.0\n")
+    text = preset_text("embedded").replace("opening = 0.0 ", 'file = "blister.csv" ')
+    (tmp_path / "case.toml").write_text(text)
+    case = load_case(tmp_path / "case.toml")
+    gap0 = closed_form.assemble(case).operators.gap0
+    assert gap0.max() == pytest.approx(0.0003)
+    saved = load_case(save_case(case, tmp_path / "kept"))
+    assert (tmp_path / "kept" / "blister.csv").is_file()
+    assert closed_form.assemble(saved).operators.gap0.tolist() == gap0.tolist()
+
+
+@pytest.mark.parametrize(
+    ("rows", "text"),
+    [
+        ("0.13,0\n0.28,0\n", "expected x from 0.12 to 0.28 m, given 0.13 to 0.28"),
+        ("0.1,0\n0.2,-1e-4\n0.3,0\n", "line 2: expected a gap of at least 0, given -0.0001 m"),
+    ],
+)
+def test_bad_tables_are_told(tmp_path: Path, rows: str, text: str) -> None:
+    (tmp_path / "t.csv").write_text(rows)
+    case = preset(
+        "embedded",
+        {"delamination.0.file": str(tmp_path / "t.csv"), "delamination.0.opening": None},
+    )
+    with pytest.raises(CaseError, match=text):
+        closed_form.assemble(case)
