@@ -21,6 +21,12 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 
 
+LEAST, MOST = 1e-30, 1e30
+"""Smallest and largest sizes; their products and powers still are doubles."""
+MOST_COUNTED = 10**15
+"""Largest number of periods, points or the like."""
+
+
 def expected(what: str) -> WrapValidator:
     """Return a validator that replaces any inner error by "expected …" with the given words."""
 
@@ -43,10 +49,36 @@ def inconsistent(key: str, text: str) -> PydanticCustomError:
     return PydanticCustomError("inconsistent", "{text}", {"key": key, "text": text})
 
 
+def _sensible(value: float) -> float:
+    """Check that a size is one that arithmetic in doubles can bear."""
+    if value and not LEAST <= value <= MOST:
+        raise PydanticCustomError("unexpected", f"expected a size from {LEAST:g} to {MOST:g}")
+    return value
+
+
+def _countable(value: int) -> int:
+    """Check that a number is one that can be counted to."""
+    if value > MOST_COUNTED:
+        raise PydanticCustomError("unexpected", f"expected at most {MOST_COUNTED:g}")
+    return value
+
+
+def _short(path: Path) -> Path:
+    """Check that a file name is one that a file system can have."""
+    text = os.fsencode(path)
+    if b"\0" in text or len(text) > 1024 or any(len(part) > 255 for part in text.split(b"/")):
+        raise PydanticCustomError("unexpected", "expected the name of a file")
+    return path
+
+
 _FINITE = Field(strict=True, allow_inf_nan=False)
 _WHOLE = Field(strict=True)
-Positive = Annotated[float, _FINITE, Field(gt=0.0), expected("a positive number")]
-NotNegative = Annotated[float, _FINITE, Field(ge=0.0), expected("a number of at least 0")]
+Positive = Annotated[
+    float, _FINITE, Field(gt=0.0), expected("a positive number"), AfterValidator(_sensible)
+]
+NotNegative = Annotated[
+    float, _FINITE, Field(ge=0.0), expected("a number of at least 0"), AfterValidator(_sensible)
+]
 DampingRatio = Annotated[
     float, _FINITE, Field(ge=0.0, lt=1.0), expected("a number from 0 to below 1")
 ]
@@ -60,10 +92,15 @@ PointsPerElement = Annotated[
 Steps = Annotated[
     int, _WHOLE, Field(ge=4, le=100_000_000), expected("a whole number from 4 to 100000000")
 ]
-Count = Annotated[int, _WHOLE, Field(ge=1), expected("a whole number of at least 1")]
-CountOrNone = Annotated[int, _WHOLE, Field(ge=0), expected("a whole number of at least 0")]
+Count = Annotated[
+    int, _WHOLE, Field(ge=1), expected("a whole number of at least 1"), AfterValidator(_countable)
+]
+CountOrNone = Annotated[
+    int, _WHOLE, Field(ge=0), expected("a whole number of at least 0"), AfterValidator(_countable)
+]
 FileName = Annotated[
     Path,
+    AfterValidator(_short),
     AfterValidator(lambda path: Path(os.path.abspath(path))),
     expected("the name of a file"),
 ]

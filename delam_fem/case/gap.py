@@ -10,7 +10,7 @@ from scipy.interpolate import PchipInterpolator
 
 from delam_fem.case.layers import Delamination
 from delam_fem.case.sections import Gap
-from delam_fem.case.toml import CaseError
+from delam_fem.case.toml import MOST_BYTES, CaseError
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.numerics.cantilever import cantilever_mode
 
@@ -169,6 +169,8 @@ def _columns(path: Path) -> tuple[list[int], FloatArray, FloatArray]:
 def _numbers(path: Path) -> list[tuple[int, float, float]]:
     """Return line number, x [m] and gap [m] of each row of a CSV table."""
     try:
+        if path.stat().st_size > MOST_BYTES:
+            raise CaseError(f"gap file {path}: expected at most {MOST_BYTES} bytes")
         lines = path.read_text(encoding="utf-8-sig").splitlines()
     except OSError as error:
         raise CaseError(f"gap file {path}: cannot be read ({error.strerror})") from None
@@ -187,15 +189,23 @@ def _numbers(path: Path) -> list[tuple[int, float, float]]:
             continue
         if len(cells) != 2 or not all(_is_number(cell) for cell in cells):
             raise CaseError(
-                f"gap file {path}, line {number}: expected two numbers x, gap, given {content!r}"
+                f"gap file {path}, line {number}: expected two numbers x, gap, given "
+                f"{_described(cells)}"
             )
         pair = (float(cells[0]), float(cells[1]))
         if not np.all(np.isfinite(pair)):
             raise CaseError(
-                f"gap file {path}, line {number}: expected finite numbers, given {content!r}"
+                f"gap file {path}, line {number}: expected finite numbers, given {pair}"
             )
         rows.append((number, *pair))
     return rows
+
+
+def _described(cells: list[str]) -> str:
+    """Return what is wrong with a row, without its text, which may be nobody's business."""
+    if len(cells) != 2:
+        return f"{len(cells)} column{'s' * (len(cells) > 1)}"
+    return f"a word in column {1 + _is_number(cells[0])}"
 
 
 def _is_number(text: str) -> bool:

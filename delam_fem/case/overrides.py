@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from datetime import date, datetime, time
 
 from delam_fem.case.materials import MATERIALS
-from delam_fem.case.toml import CaseError, Data
+from delam_fem.case.toml import MOST_LEVELS, CaseError, Data, parsed, shown
 
 _ALTERNATIVES = (
     ("mesh", ("elements", "file")),
@@ -42,21 +42,23 @@ def parse_override(text: str) -> tuple[str, object]:
     key, equals, value = (part.strip() for part in text.partition("="))
     if not equals or not key:
         raise CaseError(
-            f"override {text!r}: expected KEY=VALUE, for example excitation.frequency=3.65"
+            f"override {shown(text)}: expected KEY=VALUE, for example excitation.frequency=3.65"
         )
-    return key, _override_value(value)
+    if key.count(".") >= MOST_LEVELS:
+        raise CaseError(f"override {shown(key)}: expected at most {MOST_LEVELS} parts")
+    return key, _override_value(key, value)
 
 
-def _override_value(text: str) -> object:
+def _override_value(key: str, text: str) -> object:
     """Return the TOML value of a text, or the text itself if it is not a TOML value."""
     if not text:
         return None
     try:
-        parsed = tomllib.loads(f"value = {text}")
+        found = parsed(f"value = {text}", f"override {shown(key)}")
     except tomllib.TOMLDecodeError:
         return text
-    value: object = parsed["value"]
-    return text if len(parsed) > 1 or isinstance(value, date | datetime | time) else value
+    value: object = found["value"]
+    return text if len(found) > 1 or isinstance(value, date | datetime | time) else value
 
 
 def set_key(data: Data, key: str, value: object) -> None:

@@ -19,6 +19,14 @@ from pydantic_core import ErrorDetails
 Data: TypeAlias = dict[str, object]
 """A case as tomllib returns it: tables are dictionaries, arrays are lists."""
 
+MOST_LEVELS = 16
+"""Deepest nesting of tables and arrays; a case has three levels."""
+MOST_BYTES = 16_000_000
+"""Largest TOML file; a sweep with a million listed values is smaller."""
+MOST_PROBLEMS = 8
+"""Number of problems that a message lists."""
+_LONG_KEY = re.compile(r"""(?:[\w"'-]+[ \t]*\.[ \t]*){64}""")
+"""A key of so many levels that to parse it would take long."""
 _BARE_KEY = re.compile(r"[\w-]+", re.ASCII)
 """Pattern of a key that TOML accepts without quotes."""
 
@@ -43,16 +51,63 @@ def read_toml(path: Path) -> Data:
     Raises:
         CaseError: the file is missing, unreadable or not TOML (the message names the line).
     """
+    label = f"case file {path}"
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise CaseError(f"case file {path}: no such file") from None
+        if not path.exists():
+            raise CaseError(f"{label}: no such file")
+        if not path.is_file():
+            raise CaseError(f"{label}: expected a file, given a folder or a device")
+        if path.stat().st_size > MOST_BYTES:
+            raise CaseError(f"{label}: expected at most {MOST_BYTES} bytes")
+        text = path.read_text(encoding="utf-8-sig")
     except OSError as error:
-        raise CaseError(f"case file {path}: cannot be read ({error.strerror})") from None
+        raise CaseError(f"{label}: cannot be read ({error.strerror})") from None
     except UnicodeDecodeError as error:
-        raise CaseError(f"case file {path}: expected UTF-8 text ({error})") from None
+        raise CaseError(f"{label}: expected UTF-8 text ({error})") from None
+    try:
+        return parsed(text, label)
     except tomllib.TOMLDecodeError as error:
-        raise CaseError(f"case file {path}: not valid TOML: {error}") from None
+        raise CaseError(f"{label}: not valid TOML: {error}") from None
+
+
+def parsed(text: str, label: str) -> Data:
+    """Return the tables of a TOML text, of which no number and no depth can do harm.
+
+    Args:
+        text: the text.
+        label: name of the text in messages.
+
+    Raises:
+        TOMLDecodeError: the text is not TOML.
+        CaseError: its tables or arrays are nested too deeply, or a whole number has more than 64
+            bits.
+    """
+    too_deep = f"{label}: expected at most {MOST_LEVELS} levels of tables and arrays"
+    too_long = f"{label}: expected whole numbers of at most 64 bits"
+    if _LONG_KEY.search(text):
+        raise CaseError(too_deep)
+    try:
+        data = tomllib.loads(text)
+    except RecursionError:
+        raise CaseError(too_deep) from None
+    except tomllib.TOMLDecodeError:
+        raise
+    except ValueError:  # Python converts only so many digits
+        raise CaseError(too_long) from None
+    level: list[object] = [data]
+    for _ in range(MOST_LEVELS):
+        inner: list[object] = []
+        for value in level:
+            if isinstance(value, int) and not -(2**63) <= value < 2**63:
+                raise CaseError(too_long)
+            if isinstance(value, Mapping):
+                inner.extend(value.values())
+            elif isinstance(value, list):
+                inner.extend(value)
+        level = inner
+    if level:
+        raise CaseError(too_deep)
+    return data
 
 
 def toml_text(data: Mapping[str, object]) -> str:
@@ -116,14 +171,16 @@ def message(label: str, error: ValidationError, data: Mapping[str, object]) -> s
     lines = [_problem(details, data) for details in error.errors(include_url=False)]
     if len(lines) == 1:
         return f"{label}: {lines[0]}"
-    return f"{label}: {len(lines)} problems\n" + "\n".join(f"  {line}" for line in lines)
+    listed = [f"  {line}" for line in lines[:MOST_PROBLEMS]]
+    listed += ["  …"] * (len(lines) > MOST_PROBLEMS)
+    return f"{label}: {len(lines)} problems\n" + "\n".join(listed)
 
 
 def _problem(details: ErrorDetails, data: Mapping[str, object]) -> str:
     """Return one problem in the form `key: expected …, given …`."""
     path = list(_path(details["loc"], data))
     context = details.get("ctx", {})
-    kind, text, given = details["type"], details["msg"], f", given {_shown(details['input'])}"
+    kind, text, given = details["type"], details["msg"], f", given {shown(details['input'])}"
     if "key" in context:
         path, given = [*path, str(context["key"])], ""
     if kind == "missing":
@@ -158,9 +215,11 @@ def _path(place: tuple[int | str, ...], data: Mapping[str, object]) -> Iterator[
             yield part
 
 
-def _shown(value: object) -> str:
+def shown(value: object) -> str:
     """Return an input as the user wrote it, shortened to 60 characters."""
     if isinstance(value, float) and not math.isfinite(value):
         return str(value)
+    if isinstance(value, int) and abs(value) > 10**60:
+        return "a number of more than 60 digits"  # Python may refuse to write it
     text = str(value) if isinstance(value, Path) else repr(value)
     return text if len(text) <= 60 else f"{text[:57]}..."
