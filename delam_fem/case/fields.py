@@ -20,7 +20,6 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-
 LEAST, MOST = 1e-30, 1e30
 """Smallest and largest sizes; their products and powers still are doubles."""
 MOST_COUNTED = 10**15

@@ -10,7 +10,8 @@ from scipy.interpolate import PchipInterpolator
 
 from delam_fem.case.layers import Delamination
 from delam_fem.case.sections import Gap
-from delam_fem.case.toml import MOST_BYTES, CaseError
+from delam_fem.case.tables import described, is_number, rows_of
+from delam_fem.case.toml import CaseError
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.numerics.cantilever import cantilever_mode
 
@@ -168,50 +169,18 @@ def _columns(path: Path) -> tuple[list[int], FloatArray, FloatArray]:
 
 def _numbers(path: Path) -> list[tuple[int, float, float]]:
     """Return line number, x [m] and gap [m] of each row of a CSV table."""
-    try:
-        if path.stat().st_size > MOST_BYTES:
-            raise CaseError(f"gap file {path}: expected at most {MOST_BYTES} bytes")
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except OSError as error:
-        raise CaseError(f"gap file {path}: cannot be read ({error.strerror})") from None
-    except UnicodeDecodeError:
-        raise CaseError(f"gap file {path}: expected a text file (UTF-8)") from None
     rows: list[tuple[int, float, float]] = []
     may_be_heading = True
-    for number, line in enumerate(lines, start=1):
-        content = line.partition("#")[0].strip()
-        if not content:
-            continue
-        cells = [cell.strip() for cell in content.split(",")]
-        is_heading = may_be_heading and not any(_is_number(cell) for cell in cells)
+    for number, cells in rows_of(path, f"gap file {path}"):
+        is_heading = may_be_heading and not any(is_number(cell) for cell in cells)
         may_be_heading = False
         if is_heading:
             continue
-        if len(cells) != 2 or not all(_is_number(cell) for cell in cells):
-            raise CaseError(
-                f"gap file {path}, line {number}: expected two numbers x, gap, given "
-                f"{_described(cells)}"
-            )
+        place = f"gap file {path}, line {number}"
+        if len(cells) != 2 or not all(is_number(cell) for cell in cells):
+            raise CaseError(f"{place}: expected two numbers x, gap, given {described(cells)}")
         pair = (float(cells[0]), float(cells[1]))
         if not np.all(np.isfinite(pair)):
-            raise CaseError(
-                f"gap file {path}, line {number}: expected finite numbers, given {pair}"
-            )
+            raise CaseError(f"{place}: expected finite numbers, given {described(cells)}")
         rows.append((number, *pair))
     return rows
-
-
-def _described(cells: list[str]) -> str:
-    """Return what is wrong with a row, without its text, which may be nobody's business."""
-    if len(cells) != 2:
-        return f"{len(cells)} column{'s' * (len(cells) > 1)}"
-    return f"a word in column {1 + _is_number(cells[0])}"
-
-
-def _is_number(text: str) -> bool:
-    """Return whether a text is a number; NaN and infinity count as numbers."""
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True

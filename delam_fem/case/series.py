@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from delam_fem.case.tables import described, rows_of
 from delam_fem.case.toml import CaseError
 from delam_fem.numerics.arrays import FloatArray
 
@@ -57,26 +58,19 @@ def read_series(path: Path, acts_on: str, least_rows: int = 6) -> Series:
             numbers; the times do not begin at 0 or do not increase; or there are too few rows.
     """
     name = f"excitation.file {path}"
-    try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except OSError as error:
-        raise CaseError(f"{name}: cannot be read ({error.strerror})") from None
-    except UnicodeDecodeError:
-        raise CaseError(f"{name}: expected a text file (UTF-8)") from None
     unit, numbers, rows = next(iter(_UNITS[acts_on].values())), [], []
     is_first = True
-    for number, line in enumerate(lines, start=1):
-        content = line.partition("#")[0].strip()
-        if not content:
-            continue
-        cells, place = [cell.strip() for cell in content.split(",")], f"{name}, line {number}"
+    for number, cells in rows_of(path, name):
+        place = f"{name}, line {number}"
         if len(cells) != 2:
-            raise CaseError(f"{place}: expected two columns, time and value, given {content!r}")
+            raise CaseError(
+                f"{place}: expected two columns, time and value, given {described(cells)}"
+            )
         row = _row(cells)
         if row is None and is_first:
             unit = _unit_of(cells, acts_on, place) or unit
         elif row is None:
-            raise CaseError(f"{place}: expected two finite numbers, given {content!r}")
+            raise CaseError(f"{place}: expected two finite numbers, given {described(cells)}")
         else:
             numbers.append(number)
             rows.append(row)
@@ -101,7 +95,7 @@ def _unit_of(heading: list[str], acts_on: str, place: str) -> str | None:
     """Return the unit of the values that a heading gives, or None."""
     times, values = (_UNIT.search(cell) for cell in heading)
     if times is not None and times[1] not in _TIMES:
-        raise CaseError(f"{place}: expected times in s, given {heading[0]!r}")
+        raise CaseError(f"{place}: expected times in s, given {times[1][:8]}")
     if values is None:
         return None
     known = _UNITS[acts_on]
@@ -109,7 +103,7 @@ def _unit_of(heading: list[str], acts_on: str, place: str) -> str | None:
         expected = " or ".join(dict.fromkeys(known.values()))
         raise CaseError(
             f'{place}: expected values in {expected} with acts_on = "{acts_on}", given '
-            f"{heading[1]!r}"
+            f"{values[1][:8]}"
         )
     return known[values[1]]
 

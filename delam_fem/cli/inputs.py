@@ -25,16 +25,20 @@ def case_of(name: str, overrides: list[str] | None) -> Case:
     """Return the case of a preset or a case file, with the overrides of the command line."""
     from delam_fem.case.files import PRESETS, load_case, preset
     from delam_fem.case.overrides import parse_override
-    from delam_fem.case.toml import CaseError
+    from delam_fem.case.toml import CaseError, shown
 
     keys = dict(parse_override(text) for text in overrides or [])
     path = Path(name)
-    if path.suffix == ".toml" or path.is_file() or len(path.parts) > 1:
+    try:
+        is_file = path.suffix == ".toml" or len(path.parts) > 1 or path.is_file()
+    except OSError as error:
+        raise CaseError(f"case {shown(name)}: cannot be read ({error.strerror})") from None
+    if is_file:
         return load_case(path, keys)
     if name not in PRESETS:
         raise CaseError(
-            f"case {name!r}: neither a file nor a preset; expected a case file (.toml) or one of "
-            f"{', '.join(PRESETS)}"
+            f"case {shown(name)}: neither a file nor a preset; expected a case file (.toml) or one "
+            f"of {', '.join(PRESETS)}"
         )
     return preset(name, keys)
 

@@ -7,6 +7,9 @@ lamina.
 
 from __future__ import annotations
 
+import io
+import logging
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +20,11 @@ from delam_fem.case.toml import CaseError
 from delam_fem.numerics.arrays import FloatArray, IntArray
 
 _COUNTS = {2: "two", 3: "three"}
+FORMATS = {".msh": "gmsh", ".vtk": "vtk", ".vtu": "vtu", ".xdmf": "xdmf"}
+"""Names of meshio's formats by suffix. On damaged files of some others it never ends."""
+MOST_BYTES = 100_000_000
+"""Largest mesh file."""
+_log = logging.getLogger(__name__)
 NODE_TOLERANCE = 1e-9  # relative to the length: nodes closer than this along x are opposite
 
 
@@ -107,11 +115,18 @@ def _read(path: Path) -> Any:
 
     if not path.is_file():
         raise CaseError(f"mesh.file: no such file: {path}")
+    if path.suffix not in FORMATS:
+        raise CaseError(f"mesh.file: {path}: expected a file {', '.join(FORMATS)}")
+    if path.stat().st_size > MOST_BYTES:
+        raise CaseError(f"mesh.file: {path}: expected at most {MOST_BYTES} bytes")
     try:
-        # without the format, meshio would first try another one for this suffix, and print
-        return meshio.read(path, file_format="gmsh" if path.suffix == ".msh" else None)
-    except (Exception, SystemExit) as error:  # meshio exits on formats it does not know
-        raise CaseError(f"mesh.file: meshio cannot read {path}: {error}") from error
+        with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
+            return meshio.read(path, file_format=FORMATS[path.suffix])
+    except (Exception, SystemExit) as error:  # meshio exits on some files
+        _log.debug("meshio failed here", exc_info=True)
+        raise CaseError(
+            f"mesh.file: meshio cannot read {path} as {FORMATS[path.suffix]}; is it damaged?"
+        ) from error
 
 
 def _lamina_lines(path: Path, names: list[str]) -> list[tuple[FloatArray, IntArray]]:
@@ -137,6 +152,8 @@ def _lamina_lines(path: Path, names: list[str]) -> list[tuple[FloatArray, IntArr
     else:
         numbers = sorted(int(t) for t in np.unique(tag))
     x = np.asarray(mesh.points[:, 0], dtype=np.float64)
+    if not np.all(np.isfinite(x)):
+        raise CaseError(f"mesh.file: {path}: expected finite coordinates")
     return [(x, np.asarray(lines[tag == number], dtype=np.int64)) for number in numbers]
 
 
@@ -151,6 +168,8 @@ def _lamina_nodes(path: Path, x: FloatArray, cells: IntArray, length: float) -> 
     if steps.shape != chain.shape or not np.array_equal(steps, chain):
         raise CaseError(f"mesh.file: {path}: the lines of a lamina do not form one chain along x")
     result = x[order]
+    if not np.all(np.diff(result) > 0.0):
+        raise CaseError(f"mesh.file: {path}: two nodes of a lamina have the same x")
     tolerance = NODE_TOLERANCE * length
     if abs(result[0]) > tolerance or abs(result[-1] - length) > tolerance:
         raise CaseError(

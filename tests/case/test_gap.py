@@ -61,8 +61,8 @@ def test_table_of_a_line_is_the_line(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("rows", "expected"),
     [
-        ("0,0\n0.3,nan\n0.685,0.01", "line 3: expected finite numbers, given '0.3,nan'"),
-        ("0,0\n0.3,0.01,3\n0.685,0.01", "line 3: expected two numbers x, gap, given '0.3,0.01,3'"),
+        ("0,0\n0.3,nan\n0.685,0.01", "line 3: expected finite numbers, given 0.3, nan"),
+        ("0,0\n0.3,0.01,3\n0.685,0.01", "line 3: expected two numbers x, gap, given 3 columns"),
         ("0,0\n0.3,abc\n0.685,0.01", "line 3: expected two numbers"),
         ("0,0\n0.3,0.01\n0.3,0.02\n0.685,0.1", "line 4: expected x to increase, given 0.3 after 0"),
         ("0,0\n0.4,0.01\n0.3,0.02\n0.685,0.1", "line 4: expected x to increase, given 0.3 after 0"),

@@ -7,6 +7,7 @@ from pathlib import Path
 import meshio
 import numpy as np
 import pytest
+from project import ROOT
 
 from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
@@ -102,4 +103,45 @@ def test_a_file_that_meshio_cannot_read_is_named(tmp_path: Path) -> None:
     path = tmp_path / "m.msh"
     path.write_text("no mesh")
     with pytest.raises(CaseError, match=r"meshio cannot read .*m\.msh"):
+        node_coordinates(case_with(path))
+
+
+def test_only_formats_that_were_tried_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "m.mdpa"
+    path.write_text("Begin Nodes\n")  # meshio would read this for ever
+    with pytest.raises(CaseError, match=r"expected a file \.msh, \.vtk, \.vtu, \.xdmf"):
+        node_coordinates(case_with(path))
+
+
+def test_a_message_quotes_nothing_of_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "m.msh"
+    path.write_text("$MeshFormat\nsecret\n")
+    with pytest.raises(CaseError) as caught:
+        node_coordinates(case_with(path))
+    assert "secret" not in str(caught.value)
+
+
+@pytest.mark.parametrize("suffix", [".vtk", ".vtu", ".xdmf"])
+def test_other_formats_are_read(tmp_path: Path, suffix: str) -> None:
+    mesh = meshio.read(ROOT / "meshes" / "laminae_graded.msh", file_format="gmsh")
+    lines, tags = mesh.cells_dict["line"], mesh.cell_data_dict["gmsh:physical"]["line"]
+    path = tmp_path / f"m{suffix}"
+    meshio.Mesh(mesh.points, [("line", lines)], cell_data={"lamina": [tags]}).write(path)
+    expected = node_coordinates(case_with(ROOT / "meshes" / "laminae_graded.msh"))
+    assert np.array_equal(node_coordinates(case_with(path)), expected)
+
+
+@pytest.mark.parametrize(
+    ("x", "expected"), [(np.nan, "finite coordinates"), (0.0, "the same x|not form one chain")]
+)
+def test_nodes_must_be_finite_and_apart(tmp_path: Path, x: float, expected: str) -> None:
+    points = np.array([[0.0, 0, 0], [x, 0, 0], [0.685, 0, 0]])
+    lines = np.array([[0, 1], [1, 2]])
+    path = tmp_path / "m.vtu"
+    meshio.Mesh(
+        np.vstack([points, points]),
+        [("line", np.vstack([lines, lines + 3]))],
+        cell_data={"lamina": [np.array([1, 1, 2, 2])]},
+    ).write(path)
+    with pytest.raises(CaseError, match=expected):
         node_coordinates(case_with(path))
