@@ -47,8 +47,8 @@ JUDGE = {
     "reference.contact", "reference.loop", "reference.matrices", "reference.split_beam",
 }  # fmt: skip
 ASSEMBLERS = {
-    "model.beam", "model.bonded", "model.closed_form", "model.ground", "model.hermite", "model.layout",
-    "model.network", "model.stack", "model.vibration",
+    "model.beam", "model.bonded", "model.closed_form", "model.ground", "model.hermite",
+    "model.layout", "model.network", "model.stack", "model.vibration",
 }  # fmt: skip
 DECIDING = {"contact.impulses", "contact.complementarity", "contact.newton", "contact.moreau"}
 STRANGERS = [
