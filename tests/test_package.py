@@ -43,10 +43,10 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 def test_both_hold_the_whole_package_and_nothing_else(built: dict[str, Path]) -> None:
     wanted = {
         path.relative_to(ROOT).as_posix()
-        for pattern in ("*.py", "py.typed", "*.toml")
+        for pattern in ("*.py", "py.typed", "*.toml", "*.css", "*.js")
         for path in (ROOT / "delam_fem").rglob(pattern)
     }
-    assert {"delam_fem/py.typed", "delam_fem/case/presets/paper.toml"} <= wanted
+    assert {"delam_fem/py.typed", "delam_fem/results/pages/film.js"} <= wanted
     with zipfile.ZipFile(built["wheel"]) as wheel:
         names = set(wheel.namelist())
     assert {name for name in names if ".dist-info/" not in name} == wanted

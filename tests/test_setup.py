@@ -227,6 +227,7 @@ def test_ci_passes_what_could_not_be_tested_and_no_failure(
     done = subprocess.run([tmp_path / ".ci" / "run", "-x"], capture_output=True, text=True)
     assert done.returncode == expected, done.stderr
     assert "no python3-siconos here" in done.stdout
+    assert "no chromium here" in done.stdout
     assert "tests -x\n" in done.stdout
     assert ("versions\n" in done.stdout) == (tests == 0)
 

@@ -1,4 +1,4 @@
-"""The four reference motions of the paper, and the definition of a strike.
+"""The four reference motions of the paper.
 
 The paper excites the laminae at four frequencies and describes the motion at each. `MOTIONS` holds
 these descriptions; every other module takes frequencies and descriptions from here.
@@ -10,82 +10,20 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from delam_fem.numerics.arrays import BoolArray, FloatArray, IntArray
-from delam_fem.results import diagnostics
+from delam_fem.results.strikes import Strikes, of_interface
 
 if TYPE_CHECKING:
     from delam_fem.results.folder import Result
 
-STEPS_BEFORE = 2
-"""The velocities of a strike are read this number of steps before it, because waves from impacts
-nearer the clamp reach the tip in the very last step."""
 BEATS = 2.0
 """A lamina beats the other one if its tip is more than this factor faster."""
 SAME_FREQUENCY = 0.01
 """Two frequencies count as the same if they differ by less than this [Hz]."""
 
 
-@dataclass(frozen=True)
-class Strikes:
-    """The strikes in the window of a run.
-
-    A tip contact is a group of tip closures less than `diagnostics.GROUP_PERIODS` apart. A strike
-    is the beginning of a tip contact. If a period has several, the strike is the beginning with the
-    fastest approach.
-
-    Attributes:
-        step: step of each strike within the window, shape (n,).
-        velocity: velocities of both tips before each strike, shape (2, n) [m/s].
-    """
-
-    step: IntArray
-    velocity: FloatArray
-
-    @property
-    def mean(self) -> tuple[float, float]:
-        """Mean velocities of both tips before a strike [m/s]; NaN if there are no strikes."""
-        if not self.step.size:
-            return float("nan"), float("nan")
-        thick, thin = self.velocity.mean(axis=1)
-        return float(thick), float(thin)
-
-    @property
-    def approach(self) -> float:
-        """Mean speed of approach [m/s]; 0 if there are no strikes."""
-        thick, thin = self.mean
-        return thick - thin if self.step.size else 0.0
-
-
 def strikes(result: Result) -> Strikes:
-    """Return the strikes of a result; see `Strikes`."""
-    history, N = result.history, result.case.time.steps_per_period
-    v = history["tip_velocity"].to_numpy()
-    begins = contact_begins(diagnostics.tip_closed(history), N)
-    begins = begins[begins >= STEPS_BEFORE]
-    rate = v[1, begins - STEPS_BEFORE] - v[0, begins - STEPS_BEFORE]
-    period = begins // N
-    chosen = [
-        int(begins[period == k][np.argmin(rate[period == k])]) for k in np.unique(period).tolist()
-    ]
-    steps = np.array(chosen, dtype=np.int64)
-    return Strikes(steps, v[:, steps - STEPS_BEFORE])
-
-
-def contact_begins(closed: BoolArray, steps_per_period: int) -> IntArray:
-    """Return the steps at which tip contacts begin.
-
-    A contact that may have begun before the window is left out.
-
-    Args:
-        closed: whether the tips are closed at each step, shape (n_steps,).
-        steps_per_period: N.
-    """
-    steps = np.flatnonzero(closed)
-    apart = diagnostics.GROUP_PERIODS * steps_per_period
-    since = np.diff(steps, prepend=-np.inf if steps.size and steps[0] > apart else 0)
-    return np.asarray(steps[since >= apart], dtype=np.int64)
+    """Return the strikes of a result with two laminae; see `Strikes`."""
+    return of_interface(result.history, result.case.time.steps_per_period, 0)
 
 
 @dataclass(frozen=True)

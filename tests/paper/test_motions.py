@@ -16,11 +16,11 @@ from delam_fem.paper.motions import (
     FREQUENCIES,
     MOTIONS,
     RESONANT,
-    contact_begins,
     is_as_described,
     strikes,
 )
 from delam_fem.results.folder import Result
+from delam_fem.results.strikes import contact_begins
 from delam_fem.studies.executors import Serial
 
 PLAN = Plan()

@@ -33,7 +33,16 @@ def impulse_of_laminae(history: xr.Dataset) -> FloatArray:
     """Return the impulses on each lamina since the frame before.
 
     Returns:
-        Sums of impulses that part the laminae, shape (n_laminae, n_frames, n_nodes) [N s].
+        Sums of impulses of its interfaces, shape (n_laminae, n_frames, n_nodes) [N s].
+    """
+    return _on_both_sides(impulse_of_interfaces(history))
+
+
+def impulse_of_interfaces(history: xr.Dataset) -> FloatArray:
+    """Return the impulses on each interface since the frame before.
+
+    Returns:
+        Sums of impulses that part the laminae, shape (n_interfaces, n_frames, n_nodes) [N s].
     """
     frames = history["frame"].to_numpy()
     n_interfaces = by_interface(history["gap0"]).shape[0]
@@ -44,7 +53,7 @@ def impulse_of_laminae(history: xr.Dataset) -> FloatArray:
         row = np.searchsorted(frames + 1e-9 * spacing, history["event_time"].to_numpy())
         place = event_interfaces(history), row, history["event_node"].to_numpy()
         np.add.at(sums, place, history["event_impulse"].to_numpy())
-    return _on_both_sides(sums[:, :-1])
+    return sums[:, :-1]
 
 
 def contact_force_of_laminae(history: xr.Dataset, case: Case) -> FloatArray:

@@ -23,6 +23,7 @@ from delam_fem.results.figures.style import (
     finite,
     label_x,
     legend_above,
+    seconds_below,
     time_axis,
     title,
 )
@@ -73,6 +74,7 @@ def contact_line(history: xr.Dataset, case: Case) -> Figure:
         if axes.get_legend_handles_labels()[0]:
             legend_above(axes)
     label_x(panels, label)
+    seconds_below(panels[-1], case)
     figure.suptitle(title(case))
     return figure
 
@@ -156,6 +158,7 @@ def energy_ledger(history: xr.Dataset, case: Case) -> Figure:
         if axes.get_legend_handles_labels()[0]:
             legend_above(axes)
     label_x((upper, lower), label)
+    seconds_below(lower, case)
     figure.suptitle(f"{title(case)}: energy")
     return figure
 

@@ -24,9 +24,11 @@ from delam_fem.results.figures.style import (
     PORTRAIT_PERIODS,
     WIDTH,
     finite,
+    hertz_below,
     label_x,
     lamina_colours,
     legend_above,
+    seconds_below,
     time_axis,
     title,
 )
@@ -61,6 +63,7 @@ def tip_histories(history: xr.Dataset, case: Case) -> Figure:
     if case.contact.law != "none":
         _closures(axes, t, y, last)
     axes.set(xlabel=label, ylabel="position of the tip [mm]")
+    seconds_below(axes, case)
     axes.margins(x=0.0)
     legend_above(axes)
     figure.suptitle(title(case))
@@ -118,6 +121,7 @@ def spectra(history: xr.Dataset, case: Case) -> Figure:
     if is_harmonic:
         axes.set_xticks(np.arange(0, SHOWN_HARMONICS + 1, 2))
     label_x(panels, "frequency / frequency of excitation [–]" if is_harmonic else "frequency [Hz]")
+    hertz_below(panels[-1], case)
     figure.suptitle(f"{title(case)}; {n_periods} period{'s' if n_periods != 1 else ''}")
     return figure
 
@@ -145,6 +149,7 @@ def envelope(history: xr.Dataset, case: Case) -> Figure:
     legend_above(axes)
     axes.margins(x=0.01)
     label_x(panels, label)
+    seconds_below(panels[-1], case)
     figure.suptitle(f"{title(case)}: tip displacements within each period")
     return figure
 

@@ -22,10 +22,14 @@ FIGURES: dict[str, Callable[[xr.Dataset, Case], Figure]] = {
     "envelope": motion.envelope,
 }
 """The figures by the names of their files."""
+KINDS = ("png", "svg")
+"""Formats of each figure."""
+_METADATA: dict[str, dict[str, str | None]] = {".png": {}, ".svg": {"Date": None}}
+"""What the files say of themselves; without a date, the same figure is the same file."""
 
 
 def save_figures(history: xr.Dataset, case: Case, directory: str | Path) -> list[Path]:
-    """Draw all figures and write them as PNG.
+    """Draw all figures and write them as PNG and SVG.
 
     A spectrum needs a whole period in the window; without one it is left out.
 
@@ -35,7 +39,7 @@ def save_figures(history: xr.Dataset, case: Case, directory: str | Path) -> list
         directory: made where it does not exist.
 
     Returns:
-        The files, in the order of `FIGURES`.
+        The files, PNG and SVG of each figure, in the order of `FIGURES`.
 
     Raises:
         OSError: the folder cannot be written or the disk is full.
@@ -45,18 +49,36 @@ def save_figures(history: xr.Dataset, case: Case, directory: str | Path) -> list
     has_period = history.sizes["time"] >= case.time.steps_per_period
     names = [name for name in FIGURES if has_period or name != "spectra"]
     for name in FIGURES.keys() - set(names):
-        (directory / f"{name}.png").unlink(missing_ok=True)  # of an earlier run
-    return [save_figure(FIGURES[name], history, case, directory / f"{name}.png") for name in names]
+        for kind in KINDS:
+            (directory / f"{name}.{kind}").unlink(missing_ok=True)  # of an earlier run
+    return [
+        path
+        for name in names
+        for path in save_figure(FIGURES[name], history, case, directory / name)
+    ]
 
 
 def save_figure(
     draw: Callable[[xr.Dataset, Case], Figure], history: xr.Dataset, case: Case, path: Path
-) -> Path:
-    """Draw one figure and write it as PNG.
+) -> list[Path]:
+    """Draw one figure and write it as PNG and SVG.
+
+    Args:
+        draw: function of the history and the case.
+        history: of a run.
+        case: its case.
+        path: of the files, without suffix.
+
+    Returns:
+        The files.
 
     Raises:
-        OSError: the file cannot be written.
+        OSError: a file cannot be written.
     """
-    with styled(), atomic(path) as temporary:
-        draw(history, case).savefig(temporary, format="png")
-    return path
+    paths = [path.with_suffix(f".{kind}") for kind in KINDS]
+    with styled():
+        figure = draw(history, case)
+        for target in paths:
+            with atomic(target) as temporary:
+                figure.savefig(temporary, metadata=_METADATA[target.suffix])
+    return paths

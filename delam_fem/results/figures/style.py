@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -34,6 +35,8 @@ BASE_COLOUR = "#8a8a8a"
 DPI = 150
 WIDTH = 9.0
 """Width of a figure [in]; the fonts are readable when a page shows it about 900 pixels wide."""
+SECOND_AXIS = 36.0
+"""Distance of a second axis below the first [pt]."""
 HISTORY_PERIODS = 4
 """Periods that time histories show, as in the paper's Fig. 12."""
 PORTRAIT_PERIODS = 10
@@ -56,6 +59,7 @@ _STYLE: dict[str, object] = {
     "savefig.dpi": DPI,
     "figure.dpi": DPI,
     "figure.facecolor": "white",
+    "svg.hashsalt": "delam_fem",
 }
 
 
@@ -69,6 +73,27 @@ def label_x(panels: Iterable[Axes], text: str) -> None:
     for panel in panels:
         panel.set_xlabel(text)
         panel.tick_params(labelbottom=True)
+
+
+def seconds_below(axes: Axes, case: Case) -> None:
+    """Add an axis of the time in seconds below an axis of t/T; there is none without a period."""
+    if case.is_periodic:
+        _second_axis(axes, case.period, "time  t  [s]")
+
+
+def hertz_below(axes: Axes, case: Case) -> None:
+    """Add an axis of frequencies in hertz below one of f/f₀; there is none without a period."""
+    if case.is_periodic:
+        _second_axis(axes, 1.0 / case.period, "frequency [Hz]")
+
+
+def _second_axis(axes: Axes, factor: float, label: str) -> None:
+    """Add an axis below that of x; its numbers are those of x times a factor."""
+    second = axes.secondary_xaxis(
+        "bottom", functions=(partial(np.multiply, factor), partial(np.multiply, 1.0 / factor))
+    )
+    second.spines["bottom"].set_position(("outward", SECOND_AXIS))
+    second.set_xlabel(label)
 
 
 def legend_above(axes: Axes) -> None:

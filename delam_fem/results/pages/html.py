@@ -1,27 +1,24 @@
-"""Pages of HTML: a title and sections of paragraphs, tables, figures and preformatted text.
+"""Pages of HTML: a title, contents, and sections of paragraphs, tables, figures, films and texts.
 
 All texts are escaped here, so callers pass plain text. A page needs no other file, except pictures
-and links that are given by their address.
+and links that are given by their address. Its style follows the reader's choice of light or dark,
+the width of the screen, and paper; its scripts enlarge figures (page.js) and play films (film.js).
 """
 
 from __future__ import annotations
 
 import base64
-from collections.abc import Iterable, Sequence
+import json
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from html import escape
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
-_STYLE = """
-body { font: 16px/1.5 system-ui, sans-serif; color: #222; background: #fff; max-width: 60rem;
-       margin: 2rem auto; padding: 0 1rem; }
-h1 { font-size: 1.6rem; } h2 { font-size: 1.2rem; margin-top: 2.5rem; }
-table { border-collapse: collapse; } td, th { padding: .2rem .9rem .2rem 0; text-align: left;
-        border-bottom: 1px solid #ddd; }
-figure { margin: 1.5rem 0; } img { max-width: 100%; } figcaption { color: #555; }
-pre { background: #f4f4f4; padding: 1rem; overflow-x: auto; font-size: .85rem; }
-"""
+FOLDER = Path(__file__).parent
+"""Folder of the style sheet and the scripts, which are put into the pages."""
 
 
 @dataclass(frozen=True)
@@ -85,13 +82,28 @@ class Figure:
 
 
 @dataclass(frozen=True)
+class Film:
+    """Moving laminae; film.js says what it reads.
+
+    Attributes:
+        data: what JSON can hold.
+        description: what a reader without pictures gets.
+        caption: below the film.
+    """
+
+    data: Mapping[str, Any]
+    description: str
+    caption: Text
+
+
+@dataclass(frozen=True)
 class Preformatted:
     """Text whose lines and spaces are kept."""
 
     text: str
 
 
-Block: TypeAlias = Paragraph | Table | Figure | Preformatted
+Block: TypeAlias = Paragraph | Table | Figure | Film | Preformatted
 
 
 @dataclass(frozen=True)
@@ -101,45 +113,79 @@ class Section:
     Attributes:
         heading: empty for none.
         blocks: the content.
-        anchor: name that links can point to, empty for none.
+        anchor: name that links can point to; empty: made from the heading.
     """
 
     heading: str
     blocks: Sequence[Block]
     anchor: str = ""
 
+    @property
+    def name(self) -> str:
+        """The anchor; empty where there is no heading either."""
+        return self.anchor or re.sub(r"\W+", "-", self.heading.lower()).strip("-")
+
 
 def embedded(picture: Path) -> str:
-    """Return a PNG file as an address that contains the picture itself.
+    """Return a PNG or SVG file as an address that contains the picture itself.
 
     Raises:
         OSError: the file cannot be read.
     """
     data = base64.b64encode(picture.read_bytes()).decode("ascii")
-    return f"data:image/png;base64,{data}"
+    kind = "svg+xml" if picture.suffix == ".svg" else "png"
+    return f"data:image/{kind};base64,{data}"
 
 
-def page(title: str, sections: Iterable[Section], *, style: str = "") -> str:
+def page(
+    title: str, sections: Sequence[Section], *, style: str = "", contents: bool = False
+) -> str:
     """Return a complete page.
 
     Args:
         title: of the page, also its first heading.
         sections: the content.
         style: CSS rules in addition to the common ones.
+        contents: whether a list of the sections follows the sections without a heading.
     """
     parts = [f"<h1>{escape(title)}</h1>"]
+    headed = [section for section in sections if section.heading]
     for section in sections:
+        if contents and headed and section is headed[0]:
+            parts.append(_contents(headed))
         if section.heading:
-            name = _attribute("id", section.anchor)
+            name = _attribute("id", section.name)
             parts.append(f"<h2{name}>{escape(section.heading)}</h2>")
         parts += [_block(block) for block in section.blocks]
+    blocks = [block for section in sections for block in section.blocks]
+    scripts = "".join(f"<script>\n{_resource(name)}</script>\n" for name in _scripts(blocks))
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{escape(title)}</title>\n<style>{_STYLE}{style}</style>\n</head>\n<body>\n"
+        '<meta name="color-scheme" content="light dark">\n'
+        f"<title>{escape(title)}</title>\n"
+        f"<style>\n{_resource('page.css')}{style}</style>\n</head>\n<body>\n"
         + "\n".join(parts)
-        + "\n</body>\n</html>\n"
+        + f"\n{scripts}</body>\n</html>\n"
     )
+
+
+@cache
+def _resource(name: str) -> str:
+    """Return a style sheet or a script of this folder."""
+    return (FOLDER / name).read_text("utf-8")
+
+
+def _scripts(blocks: Iterable[Block]) -> list[str]:
+    """Return the scripts that a page with these blocks needs."""
+    kinds = {type(block) for block in blocks}
+    return [name for name, kind in (("page.js", Figure), ("film.js", Film)) if kind in kinds]
+
+
+def _contents(sections: Iterable[Section]) -> str:
+    """Return links to the sections."""
+    links = "".join(f"<li>{_text(Link(s.heading, f'#{s.name}'))}</li>" for s in sections)
+    return f'<nav aria-label="Contents"><ul>{links}</ul></nav>'
 
 
 def _block(block: Block) -> str:
@@ -150,11 +196,25 @@ def _block(block: Block) -> str:
         return f"<pre>{escape(block.text)}</pre>"
     if isinstance(block, Figure):
         pictures = "".join(
-            f"<img{_attribute('alt', block.description)}{_attribute('src', address)}>"
+            f'<div class="view"><img{_attribute("alt", block.description)}'
+            f"{_attribute('src', address)}></div>"
             for address in block.pictures
         )
         return f"<figure>{pictures}<figcaption>{_text(block.caption)}</figcaption></figure>"
+    if isinstance(block, Film):
+        return _film(block)
     return _table(block)
+
+
+def _film(film: Film) -> str:
+    """Return a film as HTML: its data, in which no tag can end, and where film.js draws."""
+    data = json.dumps(film.data, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
+    return (
+        '<figure class="film">'
+        f'<canvas role="img"{_attribute("aria-label", film.description)}></canvas>'
+        f'<script type="application/json">{data}</script>'
+        f"<figcaption>{_text(film.caption)}</figcaption></figure>"
+    )
 
 
 def _table(table: Table) -> str:
@@ -167,7 +227,10 @@ def _table(table: Table) -> str:
         + "</tr>"
         for kind, row in zip(kinds, table.rows, strict=True)
     )
-    return f"<table>\n<thead><tr>{head}</tr></thead>\n<tbody>\n{body}\n</tbody>\n</table>"
+    return (
+        f'<div class="wide"><table>\n<thead><tr>{head}</tr></thead>\n'
+        f"<tbody>\n{body}\n</tbody>\n</table></div>"
+    )
 
 
 def _text(text: Text) -> str:

@@ -1,20 +1,29 @@
-"""A run as one self-contained page: report.html with its figures inside, nothing to load."""
+"""A run as one self-contained page: report.html with figures and film inside, nothing to load."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import xarray as xr
 
 from delam_fem.case.atomic import write_text
 from delam_fem.case.definition import Case
 from delam_fem.results.figures.contact import FLOWS
 from delam_fem.results.figures.style import title
-from delam_fem.results.pages import html
-from delam_fem.results.pages.html import Figure, Paragraph, Preformatted, Section, Table, embedded
+from delam_fem.results.pages import html, numbers, verdict
+from delam_fem.results.pages.film import film
+from delam_fem.results.pages.html import (
+    Block,
+    Figure,
+    Link,
+    Paragraph,
+    Preformatted,
+    Section,
+    Table,
+    embedded,
+)
 
 CAPTIONS = {
     "laminae": "The deformed laminae about the strongest strike of the window.",
@@ -30,11 +39,19 @@ CAPTIONS = {
 }
 """Captions of the figures in the order of the report; missing figures are left out."""
 
-UNITS = {
-    "wall_seconds": "s", "microseconds_per_step": "µs", "tip_min": "m", "tip_max": "m",
-    "minimum_tip_gap": "m", "impact_energy_gain": "J",
-}  # fmt: skip
-"""Units of the entries of the summary that have one."""
+MOST_BYTES = 3_000_000
+"""Size of all pictures up to which they are put in as SVG: a page stays below 5 MB."""
+
+FILES = {
+    "case.toml": "the complete case; it repeats the run",
+    "result.nc": "all numbers, NetCDF",
+    "summary.json": "the numbers above, SI units",
+    "fields/fields.vtkhdf": "the laminae of all frames for ParaView",
+    "fields/fields.pvd": "the laminae of the last period, one file per frame",
+    "fields/fields.bp": "the middle lines, for ParaView's ADIOS2 reader",
+    "figures": "the figures as PNG and SVG",
+}
+"""Files beside the page with what they are; missing ones are left out."""
 
 ORIGIN = ("delam_fem", "dolfinx", "petsc", "numpy", "engine", "outcome")
 """Attributes of the history with its origin."""
@@ -59,59 +76,84 @@ def write_report(
     """
     directory = Path(directory)
     directory.mkdir(parents=True, exist_ok=True)
-    text = page(history, summary, case, directory / "figures")
-    return write_text(directory / "report.html", text)
+    return write_text(directory / "report.html", page(history, summary, case, directory))
 
 
-def page(history: xr.Dataset, summary: Mapping[str, Any], case: Case, figures: Path) -> str:
-    """Return the page as HTML."""
-    names = ", ".join(str(name) for name in history["lamina"].to_numpy())
-    about = f"Over the window of the last periods; laminae from bottom to top: {names}."
+def page(history: xr.Dataset, summary: Mapping[str, Any], case: Case, directory: Path) -> str:
+    """Return the page as HTML.
+
+    Args:
+        history: of a run.
+        summary: the numbers of summary.json.
+        case: the case.
+        directory: of the results; the page shows its figures and names its files.
+    """
+    names = [str(name) for name in history["lamina"].to_numpy()]
+    about = f"Over the window of the last periods; laminae from bottom to top: {', '.join(names)}."
     flows = "What changed the stored energy, added up over the run and in the last period."
-    energy = Table(("", "whole run [J]", "last period [J]"), energy_rows(history))
-    origin = [(name, str(history.attrs[name]), "") for name in ORIGIN if name in history.attrs]
+    energy = Table(("", "whole run [mJ]", "last period [mJ]"), energy_rows(history))
+    origin = [(name, str(history.attrs[name])) for name in ORIGIN if name in history.attrs]
+    table = Table(("", "value", "meaning"), numbers.rows(summary, names))
     sections = [
-        Section("Summary", [Paragraph(about), Table(("", "value", "unit"), summary_rows(summary))]),
-        Section("Figures", _figures(figures)),
-        Section("Energy", [Paragraph(flows), energy]),
+        Section("", [*_verdict(history, summary, case)]),
+        Section("In motion", [film(history, case) or Paragraph(NO_FRAMES, "about")]),
+        Section("Numbers", [Paragraph(about, "about"), table]),
+        Section("Figures", _figures(directory / "figures")),
+        Section("Energy", [Paragraph(flows, "about"), energy]),
+        Section("Files", [_files(directory)]),
         Section("Case", [Preformatted(case.to_toml())]),
-        Section("Made by", [Table(("", "version", ""), origin)]),
+        Section("Made by", [Table(("", "version"), origin)]),
     ]
-    return html.page(title(case), sections)
+    return html.page(title(case), sections, contents=True)
 
 
-def summary_rows(summary: Mapping[str, Any]) -> list[tuple[str, str, str]]:
-    """Return table rows: name, value, unit."""
-    return [
-        (key.replace("_", " "), _shown(value), UNITS.get(key, "")) for key, value in summary.items()
-    ]
+NO_FRAMES = "There is no film, because output.fields_per_period is 0 or the motion is not finite."
 
 
 def energy_rows(history: xr.Dataset) -> list[tuple[str, str, str]]:
-    """Return table rows: what changed the stored energy, over the run and in the last period."""
+    """Return table rows [mJ]: what changed the stored energy, over the run and the last period."""
     rows = []
     for name, sign, label, _ in FLOWS:
-        column = sign * history[f"energy_{name}"].to_numpy()
+        column = 1e3 * sign * history[f"energy_{name}"].to_numpy()
         if column.any():
-            rows.append((label, f"{column.sum():+.4g}", f"{column[-1]:+.4g}"))
-    residual = history["energy_residual"].to_numpy()
-    return [*rows, ("not accounted for", f"{residual.sum():+.1e}", f"{residual[-1]:+.1e}")]
+            rows.append((label, _signed(column.sum(), ".4g"), _signed(column[-1], ".4g")))
+    rest = 1e3 * history["energy_residual"].to_numpy()
+    return [*rows, ("not accounted for", _signed(rest.sum(), ".1e"), _signed(rest[-1], ".1e"))]
 
 
-def _shown(value: Any) -> str:
-    """Return a value of the summary as text."""
-    if isinstance(value, (list, tuple, np.ndarray)):
-        return ", ".join(_shown(entry) for entry in value)
-    if isinstance(value, float):
-        return f"{value:.4g}"
-    return "–" if value is None else str(value)
+def _signed(value: float, form: str) -> str:
+    """Return a number with its sign."""
+    return f"{value:+{form}}".replace("-", "−")
+
+
+def _verdict(history: xr.Dataset, summary: Mapping[str, Any], case: Case) -> Iterator[Block]:
+    """Yield the sentence on the run, and its warnings."""
+    yield Paragraph(verdict.sentence(history, summary, case), "verdict")
+    for text in (summary.get("message"), *summary.get("warnings", ())):
+        if text:
+            yield Paragraph(str(text), "warning")
 
 
 def _figures(directory: Path) -> list[Figure]:
-    """Return the figures that exist in the folder, embedded."""
-    found = {directory / f"{name}.png": caption for name, caption in CAPTIONS.items()}
-    return [
-        Figure([embedded(path)], caption, caption)
-        for path, caption in found.items()
-        if path.is_file()
+    """Return the figures that exist in the folder, embedded; SVG before PNG while there is room."""
+    found, size = [], 0
+    for name, caption in CAPTIONS.items():
+        for picture in (directory / f"{name}.svg", directory / f"{name}.png"):
+            if not picture.is_file():
+                continue
+            own = picture.stat().st_size
+            if picture.suffix == ".png" or size + own <= MOST_BYTES:
+                found.append(Figure([embedded(picture)], caption, caption))
+                size += own
+                break
+    return found
+
+
+def _files(directory: Path) -> Table:
+    """Return links to the files beside the page."""
+    rows = [
+        (Link(name, name), meaning)
+        for name, meaning in FILES.items()
+        if (directory / name).exists()
     ]
+    return Table(("file", "content"), rows)

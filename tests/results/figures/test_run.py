@@ -37,8 +37,9 @@ def share_near(picture: np.ndarray, colour: str) -> float:
 def test_all_figures_are_written_and_show_something(tmp_path: Path) -> None:
     case = small_case()
     paths = figures.save_figures(synthetic_history(case), case, tmp_path / "new" / "figures")
-    assert [path.stem for path in paths] == list(figures.FIGURES)
-    for path in paths:
+    kinds = [f"{name}.{kind}" for name in figures.FIGURES for kind in ("png", "svg")]
+    assert [path.name for path in paths] == kinds
+    for path in paths[::2]:
         picture = pixels(path)
         assert picture.shape[1] == round(WIDTH * DPI)
         assert 0.3 < picture.shape[0] / picture.shape[1] < 0.8
@@ -66,6 +67,31 @@ def test_tip_histories_show_positions_of_the_last_periods() -> None:
     np.testing.assert_allclose(y_2, 30.0 + 1e3 * q_2, rtol=1e-12)  # the gap at rest is 30 mm
     contact_times = lines["tips in contact"].get_xdata()
     np.testing.assert_allclose(contact_times, PERIODS - WINDOW + np.array([0.5, 1.5, 2.5, 3.5]))
+
+
+def test_axes_of_periods_have_one_of_seconds_or_hertz() -> None:
+    case = small_case()  # of 3.25 Hz
+    history = synthetic_history(case)
+    for name in ("tip_histories", "contact_line", "energy_ledger", "envelope", "spectra"):
+        figure = draw(name, history, case)
+        figure.draw_without_rendering()
+        (second,) = [axes for panel in figure.axes for axes in panel.child_axes]
+        unit = 3.25 if name == "spectra" else 1.0 / 3.25
+        shown = figure.axes[1 if name in ("energy_ledger", "envelope", "spectra") else 0]
+        np.testing.assert_allclose(second.get_xlim(), unit * np.array(shown.get_xlim()))
+        assert second.get_xlabel() == ("frequency [Hz]" if name == "spectra" else "time  t  [s]")
+    swept = draw("tip_histories", history, small_case(**SWEEP))
+    assert swept.axes[0].child_axes == []  # in seconds already
+
+
+def test_the_same_figure_is_the_same_svg(tmp_path: Path) -> None:
+    case = small_case()
+    history = synthetic_history(case)
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
+        figures.save_figure(figures.FIGURES["envelope"], history, case, tmp_path / folder / "e")
+    first, second = ((tmp_path / folder / "e.svg").read_bytes() for folder in ("a", "b"))
+    assert first == second and b"<svg" in first
 
 
 def test_harmonics_are_marked_at_their_amplitudes() -> None:
@@ -130,7 +156,8 @@ def test_one_step_or_one_event_or_one_frame_is_enough(tmp_path: Path) -> None:
     )
     (tmp_path / "spectra.png").write_bytes(b"of an earlier run")
     paths = figures.save_figures(history, case, tmp_path)
-    assert [path.stem for path in paths] == [name for name in figures.FIGURES if name != "spectra"]
+    drawn = [path.stem for path in paths[::2]]
+    assert drawn == [name for name in figures.FIGURES if name != "spectra"]
     assert not (tmp_path / "spectra.png").exists()
 
 
@@ -145,7 +172,7 @@ def test_unusual_runs_are_drawn_without_warnings(tmp_path: Path, kind: str) -> N
             history[name].to_numpy()[..., -1] = np.inf
         history["energy_kinetic"].to_numpy()[-1] = np.nan
         history["strobe_displacement"].to_numpy()[..., -1] = np.nan
-    assert len(figures.save_figures(history, case, tmp_path)) == len(figures.FIGURES)
+    assert len(figures.save_figures(history, case, tmp_path)) == 2 * len(figures.FIGURES)
 
 
 def test_an_unwritable_folder_is_an_error(tmp_path: Path) -> None:
@@ -158,7 +185,7 @@ def test_an_unwritable_folder_is_an_error(tmp_path: Path) -> None:
 def test_all_figures_of_three_laminae_are_written(tmp_path: Path) -> None:
     recorded = three_laminae()
     paths = figures.save_figures(recorded.history(), recorded.case, tmp_path)
-    assert [path.stem for path in paths] == list(figures.FIGURES)
+    assert [path.stem for path in paths[::2]] == list(figures.FIGURES)
     for name in EVERY_LAMINA:
         for colour in lamina_colours(3):
             assert share_near(pixels(tmp_path / f"{name}.png"), colour) > 1e-4, (name, colour)

@@ -1,13 +1,14 @@
 """Pages are well formed, whatever the texts contain."""
 
 import base64
+import json
 from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
 
 from delam_fem.results.pages import html
-from delam_fem.results.pages.html import Figure, Link, Paragraph, Preformatted, Section, Table
+from delam_fem.results.pages.html import Figure, Film, Link, Paragraph, Preformatted, Section, Table
 
 NASTY = '<b>"it\'s" & 1 < 2</b>'
 
@@ -51,6 +52,7 @@ def test_title_stands_in_the_head_and_above_the_content() -> None:
         Preformatted(NASTY),
         Table([NASTY], [[NASTY], [Link(NASTY, NASTY)]]),
         Figure([NASTY], NASTY, NASTY),
+        Film({"name": "</script><b>"}, NASTY, NASTY),
     ],
 )
 def test_texts_and_addresses_are_escaped(block: html.Block) -> None:
@@ -64,7 +66,41 @@ def test_texts_and_addresses_are_escaped(block: html.Block) -> None:
 def test_sections_without_heading_or_anchor() -> None:
     tags = Tags(html.page("title", [Section("", [Paragraph("p", "about")]), Section("two", [])]))
     assert [name for name, _ in tags.found].count("h2") == 1
-    assert ("p", {"class": "about"}) in tags.found and ("h2", {}) in tags.found
+    assert ("p", {"class": "about"}) in tags.found and ("h2", {"id": "two"}) in tags.found
+
+
+def test_contents_lead_to_every_section_and_follow_what_has_no_heading() -> None:
+    sections = [
+        Section("", [Paragraph("first")]), Section("In motion", []), Section("Case", [], "file")
+    ]  # fmt: skip
+    tags = Tags(html.page("title", sections, contents=True))
+    links = [attributes["href"] for tag, attributes in tags.found if tag == "a"]
+    assert links == ["#in-motion", "#file"]
+    anchors = [attributes.get("id") for tag, attributes in tags.found if tag == "h2"]
+    assert [f"#{anchor}" for anchor in anchors] == links
+    order = [tag for tag, _ in tags.found if tag in ("p", "nav", "h2")]
+    assert order == ["p", "nav", "h2", "h2"]
+    assert "nav" not in {tag for tag, _ in Tags(html.page("title", sections)).found}
+
+
+def test_data_of_a_film_cannot_end_its_script() -> None:
+    data = {"name": "</script><b>", "y": [1.5, None]}
+    tags = Tags(html.page("title", [Section("", [Film(data, "words", "caption")])]))
+    texts = [text for tag, text in tags.texts if tag == "script"]
+    assert json.loads(texts[0]) == data
+    assert len(texts) == 2 and "figure.film" in texts[1]
+    with pytest.raises(ValueError, match="JSON compliant"):
+        html.page("title", [Section("", [Film({"y": float("nan")}, "", "")])])
+
+
+def test_scripts_are_on_the_page_once_and_only_where_they_are_needed() -> None:
+    def count(*blocks: html.Block) -> int:
+        return html.page("title", [Section("", list(blocks))]).count("<script>")
+
+    figure, film = Figure(["a.png"], "words", "caption"), Film({}, "words", "caption")
+    assert count(Paragraph("words")) == 0
+    assert count(figure, figure) == 1
+    assert count(figure, film, film) == 2
 
 
 def test_rows_of_a_table_have_their_kinds() -> None:

@@ -29,7 +29,7 @@ class Page(HTMLParser):
         if tag == "img":
             self.images.append(attributes)
         for name in ("src", "href"):
-            if attributes.get(name) and not str(attributes[name]).startswith("data:"):
+            if attributes.get(name) and not str(attributes[name]).startswith(("data:", "#")):
                 self.loaded.append(str(attributes[name]))
         if tag not in ("img", "meta"):
             self.open.append(tag)
@@ -47,6 +47,14 @@ def case() -> Case:
     return small_case()
 
 
+def draw_figures(directory: Path) -> None:
+    """Write pictures that hold nothing in place of the figures of a run."""
+    directory.mkdir()
+    for name in figures.FIGURES:
+        (directory / f"{name}.png").write_bytes(b"\x89PNG" + bytes(50))
+        (directory / f"{name}.svg").write_text("<svg xmlns='http://www.w3.org/2000/svg'/>")
+
+
 def written(case: Case, directory: Path) -> Page:
     history = synthetic_history(case)
     summary = diagnostics.summary(history, case) | {"outcome": "completed", "thd": None}
@@ -56,16 +64,34 @@ def written(case: Case, directory: Path) -> Page:
 
 
 def test_the_page_is_well_formed_and_loads_nothing(case: Case, tmp_path: Path) -> None:
-    figures.save_figures(synthetic_history(case), case, tmp_path / "figures")
+    draw_figures(tmp_path / "figures")
     page = written(case, tmp_path)
     assert page.open == []
-    assert page.loaded == []
+    assert page.loaded == ["figures"]  # a link, which nothing loads
     assert len(page.images) == len(figures.FIGURES)
     for image in page.images:
         assert image["alt"]
-        data = str(image["src"]).removeprefix("data:image/png;base64,")
-        assert base64.b64decode(data, validate=True).startswith(b"\x89PNG")
+        data = str(image["src"]).removeprefix("data:image/svg+xml;base64,")
+        assert b"<svg" in base64.b64decode(data, validate=True)
     assert not list(tmp_path.glob("part-*"))
+    assert (tmp_path / "report.html").stat().st_size < 5_000_000
+
+
+def test_pictures_beyond_the_room_of_a_page_are_png(
+    case: Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    draw_figures(tmp_path / "figures")
+    first = (tmp_path / "figures" / "tip_histories.svg").stat().st_size
+    monkeypatch.setattr(report, "MOST_BYTES", first)
+    kinds = [str(image["src"])[:14] for image in written(case, tmp_path).images]
+    assert kinds == ["data:image/svg"] + ["data:image/png"] * (len(figures.FIGURES) - 1)
+
+
+def test_files_beside_the_page_are_linked_if_they_are_there(case: Case, tmp_path: Path) -> None:
+    for name in report.FILES:
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    assert written(case, tmp_path).loaded == list(report.FILES)
 
 
 def test_every_figure_has_a_caption() -> None:
@@ -77,14 +103,29 @@ def test_the_case_can_be_taken_from_the_page(case: Case, tmp_path: Path) -> None
 
 
 def test_numbers_and_versions_stand_in_the_tables(case: Case, tmp_path: Path) -> None:
-    cells = written(case, tmp_path).text["td"]
-    for expected in ("periodicity1", "thd–", "completed", "delam_fem0.1.0", "impacts-0.05-0.001"):
+    page = written(case, tmp_path)
+    cells = page.text["td"]
+    for expected in ("periodicity1", "thd–", "completed", "delam_fem0.1.0", "impacts−50−1"):
         assert expected in cells
+    assert "Energy" in page.text["a"]  # in the contents
+
+
+def test_warnings_stand_above_and_not_in_the_table(case: Case, tmp_path: Path) -> None:
+    summary = {"warnings": ["too soft"], "message": "diverged at once"}
+    page = Page(report.page(synthetic_history(case), summary, case, tmp_path))
+    assert "diverged at once" in page.text["p"] and "too soft" in page.text["p"]
+    assert "too soft" not in page.text["td"] and "warnings" not in page.text["td"]
+
+
+def test_without_frames_the_page_says_why_there_is_no_film(case: Case, tmp_path: Path) -> None:
+    history = synthetic_history(case).isel(frame=slice(0, 0))
+    text = report.page(history, {}, case, tmp_path)
+    assert "fields_per_period is 0" in text and "<canvas" not in text
 
 
 def test_energy_rows_add_up(case: Case) -> None:
     rows = report.energy_rows(synthetic_history(case))
-    assert sum(float(last) for _, _, last in rows) == pytest.approx(0.0, abs=1e-12)
+    assert sum(float(last.replace("−", "-")) for _, _, last in rows) == pytest.approx(0.0, abs=1e-9)
     assert [label for label, _, _ in rows if "dampers" in label] == []  # nothing flowed there
 
 
@@ -101,12 +142,12 @@ def test_names_are_escaped(tmp_path: Path) -> None:
 def test_a_report_of_three_laminae_shows_all_of_them(tmp_path: Path) -> None:
     recorded = three_laminae()
     history, case = recorded.history(), recorded.case
-    figures.save_figures(history, case, tmp_path / "figures")
+    draw_figures(tmp_path / "figures")
     summary = diagnostics.summary(history, case)
-    page = Page(report.page(history, summary, case, tmp_path / "figures"))
+    page = Page(report.page(history, summary, case, tmp_path))
     assert page.open == []
     assert len(page.images) == len(figures.FIGURES)
     assert "laminae from bottom to top: thick, thin, top." in page.text["p"]
-    largest = ", ".join(f"{value:.4g}" for value in summary["tip_max"])
-    assert f"tip max{largest}m" in page.text["td"]
+    largest = [f"{1e3 * value:.4g}" for value in summary["tip_max"]]
+    assert "tip maxthick {}, thin {}, top {}\u00a0mm".format(*largest) in page.text["td"]
     assert 'name = "top"' in page.text["pre"]

@@ -1,0 +1,106 @@
+"""The laminae of all frames as a film for a page: positions and contacts, quantised."""
+
+from __future__ import annotations
+
+import base64
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from delam_fem.case.definition import Case
+from delam_fem.results.fields import derived
+from delam_fem.results.fields.ribbons import drawable_frames, middle_lines
+from delam_fem.results.figures.style import lamina_colours
+from delam_fem.results.pages.html import Film
+from delam_fem.results.schema import by_interface
+from delam_fem.simulation.recorder import HIT, RESTING
+
+MOST_NUMBERS = 300_000
+"""Positions that a film holds at most: they make a page 0.8 MB larger."""
+MOST_NODES = 101
+"""Nodes that a film shows of each lamina at most."""
+LARGEST = 32_000
+"""Largest quantised position; int16 holds it."""
+
+
+def film(history: xr.Dataset, case: Case) -> Film | None:
+    """Return the film of a run.
+
+    Where there are too many nodes, some are left out; where there are too many frames, the first
+    periods are left out.
+
+    Returns:
+        The film; None if no frame has finite values.
+    """
+    history = drawable_frames(history)
+    if not history.sizes["frame"]:
+        return None
+    nodes = _nodes(history.sizes["node"])
+    per_frame = history.sizes["lamina"] * nodes.size
+    last = slice(-max(1, MOST_NUMBERS // per_frame), None)
+    y = middle_lines(history, case)[:, None] + history["displacement"].to_numpy()
+    y = 1e3 * y.transpose(1, 0, 2)[last][..., nodes]
+    unit = float(np.abs(y).max()) / LARGEST or 1.0
+    data = {
+        "names": [str(name) for name in history["lamina"].to_numpy()],
+        "colours": list(lamina_colours(history.sizes["lamina"])),
+        "thickness": [1e3 * lamina.thickness for lamina in case.lamina],
+        "x": _short(1e3 * history["x"].to_numpy()[nodes]),
+        "time": _short(history["frame"].to_numpy()[last]),
+        "period": case.period if case.is_periodic else None,
+        "unit": unit,
+        "y": _text(np.rint(y / unit).astype("<i2")),
+        "lit": _text(_around(contacts(history)[last], nodes)),
+        "held": is_held(history),
+    }
+    caption = (
+        "The laminae in motion, with orange dots where pairs have been hit since the frame before "
+        "and squares where they rest on one another; the strip below shows the last nodes. "
+        "Between two frames the motion is interpolated."
+    )
+    return Film(data, "The laminae in motion", caption)
+
+
+def contacts(history: xr.Dataset) -> npt.NDArray[np.uint8]:
+    """Return what to light: 0 apart, 1 hit since the frame before, 2 resting.
+
+    Returns:
+        Shape (n_frames, n_interfaces, n_nodes).
+    """
+    state = by_interface(history["contact_state"])
+    impulse = derived.impulse_of_interfaces(history)
+    lit = np.where(impulse > 0.0, HIT, np.where(state == RESTING, RESTING, state))
+    return lit.transpose(1, 0, 2).astype(np.uint8)
+
+
+def is_held(history: xr.Dataset) -> list[bool]:
+    """Return for both ends whether all laminae move alike there, as held by one clamp."""
+    ends = history["displacement"].to_numpy()[:, :, [0, -1]]
+    spread = np.ptp(ends, axis=0).max(axis=0)
+    return [bool(value) for value in spread <= 1e-12 * max(float(np.abs(ends).max()), 1e-12)]
+
+
+def _nodes(count: int) -> npt.NDArray[np.int64]:
+    """Return the nodes that are shown, both ends among them."""
+    shown = np.linspace(0, count - 1, min(count, MOST_NODES))
+    nodes: npt.NDArray[np.int64] = np.rint(shown).astype(np.int64)
+    return nodes
+
+
+def _around(values: npt.NDArray[Any], nodes: npt.NDArray[np.int64]) -> npt.NDArray[Any]:
+    """Return the largest value of the nodes nearest to each shown node."""
+    first = np.concatenate([[0], (nodes[:-1] + nodes[1:]) // 2 + 1])
+    largest: npt.NDArray[Any] = np.maximum.reduceat(values, first, axis=-1)
+    return largest
+
+
+def _short(values: npt.NDArray[Any]) -> list[float]:
+    """Return numbers with seven digits."""
+    return [float(f"{value:.7g}") for value in values]
+
+
+def _text(values: npt.NDArray[Any]) -> str:
+    """Return an array as base64."""
+    return base64.b64encode(np.ascontiguousarray(values).tobytes()).decode("ascii")

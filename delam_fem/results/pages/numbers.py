@@ -1,0 +1,86 @@
+"""The numbers of a run as rows of a table: in the units of the figures, each with its meaning."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+UNITS = {
+    "wall_seconds": "s", "microseconds_per_step": "µs", "tip_min": "m", "tip_max": "m",
+    "minimum_tip_gap": "m", "impact_energy_gain": "J",
+}  # fmt: skip
+"""Units of the entries of summary.json that have one."""
+
+SHOWN = {"m": ("mm", 1e3), "J": ("mJ", 1e3)}
+"""Units that figures show in place of those of summary.json, and the factors."""
+
+PERCENT = ("distortion_factor", "thd", "strobe_scatter")
+"""Entries that are shown in percent."""
+
+MEANINGS = {
+    "outcome": "how the run ended",
+    "engine": "what computed the steps",
+    "steps": "time steps of the whole run",
+    "wall_seconds": "duration of the computation",
+    "microseconds_per_step": "duration per time step",
+    "tip_min": "smallest displacement of each tip over the last periods, base motion included",
+    "tip_max": "largest displacement of each tip over the last periods",
+    "periodicity": "periods of the base after which the motion repeats; – if it does not",
+    "strobe_scatter": "how much successive periods differ, in half peak-to-peak amplitudes",
+    "settled": "whether the transient has died out",
+    "tip_contacts_per_period": "how often the tips meet; closures within 0.05 periods count once",
+    "impacts_per_period": "impulses on single pairs; depends on the time step, does not converge",
+    "distortion_factor": "d = √(ΣAᵢ²)/A₁ − 1 over all harmonics: how far each tip is from a sine",
+    "thd": "amplitude of all higher harmonics over that of the first, for each tip",
+    "minimum_tip_gap": "smallest gap at the tips; negative: the contact gives way so far",
+    "energy_residual": "relative energy that the ledger does not explain: round-off if all is well",
+    "impact_energy_gain": "energy that impacts have added; 0 with laws that only dissipate",
+    "unread_keys": "keys of the case that this run did not use",
+    "warnings": "warnings of the run",
+    "message": "why the run diverged, and what may help",
+}
+"""What each entry of summary.json says."""
+
+
+ELSEWHERE = ("warnings", "message")
+"""Entries that a page shows above its tables."""
+LAST = ("outcome", "engine", "steps", "wall_seconds", "microseconds_per_step", "unread_keys")
+"""Entries about the computation, which follow those about the motion."""
+
+
+def rows(summary: Mapping[str, Any], laminae: Sequence[str]) -> list[tuple[str, str, str]]:
+    """Return table rows: name, value with its unit, meaning.
+
+    Args:
+        summary: the numbers of summary.json.
+        laminae: names, shown before the values of each lamina.
+    """
+    keys = [key for key in summary if key not in ELSEWHERE]
+    return [_row(key, summary[key], laminae) for key in sorted(keys, key=LAST.__contains__)]
+
+
+def _row(key: str, value: Any, laminae: Sequence[str]) -> tuple[str, str, str]:
+    """Return one row."""
+    unit, factor = SHOWN.get(UNITS.get(key, ""), (UNITS.get(key, ""), 1.0))
+    if key in PERCENT:
+        unit, factor = "%", 100.0
+    if isinstance(value, (list, tuple, np.ndarray)):
+        of_laminae = len(value) == len(laminae) and not any(isinstance(v, str) for v in value)
+        names = [f"{name} " for name in laminae] if of_laminae else [""] * len(value)
+        parts = [name + shown(entry, factor) for name, entry in zip(names, value, strict=True)]
+        text = ", ".join(parts) or "none"
+    else:
+        text = shown(value, factor)
+    with_unit = f"{text}\u00a0{unit}" if unit and value is not None else text
+    return key.replace("_", " "), with_unit, MEANINGS.get(key, "")
+
+
+def shown(value: Any, factor: float = 1.0) -> str:
+    """Return a value of the summary as text; numbers are multiplied."""
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return ", ".join(shown(entry, factor) for entry in value)
+    if isinstance(value, float):
+        return f"{factor * value:.4g}".replace("-", "−")
+    return "–" if value is None else str(value)

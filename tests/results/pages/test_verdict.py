@@ -1,0 +1,93 @@
+"""The sentence on a run says what its motion is known to be."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+from stack import three_laminae
+from synthetic import PERIODS, STEPS, SWEEP, WINDOW, small_case, synthetic_history
+
+from delam_fem import Case
+from delam_fem.results import diagnostics
+from delam_fem.results.pages.verdict import sentence
+
+
+def struck(lower: float, upper: float) -> xr.Dataset:
+    """Return a history whose tips have these velocities before each strike [m/s]."""
+    history = synthetic_history(small_case())
+    history["tip_velocity"][:] = np.array([[lower], [upper]])
+    return history
+
+
+def verdict(history: xr.Dataset, case: Case | None = None, **changed: Any) -> str:
+    case = case or small_case()
+    return sentence(history, diagnostics.summary(history, case) | changed, case)
+
+
+@pytest.mark.parametrize(
+    ("lower", "upper", "words"),
+    [
+        (0.6, -0.45, "at 1.05 m/s, thick beats thin."),
+        (-0.07, -0.43, "at 0.36 m/s, thin beats thick."),
+        (0.5, -0.5, "at 1 m/s, thick and thin equally fast."),
+    ],
+)
+def test_the_faster_lamina_beats(lower: float, upper: float, words: str) -> None:
+    found = verdict(struck(lower, upper))
+    assert found == f"One-periodic, one tip strike a period {words}"
+
+
+def test_velocities_are_read_before_the_strike() -> None:
+    history = struck(0.6, -0.45)
+    for k in range(WINDOW):  # after the strikes at half a period, which are at the end of a step
+        after = slice(k * STEPS + STEPS // 2 - 1, (k + 1) * STEPS - STEPS // 4)
+        history["tip_velocity"][:, after] = np.array([[-0.3], [0.1]])
+    assert "at 1.05 m/s, thick beats thin" in verdict(history)
+
+
+def test_a_settled_motion_is_called_so_where_it_was_judged() -> None:
+    history = struck(0.6, -0.45)
+    assert verdict(history, settled="settled").startswith("Settled, one-periodic, one tip")
+    assert verdict(history, settled="not settled", periodicity=None).startswith(
+        "Not settled, no repetition within eight periods, one tip"
+    )
+
+
+@pytest.mark.parametrize(
+    ("rate", "words"),
+    [
+        (2.0, "two tip strikes a period"),
+        (0.5, "one tip strike in two periods"),
+        (2 / 3, "two tip strikes in three periods"),
+        (1.234, "1.23 tip strikes a period"),
+    ],
+)
+def test_rates_of_contacts_in_words(rate: float, words: str) -> None:
+    assert f", {words} at " in verdict(struck(0.6, -0.45), tip_contacts_per_period=rate)
+
+
+def test_tips_that_never_meet_and_laminae_without_contact() -> None:
+    history = struck(0.6, -0.45)
+    apart = verdict(history, tip_contacts_per_period=0.0, minimum_tip_gap=0.0024)
+    assert apart == "One-periodic, the tips never meet (the smallest gap is 2.4 mm)."
+    through = verdict(history, tip_contacts_per_period=None)
+    assert through == "One-periodic, without contact: the laminae pass through one another."
+
+
+def test_runs_that_did_not_end_say_so() -> None:
+    found = verdict(struck(0.6, -0.45), small_case(time__periods=80), outcome="interrupted")
+    assert found.startswith(f"Interrupted in period {PERIODS} of 80, one-periodic")
+
+
+def test_a_sweep_is_not_judged_for_periods() -> None:
+    case = small_case(**SWEEP)
+    assert verdict(struck(0.6, -0.45), case).startswith("Not judged for periods")
+
+
+def test_the_strongest_of_two_interfaces_is_told() -> None:
+    recorded = three_laminae()
+    history, case = recorded.history(), recorded.case
+    assert "two probe strikes a period" in verdict(history, case)
+    history["tip_velocity"][:] = np.array([[0.1], [0.0], [-0.9]])
+    assert verdict(history, case).endswith("at 0.9 m/s, top beats thin.")
