@@ -22,6 +22,7 @@ from delam_fem.engines.choose import EngineName
 from delam_fem.engines.session import session_of
 from delam_fem.model import _dolfinx, beam
 from delam_fem.model.layout import Structure
+from delam_fem.model.network import never_opens
 from delam_fem.results import dataset, diagnostics, energy_gain
 from delam_fem.results.folder import Result, json_ready
 from delam_fem.simulation import checkpoint
@@ -127,9 +128,10 @@ def _result(
     summary["impact_energy_gain"] = energy_gain.gain_of(recorder)
     summary["unread_keys"] = list(case.unread)
     warning = energy_gain.gain_warning(case, recorder)
-    summary["warnings"] = [] if warning is None else [warning]
-    if warning is not None:
-        _log.warning(warning)
+    warnings = [text for text in (warning, never_opens(case)) if text is not None]
+    summary["warnings"] = warnings
+    for text in warnings:
+        _log.warning(text)
     if summary["outcome"] == "diverged":
         summary["message"] = _divergence(case, history)
         _log.error(summary["message"])

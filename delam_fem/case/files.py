@@ -14,7 +14,7 @@ from delam_fem.case.definition import Case
 from delam_fem.case.overrides import apply_overrides, set_key
 from delam_fem.case.toml import CaseError, Data, read_toml, toml_text
 
-PRESETS = ("paper", "default", "embedded")
+PRESETS = ("paper", "default", "embedded", "edge")
 """Names of the presets: the cases that come with the package."""
 
 

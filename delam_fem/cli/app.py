@@ -146,22 +146,35 @@ def modes_command(
     overrides: Overrides = None,
     *,
     count: Annotated[
-        int, typer.Option("-n", "--number", metavar="N", help="Modes per lamina.")
+        int, typer.Option("-n", "--number", metavar="N", help="Modes per lamina or structure.")
     ] = 6,
+    delaminations: Annotated[
+        Literal["free", "closed"],
+        typer.Option(help="Laminae pass through one another, or are kept together."),
+    ] = "free",
     quiet: Quiet = False,
 ) -> None:
-    """List natural frequencies and compare them with the exact cantilever."""
+    """List natural frequencies; laminae that are apart are compared with the exact cantilever."""
     with reported(quiet):
         case = case_of(case_name, overrides)
         directory = writable(output or Path("runs") / f"{case.name}-modes")
-        from delam_fem.studies.modes import modes
+        from delam_fem.model.network import never_opens
+        from delam_fem.studies.modes import Modes, modes
 
-        found = modes(case, count)
+        found = modes(case, count, delaminations=delaminations)
         paths = found.save(directory)
-        if not quiet:
+        if quiet:
+            return
+        whole = found.structure if isinstance(found, Modes) else found
+        if isinstance(found, Modes):
             heading = ("lamina", "mode", "computed [Hz]", "exact [Hz]", "relative difference")
             table(f"modes of case {case.name}", heading, found.rows())
-            say_files(paths)
+        if whole is not None:
+            title = f"modes of the structure, delaminations {delaminations}"
+            table(title, whole.heading, whole.rows())
+        if message := never_opens(case):
+            typer.echo(message, err=True)
+        say_files(paths)
 
 
 @app.command("presets")

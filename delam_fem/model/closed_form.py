@@ -80,7 +80,7 @@ def _stack(case: Case, stack: Network) -> Structure:
     for segment, group in stack.groups():
         nodes = segment.nodes
         h = np.diff(stack.x[nodes])
-        EI, rhoA, EA = _section(stack, group)
+        EI, rhoA, EA = stack.section(group)
         beam = Beam.uniform(EI, rhoA, h)
         to = _chain(stack, nodes, group[0])
         stretch = _stretch(stack, segment, group)
@@ -88,18 +88,6 @@ def _stack(case: Case, stack: Network) -> Structure:
         stiffness = stiffness + to.T @ beam.stiffness @ to + EA / h.sum() * stretch.T @ stretch
         lumped += to.T @ beam.lumped_mass  # each column of `to` picks a single dof
     return structure(case, stack, mass, stiffness, lumped)
-
-
-def _section(stack: Network, group: Group) -> tuple[float, float, float]:
-    """Return EI about the neutral axis [N m2], ρA [kg/m] and EA [N] of bonded laminae."""
-    laminae = [stack.laminae[i] for i in group]
-    arms = stack.middles[list(group)] - stack.neutral_axis(group)
-    EA = [lamina.axial_rigidity for lamina in laminae]
-    EI = sum(
-        lamina.flexural_rigidity + ea * float(arm) ** 2
-        for lamina, ea, arm in zip(laminae, EA, arms, strict=True)
-    )
-    return EI, sum(lamina.mass_per_length for lamina in laminae), sum(EA)
 
 
 def _chain(stack: Network, nodes: IntArray, lamina: int) -> sp.csr_matrix:

@@ -37,6 +37,8 @@ Group = tuple[int, ...]
 
 ROUND_OFF = 1e-13
 """Entries of a matrix below this share of what their diagonals allow are zero but for round-off."""
+_SAME = 1e-9
+"""Relative difference below which two halves move alike."""
 
 
 @dataclass(frozen=True)
@@ -106,6 +108,17 @@ class Network:
         thickness = np.array([lamina.thickness for lamina in self.laminae])
         return np.asarray(np.cumsum(thickness) - 0.5 * thickness)
 
+    def section(self, group: Group) -> tuple[float, float, float]:
+        """Return EI about the neutral axis [N m2], ρA [kg/m] and EA [N] of bonded laminae."""
+        laminae = [self.laminae[i] for i in group]
+        arms = self.middles[list(group)] - self.neutral_axis(group)
+        EA = [lamina.axial_rigidity for lamina in laminae]
+        EI = sum(
+            lamina.flexural_rigidity + ea * float(arm) ** 2
+            for lamina, ea, arm in zip(laminae, EA, arms, strict=True)
+        )
+        return EI, sum(lamina.mass_per_length for lamina in laminae), sum(EA)
+
     def cluster(self, node: int, lamina: int) -> Group:
         """Return the laminae that form a plane section with a lamina at a node."""
         touching = [s.groups for s in self.segments if s.first <= node <= s.last]
@@ -158,6 +171,33 @@ def network(case: Case, x: FloatArray) -> Network:
                 axial |= {(node, i): number for i in cluster}
                 n_axial += number != FIXED
     return Network(x, case.lamina, segments, dofs, axial, n_free, n_axial)
+
+
+def never_opens(case: Case) -> str | None:
+    """Return a message if no delamination of a case can ever open, otherwise None.
+
+    Two halves with the same EI / ρA move alike under base motion: then one deflection satisfies the
+    equations of both without any contact force.
+    """
+    if not case.delamination or case.is_apart or case.excitation.acts_on != "base":
+        return None
+    edges = sorted({x for own in case.delamination for x in (own.start, own.end)})
+    stack = network(case, np.array(sorted({0.0, *edges, case.length})))
+    for segment in stack.segments:
+        ratios = [_bending_speed(stack, group) for group in segment.groups]
+        if max(ratios) - min(ratios) > _SAME * max(ratios):
+            return None
+    return (
+        "no delamination ever opens under base motion: both halves of each have the same EI / (rho "
+        "A), as with a mid-plane delamination between equal laminae, and move alike; take another "
+        "depth, or a force at a point of one lamina"
+    )
+
+
+def _bending_speed(stack: Network, group: Group) -> float:
+    """Return EI / ρA of bonded laminae [m4/s2]."""
+    EI, rhoA, _ = stack.section(group)
+    return EI / rhoA
 
 
 def joined(groupings: Sequence[Sequence[Group]]) -> tuple[Group, ...]:

@@ -37,6 +37,8 @@ def history(
     if len(layout.interfaces) > 1:
         data = data.assign_coords(interface=[interface.name for interface in layout.interfaces])
     _add_window(data, recorder, start, len(layout.parts))
+    if len(layout.probes) > len(layout.parts):
+        data = _with_further_probes(data, recorder, layout)
     _add_periods(data, recorder, len(layout.parts))
     add(data, "x", layout.parts[0].positions(layout.stations))
     data = data.set_coords("x")
@@ -68,6 +70,20 @@ def _add_window(data: xr.Dataset, recorder: Recorder, start: int, n_parts: int) 
     add(data, "tip_velocity", v.T)
     base = np.concatenate([r.base_states[_rows(r), 0] for r in window])
     add(data, "base_displacement", base)
+
+
+def _with_further_probes(data: xr.Dataset, recorder: Recorder, layout: Layout) -> xr.Dataset:
+    """Return the dataset with the histories of the probes beyond the reference probes."""
+    first = len(layout.parts)
+    probes = layout.probes[first:]
+    data = data.assign_coords(probe=[probe.name for probe in probes])
+    u = np.concatenate([r.u[_rows(r), N_BASE + first :] for r in recorder.window])
+    v = np.concatenate([r.v[_rows(r), first:] for r in recorder.window])
+    add(data, "probe_displacement", u.T)
+    add(data, "probe_velocity", v.T)
+    add(data, "probe_lamina", [probe.part for probe in probes])
+    add(data, "probe_node", [layout.station_of_point(probe.point) for probe in probes])
+    return data
 
 
 def _add_periods(data: xr.Dataset, recorder: Recorder, n_parts: int) -> None:

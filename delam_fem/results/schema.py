@@ -26,6 +26,7 @@ DIMENSIONS: Mapping[str, str] = MappingProxyType(
         "period": "all periods of the run",
         "frame": "instants of the window at which fields are kept",
         "node": "points along the laminae: nodes, and contact points inside the elements",
+        "probe": "further probes, on both sides of delaminations; only if there are any",
         "event": "impacts on single pairs in the window, in the order of time",
     }
 )
@@ -49,9 +50,9 @@ class Variable:
     long_name: str
 
 
-_TIP = "at the tip, base motion included"
-_END = "of the tip at the end of the period"
-_WITHIN = "displacement of the tip within the period"
+_TIP = "at the reference probe (the tip of a cantilever), base motion included"
+_END = "at the reference probe at the end of the period"
+_WITHIN = "displacement at the reference probe within the period"
 _LAMINA_TIME, _LAMINA_PERIOD = ("lamina", "time"), ("lamina", "period")
 _FIELD = ("lamina", "frame", "node")
 
@@ -60,6 +61,10 @@ _ALL = (
     Variable("tip_displacement", _LAMINA_TIME, "m", f"displacement {_TIP}"),
     Variable("tip_velocity", _LAMINA_TIME, "m/s", f"velocity {_TIP}"),
     Variable("base_displacement", ("time",), "m", "displacement of the base"),
+    Variable("probe_displacement", ("probe", "time"), "m", "displacement at a further probe"),
+    Variable("probe_velocity", ("probe", "time"), "m/s", "velocity at a further probe"),
+    Variable("probe_lamina", ("probe",), "1", "number of the probe's lamina from 0"),
+    Variable("probe_node", ("probe",), "1", "number of the probe's point"),
     Variable("period", ("period",), "1", "number of the period"),
     Variable("strobe_displacement", _LAMINA_PERIOD, "m", f"displacement {_END}"),
     Variable("strobe_velocity", _LAMINA_PERIOD, "m/s", f"velocity {_END}"),

@@ -1,26 +1,26 @@
-"""Natural frequencies and mode shapes of all laminae beside those of the exact cantilever."""
+"""Natural frequencies and mode shapes of all laminae beside those of the exact cantilever.
+
+`structure_modes.py` has the modes of a whole structure.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import scipy.sparse as sp
 from matplotlib.figure import Figure
-from scipy.linalg import eigh
-from scipy.sparse.linalg import eigsh
 
 from delam_fem.case.definition import Case
 from delam_fem.case.toml import CaseError
 from delam_fem.model.layout import DISPLACEMENT, Part, Structure
 from delam_fem.model.operators import Operators
+from delam_fem.model.vibration import lowest
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.numerics.cantilever import cantilever_mode
 from delam_fem.studies.findings import save_findings
-
-DENSE_DOFS = 400
-"""Up to here a dense eigenvalue problem is solved: no iteration, and still below 0.1 s."""
+from delam_fem.studies.structure_modes import Kind, StructureModes, structure_modes
 
 
 @dataclass(frozen=True)
@@ -33,6 +33,7 @@ class Modes:
         exact: of the Euler-Bernoulli cantilever, shape (n_laminae, n) [Hz].
         x: positions of the nodes, shape (n_nodes,) [m].
         shapes: deflections at the nodes, 1 at the last one, shape (n_laminae, n, n_nodes) [-].
+        structure: the modes of the whole structure, if they are asked for.
     """
 
     names: tuple[str, ...]
@@ -40,6 +41,7 @@ class Modes:
     exact: FloatArray
     x: FloatArray
     shapes: FloatArray
+    structure: StructureModes | None = None
 
     @property
     def relative_differences(self) -> FloatArray:
@@ -79,6 +81,8 @@ class Modes:
             "exact_hz": self.exact.tolist(),
             "relative_difference": self.relative_differences.tolist(),
         }
+        if self.structure is not None:
+            numbers |= self.structure.numbers()
         return save_findings(directory, "modes", numbers, self.figure)
 
     def figure(self) -> Figure:
@@ -101,22 +105,28 @@ class Modes:
         return figure
 
 
-def modes(case: Case, n: int = 6) -> Modes:
-    """Return the lowest modes of all laminae from the weak forms in dolfinx.
+def modes(case: Case, n: int = 6, *, delaminations: Kind = "free") -> Modes | StructureModes:
+    """Return the lowest modes from the weak forms in dolfinx.
 
     Args:
         case: the case; springs and contact do not matter here.
-        n: number of modes per lamina.
+        n: number of modes of each lamina, and of the structure.
+        delaminations: of the structure: "free" or "closed".
 
     Returns:
-        Frequencies and shapes beside the exact ones.
+        For laminae that are apart over their whole length, the modes of each beside the exact
+        cantilever, and those of the structure. For a bonded stack those of the structure alone.
 
     Raises:
-        CaseError: n is below 1 or above the number of dofs of a lamina.
+        CaseError: n is below 1 or above the number of dofs.
     """
     from delam_fem.model import beam  # dolfinx is imported when its matrices are asked for
 
-    return modes_of(beam.assemble(case), case, n)
+    structure = beam.assemble(case)
+    if not case.is_apart:
+        return structure_modes(structure, case, n, kind=delaminations)
+    whole = structure_modes(structure, case, n, kind=delaminations)
+    return replace(modes_of(structure, case, n), structure=whole)
 
 
 def modes_of(structure: Structure, case: Case, n: int = 6) -> Modes:
@@ -140,7 +150,7 @@ def modes_of(structure: Structure, case: Case, n: int = 6) -> Modes:
     shapes = np.zeros((len(layout.parts), n, layout.x.size))
     frequencies = np.zeros((len(layout.parts), n))
     for i, part in enumerate(layout.parts):
-        frequencies[i], vectors = _lowest(*_own_block(structure.operators, part), n)
+        frequencies[i], vectors = lowest(*_own_block(structure.operators, part), n)
         shapes[i] = _deflections(part, vectors)
     exact = [np.asarray(lamina.angular_frequencies(n)) / (2.0 * np.pi) for lamina in case.lamina]
     return Modes(layout.names, frequencies, np.stack(exact), layout.x, shapes)
@@ -159,20 +169,3 @@ def _deflections(part: Part, vectors: FloatArray) -> FloatArray:
     places = np.searchsorted(part.own_dofs, part.dofs[free, DISPLACEMENT])
     shapes[:, free] = vectors[places].T
     return np.asarray(shapes / shapes[:, -1:])
-
-
-def _lowest(K: sp.csr_matrix, M: sp.csr_matrix, n: int) -> tuple[FloatArray, FloatArray]:
-    """Return the n lowest frequencies [Hz] and vectors, shape (n_dofs, n).
-
-    M v = mu K v is solved for the largest mu = 1/omega^2: the other way round, the lowest
-    frequencies would drown in the round-off of the highest.
-    """
-    dofs = K.shape[0]
-    if dofs <= DENSE_DOFS or 2 * n > dofs:
-        mu, vectors = eigh(M.toarray(), K.toarray(), subset_by_index=(dofs - n, dofs - 1))
-        omega, vectors = 1.0 / np.sqrt(mu[::-1]), vectors[:, ::-1]
-    else:
-        squares, vectors = eigsh(K.tocsc(), n, M.tocsc(), sigma=0.0, v0=np.ones(dofs))
-        order = np.argsort(squares)
-        omega, vectors = np.sqrt(squares[order]), vectors[:, order]
-    return omega / (2.0 * np.pi), vectors

@@ -12,7 +12,7 @@ from synthetic import WINDOW
 import delam_fem as df
 from delam_fem.results.schema import DIMENSIONS, INTERFACE, VARIABLES
 
-NAMES = ("lamina", "interface")
+NAMES = ("lamina", "interface", "probe")
 """Coordinates that hold names."""
 
 
@@ -38,9 +38,9 @@ def test_two_laminae_have_all_variables_without_the_dimension_of_interfaces(
     assert described(run) == [
         (row.name, tuple(d for d in row.dims if d != INTERFACE), row.units, row.long_name)
         for row in VARIABLES.values()
-        if row.name != "event_interface"
+        if row.name != "event_interface" and not row.name.startswith("probe_")
     ]
-    assert set(run.dims) == DIMENSIONS.keys() - {INTERFACE}
+    assert set(run.dims) == DIMENSIONS.keys() - {INTERFACE, "probe"}
     assert "interface" not in run.variables
 
 
@@ -60,6 +60,14 @@ def test_only_reference_probes_are_shown_as_tips() -> None:
     for name in ("tip_displacement", "tip_velocity", "strobe_displacement", "envelope_max"):
         assert history[name].shape[0] == 3
         assert float(history[name].max()) < 77.0, name  # the value of the fourth probe
+
+
+def test_further_probes_are_shown_by_their_names() -> None:
+    history = three_laminae().history()
+    assert history["probe"].values.tolist() == ["mid"]
+    assert (history["probe_displacement"].values == 77.0).all()
+    assert (history["probe_velocity"].values == 77.0).all()
+    assert (int(history["probe_lamina"][0]), int(history["probe_node"][0])) == (1, 2)
 
 
 def test_events_name_interface_and_node() -> None:
