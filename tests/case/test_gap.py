@@ -58,6 +58,58 @@ def test_table_of_a_line_is_the_line(tmp_path: Path) -> None:
     assert initial_gap(gap, x, L) == pytest.approx(0.01 * x, rel=ROUND_OFF, abs=1e-18)
 
 
+def test_table_is_a_smooth_curve_between_the_rows(tmp_path: Path) -> None:
+    """Slopes by Fritsch and Carlson for rows 1 apart, by hand: 0, 3/2, 4 m/m.
+
+    A cubic with the ends f0, f1 and the slopes d0, d1 has (f0 + f1)/2 + (d0 - d1)/8 in the middle,
+    and in the first quarter 27/32 f0 + 5/32 f1 + 9/64 d0 - 3/64 d1. A polygon has 0.5 and 2.5.
+    """
+    gap = table(tmp_path, "x,gap\n0,0\n1,1\n2,4\n")
+    found = initial_gap(gap, [0.25, 0.5, 1.0, 1.5], 2.0)
+    quarter = 5.0 / 32.0 - 3.0 / 64.0 * 1.5
+    expected = [quarter, 0.5 + (0.0 - 1.5) / 8.0, 1.0, 2.5 + (1.5 - 4.0) / 8.0]
+    assert found == pytest.approx(expected, rel=ROUND_OFF)
+
+
+@pytest.mark.parametrize("end", [L * (1.0 - 0.9e-9), L * (1.0 + 1e-3)])
+def test_table_may_end_by_round_off_before_the_tip_or_beyond_it(tmp_path: Path, end: float) -> None:
+    gap = table(tmp_path, f"x,gap\n0,0\n{end!r},{0.01 * end!r}\n")
+    assert initial_gap(gap, [L / 2, L], L) == pytest.approx([0.005 * L, 0.01 * L], rel=1e-8)
+
+
+@pytest.mark.parametrize("x", [-0.9e-9 * L, 0.9e-9 * L])
+def test_table_may_begin_by_round_off_beside_the_clamp(tmp_path: Path, x: float) -> None:
+    gap = table(tmp_path, f"x,gap\n{x!r},{x!r}\n0.685,0.01\n")
+    assert initial_gap(gap, [0.0, L], L).tolist() == [0.0, 0.01]
+
+
+@pytest.mark.parametrize(
+    ("rows", "expected"),
+    [
+        (f"0,0\n{L * (1.0 - 1.2e-9)!r},0.01", "expected x from 0 to the length 0.685 m"),
+        (f"{1.2e-9 * L!r},0\n{L},0.01", "expected x from 0 to the length 0.685 m"),
+        (f"{-1.2e-9 * L!r},0\n{L},0.01", "expected x from 0 to the length 0.685 m"),
+        (f"0,{1.2e-9 * L!r}\n{L},0.01", "line 2: expected the gap 0 at the clamp"),
+        (f"0,{-1.2e-9 * L!r}\n{L},0.01", "line 2: expected the gap 0 at the clamp"),
+    ],
+)
+def test_more_than_round_off_is_told(tmp_path: Path, rows: str, expected: str) -> None:
+    with pytest.raises(CaseError, match=expected):
+        initial_gap(table(tmp_path, f"x,gap\n{rows}\n"), [0.0, L], L)
+
+
+def test_only_the_first_row_may_be_a_heading(tmp_path: Path) -> None:
+    with pytest.raises(CaseError, match="line 2: expected two numbers x, gap, given 'x,gap'"):
+        initial_gap(table(tmp_path, "x [m],gap [m]\nx,gap\n0,0\n0.685,0.01\n"), [L], L)
+    with pytest.raises(CaseError, match="line 1: expected two numbers x, gap, given 'x,0'"):
+        initial_gap(table(tmp_path, "x,0\n0.685,0.01\n"), [L], L)
+
+
+def test_a_gap_needs_a_tip_or_a_table() -> None:
+    with pytest.raises(CaseError, match=r"gap\.tip: missing"):
+        initial_gap(Gap.model_construct(tip=None, file=None, exponent=2.0), [L], L)
+
+
 @pytest.mark.parametrize(
     ("rows", "expected"),
     [

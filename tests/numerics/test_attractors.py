@@ -108,3 +108,100 @@ def test_points_without_a_result_have_no_attractor() -> None:
     assert found.share.tolist() == [0.5]
     none = at.attractors(np.array([np.nan]), -a[1:], a[1:], strobes[1:])
     assert none.number.tolist() == [-1] and none.share.size == 0
+
+
+def test_enough_strobes_are_enough() -> None:
+    found = at.kinds_of_motion(np.array(["completed"]), np.ones(1), both(np.ones(64)))
+    assert found.tolist() == [at.PERIOD_1]
+    with pytest.raises(ValueError, match="given 63"):
+        at.kinds_of_motion(np.array(["completed"]), np.ones(1), both(np.ones(63)))
+
+
+@pytest.mark.parametrize(("share", "kind"), [(0.88, at.IRREGULAR), (0.92, at.QUASI_PERIODIC)])
+def test_quasi_periodic_means_nine_tenths_of_the_power_in_lines(share: float, kind: int) -> None:
+    """One line, and white noise of which four lines hold about the share that they have in all."""
+    line = np.sqrt(2.0) * np.sin(2.0 * np.pi * GOLDEN * K)
+    noise = np.random.default_rng(SEED).normal(size=N)
+    mixtures = line + np.linspace(0.0, 1.0, 1001)[:, None] * noise
+    strobe = mixtures[np.argmin(np.abs(at.line_share(mixtures) - share))]
+    assert at.line_share(strobe) == pytest.approx(share, abs=1e-3)
+    found = at.kinds_of_motion(np.array(["completed"]), np.array([np.nan]), both(strobe))
+    assert found.tolist() == [kind]
+
+
+def test_both_tips_must_have_lines() -> None:
+    noise = np.random.default_rng(SEED).normal(size=N)
+    line = np.sin(2.0 * np.pi * GOLDEN * K)
+    for pair in ((noise, line), (line, noise)):
+        strobes = np.stack(pair)[None]
+        found = at.kinds_of_motion(np.array(["completed"]), np.array([np.nan]), strobes)
+        assert found.tolist() == [at.IRREGULAR]
+
+
+def test_four_lines_of_five_bins_hold_the_power_and_no_fifth() -> None:
+    """Six lines of equal power: four of them hold two thirds. The Hann window has three bins."""
+    bins = np.array([6, 16, 26, 36, 46, 56])
+    lines = np.cos(2.0 * np.pi * bins[:, None] * K / N).sum(axis=0)
+    assert at.line_share(lines) == pytest.approx(4.0 / 6.0, rel=1e-3)
+    assert at.line_share(np.cos(2.0 * np.pi * 6.5 * K / N)) > 0.999  # between two bins
+
+
+def test_one_line_ends_two_bins_beside_its_peak() -> None:
+    """Bins three apart are two lines: of six such lines the four strongest count."""
+    bins = 10 + 6 * np.arange(6)
+    for distance, n_lines in ((2, 4), (3, 2)):
+        twins = np.concatenate([bins, bins + distance])
+        twins = np.cos(2.0 * np.pi * twins[:, None] * K / N).sum(axis=0)
+        share = float(at.line_share(twins))
+        assert share == pytest.approx(n_lines / 6.0, abs=0.12), distance
+
+
+@pytest.mark.parametrize("index", range(4))
+@pytest.mark.parametrize(("factor", "number"), [(0.99, [0, 0]), (1.01, [0, 1])])
+def test_a_fifth_of_the_larger_amplitude_parts_attractors(
+    index: int, factor: float, number: list[int]
+) -> None:
+    """In any part of the fingerprint of any tip; the larger half range of both points counts."""
+    low, high = np.array([[-3.0, -1.0], [-3.0, -1.0]]), np.array([[5.0, 1.0], [5.0, 1.0]])
+    strobes = np.zeros((2, 2, 40))
+    strobes[:, :, ::2] = 1.0
+    shift = factor * 0.2 * 4.0
+    if index == 0:
+        low[1, 0] += shift  # the first point keeps the larger half range
+    elif index == 1:
+        high[1, 1] += shift
+    elif index == 2:
+        strobes[1, 1] += shift
+    else:
+        strobes[1, 0, ::2] += 2.0 * shift
+        strobes[1, 0] -= shift
+    found = at.attractors(np.ones(2), low, high, strobes)
+    assert found.number.tolist() == number
+    swapped = at.attractors(np.ones(2), low[::-1], high[::-1], strobes[::-1])
+    assert swapped.number.tolist() == number
+
+
+def test_the_larger_of_both_amplitudes_bounds_the_difference() -> None:
+    """Half ranges 1 and 1.24: the ends differ by 0.24, more than 0.2, less than 0.248."""
+    strobes = np.zeros((2, 1, 40))
+    low, high = np.array([[-1.0], [-1.24]]), np.array([[1.0], [1.24]])
+    for order in (slice(None), slice(None, None, -1)):
+        found = at.attractors(np.ones(2), low[order], high[order], strobes)
+        assert found.number.tolist() == [0, 0]
+    assert found.amplitude.tolist() == [[1.12]]
+
+
+def test_the_most_frequent_attractor_is_the_first_in_every_array() -> None:
+    found = made([3.0, 1.0, 1.0, 9.0, 9.0, 9.0], [3, 1, 1, 2, 2, 2], [0] * 6)
+    assert found.number.tolist() == [2, 1, 1, 0, 0, 0]
+    assert found.share == pytest.approx([3 / 6, 2 / 6, 1 / 6])
+    assert found.amplitude[:, 0] == pytest.approx([9.0, 1.0, 3.0])
+    assert found.periodicity.tolist() == [2.0, 1.0, 3.0]
+
+
+def test_points_on_a_grid_keep_its_shape() -> None:
+    strobes = np.zeros((2, 3, 1, 40))
+    low, high = np.full((2, 3, 1), -1.0), np.full((2, 3, 1), 1.0)
+    low[1, 2] = -2.0
+    found = at.attractors(np.ones((2, 3)), low, high, strobes)
+    assert found.number.tolist() == [[0, 0, 0], [0, 0, 1]]

@@ -77,3 +77,92 @@ def test_orders_of_known_errors() -> None:
     errors = -3.0 * SIZES**4
     assert orders_of_errors(SIZES, errors) == pytest.approx(np.full(4, 4.0))
     assert np.isnan(orders_of_errors(SIZES[:2], [0.0, 0.0])).all()
+
+
+HALVES = 1.0 / 2.0 ** np.arange(6)
+
+
+def geometric(*orders: float) -> np.ndarray:
+    """Return values on halved sizes whose three-member orders are the given ones."""
+    differences = np.cumprod([1.0, *(2.0**-p for p in orders)])
+    return np.concatenate([[0.0], np.cumsum(differences)])
+
+
+@pytest.mark.parametrize(
+    ("orders", "reason"),
+    [
+        ((0.21, 0.21), "Richardson"),
+        ((0.19, 0.21), "orders near 0"),
+        ((0.21, 0.19), "orders near 0"),
+        ((1.0, 1.34), "Richardson"),
+        ((1.34, 1.0), "Richardson"),
+        ((1.0, 1.36), "orders differ"),
+        ((1.36, 1.0), "orders differ"),
+        ((7.9, 7.9), "Richardson"),
+        ((7.9, 8.1), "not monotone"),
+        ((0.3, 2.0, 2.0), "Richardson"),  # only the last two orders count
+    ],
+)
+def test_bounds_of_credible_orders(orders: tuple[float, ...], reason: str) -> None:
+    values = geometric(*orders)
+    found = limit(HALVES[: values.size], values)
+    assert found.reason == reason
+    assert np.isnan(found.value) == np.isnan(found.uncertainty) == (reason != "Richardson")
+
+
+def test_the_limit_and_its_uncertainty_by_hand() -> None:
+    """Differences 1, 1/2, 1/5: f* = 1.7 + 0.2/(2.5 - 1) and, one member before, 1.5 + 0.5/(2 - 1).
+
+    f_3 - (f_2 - f_3)/(2^p - 1) with 2^p the ratio of the differences.
+    """
+    values = np.cumsum([0.0, 1.0, 0.5, 0.2])
+    found = limit(HALVES[:4], values)
+    assert found.value == pytest.approx(1.7 + 0.2 / 1.5, abs=EXACT)
+    assert found.uncertainty == pytest.approx(2.0 - (1.7 + 0.2 / 1.5), abs=EXACT)
+    noisy = limit(HALVES[:4], values, np.array([0.0, 0.0, 0.06, 0.05]))
+    assert noisy.reason == "Richardson"
+    assert noisy.uncertainty == pytest.approx(2.0 - (1.7 + 0.2 / 1.5), abs=EXACT)
+
+
+def test_the_scatter_of_the_last_two_members_bounds_the_uncertainty() -> None:
+    values = geometric(2.0, 2.0)
+    spread = 2.0 * np.hypot(0.01, 0.02)
+    assert limit(HALVES[:4], values, [0.5, 0.2, 0.01, 0.02]).reason != "Richardson"
+    found = limit(HALVES[:4], values, [0.01, 0.01, 0.01, 0.02])
+    assert found.reason == "Richardson"
+    assert found.uncertainty == pytest.approx(spread, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("error", "reason"),
+    [(0.124, "Richardson"), (0.126, "differences of the size of the scatter")],
+)
+def test_a_difference_stands_out_beyond_two_standard_errors(error: float, reason: str) -> None:
+    """The last difference is 1/4; with an error in one member alone it must exceed twice that."""
+    errors = [0.0, 0.0, 0.0, error]
+    assert limit(HALVES[:4], geometric(1.0, 1.0), errors).reason == reason
+
+
+def test_within_scatter_needs_all_of_the_last_differences() -> None:
+    """Differences 1, 1/2, 1/4; the error of the first member decides about the first of them."""
+    values = geometric(1.0, 1.0)
+    found = limit(HALVES[:4], values, [0.51, 0.0, 1.0, 0.0])
+    assert found.reason == "within scatter"
+    assert found.value == 1.75
+    assert found.uncertainty == 2.0  # the error of the last difference exceeds the range
+    assert limit(HALVES[:4], values, [0.51, 0.0, 0.3, 0.0]).uncertainty == 1.75  # the range
+    beyond = limit(HALVES[:4], values, [0.49, 0.0, 1.0, 0.0])
+    assert beyond.reason == "differences of the size of the scatter"
+
+
+def test_equal_values_are_their_limit() -> None:
+    found = limit(HALVES[:4], [3.0] * 4)
+    assert (found.value, found.uncertainty, found.reason) == (3.0, 0.0, "within scatter")
+
+
+def test_orders_on_uneven_sizes_by_definition() -> None:
+    """Values 1 + h² on sizes 3, 2, 1: X1 is (9 - 4)/(4 - 1)."""
+    assert observed_orders([3.0, 2.0, 1.0], [10.0, 5.0, 2.0]) == pytest.approx([2.0], abs=1e-9)
+    assert observed_orders([2.0, 1.0], [2.0, 1.0]).size == 0
+    assert orders_of_errors([4.0, 2.0, 1.0], [16.0, -2.0, 1.0]) == pytest.approx([3.0, 1.0])
+    assert np.isnan(orders_of_errors([4.0, 2.0, 1.0], [1.0, 0.0, 1.0])).tolist() == [True, True]

@@ -255,3 +255,24 @@ def test_the_gap_of_two_laminae_is_evaluated_in_one_order() -> None:
     u = history["tip_displacement"].to_numpy()
     gap = float(history["gap0"][-1]) + u[1] - u[0]
     assert diagnostics.tip_gap(history).tobytes() == gap.tobytes()
+
+
+@pytest.mark.parametrize(("scatter", "expected"), [(0.099, 1), (0.101, None)])
+def test_periodicity_is_relative_to_half_the_range_of_the_window(
+    scatter: float, expected: int | None
+) -> None:
+    """The tips swing between 10 and 13 and between -1 and 2: half their range is 1.5."""
+    case = small_case()
+    swing = 1.5 * np.sin(2.0 * np.pi * np.arange(2 * STEPS) / STEPS)
+    drift = 1.5 * scatter * np.arange(60.0)
+    motion = diagnostics.ProbeMotion(
+        np.stack([11.5 + swing, 0.5 + swing]),
+        np.stack([drift, -drift]),
+        np.array([1.0]),
+        np.zeros((1, 2 * STEPS), dtype=bool),
+        0,
+    )
+    summary = diagnostics.summary_of(motion, case)
+    assert summary["periodicity"] == expected
+    if expected:
+        assert summary["strobe_scatter"] == pytest.approx(scatter, rel=1e-3)  # of the samples

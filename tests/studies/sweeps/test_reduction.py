@@ -12,6 +12,7 @@ from synthetic import WINDOW
 
 from delam_fem.model.layout import Structure
 from delam_fem.results import diagnostics
+from delam_fem.simulation.recorder import N_BASE
 from delam_fem.studies.sweeps.file import Record
 from delam_fem.studies.sweeps.quantities import VARIABLES, quantities
 from delam_fem.studies.sweeps.reduction import probe_motion, row_of
@@ -67,3 +68,19 @@ def test_a_row_of_three_laminae() -> None:
     assert values["node_thd"].shape == (3, 6)
     assert values["energy_base_work"] == pytest.approx(3e-3)
     assert values["lyapunov_exponent"] == -1.5
+
+
+def test_the_amplitude_of_a_tip_is_half_its_range_wherever_it_swings() -> None:
+    recorded = three_laminae()
+    offsets = np.array([0.050, -0.030, 0.007])
+    for record in recorded.recorder.window:
+        record.u[:, N_BASE : N_BASE + 3] += offsets
+    wanted = quantities(Record(summary=True), recorded.structure.layout)
+    row = row_of(wanted, recorded.case, recorded.recorder, recorded.structure, {})
+    ends = np.cumsum([quantity.size for quantity in wanted])
+    values = dict(zip((q.name for q in wanted), np.split(row, ends[:-1]), strict=True))
+    np.testing.assert_allclose(values["tip_amplitude"], stack.AMPLITUDES, rtol=1e-3)  # of samples
+    np.testing.assert_allclose(values["tip_max"], offsets + stack.AMPLITUDES, rtol=1e-3)
+    np.testing.assert_allclose(
+        values["tip_amplitude"], (values["tip_max"] - values["tip_min"]) / 2.0, rtol=1e-14
+    )

@@ -1,0 +1,84 @@
+"""The terms of the ledger against energies of a small system that is integrated here."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from delam_fem.case.excitation import SweptMotion
+from delam_fem.model.operators import BaseCoupling
+from delam_fem.simulation.energy import Energies, Flows, base_flows
+
+N, STEPS, DT = 3, 37, 0.01
+"""Free dofs; steps; time step [s]. The base ends at another speed than it began with."""
+ROUND_OFF = 1e-12
+"""Relative to the largest energy."""
+
+
+def matrix(seed: int) -> np.ndarray:
+    """Return a symmetric positive definite matrix of the base and the free dofs."""
+    root = np.random.default_rng(seed).normal(size=(N + 1, N + 1))
+    return np.asarray(root @ root.T + np.eye(N + 1))
+
+
+M, C, K = matrix(1), 0.3 * matrix(2), 20.0 * matrix(3)
+"""The base is dof 0."""
+
+
+def moved(base: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return u and v of all dofs by average acceleration, shapes (STEPS + 1, N + 1)."""
+    u, v, a = np.zeros((3, STEPS + 1, N + 1))
+    u[:, 0], v[:, 0], a[:, 0] = base.T
+    rng = np.random.default_rng(4)
+    u[0, 1:], v[0, 1:] = rng.normal(size=(2, N))
+    free = slice(1, None)
+
+    def force(k: int, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        coupling = M[free, 0] * a[k, 0] + C[free, 0] * v[k, 0] + K[free, 0] * u[k, 0]
+        return np.asarray(-coupling - C[free, free] @ y - K[free, free] @ x)
+
+    a[0, free] = np.linalg.solve(M[free, free], force(0, u[0, free], v[0, free]))
+    A = M + 0.5 * DT * C + 0.25 * DT**2 * K
+    for k in range(1, STEPS + 1):
+        x = u[k - 1, free] + DT * v[k - 1, free] + 0.25 * DT**2 * a[k - 1, free]
+        y = v[k - 1, free] + 0.5 * DT * a[k - 1, free]
+        a[k, free] = np.linalg.solve(A[free, free], force(k, x, y))
+        u[k, free], v[k, free] = x + 0.25 * DT**2 * a[k, free], y + 0.5 * DT * a[k, free]
+    return u, v
+
+
+def test_base_work_and_damping_balance_the_energies_of_all_dofs() -> None:
+    times = 0.2 + DT * np.arange(STEPS + 1)
+    base = SweptMotion(1.0, 4.0, 1.0, 0.5).states(times)
+    base += [0.3, 0.0, 0.0]  # away from 0: the stiffness of the corner takes part
+    assert abs(base[-1, 1]) > 2.0 * abs(base[0, 1])
+    u, v = moved(base)
+    columns = np.stack([X[1:, 0] for X in (M, C, K)])
+    coupling = BaseCoupling(*columns, (M[0, 0], C[0, 0], K[0, 0]))
+    seen = u[:, 1:] @ columns.T
+    momentum = v[0, 1:] @ M[1:, 0], v[-1, 1:] @ M[1:, 0]
+    work, base_damping = base_flows(seen, momentum, base, coupling, DT)
+    stored = [0.5 * v[k] @ M @ v[k] + 0.5 * u[k] @ K @ u[k] for k in (0, -1)]
+    # displacements change by Δt times the mean velocity, for free dofs; the base moves as it does
+    mean = 0.5 * (v[1:] + v[:-1])
+    loss = DT * np.einsum("ki,ij,kj->", mean, C, mean)
+    free_loss = DT * np.einsum("ki,ij,kj->", mean[:, 1:], C[1:, 1:], mean[:, 1:])
+    scale = ROUND_OFF * max(stored)
+    assert base_damping == pytest.approx(loss - free_loss, abs=scale)
+    assert work == pytest.approx(stored[1] - stored[0] + loss, abs=scale)
+
+
+def test_the_corner_alone_is_the_work_on_a_rigid_base() -> None:
+    """A mass, a damper and a spring that only the base moves: ½ M Δq'² + C ∫ q'² + ½ K Δq²."""
+    base = np.array([[1.0, 2.0, 0.0], [1.5, 5.0, 0.0]])
+    coupling = BaseCoupling(np.zeros(0), np.zeros(0), np.zeros(0), (0.25, 0.125, 3.0))
+    work, damping = base_flows(np.zeros((2, 3)), (0.0, 0.0), base, coupling, 0.5)
+    assert damping == pytest.approx(0.125 * 0.5 * 3.5**2)
+    assert work == pytest.approx(0.5 * 0.25 * (25.0 - 4.0) + damping + 1.5 * (2.25 - 1.0))
+
+
+def test_stored_and_exchanged_energies_add_up() -> None:
+    assert Energies(1.0, 2.0, 4.0, 8.0).total == 7.0
+    flows = Flows(1.0, 0.25, 0.125, -0.5, -2.0)
+    assert flows.net == 1.0 - 0.25 - 0.125 + 0.5 - 2.0
+    assert flows.exchanged == 1.0 + 0.25 + 0.125 + 0.5 + 2.0
