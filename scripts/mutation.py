@@ -259,9 +259,10 @@ def measure(
             kept = {}
         known[module] = Measured(module, digest, len(mutants), kept)
         todo += drawn
-    with tempfile.TemporaryDirectory() as place, multiprocessing.get_context("spawn").Pool(
-        workers, _enter, (place,)
-    ) as pool:
+    with (
+        tempfile.TemporaryDirectory() as place,
+        multiprocessing.get_context("spawn").Pool(workers, _enter, (place,)) as pool,
+    ):
         modules = sorted({m.module for m in todo})
         seconds = pool.map(_baseline, [(module, chosen[module]) for module in modules], 1)
         limits = {

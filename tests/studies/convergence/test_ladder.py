@@ -1,9 +1,8 @@
-"""Ladders: what they refuse, what their rungs compute, how periods become statistics."""
+"""Ladders: what they refuse, what their rungs compute."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,11 +11,9 @@ from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
 from delam_fem.case.toml import CaseError
 from delam_fem.numerics.extrapolation import orders_of_errors
-from delam_fem.simulation.recorder import LEDGER, N_BASE
 from delam_fem.studies.convergence.analysis import Convergence
 from delam_fem.studies.convergence.ladder import FREE, LIMIT, Ladder, Rung, method, whole_numbers
 from delam_fem.studies.convergence.rung import compute, fitted_frequency
-from delam_fem.studies.convergence.statistics import PeriodRow, row_of, statistics
 
 CASE = preset("default", {"damping.rayleigh": "stiffness"})
 DECAYING = preset("default", {f"lamina.{name}.damping_ratio": 0.05 for name in ("thick", "thin")})
@@ -199,101 +196,3 @@ def test_frequency_of_a_sampled_cosine() -> None:
     omega = 2.0 * np.pi * 1.4357
     u = 0.3 * np.cos(omega * t) - 0.1 * np.sin(omega * t)
     assert fitted_frequency(t, u, 1.003 * omega) == pytest.approx(omega, rel=1e-13)
-
-
-def row(low: float, phase: float) -> PeriodRow:
-    """Return a period of which low and the first amplitude depend on the cycle."""
-    harmonics = np.array([[np.exp(1j * phase), 0.2], [2.0, 0.1]])
-    both = np.array([low, -1.0]), np.array([1.0, 1.0])
-    return PeriodRow(*both, harmonics, impulse=-low, impacts=3.0, work=1.0, gain=0.0)
-
-
-def test_alternating_cycles_are_no_scatter() -> None:
-    rows = [row(low, 0.0) for low in (-1.0, -2.0) * 4]
-    strobe = np.array([[0.0, 1.0] * 4] * 2)
-    found = statistics(rows, strobe)
-    assert found["periodicity"] == (2.0, 0.0)
-    assert found["tip_min_1"] == (-1.5, 0.0)
-    assert found["impulse"] == (1.5, 0.0)
-    assert found["blocks"] == (4.0, 0.0)
-
-
-def test_scatter_of_an_irregular_motion() -> None:
-    rows = [row(low, 0.0) for low in (-1.0, -2.0, -1.5, -1.1)]
-    found = statistics(rows, np.array([[0.0, 1.0, 0.3, 0.9]] * 2))
-    assert found["periodicity"] == (0.0, 0.0)
-    assert found["tip_min_1"] == pytest.approx((-1.4, np.std([1.0, 2.0, 1.5, 1.1])))
-
-
-def test_amplitudes_over_a_block_respect_the_phase() -> None:
-    """What changes sign from cycle to cycle is a subharmonic, no harmonic of the excitation."""
-    rows = [row(-1.0, phase) for phase in (0.0, np.pi) * 4]
-    found = statistics(rows, np.array([[0.0, 1.0] * 4] * 2))
-    assert found["amplitude_1_1"][0] == pytest.approx(0.0, abs=1e-15)
-    assert found["amplitude_2_1"] == pytest.approx((2.0, 0.0))
-
-
-def recorded(u: np.ndarray, ledger: dict[str, float]) -> SimpleNamespace:
-    """Return what a recorder holds after its second period, of one step less than the others."""
-    n_steps, n_tips = len(u) - 1, u.shape[1]
-    seen = np.full((n_steps + 3, N_BASE + n_tips + 1), 77.0)
-    seen[: n_steps + 1, N_BASE : N_BASE + n_tips] = u
-    rows = np.full((2, len(LEDGER)), 55.0)
-    rows[1] = [ledger.get(name, 0.0) for name in LEDGER]
-    envelope = np.full((2, 2, n_tips + 1), 44.0)
-    envelope[1, 0, :n_tips], envelope[1, 1, :n_tips] = u.min(axis=0), u.max(axis=0)
-    return SimpleNamespace(
-        window=[None, SimpleNamespace(u=seen, n_steps=n_steps)],
-        n_closed=2,
-        ledger=rows,
-        envelope=envelope,
-        impulse=np.array([[9.0, 9.0, 9.0], [0.5, 7.0, 0.25]]),
-    )
-
-
-def test_contact_takes_what_impacts_and_dampers_lose_less_what_springs_release() -> None:
-    phase = 2.0 * np.pi * np.arange(51) / 50
-    u = np.stack([0.3 * np.cos(phase) + 0.1 * np.sin(3.0 * phase), 2.0 - 0.2 * np.sin(phase)], 1)
-    ledger = {
-        "impact_loss": 4.0, "contact_damping_loss": 2.0, "spring_released": 1.0,
-        "damping_loss": 16.0, "base_work": 32.0,
-    }  # fmt: skip
-    found = row_of(recorded(u, ledger), 2)  # type: ignore[arg-type]
-    assert found.work == 4.0 + 2.0 - 1.0
-    assert (found.impulse, found.impacts, found.gain) == (0.5, 7.0, 0.25)
-    assert found.low.tolist() == u.min(axis=0).tolist()
-    assert found.high.tolist() == u.max(axis=0).tolist()
-    assert found.harmonics.shape == (2, 24)  # below Nyquist of 50 steps
-    # the samples begin one step after the start of the period
-    turn = np.exp(2j * np.pi * np.arange(1, 25) / 50)
-    expected = np.zeros((2, 24), complex)
-    expected[0, 0], expected[0, 2], expected[1, 0] = 0.3, -0.1j, 0.2j
-    assert found.harmonics == pytest.approx(expected * turn, abs=1e-14)
-
-
-@pytest.mark.parametrize(("scatter", "expected"), [(0.099, 1.0), (0.101, 0.0)])
-def test_scatter_of_strobes_is_relative_to_half_the_range(scatter: float, expected: float) -> None:
-    """Of all cycles: the deepest low and the highest high are 3 apart, far from 0."""
-    ends = [(10.0, 12.0), (11.0, 13.0), (10.5, 12.0), (11.0, 12.5)] * 3
-    harmonics = np.array([[1.0, 0.2], [2.0, 0.1]])
-    rows = [
-        PeriodRow(np.array([low, low]), np.array([high, high]), harmonics, 1.0, 1.0, 1.0, 0.0)
-        for low, high in ends
-    ]
-    drift = 1.5 * scatter * np.arange(12.0)
-    assert statistics(rows, np.stack([drift, 0.0 * drift]))["periodicity"] == (expected, 0.0)
-
-
-def test_blocks_of_a_doubled_motion_end_with_the_last_period() -> None:
-    rows = [row(low, 0.0) for low in (-9.0, *(-1.0, -2.0) * 4)]
-    found = statistics(rows, np.array([[1.0, *[0.0, 1.0] * 4]] * 2))
-    assert found["periodicity"] == (2.0, 0.0)
-    assert found["blocks"] == (4.0, 0.0)
-    assert found["tip_min_1"] == (-1.5, 0.0)
-    assert found["impacts"] == (3.0, 0.0)
-    assert found["contact_work"] == (1.0, 0.0)
-    assert found["impact_gain"] == (0.0, 0.0)
-    assert found["tip_max_2"] == (1.0, 0.0)
-    assert found["amplitude_2_2"] == pytest.approx((0.1, 0.0))
-    assert found["distortion_factor_1"] == pytest.approx((np.sqrt(1.04) - 1.0, 0.0))
-    assert found["distortion_factor_2"] == pytest.approx((np.sqrt(1.0025) - 1.0, 0.0))
