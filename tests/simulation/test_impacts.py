@@ -1,0 +1,70 @@
+"""The columns in which impacts are kept."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from delam_fem.contact.decision import Decision
+from delam_fem.simulation.impacts import Columns, Jumps
+
+
+def decision(*pairs: int) -> Decision:
+    """Return impulses on some pairs, all numbers of which tell the pair."""
+    hit = np.array(pairs)
+    return Decision(hit, 0.5 * hit, -1.0 * hit, 0.25 * hit)
+
+
+GIVEN = [(3, (4, 5), -1e-3), (7, (2,), 2e-3), (7, (9, 1, 6), -4e-3)]
+"""Instant, pairs and energy of impacts in the order of time."""
+
+
+def jumps() -> Jumps:
+    made = Jumps()
+    for instant, pairs, energy in GIVEN:
+        made.append(instant, decision(*pairs), energy)
+    return made
+
+
+def told(made: Jumps) -> list[tuple[int, tuple[int, ...], float]]:
+    """Return instants, pairs and energies; the other numbers must belong to the pairs."""
+    rows = []
+    for instant, d, energy in made:
+        assert (d.impulses.tolist(), d.rate_pre.tolist(), d.rate_post.tolist()) == (
+            (0.5 * d.hit).tolist(),
+            (-1.0 * d.hit).tolist(),
+            (0.25 * d.hit).tolist(),
+        )
+        rows.append((instant, tuple(d.hit.tolist()), energy))
+    return rows
+
+
+def test_impacts_come_back_as_they_were_given() -> None:
+    assert told(jumps()) == GIVEN
+    assert len(jumps()) == 3
+    assert told(Jumps()) == [] and len(Jumps()) == 0
+
+
+def test_one_table_holds_them_all_and_makes_them_again() -> None:
+    table = jumps().columns()
+    assert [column.tolist() for column in table[:4]] == [
+        [3, 7, 7], [2, 1, 3], [-1e-3, 2e-3, -4e-3], [4, 5, 2, 9, 1, 6],
+    ]  # fmt: skip
+    again = Jumps(table)
+    assert told(again) == GIVEN
+    again.append(8, decision(3), 0.0)
+    again.extend(jumps().columns())
+    assert told(again) == [*GIVEN, (8, (3,), 0.0), *GIVEN]
+    assert len(again) == 7
+    assert again.columns().hit.tolist() == [4, 5, 2, 9, 1, 6, 3, 4, 5, 2, 9, 1, 6]
+    assert Jumps(Columns.room(0, 0)).columns().hit.size == 0
+
+
+def test_the_first_rows_of_columns_are_a_copy() -> None:
+    table = jumps().columns()
+    first = table.first(2, 3)
+    assert told(Jumps(first)) == GIVEN[:2]
+    first.impulses[:] = 0.0
+    assert told(Jumps(table)) == GIVEN
+    room = Columns.room(2, 5)
+    assert [column.size for column in room] == [2, 2, 2, 5, 5, 5, 5]
+    assert not any(column.any() for column in room)
