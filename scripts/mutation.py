@@ -50,6 +50,23 @@ OPTIONS = (
 """Options of pytest; hypothesis is imported before pytest could rewrite it."""
 
 
+PAGE_HEAD = """# How many faults the tests notice
+
+Line coverage says which lines run, not whether a wrong sign or a factor in them is noticed. So
+[Cosmic Ray](https://cosmic-ray.readthedocs.io) changes one place of the pure core at a time (a
+mutant), and the tests of that module run. A mutant is killed if a test fails.
+`scripts/mutation.py` writes this page; modules, tests, kinds of changes, the size of the samples
+and their seed are in `scripts/mutation.toml`.
+
+**{share:.1f} % ± {half:.1f} % of the {total} mutants are killed** (95 % interval; {drawn} were
+drawn and tested, {survived} of them survived). {equivalent} of the survivors compute the same as
+the original, so that no test can notice them; they count as survivors in all numbers.
+
+Only the quick tests of each module count here, without Numba's compiler and without the engines;
+other tests of `scripts/test.sh` notice more.
+"""
+
+
 @dataclass(frozen=True, order=True)
 class Mutant:
     """One fault: the operator of Cosmic Ray and the number of the place where it acts."""
@@ -91,20 +108,22 @@ def config() -> dict[str, Any]:
 
 def mutants_of(module: str, operators: Iterable[str]) -> list[Mutant]:
     """Return the mutants of a module, without those of annotations, in a fixed order."""
-    from cosmic_ray.commands.init import init
-    from cosmic_ray.work_db import use_db
+    from cosmic_ray.ast import ast_nodes, get_ast
+    from cosmic_ray.plugins import get_operator, operator_names
 
     pattern = re.compile("|".join(f"core/{name}$" for name in operators))
-    types = annotations((ROOT / module).read_text(encoding="utf-8"))
-    with tempfile.TemporaryDirectory() as folder, use_db(f"{folder}/mutants.sqlite") as database:
-        init([ROOT / module], database, {})
-        specs = [spec for item in database.work_items for spec in item.mutations]
-    return sorted(
-        Mutant(module, spec.operator_name, spec.occurrence)
-        for spec in specs
-        if pattern.match(spec.operator_name)
-        and not any(start <= spec.start_pos < end for start, end in types)
-    )
+    text = (ROOT / module).read_text(encoding="utf-8")
+    nodes, types = list(ast_nodes(get_ast(text))), annotations(text)
+    found = []
+    for name in filter(pattern.match, operator_names()):
+        operator = get_operator(name)()
+        places = (place for node in nodes for place in operator.mutation_positions(node))
+        found += [
+            Mutant(module, name, occurrence)
+            for occurrence, (start, _) in enumerate(places)
+            if not any(begin <= start < end for begin, end in types)
+        ]
+    return sorted(found)
 
 
 def annotations(text: str) -> list[tuple[tuple[int, int], tuple[int, int]]]:
@@ -285,23 +304,106 @@ def read(file: Path) -> list[Measured]:
     return [Measured(**entry) for entry in json.loads(file.read_text())] if file.is_file() else []
 
 
+# -- the score -------------------------------------------------------------------------------------
+
+
+def wilson(killed: int, n: int, total: int) -> tuple[float, float]:
+    """Return the 95 % interval of a share of which `killed` of n drawn from `total` are known.
+
+    Source: E. B. Wilson (1927), with the sample's size scaled for a finite population.
+    """
+    if n >= total:
+        return killed / n, killed / n
+    size = n * (total - 1.0) / (total - n)
+    share, z = killed / n, 1.96
+    middle = (share + z**2 / (2.0 * size)) / (1.0 + z**2 / size)
+    half = z / (1.0 + z**2 / size) * math.sqrt(share * (1.0 - share) / size + (z / size / 2.0) ** 2)
+    return max(0.0, middle - half), min(1.0, middle + half)
+
+
+def overall(measured: list[Measured]) -> tuple[float, float]:
+    """Return the share of all mutants that is killed, and half its 95 % interval.
+
+    Each module counts with all its mutants; the variances of the samples add up.
+    """
+    total = sum(m.n_mutants for m in measured)
+    share = variance = 0.0
+    for m in measured:
+        n, weight = len(m.results), m.n_mutants / total
+        killed = n - len(m.survivors)
+        share += weight * killed / n
+        p = (killed + 1.0) / (n + 2.0)
+        variance += weight**2 * p * (1.0 - p) / n * (1.0 - n / m.n_mutants)
+    return share, 1.96 * math.sqrt(variance)
+
+
+def page(measured: list[Measured], reasons: dict[str, str]) -> str:
+    """Return docs/mutation.md.
+
+    Args:
+        measured: what was measured.
+        reasons: why a mutant is equivalent, by its changed line as `change` writes it.
+    """
+    share, half = overall(measured)
+    drawn = sum(len(m.results) for m in measured)
+    rows = []
+    for m in measured:
+        n, killed = len(m.results), len(m.results) - len(m.survivors)
+        low, high = wilson(killed, n, m.n_mutants)
+        name = m.module.removeprefix("delam_fem/").removesuffix(".py")
+        rows.append(
+            f"| `{name}` | {m.n_mutants} | {n} | {killed} | {100 * killed / n:.0f} "
+            f"| {100 * low:.0f} to {100 * high:.0f} |"
+        )
+    left = [
+        f"- `{m.module.removeprefix('delam_fem/')}`: `{text}`"
+        f" – {reasons.get(text, '**open: no test notices it**')}"
+        for m in measured
+        for text in m.survivors
+    ]
+    n_equivalent = sum(text in reasons for m in measured for text in m.survivors)
+    return "\n".join(
+        (
+            PAGE_HEAD.format(
+                share=100 * share, half=100 * half, drawn=drawn,
+                total=sum(m.n_mutants for m in measured),
+                survived=sum(len(m.survivors) for m in measured), equivalent=n_equivalent,
+            ),
+            "| module | mutants | tested | killed | score [%] | 95 % interval [%] |",
+            "|---|---|---|---|---|---|",
+            *rows,
+            "",
+            "## Survivors",
+            "",
+            *left,
+            "",
+        )
+    )  # fmt: skip
+
+
 def main(arguments: list[str] | None = None) -> None:
-    """Measure, and print the score."""
+    """Measure, write docs/mutation.md if all modules were measured, and print the score."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--modules", nargs="*", default=[""], help="parts of their paths")
     parser.add_argument("--sample", type=int, help="mutants per module")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--again", action="store_true", help="only those that survived before")
     parser.add_argument("-o", "--directory", type=Path, default=ROOT / "runs" / "mutation")
+    parser.add_argument("--page", type=Path, default=ROOT / "docs" / "mutation.md")
     given = parser.parse_args(arguments)
     settings = config()
     settings["sample"] = given.sample or settings["sample"]
     chosen = {m: t for m, t in settings["tests"].items() if any(p in m for p in given.modules)}
     os.environ |= ENVIRONMENT
     file = given.directory / "mutation.json"
-    for m in measure(chosen, settings, file, given.workers, again=given.again):
+    measured = measure(chosen, settings, file, given.workers, again=given.again)
+    for m in measured:
         n, survived = len(m.results), len(m.survivors)
         print(f"{m.module}: {n - survived} of {n} killed, {m.n_mutants} mutants in all")
+    share, half = overall(measured)
+    print(f"score {100 * share:.1f} % ± {100 * half:.1f} %")
+    if {m.module for m in measured} >= set(settings["tests"]):
+        given.page.write_text(page(measured, settings["equivalent"]), encoding="utf-8")
 
 
 if __name__ == "__main__":
