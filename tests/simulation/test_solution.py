@@ -1,0 +1,51 @@
+"""Histories and tables of a run without a case."""
+
+from __future__ import annotations
+
+import numpy as np
+from scripted import DT, STEPS, Engine, U, motion, recorder
+
+from delam_fem.simulation.loop import simulate
+from delam_fem.simulation.recorder import LEDGER
+from delam_fem.simulation.solution import Solution
+
+
+def solution(window: int, ends_at: int = 12) -> Solution:
+    engine, kept = Engine(ends_at=ends_at), recorder(window=window)
+    outcome = simulate(engine, kept, motion)
+    return Solution(outcome, kept, engine.state())
+
+
+def test_histories_of_the_window_follow_one_another_without_a_gap() -> None:
+    found = solution(window=2)
+    assert found.outcome == "completed"
+    assert found.time.tolist() == (DT * np.arange(2 * STEPS + 1)).tolist()
+    assert found.displacement.tolist() == U[:, STEPS:].T.tolist()
+    assert found.velocity.tolist() == (10.0 * U[:, STEPS:].T).tolist()
+    assert found.frames.shape == (4, 2, 3)
+    assert found.frames[:, 0, 0].tolist() == [601.0, 801.0, 1001.0, 1201.0]
+
+
+def test_impacts_have_times_from_the_start_of_the_window() -> None:
+    impacts = solution(window=2).impacts
+    assert impacts.time.tolist() == [4 * DT, 4 * DT, 6 * DT]
+    assert impacts.pair.tolist() == [0, 1, 1]
+    assert impacts.impulse.tolist() == [1.0, 2.0, 4.0]
+    assert impacts.rate_pre.tolist() == [-3.0, -4.0, -5.0]
+    assert solution(window=3).impacts.time.tolist() == [2 * DT, 8 * DT, 8 * DT, 10 * DT]
+
+
+def test_a_run_that_ends_early_has_the_steps_before() -> None:
+    found = solution(window=3, ends_at=6)
+    assert found.outcome == "diverged"
+    assert found.time.size == 7
+    assert found.displacement.tolist() == U[:, :7].T.tolist()
+    assert found.velocity.shape == (7, 2)
+    assert found.impacts.time.tolist() == [2 * DT]
+    assert found.energy["kinetic"].tolist() == [4.0, 6.0]
+
+
+def test_energies_have_the_names_of_the_ledger() -> None:
+    energy = solution(window=1).energy
+    assert tuple(energy) == LEDGER
+    assert energy["strain"].tolist() == [8.0, 16.0, 24.0]
