@@ -9,24 +9,25 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable
-from functools import partial
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import xarray as xr
-from mpi4py import MPI
-from petsc4py import PETSc
 
+from delam_fem import mpi
 from delam_fem.case.definition import Case
+from delam_fem.case.toml import CaseError
 from delam_fem.engines.choose import EngineName
-from delam_fem.engines.session import session_of
+from delam_fem.engines.session import Session, session_of
 from delam_fem.model import _dolfinx, beam
 from delam_fem.model.layout import Structure
 from delam_fem.model.network import never_opens
+from delam_fem.mpi import MPI
 from delam_fem.results import dataset, diagnostics, energy_gain
 from delam_fem.results.folder import Result, json_ready
 from delam_fem.simulation import checkpoint
-from delam_fem.simulation.interrupts import Watch, stop_signals
+from delam_fem.simulation.interrupts import CHECKPOINT_SECONDS, Watch, stop_signals
 from delam_fem.simulation.loop import Outcome, State
 from delam_fem.simulation.recorder import Recorder
 
@@ -45,13 +46,16 @@ def run(
     structure: Structure | None = None,
     initial: State | None = None,
     comm: MPI.Intracomm = MPI.COMM_SELF,
+    overwrite: bool = False,
+    checkpoint_seconds: float = CHECKPOINT_SECONDS,
 ) -> Result:
     """Compute a case and return its result.
 
     Args:
         case: the case to compute.
         engine: name of the engine that computes the steps.
-        directory: folder for the checkpoints of a long run; None: no checkpoints.
+        directory: folder for the checkpoint, which `Result.save` removes when all results are on
+            the disk; None: no checkpoints.
         resume: whether to continue from the checkpoint in `directory`.
         progress: called after each period with the number of finished periods and of all periods.
         structure: the discretised case; None: `beam.assemble` makes it.
@@ -59,43 +63,69 @@ def run(
             computes the accelerations of this state anew.
         comm: communicator whose ranks share the work; every rank returns the result. With the
             engine "compiled" every rank computes the same run.
+        overwrite: whether the checkpoint of another run in `directory` may be replaced.
+        checkpoint_seconds: least time between two checkpoints [s].
 
     Returns:
         The result. `history.attrs["outcome"]` is "completed", "diverged" or "interrupted" (Ctrl-C);
         in the last two cases the result holds the steps computed so far.
 
     Raises:
-        CaseError: the case cannot be computed, or there is no checkpoint to resume from.
+        CaseError: the case cannot be computed, there is no checkpoint to resume from, or there is
+            one that would be replaced.
     """
     if case.unread:
         _log.debug("this run ignores keys that are given, but not read: %s", ", ".join(case.unread))
-    structure = beam.assemble(case, comm=comm) if structure is None else structure
     kept = None if directory is None else checkpoint.path_in(Path(directory))
+    if kept is not None and kept.exists() and not (resume or overwrite):
+        raise CaseError(
+            f"{kept}: belongs to a run that is not finished; go on with --resume, or replace it "
+            "with --overwrite"
+        )
+    mpi.hold(comm)
+    structure = beam.assemble(case, comm=comm) if structure is None else structure
     with session_of(case, structure.operators, initial=initial, engine=engine, comm=comm) as opened:
         recorder = opened.recorder
+        before: checkpoint.Progress = "running"
         if resume:
-            checkpoint.load(kept, case, opened.engine, recorder, opened.motion)
+            before = checkpoint.load(kept, case, engine, opened.engine, recorder, opened.motion)
         begin, first = time.perf_counter(), recorder.n_closed
-        save = partial(
-            checkpoint.save,
-            case=case,
-            engine=opened.engine,
-            recorder=recorder,
-            writes=comm.rank == 0,
+        with stop_signals() as is_stopped:
+            report, save = _callbacks(case, engine, opened, kept, comm, progress)
+            stop = Watch(save, report, is_stopped, comm, checkpoint_seconds)
+            outcome = opened.run(stop) if before == "running" else before
+            seconds = time.perf_counter() - begin
+            if before == "running":
+                stop.leave(outcome)
+        state = opened.engine.state()
+    mpi.release(comm)
+    summary = _summary(engine, outcome, recorder, recorder.n_closed - first, seconds)
+    result = _result(case, structure, recorder, state, summary)
+    return result if outcome == "interrupted" else replace(result, checkpoint=kept)
+
+
+def _callbacks(
+    case: Case,
+    engine: EngineName,
+    opened: Session,
+    kept: Path | None,
+    comm: MPI.Intracomm,
+    progress: Progress | None,
+) -> tuple[Callable[[int], None], Callable[[checkpoint.Progress], None] | None]:
+    """Return the functions that report a period and save a checkpoint; None: no checkpoints."""
+    recorder = opened.recorder
+
+    def report(period: int) -> None:
+        if progress is not None:
+            progress(period, recorder.n_periods)
+
+    def save(outcome: checkpoint.Progress) -> None:
+        assert kept is not None
+        checkpoint.save(
+            kept, case, engine, opened.engine, recorder, outcome=outcome, writes=comm.rank == 0
         )
 
-        def report(period: int) -> None:
-            if progress is not None:
-                progress(period, recorder.n_periods)
-
-        with stop_signals() as is_stopped:
-            stop = Watch(save, kept, report, is_stopped, comm)
-            outcome = opened.run(stop)
-        seconds = time.perf_counter() - begin
-        stop.leave(outcome)
-        state = opened.engine.state()
-    summary = _summary(engine, outcome, recorder, recorder.n_closed - first, seconds)
-    return _result(case, structure, recorder, state, summary)
+    return report, None if kept is None else save
 
 
 def _summary(
@@ -116,6 +146,8 @@ def _result(
     case: Case, structure: Structure, recorder: Recorder, state: State, summary: dict[str, Any]
 ) -> Result:
     """Return the result: the dataset of a run with its summary and warnings."""
+    from petsc4py import PETSc  # after MPI has started
+
     attributes = {
         "outcome": summary["outcome"],
         "engine": summary["engine"],

@@ -21,14 +21,15 @@ SOURCES = {
 }
 
 # Each folder (or module of the top level) with the folders whose modules its own may import.
-PURE = {"caches", "numerics", "case", "contact", "model", "simulation"}
+PURE = {"caches", "mpi", "numerics", "case", "contact", "model", "simulation"}
 BELOW_STUDIES = PURE | {"engines", "results", "pipeline"}
 ALLOWED: dict[str, set[str]] = {
     "caches": set(),
+    "mpi": set(),
     "numerics": set(),
     "case": {"numerics", "contact"},
     "contact": {"caches", "numerics"},
-    "model": {"caches", "numerics", "case", "contact"},
+    "model": {"mpi", "caches", "numerics", "case", "contact"},
     "simulation": PURE,
     "engines": PURE,
     "results": PURE,
@@ -71,7 +72,7 @@ ABOVE_DOLFINX = {
     "model._dolfinx", "model.hermite", "model.beam", "model.stack", "results.fields.vtx",
     "pipeline",
 }  # fmt: skip
-ABOVE_PETSC = {"engines.petsc", *ABOVE_DOLFINX}
+ABOVE_PETSC = {"engines.petsc", "mpi", *ABOVE_DOLFINX}
 FROM_THE_DISTRIBUTION = {"basix", "dolfinx", "ffcx", "mpi4py", "petsc4py", "slepc4py", "ufl"}
 MOST_MODULES, MOST_LINES = 16, 45
 """Modules of a folder, lines of code of a function."""
@@ -224,6 +225,15 @@ def test_only_one_file_imports_dolfinx() -> None:
         if {"dolfinx", "basix"} & {name.split(".")[0] for name in imported(tree(module))}
     }
     assert users == {"model._dolfinx"}
+
+
+def test_mpi_has_one_door() -> None:
+    """The door sets what must be set before MPI starts, and PETSc would start it."""
+    users = {module for module in SOURCES if "mpi4py.MPI" in imported(tree(module))}
+    assert users == {"mpi"}
+    early = {module for module in SOURCES if "petsc4py.PETSc" in imported(at_the_top(module))}
+    assert early <= within({"engines.petsc"})
+    assert "mpi" in own(tree("engines.petsc.__init__"))
 
 
 @pytest.mark.parametrize("module", sorted(set(SOURCES) - {"model._dolfinx"}))

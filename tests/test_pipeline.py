@@ -110,6 +110,10 @@ def test_interrupted_run_goes_on_bit_for_bit(law: str, tmp_path: Path) -> None:
     resumed = df.run(case, directory=tmp_path, resume=True)
     assert resumed.history.attrs["outcome"] == "completed"
     xr.testing.assert_equal(resumed.history, whole.history)
+    assert (tmp_path / "checkpoint.npz").exists()  # nothing else is on the disk yet
+    again = df.run(case, directory=tmp_path, resume=True)  # reads it, and computes nothing
+    xr.testing.assert_equal(again.history, whole.history)
+    again.save(tmp_path)
     assert not (tmp_path / "checkpoint.npz").exists()
 
 
@@ -121,6 +125,10 @@ def test_resume_wants_a_checkpoint_of_the_same_case(tmp_path: Path) -> None:
     df.run(short(), directory=tmp_path, progress=lambda k, n: signal.raise_signal(signal.SIGINT))
     with pytest.raises(df.CaseError, match="belongs to another case"):
         df.run(short(contact__restitution=0.2), directory=tmp_path, resume=True)
+    with pytest.raises(df.CaseError, match="is of engine 'petsc', expected 'compiled'"):
+        df.run(short(), "compiled", directory=tmp_path, resume=True)
+    with pytest.raises(df.CaseError, match="not finished; go on with --resume"):
+        df.run(short(), directory=tmp_path)
 
 
 def test_a_run_starts_from_the_state_of_another() -> None:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import io
 import os
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 PREFIX = "part-"
 """Prefix of temporary names. The suffix stays the same, because writers choose the format by it."""
@@ -26,20 +28,42 @@ def atomic(path: Path) -> Iterator[Path]:
         The path to write to.
 
     Raises:
-        OSError: the block wrote nothing, or the written file cannot be renamed.
+        OSError: the block wrote nothing, or the written file cannot be renamed. It names the file.
     """
     temporary = path.with_name(f"{PREFIX}{path.name}")
     _remove(temporary)  # left behind by a process that was killed
     try:
         yield temporary
         if not temporary.exists():
-            raise OSError(f"{temporary}: could not be written; is the disk full?")
+            raise OSError(0, "could not be written; is the disk full?", str(path))
         if temporary.is_dir() and path.exists():
             _remove(path)  # a folder cannot be replaced in one step
         os.replace(temporary, path)
-    except BaseException:
+    except BaseException as error:
         _remove(temporary)
+        if isinstance(error, OSError) and error.filename in (None, str(temporary), temporary):
+            raise OSError(error.errno or 0, error.strerror or str(error), str(path)) from error
         raise
+
+
+@contextmanager
+def atomic_file(path: Path) -> Iterator[DiskFile]:
+    """Yield a binary file that gets its final name when it is complete and on the disk.
+
+    Libraries that crash when a write fails may write to it: see `DiskFile`.
+
+    Args:
+        path: final path of the file; replaces an existing one. Its folder must exist.
+
+    Raises:
+        OSError: the file cannot be written, for example because the disk is full.
+    """
+    with atomic(path) as temporary, temporary.open("w+b", buffering=0) as raw:
+        file = DiskFile(raw)
+        yield file
+        if file.error is not None:
+            raise file.error
+        os.fsync(raw.fileno())
 
 
 def write_text(path: Path, text: str) -> Path:
@@ -60,6 +84,67 @@ def write_text(path: Path, text: str) -> Path:
         file.flush()
         os.fsync(file.fileno())
     return path
+
+
+class DiskFile(io.RawIOBase):
+    """A binary file that keeps the first failure instead of raising it.
+
+    HDF5 ends the process when it cannot write. It therefore writes to this file, which after a
+    failure takes everything and stores nothing.
+
+    Attributes:
+        error: the first failure; None: none so far.
+    """
+
+    def __init__(self, raw: io.FileIO) -> None:
+        """Store the open file, which the caller closes."""
+        self._raw = raw
+        self.error: OSError | None = None
+
+    def readable(self) -> bool:
+        """Return True."""
+        return True
+
+    def writable(self) -> bool:
+        """Return True."""
+        return True
+
+    def seekable(self) -> bool:
+        """Return True."""
+        return True
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        """Move to a position."""
+        return self._raw.seek(offset, whence)
+
+    def truncate(self, size: int | None = None) -> int:
+        """Set the size, unless a write has failed."""
+        try:
+            if self.error is None:
+                return self._raw.truncate(size)
+        except OSError as error:
+            self.error = error
+        return size or 0
+
+    def readinto(self, buffer: Any) -> int:
+        """Read into a buffer; after a failure, what was never stored is read as zeros."""
+        view = memoryview(buffer).cast("B")
+        count = self._raw.readinto(view) or 0
+        if self.error is not None:
+            view[count:] = bytes(len(view) - count)
+            count = len(view)
+        return count
+
+    def write(self, data: Any) -> int:
+        """Write all data, unless a write has failed."""
+        view = memoryview(data).cast("B")
+        size = len(view)
+        try:
+            while self.error is None and len(view):
+                view = view[self._raw.write(view) or 0 :]
+        except OSError as error:
+            self.error = error
+        return size
 
 
 def _remove(path: Path) -> None:

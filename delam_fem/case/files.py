@@ -10,6 +10,7 @@ from importlib import resources
 from pathlib import Path
 
 from delam_fem.case.atomic import atomic, write_text
+from delam_fem.case.claim import OUTPUTS
 from delam_fem.case.definition import Case
 from delam_fem.case.overrides import apply_overrides, set_key
 from delam_fem.case.toml import CaseError, Data, read_toml, toml_text
@@ -95,7 +96,8 @@ def save_case(case: Case, directory: str | Path) -> Path:
     taken: set[str] = set()
     for key, file in case.files.items():
         prefix = key.removesuffix(".file").replace(".", "-")
-        name = file.name if file.name not in taken else f"{prefix}-{file.name}"
+        is_free = file.name not in taken and file.name not in OUTPUTS
+        name = file.name if is_free else f"{prefix}-{file.name}"
         taken.add(name)
         _copy(file, directory / name)
         set_key(data, key, name)

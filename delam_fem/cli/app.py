@@ -6,30 +6,16 @@ Each command imports heavy modules (dolfinx, matplotlib) itself, so that the oth
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
 from delam_fem.cli.converge import register as register_convergence
-from delam_fem.cli.inputs import CaseArgument, Quiet, case_of, writable
+from delam_fem.cli.inputs import CaseArgument, Overwrite, Quiet, case_of, writable
 from delam_fem.cli.paper import register as register_paper
+from delam_fem.cli.run import report_in_folder, run_in_folder
 from delam_fem.cli.sweep import register as register_sweeps
-from delam_fem.cli.terminal import (
-    DONE,
-    FAILED,
-    INTERRUPTED,
-    fail,
-    reported,
-    say_files,
-    summary_rows,
-    table,
-)
-
-STATUS = {"completed": DONE, "diverged": FAILED, "interrupted": INTERRUPTED}
-"""Exit status by the outcome of a run."""
-
-HINT = {"diverged": "", "interrupted": "; --resume goes on from there"}
-"""Advice for each outcome; for a diverged run, the log contains the reason and the advice."""
+from delam_fem.cli.terminal import reported, say_files, table
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -79,39 +65,44 @@ def run_command(
         Literal["petsc", "compiled"], typer.Option(help="Engine that computes the steps.")
     ] = "petsc",
     resume: Annotated[bool, typer.Option("--resume", help="Continue an interrupted run.")] = False,
+    overwrite: Overwrite = False,
+    seconds: Annotated[
+        float | None,
+        typer.Option(
+            "--checkpoint-seconds",
+            min=0.0,
+            metavar="S",
+            help="Least time between two checkpoints (default: 30).",
+        ),
+    ] = None,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
     """Compute a case and write the results to DIR (default: runs/NAME)."""
     with reported(quiet, verbose):
         case = case_of(case_name, overrides)
-        directory = writable(output or Path("runs") / case.name)
-        from mpi4py import MPI
-        from rich.console import Console
+        options: dict[str, Any] = {"engine": engine, "resume": resume}
+        if seconds is not None:
+            options["checkpoint_seconds"] = seconds
+        run_in_folder(
+            case,
+            Path(case_name),
+            output or Path("runs") / case.name,
+            quiet=quiet,
+            overwrite=overwrite,
+            **options,
+        )
 
-        from delam_fem.cli.progress import progress
-        from delam_fem.pipeline import run
 
-        is_first = MPI.COMM_WORLD.rank == 0  # mpirun may have started several processes
-        quiet = quiet or not is_first
-        with progress(Console(stderr=True, quiet=quiet), case.time.steps_per_period) as report:
-            result = run(
-                case,
-                engine,
-                directory=directory,
-                resume=resume,
-                progress=report,
-                comm=MPI.COMM_WORLD,
-            )
-        paths = result.save(directory) if is_first else []
-        if not quiet:
-            table(f"case {case.name}", ("", "value"), summary_rows(result.summary))
-            say_files(paths)
-        outcome = result.history.attrs["outcome"]
-        if outcome != "completed":
-            fail(
-                f"{outcome}; the results so far are in {directory}{HINT[outcome]}", STATUS[outcome]
-            )
+@app.command("report")
+def report_command(
+    directory: Annotated[Path, typer.Argument(metavar="RUN", help="The folder of a run.")],
+    *,
+    quiet: Quiet = False,
+) -> None:
+    """Make figures, fields and page of a run again from its numbers, without computing."""
+    with reported(quiet):
+        report_in_folder(directory, quiet=quiet)
 
 
 @app.command("compare")

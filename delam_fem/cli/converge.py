@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from delam_fem.cli.inputs import CaseArgument, Quiet, Workers, case_of, writable
+from delam_fem.cli.inputs import CaseArgument, Overwrite, Quiet, Workers, case_of, inputs_of
 from delam_fem.cli.terminal import INTERRUPTED, fail, reported, say_files, table
 
 if TYPE_CHECKING:
@@ -81,11 +81,14 @@ def converge_command(
     engine: EngineOption = "compiled",
     workers: Workers = None,
     resume: Resume = False,
+    overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
     """Refine a case, and show to which limit, how fast and at what cost each method converges."""
     with reported(quiet):
+        from delam_fem.case.claim import claimed
         from delam_fem.studies.convergence.ladder import LIMIT_STEPS, PERIODS, Ladder
+        from delam_fem.studies.convergence.run import RESULT
 
         case = case_of(case_name, overrides)
         ladder = Ladder(
@@ -97,8 +100,16 @@ def converge_command(
             LIMIT_STEPS if limit_steps is None else limit_steps,
             engine,
         )
-        directory = writable(output or Path("runs") / f"{case.name}-converge")
-        _tell(_computed(ladder, directory, workers, resume, quiet), directory, quiet)
+        directory = output or Path("runs") / f"{case.name}-converge"
+        claim = claimed(
+            directory,
+            inputs=inputs_of(case),
+            may_hold_results=resume or overwrite,
+        )
+        with claim:
+            if overwrite:
+                (directory / RESULT).unlink(missing_ok=True)
+            _tell(_computed(ladder, directory, workers, resume, quiet), directory, quiet)
 
 
 def _computed(

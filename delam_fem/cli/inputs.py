@@ -18,6 +18,9 @@ Workers = Annotated[
     int | None,
     typer.Option("-j", "--workers", min=1, metavar="N", help="Processes (default: one per core)."),
 ]
+Overwrite = Annotated[
+    bool, typer.Option("--overwrite", help="Replace other results in the folder.")
+]
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Show no progress, no table.")]
 
 
@@ -57,3 +60,8 @@ def writable(directory: Path) -> Path:
             "with -o DIR"
         ) from None
     return directory
+
+
+def inputs_of(case: Case) -> list[Path]:
+    """Return the files that a case names."""
+    return list(case.files.values())

@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from delam_fem.cli.inputs import Quiet, Workers
+from delam_fem.cli.inputs import Overwrite, Quiet, Workers, inputs_of
 from delam_fem.cli.terminal import FAILED, INTERRUPTED, fail, reported, say_files, table
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from delam_fem.studies.executors import ExecutorName
+    from delam_fem.studies.sweeps.grid import Sweep
 
 SweepArgument = Annotated[
     Path, typer.Argument(metavar="SWEEP", help="A sweep file (.toml); see docs/sweeps.md.")
@@ -63,14 +64,16 @@ def sweep_command(
     overrides: Overrides = None,
     *,
     resume: Resume = False,
+    overwrite: Overwrite = False,
     workers: Workers = None,
     executor: ExecutorOption = None,
     quiet: Quiet = False,
 ) -> None:
     """Compute a case at many points and write all results to DIR/sweep.nc."""
     with reported(quiet):
+        going_on = resume, overwrite
         data, directory = _computed(
-            sweep_file, output, overrides, resume, (workers, executor), quiet
+            sweep_file, output, overrides, going_on, (workers, executor), quiet
         )
         data.close()
         if not quiet:
@@ -84,6 +87,7 @@ def diagram_command(
     overrides: Overrides = None,
     *,
     resume: Resume = False,
+    overwrite: Overwrite = False,
     workers: Workers = None,
     executor: ExecutorOption = None,
     quiet: Quiet = False,
@@ -93,8 +97,9 @@ def diagram_command(
         from delam_fem.studies.sweeps.diagrams import save_diagram
 
         if source.suffix == ".toml":
+            going_on = resume, overwrite
             data, directory = _computed(
-                source, output, overrides, resume, (workers, executor), quiet, again=False
+                source, output, overrides, going_on, (workers, executor), quiet, again=False
             )
         else:
             data, directory = _read(source, output)
@@ -108,30 +113,48 @@ def _computed(
     sweep_file: Path,
     output: Path | None,
     overrides: list[str] | None,
-    resume: bool,
+    going_on: tuple[bool, bool],
     where: tuple[int | None, ExecutorName | None],
     quiet: bool,
     *,
     again: bool = True,
 ) -> tuple[xr.Dataset, Path]:
-    """Compute a sweep and show its table; exit with a message if it is not complete."""
+    """Compute a sweep and show its table; exit with a message if it is not complete.
+
+    `going_on` says whether to resume and whether to overwrite.
+    """
     from rich.console import Console
 
+    from delam_fem.case.claim import claimed
     from delam_fem.case.overrides import parse_override
     from delam_fem.cli.progress import progress
     from delam_fem.studies.sweeps.grid import load_sweep
-    from delam_fem.studies.sweeps.run import is_complete, run_sweep
+    from delam_fem.studies.sweeps.run import is_complete, remove_results, run_sweep
 
     keys = dict(parse_override(text) for text in overrides or [])
     sweep = load_sweep(sweep_file, keys)
     directory = output or Path("runs") / sweep.file.name
-    if not again and is_complete(directory, sweep):
+    resume, overwrite = going_on
+    if not again and not overwrite and is_complete(directory, sweep):
         resume = True
     workers, executor = where
-    with progress(Console(stderr=True, quiet=quiet)) as report:
+    claim = claimed(
+        directory,
+        inputs=_inputs(sweep_file, sweep),
+        may_hold_results=resume or overwrite,
+    )
+    with claim, progress(Console(stderr=True, quiet=quiet)) as report:
+        if overwrite:
+            remove_results(directory)
         data = run_sweep(
             sweep, directory, executor, workers=workers, resume=resume, progress=report
         )
+    _tell(data, sweep, quiet)
+    return data, directory
+
+
+def _tell(data: xr.Dataset, sweep: Sweep, quiet: bool) -> None:
+    """Show the table of a sweep; exit with a message if it is not complete."""
     about = data.attrs
     if not quiet:
         table(f"sweep {sweep.file.name}", ("", "value"), _rows(data))
@@ -144,7 +167,14 @@ def _computed(
     if not about["n_completed"]:
         first = next(text for text in data["error"].to_numpy().ravel() if text)
         fail(f"none of the {about['n_points']} points was completed; the first: {first}", FAILED)
-    return data, directory
+
+
+def _inputs(sweep_file: Path, sweep: Sweep) -> list[Path]:
+    """Return the files of the user that a sweep is read from; sweep.toml may be an output."""
+    own = [] if sweep_file.name == "sweep.toml" else [sweep_file]
+    base = sweep_file.parent / str(sweep.file.base)
+    is_own = base.is_file() and base.name != "case.toml"
+    return [*own, *inputs_of(sweep.base), *([base] if is_own else [])]
 
 
 def _rows(data: xr.Dataset) -> list[tuple[str, str]]:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import logging
+import os
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,32 +12,54 @@ from typing import NoReturn
 
 import typer
 
+from delam_fem.cli.streams import lasting_streams
+
 DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 """Exit statuses of the command."""
+
+PATIENCE = 3.0
+"""Time after which another process than the first tells its error [s]."""
 
 
 @contextmanager
 def reported(quiet: bool = False, verbose: bool = False) -> Iterator[None]:
-    """Show the log of the package, and turn errors into a message and an exit status."""
-    from delam_fem.case.toml import CaseError
+    """Show the log of the package, and turn errors into a message and an exit status.
+
+    Ctrl-C, SIGTERM and a closed terminal end the command; output that nobody reads does not.
+    """
+    from delam_fem.simulation.interrupts import interruptible
 
     log = logging.getLogger("delam_fem")
     handler = _EchoHandler()
-    log.addHandler(handler)
-    propagates, log.propagate = log.propagate, False  # FFCx gives the root logger a handler
-    log.setLevel(logging.DEBUG if verbose else logging.WARNING if quiet else logging.INFO)
-    try:
-        yield
-    except CaseError as error:
-        fail(str(error), BAD_INPUT)
-    except OSError as error:
-        log.debug("an input or output failed here", exc_info=True)
-        fail(f"{error.filename or 'input or output'}: {error.strerror or error}", FAILED)
-    except KeyboardInterrupt:
-        fail("interrupted", INTERRUPTED)
-    finally:
-        log.propagate = propagates
-        log.removeHandler(handler)
+    with lasting_streams():
+        log.addHandler(handler)
+        propagates, log.propagate = log.propagate, False  # FFCx gives the root logger a handler
+        log.setLevel(logging.DEBUG if verbose else logging.WARNING if quiet else logging.INFO)
+        try:
+            with interruptible():
+                yield
+        except (Exception, KeyboardInterrupt) as error:
+            found = explained(error)
+            if found is None:
+                raise
+            if isinstance(error, OSError):
+                log.debug("an input or output failed here", exc_info=True)
+            fail(*found)
+        finally:
+            log.propagate = propagates
+            log.removeHandler(handler)
+
+
+def explained(error: BaseException) -> tuple[str, int] | None:
+    """Return the message and the exit status for an error; None for a defect of the program."""
+    from delam_fem.case.toml import CaseError
+
+    if isinstance(error, CaseError):
+        return str(error), BAD_INPUT
+    if isinstance(error, OSError):
+        reason = error.strerror or str(error)
+        return f"{error.filename or 'input or output'}: {reason}", FAILED
+    return ("interrupted", INTERRUPTED) if isinstance(error, KeyboardInterrupt) else None
 
 
 class _EchoHandler(logging.Handler):
@@ -48,8 +72,18 @@ class _EchoHandler(logging.Handler):
 
 def fail(text: str, status: int) -> NoReturn:
     """Print a message to stderr and exit with a status."""
+    let_the_first_speak()
     typer.echo(f"delam-fem: {text}", err=True)
     raise typer.Exit(status)
+
+
+def let_the_first_speak() -> None:
+    """Wait a moment unless this is the first process of mpirun, which ends all after an error.
+
+    An error that all processes have is therefore told once.
+    """
+    if int(os.environ.get("OMPI_COMM_WORLD_RANK", os.environ.get("PMI_RANK", "0"))):
+        time.sleep(PATIENCE)
 
 
 def table(title: str, heading: Sequence[str], rows: Sequence[Sequence[str]]) -> None:

@@ -16,7 +16,7 @@ from delam_fem.numerics.schemes import SCHEMES, Scheme
 from delam_fem.simulation.loop import Engine
 
 if TYPE_CHECKING:
-    from mpi4py import MPI
+    from delam_fem.mpi import MPI
 
 EngineName = Literal["petsc", "compiled"]
 ENGINES: tuple[EngineName, ...] = get_args(EngineName)
@@ -90,7 +90,8 @@ def initialise_petsc_alone() -> MPI.Intracomm:
     the other ranks forever.
     """
     import petsc4py
-    from mpi4py import MPI
+
+    from delam_fem.mpi import MPI
 
     petsc4py.init(comm=MPI.COMM_SELF)
     return MPI.COMM_SELF

@@ -32,7 +32,7 @@ from delam_fem.simulation.solution import Solution
 from delam_fem.simulation.span import Span
 
 if TYPE_CHECKING:
-    from mpi4py import MPI
+    from delam_fem.mpi import MPI
 
 Stop = Callable[[int], bool]
 """Function of the number of completed periods, called after each period; True ends the run."""

@@ -21,6 +21,7 @@ import numpy.typing as npt
 
 from delam_fem.caches import forms
 from delam_fem.caches.folders import ensure_home
+from delam_fem.mpi import MPI  # before dolfinx, which would start MPI
 from delam_fem.numerics.arrays import FloatArray, IntArray
 
 
@@ -47,7 +48,6 @@ with _symbols_stay_local():
 
 import ffcx.codegeneration.jit  # noqa: E402
 import ufl  # noqa: E402  (after dolfinx, which brings it)
-from mpi4py import MPI  # noqa: E402
 
 forms.protect(ffcx.codegeneration.jit)
 version: str = dolfinx.__version__

@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 import ufl
-from mpi4py import MPI
 
 from delam_fem.case.definition import Case
 from delam_fem.case.toml import CaseError
@@ -28,6 +27,7 @@ from delam_fem.model.layout import BASE, Layout, Structure
 from delam_fem.model.mesh import node_coordinates
 from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.model.pairing import gap_matrix, probe_rows
+from delam_fem.mpi import MPI
 from delam_fem.numerics.arrays import FloatArray, IntArray
 
 Profile = Callable[[int, FloatArray], FloatArray | float]

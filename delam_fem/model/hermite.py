@@ -21,9 +21,9 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 import ufl
-from mpi4py import MPI
 
 from delam_fem.model import _dolfinx
+from delam_fem.mpi import MPI
 from delam_fem.numerics.arrays import FloatArray, IntArray
 
 MASS_DEGREE = 8  # cubic times cubic times a quadratic coefficient

@@ -17,13 +17,13 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 import ufl
-from mpi4py import MPI
 
 from delam_fem.case.definition import Case
 from delam_fem.model import bonded
 from delam_fem.model.hermite import BENDING_DEGREE, MASS_DEGREE, Hermite
 from delam_fem.model.layout import Structure
 from delam_fem.model.network import Group, Network, Segment, network
+from delam_fem.mpi import MPI
 from delam_fem.numerics.arrays import FloatArray, IntArray
 
 Line = tuple[Segment, Group, int]

@@ -9,13 +9,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import h5netcdf
 import numpy as np
 import xarray as xr
 
-from delam_fem.case.atomic import atomic, write_text
+from delam_fem.case.atomic import atomic_file, write_text
 from delam_fem.case.definition import Case
-from delam_fem.case.files import save_case
+from delam_fem.case.files import load_case, save_case
+from delam_fem.case.toml import CaseError
 from delam_fem.simulation.loop import State
+
+RESULT, SUMMARY = "result.nc", "summary.json"
+"""Names of the files of a run with all its numbers and with a few."""
 
 
 @dataclass(frozen=True)
@@ -27,17 +32,20 @@ class Result:
         history: all recorded quantities, each with units.
         summary: a few numbers; undefined ones are None.
         state: state at the end, from which another run may start.
+        checkpoint: file that `save` removes when all results are on the disk; None: no such file.
     """
 
     case: Case
     history: xr.Dataset
     summary: dict[str, Any]
     state: State
+    checkpoint: Path | None = None
 
     def save(self, directory: str | Path) -> list[Path]:
         """Write numbers, figures, fields and report to a folder.
 
-        Everything is written under a temporary name and renamed when complete.
+        Everything is written under a temporary name and renamed when complete. The checkpoint of
+        the run is removed last.
 
         Args:
             directory: made where it does not exist.
@@ -48,31 +56,95 @@ class Result:
         Raises:
             OSError: the folder cannot be written or the disk is full.
         """
-        from delam_fem.results.fields import vtk, vtx
-        from delam_fem.results.figures.run import save_figures
-        from delam_fem.results.pages.report import write_report
-
-        directory = Path(directory)
         written = self.save_numbers(directory)
-        written += save_figures(self.history, self.case, directory / "figures")
-        if self.history.sizes.get("frame", 0):
-            written += vtk.write_fields(self.history, self.case, directory / "fields")
-            lines = vtx.write_lines(self.history, directory / "fields")
-            picture = vtk.render(self.history, self.case, directory / "figures" / "laminae.png")
-            written += [path for path in (lines, picture) if path is not None]
-        written.append(write_report(self.history, self.summary, self.case, directory))
+        written += save_views(self.history, self.summary, self.case, Path(directory))
+        if self.checkpoint is not None:
+            self.checkpoint.unlink(missing_ok=True)
         return written
 
     def save_numbers(self, directory: str | Path) -> list[Path]:
         """Write case.toml, result.nc and summary.json only."""
         directory = Path(directory)
         written = [save_case(self.case, directory)]
-        path = directory / "result.nc"
-        with atomic(path) as temporary:
-            self.history.to_netcdf(temporary, engine="h5netcdf")
-        written.append(path)
+        written.append(_write_history(self.history, directory / RESULT))
         text = json.dumps(self.summary, indent=2, allow_nan=False) + "\n"
-        return [*written, write_text(directory / "summary.json", text)]
+        return [*written, write_text(directory / SUMMARY, text)]
+
+
+def save_views(
+    history: xr.Dataset, summary: Mapping[str, Any], case: Case, directory: Path
+) -> list[Path]:
+    """Write figures, fields and report: everything that the numbers are enough for.
+
+    Args:
+        history: of a run.
+        summary: its numbers.
+        case: its case.
+        directory: an existing folder.
+
+    Returns:
+        The files and folders written.
+
+    Raises:
+        OSError: the folder cannot be written or the disk is full.
+    """
+    from delam_fem.results.fields import vtk, vtx
+    from delam_fem.results.figures.run import save_figures
+    from delam_fem.results.pages.report import write_report
+
+    written = save_figures(history, case, directory / "figures")
+    if history.sizes.get("frame", 0):
+        written += vtk.write_fields(history, case, directory / "fields")
+        lines = vtx.write_lines(history, directory / "fields")
+        picture = vtk.render(history, case, directory / "figures" / "laminae.png")
+        written += [path for path in (lines, picture) if path is not None]
+    else:
+        vtk.remove_fields(directory / "fields")
+    return [*written, write_report(history, summary, case, directory)]
+
+
+def load_numbers(directory: str | Path) -> tuple[Case, xr.Dataset, dict[str, Any]]:
+    """Read what `Result.save_numbers` has written.
+
+    Returns:
+        The case, the history and the summary; the summary is empty if its file is missing.
+
+    Raises:
+        CaseError: the folder has no result, or a damaged one.
+    """
+    directory = Path(directory)
+    path = directory / RESULT
+    if not path.is_file():
+        raise CaseError(f"{directory}: expected the folder of a run, found no {RESULT} there")
+    try:
+        history = xr.load_dataset(path, engine="h5netcdf")
+        text = (directory / SUMMARY).read_text("utf-8") if (directory / SUMMARY).exists() else "{}"
+        summary = json.loads(text)
+    except (OSError, ValueError, KeyError, RuntimeError) as error:
+        reason = str(error).splitlines()[0][:80]
+        raise CaseError(f"{path}: damaged, or not the result of a run ({reason})") from None
+    if "outcome" not in history.attrs or "tip_displacement" not in history:
+        raise CaseError(f"{path}: expected the result of a run, found another dataset")
+    return load_case(directory / "case.toml"), history, summary
+
+
+def is_complete(directory: str | Path, case: Case) -> bool:
+    """Return whether a folder has the complete result of a case."""
+    try:
+        with xr.open_dataset(Path(directory) / RESULT, engine="h5netcdf") as history:
+            about = history.attrs
+            return (about.get("outcome"), about.get("case")) == ("completed", case.to_toml())
+    except (OSError, ValueError):
+        return False
+
+
+def _write_history(history: xr.Dataset, path: Path) -> Path:
+    """Write a dataset as NetCDF-4."""
+    with atomic_file(path) as temporary:
+        store: Any = xr.backends.H5NetCDFStore(h5netcdf.File(temporary, "w"))  # type: ignore[no-untyped-call]
+        history.dump_to_store(store)
+        store.close()
+    return path
 
 
 def json_ready(values: Mapping[str, Any]) -> dict[str, Any]:

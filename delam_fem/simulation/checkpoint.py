@@ -1,25 +1,29 @@
 """Save and load checkpoints: one file from which a run continues bit for bit.
 
 The file contains the state with the set of resting pairs, the rows of all periods and the records
-of the window.
+of the window. The checkpoint of a run that has ended contains all that its result is made of.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
-from delam_fem.case.atomic import atomic
+from delam_fem.case.atomic import atomic_file
 from delam_fem.case.definition import Case
 from delam_fem.case.toml import CaseError
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.simulation.energy import Energies
 from delam_fem.simulation.impacts import Columns, Jumps
-from delam_fem.simulation.loop import Engine, State
+from delam_fem.simulation.loop import Engine, Outcome, State
 from delam_fem.simulation.recorder import PeriodRecord, Recorder
+
+Progress = Literal["running"] | Outcome
+"""How far a run is: still running, or how it has ended."""
 
 _PERIOD_ARRAYS = ("strobe", "envelope", "ledger", "impulse")
 
@@ -30,22 +34,37 @@ def path_in(directory: Path) -> Path:
 
 
 def save(
-    path: Path, case: Case, engine: Engine, recorder: Recorder, *, writes: bool = True
+    path: Path,
+    case: Case,
+    name: str,
+    engine: Engine,
+    recorder: Recorder,
+    *,
+    outcome: Progress = "running",
+    writes: bool = True,
 ) -> None:
     """Write a checkpoint after a closed period.
 
-    The old file is replaced only when the new one is complete.
+    The old file is replaced only when the new one is complete and on the disk.
 
     Args:
         path: the file.
         case: the case that is computed; `load` compares it.
+        name: name of the engine; `load` compares it.
         engine: engine with the state; every rank must call, because the state is gathered.
         recorder: recorder with everything recorded so far.
+        outcome: "running", or how the run has ended.
         writes: whether this rank writes the file.
+
+    Raises:
+        OSError: the file cannot be written.
     """
     k, state = recorder.n_closed, engine.state()
+    if not writes:
+        return
     arrays: dict[str, Any] = {
-        "case": np.array(case.to_toml()),
+        **{key: np.array(text) for key, text in _origin(case, name).items()},
+        "outcome": np.array(outcome),
         "n_closed": k,
         "motion": state.motion,
         "resting": state.resting,
@@ -54,51 +73,110 @@ def save(
     arrays |= {name: getattr(recorder, name)[:k] for name in _PERIOD_ARRAYS}
     for j, record in enumerate(recorder.window):
         arrays |= {f"window_{j}_{name}": values for name, values in _flatten(record).items()}
-    if not writes:
-        return
-    with atomic(path) as temporary:
+    with atomic_file(path) as temporary:
         np.savez(temporary, **arrays)
+
+
+def _origin(case: Case, name: str) -> dict[str, str]:
+    """Return the texts that must be equal for a run to continue bit for bit."""
+    return {
+        "version": version("delam_fem"),
+        "engine": name,
+        "scheme": case.time.scheme,
+        "case": case.to_toml(),
+    }
 
 
 def load(
     path: Path | None,
     case: Case,
+    name: str,
     engine: Engine,
     recorder: Recorder,
     motion: Callable[[int], FloatArray],
-) -> None:
+) -> Progress:
     """Restore an engine and a recorder from a checkpoint.
 
     Args:
         path: the file; None if the run has no folder.
         case: the case that is computed.
+        name: name of the engine.
         engine: engine that receives the state.
         recorder: recorder that receives the rows and the window.
         motion: states of the base in a period; see `simulate`.
 
+    Returns:
+        How the run has ended, or "running".
+
     Raises:
-        CaseError: there is no checkpoint, or it belongs to another case.
+        CaseError: there is no checkpoint, it is damaged, or it belongs to another case, engine or
+            version.
     """
     if path is None:
         raise CaseError("resume: expected the directory of the interrupted run, given none")
     if not path.is_file():
         raise CaseError(f"resume: expected a checkpoint of an interrupted run, no file {path}")
-    with np.load(path) as data:
-        if str(data["case"]) != case.to_toml():
+    try:
+        with np.load(path) as archive:  # it has a checksum for each array
+            data = {key: archive[key] for key in archive.files}
+        found = {key: str(data[key]) for key in _origin(case, name)}
+    except Exception as error:  # a damaged archive raises a dozen different ones
+        raise _damaged(path, error) from None
+    _require_origin(path, found, case, name)
+    try:
+        return _restored(data, engine, recorder, motion)
+    except (ValueError, KeyError, IndexError, TypeError) as error:
+        raise _damaged(path, error) from None
+
+
+def _damaged(path: Path, error: Exception) -> CaseError:
+    """Return the error for a file that is not a whole checkpoint."""
+    reason = str(error).splitlines()[0][:80] if str(error) else type(error).__name__
+    return CaseError(
+        f"resume: {path} is damaged or no checkpoint ({reason}); run without --resume to compute "
+        "everything again, with --overwrite in the same folder"
+    )
+
+
+def _require_origin(path: Path, found: Mapping[str, str], case: Case, name: str) -> None:
+    """Refuse the checkpoint of another version, engine, scheme or case."""
+    for key, expected in _origin(case, name).items():
+        if found[key] == expected:
+            continue
+        if key == "case":
             raise CaseError(
                 f"resume: {path} belongs to another case; run with the settings of the "
                 "interrupted run, or without --resume"
             )
-        damping, contact = (float(loss) for loss in data["losses"])
-        k = recorder.n_closed = int(data["n_closed"])
-        state = State(data["motion"], data["resting"], (damping, contact))
-        engine.restore(state, motion(k)[0])
-        for name in _PERIOD_ARRAYS:
-            getattr(recorder, name)[:k] = data[name]
-        for j in range(min(k, recorder.window.maxlen or k)):
-            prefix = f"window_{j}_"
-            names = [name for name in data.files if name.startswith(prefix)]
-            recorder.window.append(_rebuild({n.removeprefix(prefix): data[n] for n in names}))
+        raise CaseError(
+            f"resume: {path} is of {key} {found[key][:40]!r}, expected {expected!r}; run with the "
+            f"{key} of the interrupted run, or without --resume"
+        )
+
+
+def _restored(
+    data: Mapping[str, Any],
+    engine: Engine,
+    recorder: Recorder,
+    motion: Callable[[int], FloatArray],
+) -> Progress:
+    """Fill an engine and a recorder with the arrays of a checkpoint; return the outcome."""
+    outcome: Progress = str(data["outcome"])  # type: ignore[assignment]
+    present, k = engine.state(), int(data["n_closed"])
+    damping, contact = (float(loss) for loss in data["losses"])
+    state = State(data["motion"], data["resting"], (damping, contact))
+    shapes = (present.motion.shape, present.resting.shape)
+    if (state.motion.shape, state.resting.shape) != shapes or not 0 < k <= recorder.n_periods:
+        raise ValueError("arrays of another size")
+    for name in _PERIOD_ARRAYS:
+        getattr(recorder, name)[:k] = data[name]
+    for j in range(min(k, recorder.window.maxlen or k)):
+        prefix = f"window_{j}_"
+        names = [name for name in data if name.startswith(prefix)]
+        recorder.window.append(_rebuild({n.removeprefix(prefix): data[n] for n in names}))
+    recorder.n_closed = k
+    engine.restore(state, motion(min(k, recorder.n_periods - 1))[0])
+    return outcome
 
 
 def _flatten(record: PeriodRecord) -> dict[str, Any]:

@@ -1,46 +1,77 @@
-"""End a run early on a signal, write checkpoints at intervals, and report progress."""
+"""End a run early on a signal, write checkpoints at intervals, and report progress.
+
+Ctrl-C (SIGINT), SIGTERM and a closed terminal (SIGHUP) end a run after the period it is in.
+"""
 
 from __future__ import annotations
 
+import logging
 import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
+from types import FrameType
 from typing import TYPE_CHECKING
 
 from delam_fem.simulation.loop import Outcome
 
 if TYPE_CHECKING:  # sweeps use `stop_signals` in a process that must not start MPI
-    from mpi4py import MPI
+    from delam_fem.mpi import MPI
+    from delam_fem.simulation.checkpoint import Progress
 
 CHECKPOINT_SECONDS = 30.0
 """Least time between two checkpoints [s]: little is lost in a crash, and little time is spent."""
 
+STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+"""Signals that end a run: Ctrl-C, a polite kill, a closed terminal."""
+
+_Handler = Callable[[int, FrameType | None], None]
+_log = logging.getLogger(__name__)
+
 
 @contextmanager
 def stop_signals() -> Iterator[Callable[[], bool]]:
-    """Catch Ctrl-C and SIGTERM, and yield a function that says whether one has arrived.
+    """Catch the signals of `STOPPING`, and yield a function that says whether one has arrived.
 
-    A second signal raises KeyboardInterrupt at once. Outside the main thread nothing is caught.
+    A second Ctrl-C raises KeyboardInterrupt at once. Outside the main thread nothing is caught.
     """
     received: list[int] = []
-    if threading.current_thread() is not threading.main_thread():
-        yield lambda: False
-        return
 
     def note(number: int, frame: object) -> None:
-        if received:
+        if received and number == signal.SIGINT:
             raise KeyboardInterrupt
         received.append(number)
 
-    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
+    with _handled(note):
         yield lambda: bool(received)
+
+
+@contextmanager
+def interruptible() -> Iterator[None]:
+    """Raise KeyboardInterrupt on every signal of `STOPPING`."""
+
+    def interrupt(number: int, frame: object) -> None:
+        raise KeyboardInterrupt
+
+    with _handled(interrupt):
+        yield
+
+
+@contextmanager
+def _handled(handler: _Handler) -> Iterator[None]:
+    """Let a function handle the signals of `STOPPING`; `nohup` keeps SIGHUP ignored."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    is_kept = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    numbers = [number for number in STOPPING if number != signal.SIGHUP or not is_kept]
+    before = {number: signal.signal(number, handler) for number in numbers}
+    try:
+        yield
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        for number, previous in before.items():
+            signal.signal(number, previous)
 
 
 class Watch:
@@ -48,43 +79,49 @@ class Watch:
 
     def __init__(
         self,
-        save: Callable[[Path], None],
-        path: Path | None,
+        save: Callable[[Progress], None] | None,
         report: Callable[[int], None],
         is_stopped: Callable[[], bool],
         comm: MPI.Intracomm,
+        seconds: float = CHECKPOINT_SECONDS,
     ) -> None:
         """Store the callbacks and start the clock of the checkpoints.
 
         Args:
-            save: function that writes a checkpoint to a path.
-            path: path of the checkpoint; None: no checkpoints.
+            save: function that writes a checkpoint of a run that is so far; None: no checkpoints.
             report: function that takes the number of finished periods.
             is_stopped: function that says whether this process was asked to stop.
             comm: communicator whose ranks must decide the same.
+            seconds: least time between two checkpoints [s].
         """
-        self._save, self._path, self._report = save, path, report
+        self._save, self._report = save, report
         self._is_stopped, self._comm = is_stopped, comm
-        self._last = time.monotonic()
+        self._seconds, self._last = seconds, time.monotonic()
 
     def __call__(self, period: int) -> bool:
         """Report a period, save a checkpoint if due, and return whether to stop.
 
         All ranks return the same.
         """
-        from mpi4py import MPI
+        from delam_fem.mpi import MPI
 
         self._report(period)
-        is_due = time.monotonic() - self._last > CHECKPOINT_SECONDS
+        is_due = time.monotonic() - self._last > self._seconds
         wishes = self._comm.allreduce(2 * is_due + self._is_stopped(), MPI.BOR)
-        if self._path is not None and wishes & 2:
-            self._save(self._path)
+        if wishes & 2:
+            self._try_to_save("running")
             self._last = time.monotonic()
         return bool(wishes & 1)
 
     def leave(self, outcome: Outcome) -> None:
-        """Save a checkpoint of an interrupted run, and remove that of a finished one."""
-        if self._path is not None and outcome == "interrupted":
-            self._save(self._path)
-        elif self._path is not None:
-            self._path.unlink(missing_ok=True)
+        """Save the checkpoint of a run that has ended; it stays until the result is on the disk."""
+        self._try_to_save("running" if outcome == "interrupted" else outcome)
+
+    def _try_to_save(self, progress: Progress) -> None:
+        """Save a checkpoint; if that fails, warn, because the run itself can go on."""
+        if self._save is None:
+            return
+        try:
+            self._save(progress)
+        except OSError as error:
+            _log.warning("%s: %s; the run goes on without it", error.filename, error.strerror)

@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from typing import Any, Literal, ParamSpec, TypeVar
 
 from delam_fem.case.toml import CaseError
+from delam_fem.simulation.interrupts import STOPPING
 
 ExecutorName = Literal["process", "mpi", "serial"]
 
@@ -138,8 +139,13 @@ def _process_pool(workers: int) -> ProcessPoolExecutor:
 
 
 def _prepare_worker() -> None:
-    """Ignore SIGINT (the parent handles it) and exit when the parent dies."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """Ignore the signals that the parent handles, and exit when the parent dies.
+
+    A terminal and a batch system send them to all processes; a worker that obeyed would lose the
+    points it is computing.
+    """
+    for number in STOPPING:
+        signal.signal(number, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     if parent is not None:
         threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
@@ -159,7 +165,7 @@ def _kill(executor: Executor) -> None:
 
 def _mpi_executor() -> tuple[Executor, int]:
     """Return the executor on all other MPI ranks, and their number."""
-    from mpi4py import MPI
+    from delam_fem.mpi import MPI
 
     n_workers = MPI.COMM_WORLD.size - 1
     if n_workers < 1:

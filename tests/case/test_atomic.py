@@ -63,7 +63,7 @@ def test_what_a_killed_process_left_is_overwritten(tmp_path: Path) -> None:
 
 
 def test_a_block_that_writes_nothing_is_an_error(tmp_path: Path) -> None:
-    with pytest.raises(OSError, match=r"x\.vtu: could not be written"), atomic(tmp_path / "x.vtu"):
+    with pytest.raises(OSError, match=r"could not be written.*x\.vtu"), atomic(tmp_path / "x.vtu"):
         pass
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from mpi4py import MPI
 from petsc4py import PETSc
 
 from delam_fem.contact.decision import Setting
@@ -10,6 +9,7 @@ from delam_fem.contact.laws import ContactLaw
 from delam_fem.engines.petsc.newmark import Newmark
 from delam_fem.engines.petsc.theta import MoreauJean
 from delam_fem.model.operators import Operators
+from delam_fem.mpi import MPI
 from delam_fem.numerics.schemes import Scheme
 from delam_fem.simulation.loop import StepByStep
 

@@ -6,6 +6,7 @@ picture.
 
 from __future__ import annotations
 
+import shutil
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
@@ -53,6 +54,14 @@ def write_fields(history: xr.Dataset, case: Case, directory: str | Path) -> list
     for path in set(directory.glob("fields_*.vtu")) - {directory / name for name in names}:
         path.unlink()
     return [series, _write_collection(directory / "fields.pvd", times[last], names)]
+
+
+def remove_fields(directory: Path) -> None:
+    """Remove the fields of an earlier run, which would be taken for those of this one."""
+    single = (directory / "fields.pvd", directory / "fields.vtkhdf")
+    for path in (*single, *directory.glob("fields_*.vtu")):
+        path.unlink(missing_ok=True)
+    shutil.rmtree(directory / "fields.bp", ignore_errors=True)
 
 
 def render(history: xr.Dataset, case: Case, path: str | Path) -> Path | None:

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from mpi4py import MPI
 
 from delam_fem.case.atomic import atomic
 from delam_fem.model import _dolfinx
+from delam_fem.mpi import MPI
 from delam_fem.numerics.arrays import FloatArray, IntArray
 from delam_fem.results import gaps
 from delam_fem.results.schema import by_interface

@@ -15,7 +15,7 @@ import h5py
 import numpy as np
 import numpy.typing as npt
 
-from delam_fem.case.atomic import atomic
+from delam_fem.case.atomic import atomic_file
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.studies.sweeps.grid import DIRECTIONS, Dimension, Sweep
 from delam_fem.studies.sweeps.journal import Journal
@@ -49,7 +49,7 @@ def write(
     Raises:
         OSError: the file cannot be written.
     """
-    with atomic(path) as temporary, h5netcdf.File(temporary, "w") as file:
+    with atomic_file(path) as temporary, h5netcdf.File(temporary, "w") as file:
         sizes = _dimensions(file, sweep, wanted, x)
         grid = tuple(sweep.sizes)
         for quantity in wanted:

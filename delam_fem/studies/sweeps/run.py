@@ -174,6 +174,12 @@ def _attributes(
     }
 
 
+def remove_results(directory: Path) -> None:
+    """Remove the result and the journal of a sweep, so that it is computed from the beginning."""
+    for path in (directory / RESULT, *directory.glob(f"{JOURNAL}*")):
+        path.unlink(missing_ok=True)
+
+
 def is_complete(directory: Path, sweep: Sweep) -> bool:
     """Return whether a folder already has the complete result of a sweep.
 

@@ -1,0 +1,175 @@
+"""Carry out `delam-fem run` and `delam-fem report`: the folder, the ranks, the end."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from delam_fem.cli.inputs import inputs_of
+from delam_fem.cli.terminal import (
+    DONE,
+    FAILED,
+    INTERRUPTED,
+    explained,
+    fail,
+    let_the_first_speak,
+    say_files,
+    summary_rows,
+    table,
+)
+
+if TYPE_CHECKING:
+    from delam_fem.case.definition import Case
+    from delam_fem.mpi import MPI
+    from delam_fem.results.folder import Result
+
+STATUS = {"completed": DONE, "diverged": FAILED, "interrupted": INTERRUPTED}
+"""Exit status by the outcome of a run."""
+
+HINT = {"diverged": "", "interrupted": "; --resume goes on from there"}
+"""Advice for each outcome; for a diverged run, the log contains the reason and the advice."""
+
+LOOK = 0.02
+"""Time between two looks whether the other processes have ended their work [s]."""
+
+_log = logging.getLogger(__name__)
+
+
+def run_in_folder(
+    case: Case,
+    case_file: Path,
+    directory: Path,
+    *,
+    quiet: bool,
+    overwrite: bool,
+    **options: Any,
+) -> None:
+    """Compute a case, write the results and show the summary; exit unless it was completed.
+
+    Args:
+        case: the case.
+        case_file: file that the case may have been read from.
+        directory: folder of the results.
+        quiet: whether to show no progress and no table.
+        overwrite: whether results in the folder may be replaced.
+        options: further arguments of `pipeline.run`.
+    """
+    from delam_fem.case.claim import claimed
+    from delam_fem.mpi import MPI
+
+    comm = MPI.COMM_WORLD
+    is_first = comm.rank == 0  # mpirun may have started several processes
+    if not is_first:
+        logging.getLogger("delam_fem").setLevel(logging.CRITICAL)
+    resume = bool(options.get("resume"))
+    with ended_together(comm):
+        claim = claimed(
+            directory,
+            inputs=[*inputs_of(case), *_own_file(case_file)],
+            may_hold_results=resume or overwrite,
+        )
+        with claim if is_first else nullcontext():
+            if resume and _has_nothing_left(case, directory):
+                outcome = "completed"
+                _log.info("%s has the complete result: nothing is left to do", directory)
+            else:
+                if overwrite:
+                    options["overwrite"] = True
+                outcome = _computed(case, directory, comm, quiet or not is_first, options)
+            _wait_for_all(comm)
+    if outcome != "completed":
+        fail(f"{outcome}; the results so far are in {directory}{HINT[outcome]}", STATUS[outcome])
+
+
+def _has_nothing_left(case: Case, directory: Path) -> bool:
+    """Return whether a folder has the complete result of a case and no checkpoint."""
+    from delam_fem.results.folder import is_complete
+    from delam_fem.simulation.checkpoint import path_in
+
+    return not path_in(directory).exists() and is_complete(directory, case)
+
+
+def _computed(
+    case: Case, directory: Path, comm: MPI.Intracomm, quiet: bool, options: dict[str, Any]
+) -> str:
+    """Compute a case and let the first rank write the results; return the outcome."""
+    from rich.console import Console
+
+    from delam_fem.cli.progress import progress
+    from delam_fem.pipeline import run
+
+    with progress(Console(stderr=True, quiet=quiet), case.time.steps_per_period) as report:
+        result = run(case, directory=directory, progress=report, comm=comm, **options)
+    paths = _saved(result, directory) if comm.rank == 0 else []
+    if not quiet:
+        table(f"case {case.name}", ("", "value"), summary_rows(result.summary))
+        say_files(paths)
+    return str(result.history.attrs["outcome"])
+
+
+def _saved(result: Result, directory: Path) -> list[Path]:
+    """Write the results; if that fails, say what is left to go on with."""
+    from delam_fem.simulation.checkpoint import path_in
+
+    try:
+        return result.save(directory)
+    except OSError as error:
+        if path_in(directory).exists():
+            raise OSError(
+                error.errno or 0,
+                f"{error.strerror or error}; everything that was computed is in "
+                f"{path_in(directory)}: make room, then --resume writes the results",
+                error.filename,
+            ) from error
+        raise
+
+
+def _own_file(case_file: Path) -> list[Path]:
+    """Return the case file, if the case came from one; case.toml may be an output."""
+    return [case_file] if case_file.is_file() and case_file.name != "case.toml" else []
+
+
+@contextmanager
+def ended_together(comm: MPI.Intracomm) -> Iterator[None]:
+    """End all processes of mpirun if one of them fails; the others would wait for it forever."""
+    try:
+        yield
+    except BaseException as error:
+        if comm.size > 1:
+            found = explained(error)
+            if found is None:
+                _log.exception("process %d failed", comm.rank)
+            else:
+                let_the_first_speak()
+                typer.echo(f"delam-fem: {found[0]}", err=True)
+            comm.Abort(FAILED if found is None else found[1])
+        raise
+
+
+def _wait_for_all(comm: MPI.Intracomm) -> None:
+    """Wait until all processes are here, without keeping a core busy."""
+    if comm.size > 1:
+        request = comm.Ibarrier()
+        while not request.Test():
+            time.sleep(LOOK)
+
+
+def report_in_folder(directory: Path, *, quiet: bool) -> None:
+    """Write figures, fields and page of a run again from its numbers."""
+    from delam_fem.case.claim import claimed
+    from delam_fem.case.toml import CaseError
+    from delam_fem.results.folder import load_numbers, save_views
+
+    if not directory.is_dir():
+        raise CaseError(f"report {directory}: no such folder; expected the folder of a run")
+    with claimed(directory, may_hold_results=True):
+        case, history, summary = load_numbers(directory)
+        paths = save_views(history, summary, case, directory)
+    if not quiet:
+        say_files(paths)

@@ -1,0 +1,75 @@
+"""The one door to MPI: no other module imports `mpi4py.MPI`, whose import starts MPI.
+
+A process that no launcher has started needs no network. Open MPI nevertheless opens listening
+sockets on all interfaces, unless it is told before its start to stay alone. PETSc is told, also
+before its start, to leave signals to the package.
+"""
+
+from __future__ import annotations
+
+import gc
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+LAUNCHED = ("OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_RANK", "PMI_SIZE", "MPI_LOCALNRANKS")
+"""Variables that a launcher (mpirun, srun) sets for the processes it starts."""
+
+ALONE = {"OMPI_MCA_ess_singleton_isolated": "1", "OMPI_MCA_btl": "self,vader"}
+"""Variables that keep Open MPI from opening sockets in a process that is alone."""
+
+NO_HANDLER = "-no_signal_handler"
+"""Option of PETSc; its handlers would answer a closed terminal or pipe with a page of text."""
+
+
+@contextmanager
+def _alone() -> Iterator[None]:
+    """Set the variables of `ALONE` that are not set, unless a launcher started this process.
+
+    They are removed again, so that an mpirun that this process may start does not inherit them.
+    """
+    is_launched = any(name in os.environ for name in LAUNCHED)
+    added = {} if is_launched else {k: v for k, v in ALONE.items() if k not in os.environ}
+    os.environ.update(added)
+    try:
+        yield
+    finally:
+        for name in added:
+            del os.environ[name]
+
+
+options = os.environ.get("PETSC_OPTIONS", "")
+if NO_HANDLER not in options:
+    os.environ["PETSC_OPTIONS"] = f"{options} {NO_HANDLER}".strip()
+
+with _alone():
+    from mpi4py import MPI
+
+__all__ = ["MPI", "hold", "release"]
+
+_held: list[Any] = []
+"""PETSc's copies of communicators that `hold` keeps."""
+
+
+def hold(comm: MPI.Intracomm) -> None:
+    """Keep PETSc's copy of a communicator until the end of the process (collective).
+
+    PETSc frees its copy with the last object on it, and makes a new one, collectively, when it
+    cleans up at the end. If one rank still has an object then, the others wait forever.
+    """
+    if comm.size > 1 and not _held:
+        from petsc4py import PETSc
+
+        _held.append(PETSc.Comm(comm).duplicate())
+
+
+def release(comm: MPI.Intracomm) -> None:
+    """Free unused PETSc and dolfinx objects on all ranks at the same place (collective)."""
+    if comm.size > 1:
+        from petsc4py import PETSc
+
+        gc.collect()
+        if hasattr(PETSc, "garbage_cleanup"):
+            PETSc.garbage_cleanup(PETSc.Comm(comm))
+        comm.Barrier()

@@ -1,0 +1,239 @@
+"""A run that is ended, starved or not listened to keeps what it has: with real processes."""
+
+from __future__ import annotations
+
+import errno
+import os
+import pty
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from _pytest.mark import ParameterSet
+from attack.processes import (
+    CASE,
+    LIMIT,
+    command,
+    ended,
+    environment,
+    finish,
+    history,
+    periods_kept,
+    require_whole_files,
+    start,
+    wait_for,
+)
+
+import delam_fem as df
+
+POLITE = ("HUP", "INT", "TERM")
+"""Signals that end a run after its period, with all results so far."""
+DEADLY = ("QUIT", "ILL", "ABRT", "FPE", "KILL", "USR1", "SEGV", "USR2", "ALRM")
+"""Signals that end the process at once."""
+CLOSED = (">&-", "2>&-", ">&- 2>&-", "<&- >&- 2>&-", ">/dev/full", "2>/dev/full")
+TERMINAL = """
+import fcntl, os, sys, termios
+fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+os.execv(sys.argv[1], sys.argv[1:])
+"""
+"""Program that makes its stdin the controlling terminal of a command."""
+MPIRUN = ("mpirun", "--allow-run-as-root", "--oversubscribe", "-n", "2")
+LONG = CASE | {"time.periods": 5000}
+FEW = {"time.periods": 8}
+FIELDLESS = {"output.fields_per_period": 0}
+
+
+def nightly(*values: object) -> ParameterSet:
+    """Return values of a parametrised test that belong to its long form."""
+    return pytest.param(*values, marks=pytest.mark.nightly)
+
+
+def run_line(directory: Path, *options: str, keys: dict[str, object] = CASE) -> list[str]:
+    """Return the command of a run that saves a checkpoint after each period."""
+    return command("run", "paper", "-o", directory, "--checkpoint-seconds=0", *options, keys=keys)
+
+
+def require_resumable(directory: Path, tmp_path: Path, keys: dict[str, object]) -> None:
+    """Fail if the periods in the checkpoint are not those of an uninterrupted run."""
+    k = periods_kept(directory)
+    assert k > 0
+    case = df.preset("paper", keys)
+    result = df.run(case, directory=directory, resume=True, progress=_stop_at_once)
+    assert result.history.sizes["period"] > k
+    other = df.run(df.preset("paper", keys | {"time.periods": k}))
+    kept = result.history.strobe_displacement[:, :k]
+    assert kept.equals(other.history.strobe_displacement)
+
+
+def _stop_at_once(done: int, total: int) -> None:
+    signal.raise_signal(signal.SIGINT)
+
+
+@pytest.mark.parametrize(
+    "name", [POLITE[0], *(pytest.param(n, marks=pytest.mark.nightly) for n in POLITE[1:])]
+)
+def test_polite_signals_end_a_run_that_goes_on(name: str, tmp_path: Path) -> None:
+    keys = LONG | FIELDLESS
+    process = start(run_line(tmp_path / "run", "-q", keys=keys))
+    wait_for(tmp_path / "run" / "checkpoint.npz", process)
+    process.send_signal(getattr(signal, f"SIG{name}"))
+    status, errors = finish(process)
+    assert status == 130, errors
+    assert errors.splitlines()[-1].endswith("--resume goes on from there")
+    assert "PETSC" not in errors
+    assert history(tmp_path / "run").attrs["outcome"] == "interrupted"
+    require_whole_files(tmp_path / "run")
+    require_resumable(tmp_path / "run", tmp_path, keys)
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("name", DEADLY)
+def test_deadly_signals_leave_the_checkpoint(name: str, tmp_path: Path) -> None:
+    keys = LONG | FIELDLESS
+    process = start(run_line(tmp_path / "run", "-q", keys=keys))
+    wait_for(tmp_path / "run" / "checkpoint.npz", process)
+    process.send_signal(getattr(signal, f"SIG{name}"))
+    status, errors = finish(process)
+    assert status == -getattr(signal, f"SIG{name}")
+    assert "PETSC ERROR" not in errors
+    require_whole_files(tmp_path / "run")
+    require_resumable(tmp_path / "run", tmp_path, keys)
+
+
+@pytest.mark.nightly
+def test_a_pipe_signal_does_not_end_a_run(tmp_path: Path) -> None:
+    process = start(run_line(tmp_path / "run", "-q"))
+    wait_for(tmp_path / "run" / "checkpoint.npz", process)
+    process.send_signal(signal.SIGPIPE)
+    assert finish(process) == (0, "")
+    assert history(tmp_path / "run").attrs["outcome"] == "completed"
+
+
+@pytest.mark.nightly
+def test_nohup_keeps_a_run_alive(tmp_path: Path) -> None:
+    process = start(["nohup", *run_line(tmp_path / "run", "-q")], stdin=subprocess.DEVNULL)
+    wait_for(tmp_path / "run" / "checkpoint.npz", process)
+    process.send_signal(signal.SIGHUP)
+    assert finish(process)[0] == 0
+
+
+def test_nobody_reads_the_output(tmp_path: Path) -> None:
+    """`run … 2>&1 | head -1`: the reader goes away after the first line."""
+    ends = os.pipe()
+    line = run_line(tmp_path / "run", keys=CASE | FIELDLESS)
+    process = start(line, stdout=ends[1], stderr=ends[1])
+    os.close(ends[1])
+    assert os.read(ends[0], 1)
+    os.close(ends[0])
+    assert process.wait(timeout=LIMIT) == 0
+    assert history(tmp_path / "run").attrs["outcome"] == "completed"
+    assert not (tmp_path / "run" / "checkpoint.npz").exists()
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize(
+    "closed", [">&-", "2>&-", ">&- 2>&-", "<&- >&- 2>&-", ">/dev/full", "2>/dev/full"]
+)
+def test_closed_and_full_streams(closed: str, tmp_path: Path) -> None:
+    line = " ".join(run_line(tmp_path / "run", keys=CASE | FIELDLESS))
+    done = subprocess.run(["sh", "-c", f"exec {line} {closed}"], env=environment(), timeout=LIMIT)
+    assert done.returncode == 0
+    require_whole_files(tmp_path / "run")
+    assert history(tmp_path / "run").attrs["outcome"] == "completed"
+
+
+@pytest.mark.nightly
+def test_the_terminal_is_closed(tmp_path: Path) -> None:
+    """The kernel sends SIGHUP, and every later write fails."""
+    controller, terminal = pty.openpty()
+    line = [sys.executable, "-c", TERMINAL, *run_line(tmp_path / "run", keys=LONG | FIELDLESS)]
+    process = start(line, stdin=terminal, stdout=terminal, stderr=terminal)
+    os.close(terminal)
+    wait_for(tmp_path / "run" / "checkpoint.npz", process)
+    os.close(controller)
+    assert process.wait(timeout=LIMIT) == 130
+    require_whole_files(tmp_path / "run")
+    require_resumable(tmp_path / "run", tmp_path, LONG | FIELDLESS)
+
+
+def test_two_runs_in_one_folder(tmp_path: Path) -> None:
+    first = start(run_line(tmp_path / "run", "-q", keys=LONG | FIELDLESS))
+    wait_for(tmp_path / "run" / "checkpoint.npz", first)
+    status, errors = ended(run_line(tmp_path / "run", "--overwrite", keys=LONG | FIELDLESS))
+    assert (status, len(errors.splitlines())) == (2, 1)
+    assert "another process is writing there" in errors
+    first.kill()
+    first.communicate()
+    status, errors = ended(run_line(tmp_path / "run", "-q", keys=LONG | FIELDLESS))
+    assert (status, len(errors.splitlines())) == (2, 1)
+    assert "is not empty (checkpoint.npz)" in errors
+    assert periods_kept(tmp_path / "run") > 0
+
+
+def listening(process: int) -> list[str]:
+    """Return the addresses on which a process listens."""
+    owned = set()
+    for path in Path(f"/proc/{process}/fd").iterdir():
+        try:
+            owned.add(os.readlink(path))
+        except OSError as error:
+            if error.errno != errno.ENOENT:
+                raise
+    found = []
+    for name in ("tcp", "tcp6", "udp", "udp6"):
+        rows = Path(f"/proc/net/{name}").read_text().splitlines()[1:]
+        found += [row.split()[1] for row in rows if f"socket:[{row.split()[9]}]" in owned]
+    return found
+
+
+def test_a_run_opens_no_socket(tmp_path: Path) -> None:
+    process = start(run_line(tmp_path / "run", "-q", keys=LONG | FIELDLESS))
+    wait_for(tmp_path / "run" / "checkpoint.npz", process)
+    try:
+        assert listening(process.pid) == []
+    finally:
+        process.kill()
+        process.communicate()
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(
+    ("keys", "expected"),
+    [
+        ({}, 0),
+        pytest.param({"mesh.elements": -1}, 2, marks=pytest.mark.nightly),
+        pytest.param(
+            {"excitation.amplitude": 50.0, "time.periods": 40}, 1, marks=pytest.mark.nightly
+        ),
+    ],
+)
+def test_two_ranks_end(keys: dict[str, object], expected: int, tmp_path: Path) -> None:
+    mpirun = ["mpirun", "--allow-run-as-root", "--oversubscribe", "-n", "2"]
+    begin = time.monotonic()
+    status, errors = ended(
+        [*mpirun, *run_line(tmp_path / "run", "-q", keys=CASE | FIELDLESS | keys)]
+    )
+    assert status == expected, errors
+    assert time.monotonic() - begin < LIMIT
+    assert (tmp_path / "run" / "report.html").exists() == (expected != 2)
+    assert not (tmp_path / "run" / "checkpoint.npz").exists()
+
+
+@pytest.mark.mpi
+@pytest.mark.nightly
+def test_an_error_on_one_rank_ends_all(tmp_path: Path) -> None:
+    script = tmp_path / "one.py"
+    script.write_text(
+        "from delam_fem.cli import run\n"
+        "from delam_fem.cli.app import app\n"
+        "def failing(result, directory): raise OSError(28, 'No space left on device', 'x.nc')\n"
+        "run._saved = failing\n"
+        f"app({run_line(tmp_path / 'run', '-q', keys=CASE | FEW)[3:]!r})\n"
+    )
+    status, errors = ended([*MPIRUN, sys.executable, str(script)])
+    assert status == 1
+    assert "delam-fem: x.nc: No space left on device" in errors
+    assert periods_kept(tmp_path / "run") == FEW["time.periods"]
