@@ -80,6 +80,7 @@ def synthetic_history(
     add(data, "x", x)
     data = data.set_coords("x")
     add(data, "tip_node", NODES - 1)
+    add(data, "spring_share", np.r_[0.0, np.ones(x.size - 1)])
     add(data, "gap0", 0.030 * (x / x[-1]) ** 2)
     add(data, "period", np.arange(PERIODS))
     q, v = tip_motion(np.arange(1.0, PERIODS + 1), subharmonic)

@@ -90,12 +90,12 @@ class _SealedFile(caching.IndexDataCacheFile):  # type: ignore[misc]
         self._save(Path(self._data_path(name)), dumps(data))
 
     def _load(self, path: Path) -> Any:
-        """Return the object in a file; None if the file is missing or damaged."""
+        """Return the object in a file; None if it is missing, damaged, or of another version."""
         try:
             return pickle.loads(opened(path.read_bytes()))
         except FileNotFoundError:
             return None
-        except (DamagedError, OSError) as error:
+        except (DamagedError, OSError, ImportError, AttributeError) as error:
             _log.debug("%s: compiled anew (%s)", path, error)
             return None
 

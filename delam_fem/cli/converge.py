@@ -26,8 +26,12 @@ Overrides = Annotated[
     typer.Option("--set", metavar="KEY=VALUE", help="Override a key of the case; repeatable."),
 ]
 Direction = Annotated[
-    Literal["elements", "steps", "both"],
-    typer.Option("--in", help="What to refine; both: every mesh with every number of steps."),
+    Literal["elements", "points", "steps", "both"],
+    typer.Option(
+        "--in",
+        help="What to refine; points: contact points inside the elements; both: every mesh with "
+        "every number of steps.",
+    ),
 ]
 Laws = Annotated[
     str | None,
@@ -39,6 +43,9 @@ Laws = Annotated[
 ]
 Elements = Annotated[
     str | None, typer.Option(metavar="N,…", help="Elements per lamina (default: 5,10,…,160).")
+]
+Points = Annotated[
+    str | None, typer.Option(metavar="P,…", help="Contact points per element (default: 1,2,4,8).")
 ]
 MeshFiles = Annotated[
     str | None, typer.Option(metavar="FILE,…", help="Mesh files instead of elements, coarse first.")
@@ -75,6 +82,7 @@ def converge_command(
     laws: Laws = None,
     elements: Elements = None,
     meshes: MeshFiles = None,
+    points: Points = None,
     steps: Steps = None,
     periods: Periods = None,
     limit_steps: LimitSteps = None,
@@ -94,7 +102,7 @@ def converge_command(
         ladder = Ladder(
             case,
             _methods(laws),
-            _meshes(case, direction, elements, meshes),
+            _with_points(_meshes(case, direction, elements, meshes), direction, points),
             _steps(case, direction, steps),
             PERIODS if periods is None else periods,
             LIMIT_STEPS if limit_steps is None else limit_steps,
@@ -135,7 +143,7 @@ def _methods(laws: str | None) -> tuple[Method, ...]:
 
 def _meshes(
     case: Case, direction: str, elements: str | None, files: str | None
-) -> tuple[MeshChoice, ...]:
+) -> tuple[int | Path, ...]:
     """Return the meshes of the ladder."""
     from delam_fem.case.toml import CaseError
     from delam_fem.studies.convergence.ladder import ELEMENTS, whole_numbers
@@ -146,11 +154,23 @@ def _meshes(
         return tuple(Path(name.strip()).absolute() for name in files.split(","))
     if elements is not None:
         return whole_numbers(elements, "elements")
-    if direction != "steps":
+    if direction in ("elements", "both"):
         return ELEMENTS
     mesh = case.mesh.elements if case.mesh.file is None else case.mesh.file
     assert mesh is not None  # a case has either elements or a mesh file
     return (mesh,)
+
+
+def _with_points(
+    meshes: tuple[int | Path, ...], direction: str, points: str | None
+) -> tuple[MeshChoice, ...]:
+    """Return the meshes with contact points inside their elements, if these are asked for."""
+    from delam_fem.studies.convergence.ladder import POINTS, PointMesh, whole_numbers
+
+    if points is None and direction != "points":
+        return meshes
+    counts = POINTS if points is None else whole_numbers(points, "points")
+    return tuple(PointMesh(mesh, n) for mesh in meshes for n in counts)
 
 
 def _steps(case: Case, direction: str, steps: str | None) -> tuple[int, ...]:
@@ -159,7 +179,7 @@ def _steps(case: Case, direction: str, steps: str | None) -> tuple[int, ...]:
 
     if steps is not None:
         return whole_numbers(steps, "steps")
-    return STEPS if direction != "elements" else (case.time.steps_per_period,)
+    return STEPS if direction in ("steps", "both") else (case.time.steps_per_period,)
 
 
 def _tell(found: Convergence, directory: Path, quiet: bool) -> None:

@@ -44,6 +44,9 @@ def history(
     data = data.set_coords("x")
     add(data, "tip_node", layout.station_of_point(layout.probes[0].point))
     add(data, "gap0", _of_interfaces(layout, gap0))
+    weights = structure.operators.pair_weights
+    shares = np.ones(gap0.size) if weights is None else weights
+    add(data, "spring_share", _of_interfaces(layout, shares))
     _add_frames(data, recorder, structure, start)
     _add_events(data, recorder, layout, start)
     data.attrs = {

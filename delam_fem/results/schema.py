@@ -98,6 +98,12 @@ _ALL = (
     Variable("x", ("node",), "m", "position along the laminae"),
     Variable("tip_node", (), "1", "number of the point at which tip_… is taken"),
     Variable("gap0", (INTERFACE, "node"), "m", "gap at rest"),
+    Variable(
+        "spring_share",
+        (INTERFACE, "node"),
+        "1",
+        "stiffness and damping of a contact spring at the point, relative to those of the case",
+    ),
     Variable("frame", ("frame",), "s", "time of the frame"),
     Variable("displacement", _FIELD, "m", "displacement, base motion included"),
     Variable("slope", _FIELD, "1", "slope of the displacement"),

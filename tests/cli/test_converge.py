@@ -47,6 +47,20 @@ def test_the_command(tmp_path: Path) -> None:
     assert status == 0
 
 
+def test_a_ladder_of_contact_points(tmp_path: Path) -> None:
+    sizes = ("--in", "points", "--points", "1,2,3", "--set", "mesh.elements=5")
+    status, _, output = invoke(*SMALL, *sizes, "--steps", "500", "-o", tmp_path)
+    assert status == 0, output
+    text = (tmp_path / "tables.md").read_text("utf-8")
+    heading, _, *rows = text.split("**newton@moreau-jean, 500 steps per period**\n\n")[1].split(
+        "\n"
+    )
+    assert heading.startswith("| points | y1 min")
+    assert [row.split("|")[1].strip() for row in rows[:3]] == ["5", "10", "15"]
+    assert len({row.split("|")[2] for row in rows[:3]}) == 3
+    assert (tmp_path / "figures" / "limit_over_points.png").is_file()
+
+
 def test_a_ladder_without_a_limit(tmp_path: Path) -> None:
     sizes = ("--steps", "250,500", "--elements", "5,10", "--set", "time.periods=4")
     settings = ("--laws", "newton", "--periods", "4", "--limit-steps", "0", "-j", "1")

@@ -62,15 +62,16 @@ def contact_force_of_laminae(history: xr.Dataset, case: Case) -> FloatArray:
     Laws without springs act by impulses alone; their forces are 0.
 
     Returns:
-        Sums of forces per pair of nodes, shape (n_laminae, n_frames, n_nodes) [N].
+        Sums of forces at the points, shape (n_laminae, n_frames, n_nodes) [N].
     """
     gaps = gap_field(history)
     if not LAWS[case.contact.law].spring:
         return _on_both_sides(np.zeros_like(gaps))
-    force = -case.contact.penalty_stiffness * gaps
+    share = by_interface(history["spring_share"])[:, None]
+    force = -case.contact.penalty_stiffness * share * gaps
     if "penalty_damping" in LAWS[case.contact.law].spring:
         velocity = history["velocity"].to_numpy()
-        force -= case.contact.penalty_damping * (velocity[1:] - velocity[:-1])
+        force -= case.contact.penalty_damping * share * (velocity[1:] - velocity[:-1])
     is_resting = by_interface(history["contact_state"]) == RESTING
     return _on_both_sides(np.where(is_resting, force, 0.0))
 

@@ -57,7 +57,7 @@ class Convergence:
         return self.scatter(rung, name) / math.sqrt(blocks) if blocks > 0.0 else math.nan
 
     def limit(self, rungs: Sequence[Rung], name: str, *, by: str = "steps") -> extrapolation.Limit:
-        """Extrapolate a statistic along rungs that refine `by` "steps" or "elements"."""
+        """Extrapolate a statistic along rungs that refine `by` "steps", "elements" or "points"."""
         sizes = [1.0 / getattr(rung, by) for rung in rungs]
         values = [self.value(rung, name) for rung in rungs]
         errors = [self.standard_error(rung, name) for rung in rungs]

@@ -20,7 +20,7 @@ from delam_fem.studies.convergence.figures import (
     error_over_steps,
     free_over_elements,
     free_over_steps,
-    limit_over_elements,
+    limit_over_meshes,
     work_over_steps,
 )
 from delam_fem.studies.convergence.study import DAMPINGS
@@ -46,7 +46,7 @@ def document(found: dict[str, Convergence]) -> Document:
         figures[f"steps_{name}"] = partial(error_over_steps, found[damping])
         figures[f"cost_{name}"] = partial(error_over_cost, found[damping])
         figures[f"work_{name}"] = partial(work_over_steps, found[damping])
-        figures[f"meshes_{name}"] = partial(limit_over_elements, found[damping])
+        figures[f"meshes_{name}"] = partial(limit_over_meshes, found[damping])
     figures["free_steps"] = partial(free_over_steps, found["two-mode"])
     figures["free_elements"] = partial(free_over_elements, found["two-mode"])
     return Document(document_tables(found), figures)

@@ -68,7 +68,7 @@ def save_figures(found: Convergence, directory: str | Path) -> list[Path]:
     makers: dict[str, Callable[[Convergence], Figure]] = {}
     if len(ladder.steps) > 1:
         makers["free_steps"] = free_over_steps
-    if len(ladder.meshes) > 1:
+    if len(ladder.meshes_of(FREE)) > 1:
         makers["free_elements"] = free_over_elements
     if ladder.methods and len(ladder.steps) > 1:
         makers["work_over_steps"] = work_over_steps
@@ -77,7 +77,7 @@ def save_figures(found: Convergence, directory: str | Path) -> list[Path]:
         if len(ladder.steps) > 1:
             makers["error_over_steps"] = error_over_steps
         if len(ladder.meshes) > 1:
-            makers["limit_over_elements"] = limit_over_elements
+            makers[f"limit_over_{ladder.refines}"] = limit_over_meshes
     written = []
     with styled():
         for name, make in makers.items():
@@ -120,7 +120,7 @@ def work_over_steps(found: Convergence) -> Figure:
 
 def free_over_steps(found: Convergence) -> Figure:
     """Draw the errors without contact over steps per period on the finest mesh."""
-    rungs = found.ladder.along_steps(FREE, found.ladder.meshes[-1])
+    rungs = found.ladder.along_steps(FREE, found.ladder.meshes_of(FREE)[-1])
     return _free(found, rungs, "steps", "steps per period", (-2.0,))
 
 
@@ -130,10 +130,11 @@ def free_over_elements(found: Convergence) -> Figure:
     return _free(found, rungs, "elements", "elements per lamina", (-4.0,))
 
 
-def limit_over_elements(found: Convergence) -> Figure:
-    """Draw the rigid limit over elements per lamina: extremes of the tips and contact work."""
+def limit_over_meshes(found: Convergence) -> Figure:
+    """Draw the rigid limit over what meshes refine: extremes of the tips and contact work."""
     rungs = found.ladder.along_meshes(LIMIT, found.ladder.limit_steps)
-    n = [rung.elements for rung in rungs]
+    n = [rung.points for rung in rungs]
+    name = {"elements": "elements per lamina", "points": "contact points per lamina"}
     figure = Figure(figsize=(WIDTH, 4.2), layout="constrained")
     left, right = figure.subplots(1, 2)
     colours = lamina_colours(found.n_laminae)
@@ -150,7 +151,7 @@ def limit_over_elements(found: Convergence) -> Figure:
     for axes in (left, right):
         axes.set_xscale("log")
         _plain(axes, n)
-        axes.set_xlabel("elements per lamina")
+        axes.set_xlabel(name[found.ladder.refines])
     figure.suptitle(
         _title(found) + f", newton@moreau-jean, {found.ladder.limit_steps} steps per period"
     )
@@ -160,8 +161,8 @@ def limit_over_elements(found: Convergence) -> Figure:
 def _with_bars(
     axes: Axes, found: Convergence, rungs: Sequence[Rung], shown: Statistic, **style: Any
 ) -> None:
-    """Draw the size of a statistic over the elements with `BARS` standard errors of its mean."""
-    n = [rung.elements for rung in rungs]
+    """Draw the size of a statistic over the points with `BARS` standard errors of its mean."""
+    n = [rung.points for rung in rungs]
     values = [abs(shown.factor * found.value(rung, shown.name)) for rung in rungs]
     errors = [BARS * shown.factor * found.standard_error(rung, shown.name) for rung in rungs]
     axes.errorbar(n, values, yerr=errors, capsize=4.0, **style)
@@ -182,7 +183,7 @@ def _panels(found: Convergence, abscissa: Value, ordinate: Value) -> Figure:
             points = np.array([(abscissa(rung), ordinate(rung)) for rung in rungs])
             drawn = points[np.isfinite(points).all(axis=1) & (points > 0.0).all(axis=1)]
             axes.loglog(*drawn.T, marker=marker, color=colour, label=method.name, markersize=5)
-        axes.set_title(f"{rungs[0].elements} elements", loc="left")
+        axes.set_title(rungs[0].mesh_text, loc="left")
     return figure
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
-from typing import TypeAlias, get_args
+from typing import Literal, TypeAlias, get_args
 
 from delam_fem.case.definition import Case
 from delam_fem.case.toml import CaseError
@@ -20,11 +20,30 @@ from delam_fem.contact.laws import COMBINATIONS, LAWS, Impulse, combined_name
 from delam_fem.engines.choose import EngineName
 from delam_fem.model.mesh import node_coordinates
 
-MeshChoice: TypeAlias = int | Path
-"""Number of equal elements per lamina, or a mesh file."""
+
+@dataclass(frozen=True)
+class PointMesh:
+    """A mesh with contact points inside its elements.
+
+    Attributes:
+        mesh: number of equal elements per lamina, or the mesh file.
+        per_element: number of contact points per element.
+    """
+
+    mesh: int | Path
+    per_element: int
+
+    def __str__(self) -> str:
+        """Return the mesh as part of a rung's key."""
+        return f"{self.mesh}x{self.per_element}"
+
+
+MeshChoice: TypeAlias = int | Path | PointMesh
+"""Number of equal elements per lamina, or a mesh file, maybe with contact points inside."""
 
 IMPULSES = get_args(Impulse)
 ELEMENTS = (5, 10, 20, 40, 80, 160)
+POINTS = (1, 2, 4, 8)
 STEPS = (250, 500, 1000, 2000, 4000, 8000, 16000)
 LIMIT_STEPS = 64000
 PERIODS, SETTLING = 60, 30
@@ -96,6 +115,7 @@ class Rung:
         method: name of the method.
         mesh: number of equal elements per lamina, or the mesh file.
         elements: number of elements per lamina.
+        points: number of contact points per lamina.
         steps: number N of steps per period.
         periods: number of last periods in the statistics.
         case: the case that the rung computes.
@@ -104,9 +124,18 @@ class Rung:
     method: str
     mesh: MeshChoice
     elements: int
+    points: int
     steps: int
     periods: int
     case: Case
+
+    @property
+    def mesh_text(self) -> str:
+        """The mesh in words."""
+        text = f"{self.elements} elements"
+        if not isinstance(self.mesh, PointMesh):
+            return text
+        return f"{text} with {self.mesh.per_element} points each"
 
     @property
     def key(self) -> str:
@@ -153,15 +182,15 @@ class Ladder:
         _require_rising("steps", self.steps)
         if not self.meshes:
             raise CaseError("elements: expected at least one number or mesh file, given none")
-        free = self.along_meshes(FREE, self.steps[0])
-        _require_rising("elements", [rung.elements for rung in free])
+        sizes = [self._new(LIMIT, mesh, self.steps[0]).points for mesh in self.meshes]
+        _require_rising(self.refines, sizes)
 
     def rungs(self) -> list[Rung]:
         """Return all rungs: those without contact first, then by increasing steps per period."""
         rungs = [
             self.rung(method, mesh, steps)
             for method in (FREE, *self.methods)
-            for mesh in self.meshes
+            for mesh in self.meshes_of(method)
             for steps in self.steps
         ]
         if self.has_limit:
@@ -181,7 +210,19 @@ class Ladder:
 
     def along_meshes(self, method: Method, steps: int) -> list[Rung]:
         """Return the rungs of a method with one number of steps per period, over all meshes."""
-        return [self.rung(method, mesh, steps) for mesh in self.meshes]
+        return [self.rung(method, mesh, steps) for mesh in self.meshes_of(method)]
+
+    def meshes_of(self, method: Method) -> tuple[MeshChoice, ...]:
+        """Return the meshes of a method; contact points make no difference without contact."""
+        if method != FREE:
+            return self.meshes
+        return tuple({str(_plain(mesh)): _plain(mesh) for mesh in self.meshes}.values())
+
+    @property
+    def refines(self) -> Literal["elements", "points"]:
+        """What the meshes refine: their elements, or the contact points of a lamina."""
+        is_plain = all(not isinstance(mesh, PointMesh) for mesh in self.meshes)
+        return "elements" if is_plain else "points"
 
     def limit_of(self, mesh: MeshChoice) -> Rung:
         """Return the rung that stands for the rigid limit of a mesh; see `has_limit`."""
@@ -195,7 +236,13 @@ class Ladder:
     @property
     def identity(self) -> str:
         """Text that is equal for ladders that can share rungs; methods and sizes may differ."""
-        sizes = {"mesh.elements": 1, "time.steps_per_period": 1000, "time.periods": 1}
+        sizes: dict[str, object] = {
+            "mesh.elements": 1,
+            "time.steps_per_period": 1000,
+            "time.periods": 1,
+        }
+        if self.refines == "points":
+            sizes["contact.points_per_element"] = 1
         kept = {"output.fields_per_period": 0, "output.window_periods": 1}
         case = self.case.with_overrides({**sizes, **kept, "contact.law": "none@newmark"})
         return f"periods = {self.periods}\n{case.to_toml()}"
@@ -206,12 +253,17 @@ class Ladder:
         return {}
 
     def _new(self, method: Method, mesh: MeshChoice, steps: int) -> Rung:
-        is_file, periods = isinstance(mesh, Path), self.periods
+        plain, periods = _plain(mesh), self.periods
+        is_file = isinstance(plain, Path)
+        points: dict[str, object] = {}
+        if isinstance(mesh, PointMesh):
+            points["contact.points_per_element"] = mesh.per_element
         if steps > MANY_STEPS:
             periods = min(periods, FEW_PERIODS)
         case = self.case.with_overrides(
             {
-                "mesh.file" if is_file else "mesh.elements": str(mesh) if is_file else mesh,
+                "mesh.file" if is_file else "mesh.elements": str(plain) if is_file else plain,
+                **points,
                 "output.fields_per_period": 0,
                 "output.window_periods": 1,
                 "time.steps_per_period": steps,
@@ -219,8 +271,14 @@ class Ladder:
                 **dict(method.overrides),
             }
         )
-        elements = mesh if isinstance(mesh, int) else node_coordinates(case).size - 1
-        return Rung(method.name, mesh, elements, steps, periods, case)
+        elements = plain if isinstance(plain, int) else node_coordinates(case).size - 1
+        n_points = elements * case.contact.points_per_element
+        return Rung(method.name, mesh, elements, n_points, steps, periods, case)
+
+
+def _plain(mesh: MeshChoice) -> int | Path:
+    """Return a mesh without its contact points."""
+    return mesh.mesh if isinstance(mesh, PointMesh) else mesh
 
 
 def _key(method: str, mesh: MeshChoice, steps: int) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 from delam_fem.studies.convergence.analysis import Convergence
-from delam_fem.studies.convergence.ladder import FREE, Rung
+from delam_fem.studies.convergence.ladder import FREE, Ladder, Method, Rung
 from delam_fem.studies.convergence.statistics import WORK
 from delam_fem.studies.convergence.tables import NOTHING, Direction, Table, cost, lines, number
 
@@ -13,12 +13,9 @@ from delam_fem.studies.convergence.tables import NOTHING, Direction, Table, cost
 def overview(found: Convergence) -> Iterator[Table]:
     """Yield the short tables: errors, y1 and contact work of all methods side by side."""
     ladder = found.ladder
-    refined = list(lines(ladder, (FREE,)))
-    last_steps = ladder.steps[-1]
-    for direction, where, rungs in refined:
-        if direction == "elements" and rungs[0].steps != last_steps:
-            continue
+    for direction, where, rungs in _shown(ladder, FREE):
         yield _brief_free_table(found, rungs, direction, where)
+    for direction, where, rungs in _shown(ladder, ladder.methods[0]) if ladder.methods else ():
         if ladder.has_limit:
             text = f"error of the tip extremes against the rigid limit of the mesh [%], {where}"
             yield _side_by_side(
@@ -32,6 +29,13 @@ def overview(found: Convergence) -> Iterator[Table]:
                 f"{q.heading}, {where}",
                 lambda rung, q=q: q.factor * found.value(rung, q.name),  # type: ignore[misc]
             )
+
+
+def _shown(ladder: Ladder, method: Method) -> Iterator[tuple[Direction, str, list[Rung]]]:
+    """Yield the lines of a method, over meshes only those with the smallest steps."""
+    for direction, where, rungs in lines(ladder, (method,)):
+        if direction == "steps" or rungs[0].steps == ladder.steps[-1]:
+            yield direction, where, rungs
 
 
 def _brief_free_table(

@@ -17,7 +17,7 @@ from delam_fem.studies.convergence.statistics import (
     general,
 )
 
-Direction = Literal["steps", "elements"]
+Direction = Literal["steps", "elements", "points"]
 NOTHING = "–"
 NO_LIMIT = "The ladder has no limit (0 steps): errors against the rigid limit are left out."
 
@@ -65,22 +65,24 @@ def tables(found: Convergence) -> Iterator[Table]:
         rungs = found.ladder.along_meshes(LIMIT, found.ladder.limit_steps)
         steps = f"{found.ladder.limit_steps} steps per period"
         title = f"rigid limit of each mesh: newton@moreau-jean with {steps}"
-        yield contact_table(found, rungs, "elements", title, shown)
-        yield contact_table(found, rungs, "elements", f"{title}: harmonics", of_harmonics)
+        by = found.ladder.refines
+        yield contact_table(found, rungs, by, title, shown)
+        yield contact_table(found, rungs, by, f"{title}: harmonics", of_harmonics)
     yield from limit_tables(found)
 
 
 def lines(ladder: Ladder, methods: Sequence[Method]) -> Iterator[tuple[Direction, str, list[Rung]]]:
     """Yield each line of rungs: the direction of refinement, what stays fixed, and the rungs."""
     for method in methods:
-        if len(ladder.steps) > 1 or len(ladder.meshes) == 1:
-            for mesh in ladder.meshes:
+        meshes = ladder.meshes_of(method)
+        if len(ladder.steps) > 1 or len(meshes) == 1:
+            for mesh in meshes:
                 rungs = ladder.along_steps(method, mesh)
-                yield "steps", f"{rungs[0].elements} elements", rungs
-        if len(ladder.meshes) > 1:
+                yield "steps", rungs[0].mesh_text, rungs
+        if len(meshes) > 1:
             for steps in ladder.steps:
                 yield (
-                    "elements",
+                    "elements" if method == FREE else ladder.refines,
                     f"{steps} steps per period",
                     ladder.along_meshes(method, steps),
                 )
@@ -149,7 +151,7 @@ def limit_tables(found: Convergence) -> Iterator[Table]:
             yield limit_table(found, rungs, direction, f"{rungs[0].method}, {where}")
     if ladder.has_limit and len(ladder.meshes) > 2:
         rungs = ladder.along_meshes(LIMIT, ladder.limit_steps)
-        yield limit_table(found, rungs, "elements", "rigid limit over meshes")
+        yield limit_table(found, rungs, ladder.refines, "rigid limit over meshes")
 
 
 def limit_table(found: Convergence, rungs: list[Rung], direction: Direction, title: str) -> Table:

@@ -204,7 +204,8 @@ class SweepFile(Section):
             raise inconsistent(
                 "order", f'expected "independent", as {first.key} of the first axis has no order'
             )
-        if first.key.split(".")[0] in ("mesh", "initial"):
+        is_points = first.key == "contact.points_per_element"  # pairs at rest are kept, too
+        if is_points or first.key.split(".")[0] in ("mesh", "initial"):
             raise inconsistent(
                 "order",
                 f'expected "independent", as a state cannot be carried along {first.key}; or '

@@ -17,6 +17,7 @@ from functools import lru_cache
 import numpy as np
 
 from delam_fem.case.definition import Case
+from delam_fem.case.sections import Contact
 from delam_fem.case.toml import CaseError
 from delam_fem.engines.choose import initialise_petsc_alone
 from delam_fem.engines.session import session_of
@@ -37,7 +38,7 @@ _KEPT_SWEEPS = 4
 NOT_ASSEMBLED: Mapping[str, bool | set[str]] = {
     "name": True,
     "excitation": True,
-    "contact": True,
+    "contact": set(Contact.model_fields) - {"points_per_element"},
     "output": True,
     "time": {"scheme", "steps_per_period", "periods"},
 }

@@ -100,3 +100,19 @@ def test_laws_without_springs_have_no_contact_force() -> None:
     resting = history["contact_state"].to_numpy() == 2
     np.testing.assert_allclose(found[resting], expected[resting])
     assert not found[~resting].any()
+
+
+def test_springs_inside_the_elements_carry_their_share() -> None:
+    keys = {"contact.points_per_element": 2, "contact.law": "penalty", "mesh.elements": 5}
+    keys |= {"time.periods": 2, "output.window_periods": 1}
+    case = df.preset("paper", keys)
+    history = df.run(case, "compiled").history
+    state = history["contact_state"].to_numpy() == 2
+    gap, force = (
+        derived.gap_of_laminae(history)[0],
+        derived.contact_force_of_laminae(history, case)[0],
+    )
+    assert history["spring_share"].to_numpy() == pytest.approx([0.0] + [0.5] * 9 + [0.25])
+    expected = -case.contact.penalty_stiffness * 0.5 * gap
+    expected[:, -1] *= 0.5
+    assert state.any() and force[state] == pytest.approx(expected[state])

@@ -12,7 +12,15 @@ from delam_fem.case.files import preset
 from delam_fem.case.toml import CaseError
 from delam_fem.numerics.extrapolation import orders_of_errors
 from delam_fem.studies.convergence.analysis import Convergence
-from delam_fem.studies.convergence.ladder import FREE, LIMIT, Ladder, Rung, method, whole_numbers
+from delam_fem.studies.convergence.ladder import (
+    FREE,
+    LIMIT,
+    Ladder,
+    PointMesh,
+    Rung,
+    method,
+    whole_numbers,
+)
 from delam_fem.studies.convergence.rung import compute, fitted_frequency
 
 CASE = preset("default", {"damping.rayleigh": "stiffness"})
@@ -100,6 +108,23 @@ def test_few_periods_are_enough_with_many_steps() -> None:
     on = ladder(periods=100, steps=(1000,), limit_steps=64000)
     assert [rung.periods for rung in on.rungs()] == [100, 100, 10]
     assert [rung.case.n_periods for rung in on.rungs()] == [130, 130, 40]
+
+
+def test_meshes_may_have_contact_points_inside_their_elements() -> None:
+    meshes = tuple(PointMesh(10, p) for p in (1, 2, 4))
+    found = ladder(meshes=meshes, limit_steps=2000)
+    assert found.refines == "points" and ladder().refines == "elements"
+    clapping = found.along_meshes(found.methods[0], 1000)
+    assert [rung.points for rung in clapping] == [10, 20, 40]
+    assert [rung.case.contact.points_per_element for rung in clapping] == [1, 2, 4]
+    assert {rung.elements for rung in clapping} == {10}
+    assert clapping[2].key == "newton@moreau-jean 10x4 1000"
+    assert clapping[2].mesh_text == "10 elements with 4 points each"
+    free = [rung for rung in found.rungs() if rung.method == FREE.name]
+    assert [rung.key for rung in free] == ["none 10 1000"]  # points make no difference
+    assert found.identity == ladder(meshes=meshes[:2]).identity
+    with pytest.raises(CaseError, match="points: expected increasing numbers, coarse first"):
+        ladder(meshes=meshes[::-1])
 
 
 def test_mesh_files() -> None:

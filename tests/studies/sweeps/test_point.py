@@ -27,6 +27,7 @@ OWN: list[dict[str, object]] = [
     {"mesh.elements": 4},
     {"damping.rayleigh": "mass"},
     {"time.mass": "lumped"},
+    {"contact.points_per_element": 2, "contact.impulse": "consistent"},
 ]
 
 
