@@ -46,6 +46,7 @@ ALLOWED: dict[str, set[str]] = {
 # imports the laws when they are set up, so cases may read it.
 JUDGE = {
     "reference.contact", "reference.loop", "reference.matrices", "reference.split_beam",
+    "reference.stack",
 }  # fmt: skip
 ASSEMBLERS = {
     "model.beam", "model.bonded", "model.closed_form", "model.ground", "model.hermite",

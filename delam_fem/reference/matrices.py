@@ -38,7 +38,7 @@ def assemble(case: Case, x: npt.ArrayLike) -> Operators:
         The operators; a gap opens as u2 - u1 grows.
     """
     if case.gap is None:
-        raise CaseError("reference: expected laminae that are apart, with a section gap")
+        raise CaseError("reference: expected a section gap for laminae that are apart")
     x = np.asarray(x, dtype=np.float64)
     laminae = [_lamina(case, lamina, x) for lamina in case.lamina]
     free, clamps = _partition(x.size)

@@ -98,6 +98,12 @@ def probe_node(history: xr.Dataset) -> int:
     return int(history["tip_node"])
 
 
+def probe_place(history: xr.Dataset) -> str:
+    """Return where the reference probes are in words: "the tip", or the position along x."""
+    node, x = probe_node(history), history["x"].to_numpy()
+    return "the tip" if node == x.size - 1 else f"x = {1e3 * x[node]:.4g} mm"
+
+
 def is_at_probes(history: xr.Dataset) -> BoolArray:
     """Return whether each event hits the pair at the probes, shape (n_events,)."""
     return np.asarray(history["event_node"].to_numpy() == probe_node(history))

@@ -251,7 +251,7 @@ def test_comparison_is_shown_and_written(tmp_path: Path, monkeypatch: pytest.Mon
 
 
 def test_presets_are_listed_and_shown() -> None:
-    assert invoke("presets").stdout.split() == ["paper", "default"]
+    assert invoke("presets").stdout.split() == ["paper", "default", "embedded", "edge"]
     shown = invoke("presets", "--show", "paper")
     assert Case.from_toml(shown.stdout) == preset("paper")
     unknown = invoke("presets", "--show", "x")

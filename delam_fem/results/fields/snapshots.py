@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
+
 import numpy as np
 import pyvista as pv
 import xarray as xr
@@ -26,6 +29,8 @@ ROW = 1.42
 """Length of the row of snapshots in lengths of the laminae: it fills the picture."""
 COLOURS = "coolwarm"
 """Blue to grey to red: readable by the colour-blind, and zero stays visible on white."""
+VISIBLE, SHOWN_DEFLECTION = 0.01, 0.04
+"""Deflections below the first number are drawn as large as the second, in lengths."""
 NAME_DISTANCE = 0.07
 """Distance of the names of neighbours that touch, in lengths of the laminae."""
 TEXT = 22
@@ -68,7 +73,9 @@ def largest_speed(history: xr.Dataset, frames: list[int]) -> float:
 
 
 def draw(history: xr.Dataset, case: Case) -> pv.Plotter:
-    """Return the scene: the laminae side by side at the instants `PHASES`, true to scale.
+    """Return the scene: the laminae side by side at the instants `PHASES`.
+
+    Deflections are true to scale unless they are too small to be seen; the title names the factor.
 
     Args:
         history: with the fields of at least one frame; see `schema.VARIABLES`.
@@ -84,18 +91,18 @@ def draw(history: xr.Dataset, case: Case) -> pv.Plotter:
     shown, bodies = sorted(set(shown)), ribbons.Ribbons.of(history, case)
     limit = largest_speed(history, shown) or 1.0
     length = case.lamina[0].length
+    factor = magnification(history, shown, length)
     name = "strike" if diagnostics.is_at_probes(history).any() else "closest"
     plotter = pv.Plotter(off_screen=True, window_size=list(SIZE))
     plotter.set_background("white")
     for k, frame in enumerate(shown):
         place = (k - (len(shown) - 1) / 2) * ROW / len(PHASES) * length * RIGHT
-        laminae = bodies.grid(frame).warp_by_vector("displacement").translate(place)
+        laminae = bodies.grid(frame).warp_by_vector("displacement", factor=factor).translate(place)
         laminae["lateral velocity"] = laminae["velocity"][:, 1]
         outline = laminae.extract_surface(algorithm="dataset_surface")
         plotter.add_mesh(outline.extract_feature_edges(60.0), color="#303030", line_width=1.0)
-        plotter.add_mesh(
-            _clamp(history, case, frame).translate(place), color="#9a9a9a", ambient=0.4
-        )
+        for block in _supports(history, case, frame, factor):
+            plotter.add_mesh(block.translate(place), color="#9a9a9a", ambient=0.4)
         plotter.add_mesh(
             laminae, scalars="lateral velocity", cmap=COLOURS, clim=(-limit, limit),
             show_scalar_bar=False, ambient=0.75, diffuse=0.3, specular=0.0,
@@ -103,21 +110,44 @@ def draw(history: xr.Dataset, case: Case) -> pv.Plotter:
         after = (frames[frame] - strike) / case.period
         text = f"{after:+.1f} T".replace("-", "−") if frame != shown_strike else name
         _label(plotter, place - [0.11 * length, 0.0, 0.0], text)
-    _name_laminae(plotter, history, shown[0], -(len(shown) - 1) / 2 * ROW / len(PHASES) * length)
-    _dress(plotter, f"{title(case)}; true to scale, T = {case.period:.3g} s")
+    aside = -(len(shown) - 1) / 2 * ROW / len(PHASES) * length
+    _name_laminae(plotter, history, shown[0], (aside, factor))
+    scale = "true to scale" if factor == 1.0 else f"deflections × {factor:g}"
+    _dress(plotter, f"{title(case)}; {scale}, T = {case.period:.3g} s")
     _aim(plotter, length)
     return plotter
 
 
-def _clamp(history: xr.Dataset, case: Case, frame: int) -> pv.PolyData:
-    """Return the block that holds all laminae at x = 0 and moves with the base."""
-    base = float(history["displacement"][0, frame, 0])
+def magnification(history: xr.Dataset, frames: list[int], length: float) -> float:
+    """Return the factor of the deflections: 1, 2 or 5 times a power of ten, 1 if they are visible.
+
+    Args:
+        history: with the fields of the frames.
+        frames: numbers of the frames that are shown.
+        length: length of the laminae [m].
+    """
+    largest = float(np.abs(history["displacement"].to_numpy()[:, frames]).max(initial=0.0))
+    if largest >= VISIBLE * length or largest == 0.0:
+        return 1.0
+    wanted = SHOWN_DEFLECTION * length / largest
+    power = 10.0 ** math.floor(math.log10(wanted))
+    return max(1.0, power * max(step for step in (1, 2, 5) if step * power <= wanted))
+
+
+def _supports(history: xr.Dataset, case: Case, frame: int, factor: float) -> Iterator[pv.PolyData]:
+    """Yield the blocks that hold the laminae at their ends and move with the base."""
+    length = case.length
     block = 6.0 * sum(lamina.thickness for lamina in case.lamina)
-    depth = 0.05 * case.lamina[0].length
     width = max(lamina.width for lamina in case.lamina)
-    return pv.Box(
-        bounds=(-depth, 0.0, base - block / 2, base + block / 2, -0.6 * width, 0.6 * width)
-    )
+    ends = ((0, case.support.start, 0.0, -1.0), (-1, case.support.end, length, 1.0))
+    for node, kind, x, outwards in ends:
+        if kind != "free":
+            depth = (0.05 if kind == "clamped" else 0.01) * length
+            base = factor * float(history["displacement"][0, frame, node])
+            x_bounds = sorted((x, x + outwards * depth))
+            yield pv.Box(
+                bounds=(*x_bounds, base - block / 2, base + block / 2, -0.6 * width, 0.6 * width)
+            )
 
 
 def _label(plotter: pv.Plotter, point: FloatArray, text: str) -> None:
@@ -128,13 +158,20 @@ def _label(plotter: pv.Plotter, point: FloatArray, text: str) -> None:
     )  # fmt: skip
 
 
-def _name_laminae(plotter: pv.Plotter, history: xr.Dataset, frame: int, offset: float) -> None:
-    """Write the names of the laminae beyond their probes in the first snapshot."""
+def _name_laminae(
+    plotter: pv.Plotter, history: xr.Dataset, frame: int, drawn: tuple[float, float]
+) -> None:
+    """Write the names of the laminae beyond their probes in the first snapshot.
+
+    `drawn` holds the offset of the snapshot and the factor of its deflections.
+    """
+    offset, factor = drawn
     node, length = diagnostics.probe_node(history), float(history["x"][-1])
     x, at_rest = float(history["x"][node]), gaps.rest_positions(history)[:, node]
     for i, name in enumerate(history["lamina"].to_numpy()):
-        y = at_rest[i] + float(history["displacement"][i, frame, node])
-        side = NAME_DISTANCE * (i - (len(at_rest) - 1) / 2) * length
+        y = at_rest[i] + factor * float(history["displacement"][i, frame, node])
+        between = NAME_DISTANCE if x == length else 2.5 * NAME_DISTANCE  # beside the laminae
+        side = between * (i - (len(at_rest) - 1) / 2) * length
         point = np.array([x + 0.03 * length, y, 0.0]) + (offset + side) * RIGHT
         _label(plotter, point, str(name))
 

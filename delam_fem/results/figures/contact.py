@@ -34,6 +34,8 @@ LINE_PERIODS = 2
 """Periods that the contact line shows: the fewest that show whether it repeats."""
 ONE_PANEL, PANEL = 5.0, 3.2
 """Height of the figure of one interface, and of each panel if there are several [in]."""
+SMALL_GAP = 3.0
+"""Gaps below this have finer shades [mm]."""
 SMALLEST_MARK, LARGEST_MARK = 3.0, 90.0
 """Areas of the marks of the weakest and of the strongest impact [pt2]."""
 
@@ -66,6 +68,7 @@ def contact_line(history: xr.Dataset, case: Case) -> Figure:
         axes.grid(False)
         if history.sizes["frame"] > 1:
             _gap_image(figure, axes, history, j, (start, unit))
+        _bonded_bands(axes, case, (names[j], names[j + 1]))
         _impact_marks(axes, history, j, (start, unit))
         axes.set(ylabel="position along the laminae  x [mm]" if n == 1 else "x [mm]")
         axes.set(xlim=(start / unit, end / unit), ylim=(0.0, 1.02 * x_end))
@@ -88,7 +91,7 @@ def _gap_image(
     shown = np.flatnonzero(frames >= start - 1e-9 * unit)
     t, x = frames[shown] / unit, 1e3 * history["x"].to_numpy()
     gap = 1e3 * finite(gaps.gap_field(history)[interface, shown]).T
-    levels = np.array([0.0, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0])
+    levels = _levels(float(np.nanmax(gap, initial=0.0)))
     shades = ListedColormap([str(s) for s in np.linspace(0.52, 0.97, levels.size - 1)])
     image = axes.pcolormesh(
         t, x, np.maximum(gap, 0.0), cmap=shades, norm=BoundaryNorm(levels, shades.N),
@@ -105,6 +108,31 @@ def _gap_image(
             markersize=3.0,
             label="in permanent contact",
         )
+
+
+def _levels(largest: float) -> FloatArray:
+    """Return the limits of the shades for gaps up to `largest` [mm]."""
+    levels = np.array([0.0, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0])
+    if not 0.0 < largest < SMALL_GAP:
+        return levels
+    return np.asarray(levels * 10.0 ** np.floor(np.log10(largest / SMALL_GAP)))
+
+
+def _bonded_bands(axes: Axes, case: Case, between: tuple[str, str]) -> None:
+    """Hatch where two laminae are bonded."""
+    if case.is_apart:
+        return
+    own = sorted((1e3 * d.start, 1e3 * d.end) for d in case.delamination if d.between == between)
+    starts = [0.0, *(end for _, end in own)]
+    ends = [*(start for start, _ in own), 1e3 * case.length]
+    label = "bonded"
+    for start, end in zip(starts, ends, strict=True):
+        if end > start:
+            axes.axhspan(
+                start, end, facecolor="white", edgecolor="0.8", hatch="///", linewidth=0.0,
+                label=label, zorder=2,
+            )  # fmt: skip
+            label = "_further"
 
 
 def _impact_marks(

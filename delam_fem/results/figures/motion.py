@@ -62,7 +62,9 @@ def tip_histories(history: xr.Dataset, case: Case) -> Figure:
         axes.plot(t, y[i], color=colour, label=f"{name}  $y_{{{i + 1}}}$")
     if case.contact.law != "none":
         _closures(axes, t, y, last)
-    axes.set(xlabel=label, ylabel="position of the tip [mm]")
+    place = diagnostics.probe_place(history)
+    text = "position of the tip [mm]" if place == "the tip" else f"position at {place} [mm]"
+    axes.set(xlabel=label, ylabel=text)
     seconds_below(axes, case)
     axes.margins(x=0.0)
     legend_above(axes)
@@ -88,9 +90,10 @@ def phase_portraits(history: xr.Dataset, case: Case) -> Figure:
             axes.plot(q[at_end], v[at_end], "o", color=BLACK, markersize=4, label="ends of periods")
             legend_above(axes)
         axes.set_title(name, loc="left", color=colour)
-        axes.set(xlabel=f"tip displacement  $q_{{{i + 1}}}$ [mm]", ylabel="tip velocity [m/s]")
+        axes.set(xlabel=f"displacement  $q_{{{i + 1}}}$ [mm]", ylabel="velocity [m/s]")
     count = portrait.shape[-1] / N
-    figure.suptitle(f"{title(case)}; {count:g} period{'s' if count != 1 else ''}")
+    place = diagnostics.probe_place(history)
+    figure.suptitle(f"{title(case)}; {place}, {count:g} period{'s' if count != 1 else ''}")
     return figure
 
 
@@ -150,7 +153,9 @@ def envelope(history: xr.Dataset, case: Case) -> Figure:
     axes.margins(x=0.01)
     label_x(panels, label)
     seconds_below(panels[-1], case)
-    figure.suptitle(f"{title(case)}: tip displacements within each period")
+    figure.suptitle(
+        f"{title(case)}: displacements of {diagnostics.probe_place(history)} in each period"
+    )
     return figure
 
 
@@ -162,9 +167,10 @@ def _laminae(history: xr.Dataset) -> Iterator[tuple[str, str]]:
 
 def _closures(axes: Axes, t: FloatArray, y: FloatArray, history: xr.Dataset) -> None:
     """Mark the steps at which neighbours touch at their probes, midway between both."""
+    text = "tips in contact" if diagnostics.probe_place(history) == "the tip" else "in contact"
     for j, closed in enumerate(diagnostics.ProbeMotion.of(history).is_closed):
         middle = y[j : j + 2].mean(axis=0)[closed]
-        label = None if j else "tips in contact"
+        label = None if j else text
         axes.plot(t[closed], middle, "o", color=BLACK, markersize=4.5, label=label)
 
 

@@ -40,7 +40,9 @@ def film(history: xr.Dataset, case: Case) -> Film | None:
     nodes = _nodes(history.sizes["node"])
     per_frame = history.sizes["lamina"] * nodes.size
     last = slice(-max(1, MOST_NUMBERS // per_frame), None)
-    y = middle_lines(history, case)[:, None] + history["displacement"].to_numpy()
+    u = history["displacement"].to_numpy()
+    factor = _factor(float(np.abs(u).max()), sum(lamina.thickness for lamina in case.lamina))
+    y = middle_lines(history, case)[:, None] + factor * u
     y = 1e3 * y.transpose(1, 0, 2)[last][..., nodes]
     unit = float(np.abs(y).max()) / LARGEST or 1.0
     data = {
@@ -53,13 +55,15 @@ def film(history: xr.Dataset, case: Case) -> Film | None:
         "unit": unit,
         "y": _text(np.rint(y / unit).astype("<i2")),
         "lit": _text(_around(contacts(history)[last], nodes)),
-        "held": is_held(history),
+        "held": [kind != "free" for kind in (case.support.start, case.support.end)],
     }
     caption = (
         "The laminae in motion, with orange dots where pairs have been hit since the frame before "
         "and squares where they rest on one another; the strip below shows the last nodes. "
         "Between two frames the motion is interpolated."
     )
+    if factor != 1.0:
+        caption += f" Deflections are drawn {factor:g} times as large as they are."
     return Film(data, "The laminae in motion", caption)
 
 
@@ -75,11 +79,11 @@ def contacts(history: xr.Dataset) -> npt.NDArray[np.uint8]:
     return lit.transpose(1, 0, 2).astype(np.uint8)
 
 
-def is_held(history: xr.Dataset) -> list[bool]:
-    """Return for both ends whether all laminae move alike there, as held by one clamp."""
-    ends = history["displacement"].to_numpy()[:, :, [0, -1]]
-    spread = np.ptp(ends, axis=0).max(axis=0)
-    return [bool(value) for value in spread <= 1e-12 * max(float(np.abs(ends).max()), 1e-12)]
+def _factor(largest: float, thickness: float) -> float:
+    """Return 1, or a power of ten that makes small deflections larger than the thickness."""
+    if largest == 0.0 or largest >= thickness:
+        return 1.0
+    return float(10.0 ** np.ceil(np.log10(thickness / largest)))
 
 
 def _nodes(count: int) -> npt.NDArray[np.int64]:

@@ -28,14 +28,14 @@ from delam_fem.results.pages.html import (
 CAPTIONS = {
     "laminae": "The deformed laminae about the strongest strike of the window.",
     "tip_histories": (
-        "Positions of the tips over the last periods: yᵢ is the displacement qᵢ plus the gaps at "
-        "rest below lamina i."
+        "Positions of the reference probes over the last periods: yᵢ is the displacement qᵢ plus "
+        "the gaps at rest below lamina i."
     ),
-    "phase_portraits": "Phase portraits of the tips.",
-    "spectra": "Amplitude spectra of the tip displacements.",
+    "phase_portraits": "Phase portraits of the reference probes.",
+    "spectra": "Amplitude spectra of the displacements at the reference probes.",
     "contact_line": "Where and when neighbouring laminae touch.",
     "energy_ledger": "What changed the energy in each period, and what was stored at its end.",
-    "envelope": "Tip displacements within each period of the whole run.",
+    "envelope": "Displacements at the reference probes within each period of the whole run.",
 }
 """Captions of the figures in the order of the report; missing figures are left out."""
 

@@ -268,9 +268,22 @@ def test_names_of_laminae_stand_side_by_side_beyond_their_probes(
     monkeypatch.setattr(
         snapshots, "_label", lambda plotter, point, text: labels.update({text: point})
     )
-    snapshots._name_laminae(None, history, FRAME, 0.0)
+    snapshots._name_laminae(None, history, FRAME, (0.0, 1.0))
     assert list(labels) == ["thick", "thin", "top"]
     places = np.array(list(labels.values())) @ snapshots.RIGHT
     assert (np.diff(places) * np.sign(places[-1] - places[0]) > 0.0).all()
     x, length = history["x"].to_numpy()[stack.NODE], recorded.case.lamina[0].length
     assert labels["thin"][0] == pytest.approx(x + 0.03 * length)
+
+
+def test_small_deflections_are_drawn_larger_by_a_round_factor() -> None:
+    history = three_laminae().history()
+    u = history["displacement"]
+    length = 0.685
+    history["displacement"] = u * (1.7e-5 / float(np.abs(u).max()))
+    frames = list(range(history.sizes["frame"]))
+    factor = snapshots.magnification(history, frames, length)
+    assert factor == 1000.0  # 0.04 * 0.685 / 1.7e-5 = 1612
+    history["displacement"] = u * (0.02 * length / float(np.abs(u).max()))
+    assert snapshots.magnification(history, frames, length) == 1.0
+    assert snapshots.magnification(0.0 * history, frames, length) == 1.0

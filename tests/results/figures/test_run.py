@@ -207,7 +207,7 @@ def test_histories_of_three_laminae_are_stacked() -> None:
         y = lines[f"{name}  $y_{{{number}}}$"].get_ydata()
         np.testing.assert_allclose(y, below + u[number - 1], rtol=1e-12, atol=1e-12)
     labels = [text.get_text() for text in axes.get_legend().get_texts()]
-    assert labels.count("gap") == labels.count("tips in contact") == 1
+    assert labels.count("gap") == labels.count("in contact") == 1
     dots = [line.get_xdata() for line in axes.lines if line.get_marker() == "o"]
     for found, phase in zip(dots, stack.STRIKES.values(), strict=True):
         np.testing.assert_allclose(found % 1.0, [phase] * WINDOW)

@@ -7,6 +7,7 @@ import pytest
 from stack import NODE, three_laminae
 from synthetic import FRAMES, NODES, PERIODS, WINDOW, small_case, synthetic_history
 
+from delam_fem.case.layers import Support
 from delam_fem.results.fields.ribbons import middle_lines
 from delam_fem.results.pages import film as films
 from delam_fem.results.pages.film import film
@@ -43,14 +44,20 @@ def test_pairs_are_lit_when_they_were_hit_since_the_frame_before_or_rest() -> No
     assert lit[1].tolist() == [0, 2, 2, 0, 0, 0]
 
 
-def test_a_clamp_holds_what_moves_alike() -> None:
+def test_supports_hold_the_ends() -> None:
     recorded = three_laminae()
     history, case = recorded.history(), recorded.case
     assert film(history, case).data["held"] == [True, False]
-    history["displacement"][:, :, -1] = history["displacement"][0, :, -1]
-    assert film(history, case).data["held"] == [True, True]
-    history["displacement"][1, :, 0] += 1e-3
-    assert film(history, case).data["held"] == [False, True]
+    turned = case.model_copy(update={"support": Support(start="free", end="pinned")})
+    assert film(history, turned).data["held"] == [False, True]
+
+
+def test_small_deflections_are_drawn_larger() -> None:
+    recorded = three_laminae()
+    history, case = recorded.history(), recorded.case
+    assert "times as large" not in film(history, case).caption
+    history["displacement"] = 1e-6 * history["displacement"]
+    assert "Deflections are drawn 1e+06 times as large" in film(history, case).caption
 
 
 def test_long_and_fine_motions_are_thinned(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,100 @@
+"""Bonded stacks of the reference beside both assemblers of the package, and in motion."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from delam_fem.case.definition import Case
+from delam_fem.case.files import preset
+from delam_fem.case.toml import CaseError
+from delam_fem.model import closed_form
+from delam_fem.reference import stack
+from delam_fem.reference.compare import compare, operator_differences
+
+ROUND_OFF = 1e-9
+"""Relative to the diagonal; the saddle point problem loses digits."""
+SIZES = {"length": 0.4, "width": 0.02}
+LAMINAE = [
+    {"name": "a", "thickness": 0.001, "material": "steel", "damping_ratio": 0.01, **SIZES},
+    {"name": "b", "thickness": 0.002, "material": "glass-epoxy", "damping_ratio": 0.02, **SIZES},
+    {"name": "c", "thickness": 0.0005, "material": "aluminium", "damping_ratio": 0.005, **SIZES},
+]
+CROSSING = [
+    {"between": ["a", "b"], "start": 0.1, "end": 0.25, "opening": 1e-3},
+    {"between": ["b", "c"], "start": 0.2, "end": 0.4},
+]
+TOUCHING = [
+    {"between": ["a", "b"], "start": 0.0, "end": 0.2},
+    {"between": ["b", "c"], "start": 0.2, "end": 0.3},
+]
+
+
+def case(delaminations: list[dict[str, object]], supports: str, **overrides: object) -> Case:
+    start, end = supports.split()
+    data = {
+        "lamina": LAMINAE,
+        "delamination": delaminations,
+        "mesh.elements": 8,
+        "support.start": start,
+        "support.end": end,
+    }
+    return preset("embedded", data | overrides)
+
+
+@pytest.mark.parametrize("delaminations", [CROSSING, TOUCHING])
+@pytest.mark.parametrize(
+    "supports", ["clamped clamped", "pinned clamped", "clamped free", "free free", "free pinned"]
+)
+@pytest.mark.parametrize("mass", ["consistent", "lumped"])
+def test_constraints_give_what_the_transformation_gives(
+    delaminations: list[dict[str, object]], supports: str, mass: str
+) -> None:
+    own = case(delaminations, supports, **{"time.mass": mass})
+    made = closed_form.assemble(own)
+    expected = stack.assemble(own, made.layout.x, made.layout.probes[0].point)
+    differences = operator_differences(made.operators, expected)
+    assert max(differences.values()) < ROUND_OFF, differences
+
+
+@pytest.mark.parametrize("kind", ["stiffness", "mass"])
+def test_damping_models_agree(kind: str) -> None:
+    own = case(CROSSING, "clamped clamped", **{"damping.rayleigh": kind})
+    made = closed_form.assemble(own)
+    expected = stack.assemble(own, made.layout.x, 3)
+    assert operator_differences(made.operators, expected)["C"] < ROUND_OFF
+
+
+@pytest.mark.parametrize("end", ["start", "end"])
+def test_openings_agree(end: str, tmp_path: Path) -> None:
+    edges = {"start": 0.0, "end": 0.2} if end == "start" else {"start": 0.2, "end": 0.4}
+    supports = "free clamped" if end == "start" else "clamped free"
+    (tmp_path / "t.csv").write_text("x,gap\n0,0\n0.1,1e-3\n0.17,2e-3\n0.3,1e-3\n0.4,0\n")
+    shapes: list[dict[str, object]] = [
+        {"shape": "power", "exponent": 1.5, "opening": 2e-3},
+        {"opening": 2e-3},
+        {"file": str(tmp_path / "t.csv")},
+    ]
+    for shape in shapes:
+        own = case([{"between": ["a", "b"], **edges, **shape}], supports)
+        made = closed_form.assemble(own)
+        expected = stack.assemble(own, made.layout.x, 3)
+        assert made.operators.gap0.max() > 1e-3
+        assert made.operators.gap0 == pytest.approx(expected.gap0, abs=1e-15)
+
+
+def test_the_embedded_beam_moves_alike_over_its_first_impacts() -> None:
+    newmark = {"time.scheme": "newmark", "mesh.elements": 20}
+    found = compare(preset("embedded", newmark), periods=2, impacts=1000)
+    assert found.impacts[0] == found.impacts[1] > 1000
+    assert np.ptp(found.tips) > 1e-6
+    assert found.until_impact < 1e-8
+    assert found.frequencies < 1e-8
+
+
+def test_points_inside_elements_are_refused() -> None:
+    own = case(CROSSING, "clamped clamped", **{"contact.points_per_element": 2})
+    with pytest.raises(CaseError, match=r"expected contact\.points_per_element = 1"):
+        stack.assemble(own, np.linspace(0.0, 0.4, 9), 3)
