@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from scipy.linalg import cholesky, solve_triangular
+from scipy.linalg import cholesky, eigh, solve_triangular
 from scipy.optimize import nnls
 
 from delam_fem.case.sections import Contact
@@ -17,6 +17,8 @@ from delam_fem.numerics.arrays import BoolArray, FloatArray
 
 Impact = tuple[int, float, float]
 """Number of the pair (0 is next to the clamp), impulse [N s], gap rate before the impact [m/s]."""
+_SINGULAR = 1e-12
+"""Eigenvalue of W, relative to the largest, below which it is round-off of zero."""
 MassSolver = Callable[[FloatArray], FloatArray]
 """Function that returns M^-1 times a vector (n,) or a matrix (n, k)."""
 
@@ -92,7 +94,8 @@ def consistent_impact(
     """Apply the impulses p that solve 0 <= p  _|_  W p + (1 + e) rate >= 0 over the hit pairs.
 
     Here W = H M^-1 H^T. With W = L L^T and b = (1 + e) rate these are the optimality conditions of
-    min |L^T p + L^-1 b|^2 over p >= 0, a problem of non-negative least squares.
+    min |L^T p + L^-1 b|^2 over p >= 0, a problem of non-negative least squares. If some pairs
+    depend on the others, as many in one element do, W is singular and L has fewer columns.
 
     Args:
         operators: gap operator.
@@ -106,7 +109,17 @@ def consistent_impact(
     """
     H = operators.gap_matrix[hit]
     response = solve_mass(H.T.toarray())  # M^-1 H^T
-    L = cholesky(H @ response, lower=True)
     b = (1.0 + restitution) * (H @ v)
-    impulses, _ = nnls(L.T, -solve_triangular(L, b, lower=True))
+    impulses, _ = nnls(*_roots(H @ response, -b))
     return v + response @ impulses, impulses
+
+
+def _roots(W: FloatArray, right: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return L^T and L^-1 r of W = L L^T; for a singular W those of its range."""
+    squares, vectors = eigh(W)
+    kept = squares > _SINGULAR * squares[-1]
+    if kept.all():
+        L = cholesky(W, lower=True)
+        return L.T, np.asarray(solve_triangular(L, right, lower=True))
+    roots, basis = np.sqrt(squares[kept]), vectors[:, kept]
+    return roots[:, None] * basis.T, basis.T @ right / roots

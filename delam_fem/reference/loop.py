@@ -172,10 +172,13 @@ class _System:
     def _factorise(self, P: BoolArray) -> None:
         """Put a spring on the gap of each pair in P: force on the dofs -k H^T (H u + g0)."""
         ops, k, dt = self.operators, self.penalty_stiffness, self.dt
-        H = ops.gap_matrix[P]
+        H, w = ops.gap_matrix[P], np.ones(ops.n_pairs)
+        if ops.pair_weights is not None:
+            w = ops.pair_weights
+        springs = H.T @ sp.diags(k * w[P])
         self.springs = P.copy()
-        self.spring_force = -k * (H.T @ ops.gap0[P])
-        self.K = sp.csr_matrix(ops.stiffness + k * (H.T @ H))  # paper eq. 19
+        self.spring_force = -(springs @ ops.gap0[P])
+        self.K = sp.csr_matrix(ops.stiffness + springs @ H)  # paper eq. 19
         effective = ops.mass + 0.5 * dt * ops.damping + 0.25 * dt**2 * self.K
         self.newmark_factor = splu(effective.tocsc())
 

@@ -23,6 +23,8 @@ from delam_fem.numerics.arrays import FloatArray
 
 DOFS = 2
 """Number of dofs of a node: displacement u and slope phi."""
+_NO_SHAPE = 1e-14
+"""Value of a shape function that is round-off: it is zero at this place."""
 _ROOT_TOLERANCE = 1e-15
 """Absolute tolerance of the roots B, which are of order 1."""
 
@@ -49,14 +51,17 @@ def assemble(case: Case, x: npt.ArrayLike) -> Operators:
     n = x.size - 1
     u = np.arange(0, 2 * n * DOFS, DOFS)  # dofs of displacements, lamina 1 and lamina 2
     eye = sp.identity(2 * n * DOFS, format="csr")
+    places, rows, shares = _contact_points(x, case.contact.points_per_element)
+    on_lamina = sp.csr_matrix(rows[:, DOFS:])
     return Operators(
         mass=M,
         damping=C,
         stiffness=K,
         lumped_mass=lumped.diagonal(),
         base=BaseCoupling(m, c, k, corner=(m_aa, c_aa, k_aa)),
-        gap_matrix=sp.csr_matrix(eye[u[n:]] - eye[u[:n]]),
-        gap0=gap_at_rest(case.gap, x, case.lamina[0].length)[1:],
+        gap_matrix=sp.hstack([-on_lamina, on_lamina], format="csr"),
+        gap0=gap_at_rest(case.gap, places, case.lamina[0].length),
+        pair_weights=None if case.contact.points_per_element == 1 else shares,
         probes=sp.csr_matrix(eye[u[[n - 1, 2 * n - 1]]]),
     )
 
@@ -174,6 +179,29 @@ def gap_at_rest(gap: Gap, x: FloatArray, length: float) -> FloatArray:
     slope = (np.sinh(B) - np.sin(B)) / (np.cosh(B) + np.cos(B))
     mode = np.cosh(z) - np.cos(z) - slope * (np.sinh(z) - np.sin(z))
     return np.asarray(gap.tip * mode[:-1] / mode[-1])
+
+
+def _contact_points(x: FloatArray, p: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the contact points of an interface: p in each element, the last one at its end.
+
+    Returns:
+        Positions, shape (n_pairs,) [m]; the displacement there per dof of a lamina, clamp included,
+        shape (n_pairs, n_dofs); the share of each point in a spring per element of mean length,
+        shape (n_pairs,).
+    """
+    lengths = np.diff(x)
+    rows = np.zeros((lengths.size * p, DOFS * x.size))
+    places = np.empty(lengths.size * p)
+    for k, h in enumerate(lengths.tolist()):
+        for j in range(p):
+            s = h if j == p - 1 else h * (j + 1) / p
+            places[k * p + j] = x[k + 1] if j == p - 1 else x[k] + s
+            values = [float(N(s)) for N in shape_functions(h)]
+            rows[k * p + j, DOFS * k : DOFS * (k + 2)] = values
+    rows[np.abs(rows) < _NO_SHAPE] = 0.0
+    spacing = np.repeat(lengths / p, p)
+    halves = 0.5 * (spacing + np.append(spacing[1:], 0.0))
+    return places, rows, halves / lengths.mean()
 
 
 def _cubic(coefficients: FloatArray, h: float) -> Polynomial:

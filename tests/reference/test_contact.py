@@ -7,6 +7,7 @@ from scipy.sparse.linalg import splu
 
 from delam_fem.case.files import preset
 from delam_fem.case.sections import Contact
+from delam_fem.contact import complementarity
 from delam_fem.model.closed_form import assemble
 from delam_fem.model.layout import Structure
 from delam_fem.model.operators import BaseCoupling, Operators
@@ -102,6 +103,29 @@ def test_consistent_impact_of_many_pairs_is_complementary(
     assert np.all(excess >= -ROUND_OFF * scale)
     np.testing.assert_allclose(p * excess, 0.0, atol=ROUND_OFF * scale * p.max())
     assert after @ ops.mass @ after < v @ ops.mass @ v
+
+
+def test_more_pairs_than_an_element_can_tell_apart() -> None:
+    """Eight pairs in an element with four dofs: W is singular, but the velocities are unique."""
+    case = preset(
+        "paper",
+        {"mesh.elements": 3, "contact.points_per_element": 8, "contact.impulse": "consistent"},
+    )
+    ops = assemble(case).operators
+    v = np.zeros(ops.n_dofs)
+    v[6::2] = -1.0 - np.arange(3.0)  # lamina 2 falls on lamina 1
+    hit = np.ones(ops.n_pairs, dtype=bool)
+    solve_mass = splu(ops.mass.tocsc()).solve
+    after, p = consistent_impact(ops, v, hit, 0.5, solve_mass)
+    H = ops.gap_matrix
+    W = H @ solve_mass(H.T.toarray())
+    assert np.linalg.matrix_rank(W) == 6
+    excess = H @ after + 0.5 * (H @ v)
+    scale = np.abs(H @ v).max()
+    assert excess.min() > -ROUND_OFF * scale
+    np.testing.assert_allclose(p * excess, 0.0, atol=ROUND_OFF * scale * p.max())
+    own = complementarity.solve(W, 1.5 * (H @ v))
+    np.testing.assert_allclose(H.T @ own, H.T @ p, atol=1e-9 * np.abs(H.T @ p).max())
 
 
 class Pairs:
