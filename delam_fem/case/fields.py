@@ -91,6 +91,9 @@ PointsPerElement = Annotated[
 Steps = Annotated[
     int, _WHOLE, Field(ge=4, le=100_000_000), expected("a whole number from 4 to 100000000")
 ]
+Refine = Annotated[
+    int, _WHOLE, Field(ge=1, le=4096), expected("a whole number from 1 (never) to 4096")
+]
 Count = Annotated[
     int, _WHOLE, Field(ge=1), expected("a whole number of at least 1"), AfterValidator(_countable)
 ]

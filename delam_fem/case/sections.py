@@ -23,6 +23,7 @@ from delam_fem.case.fields import (
     NotNegative,
     PointsPerElement,
     Positive,
+    Refine,
     Restitution,
     Section,
     Steps,
@@ -221,7 +222,7 @@ class Contact(Section):
     """The contact law and its parameters.
 
     Attributes:
-        law: "none", "newton", "newton-penalty", "penalty" or "recovery"; see contact/laws.py.
+        law: "none", "newton", "newton-penalty" or "penalty"; see contact/laws.py.
         impulse: "lumped" (acts on the hit nodes alone) or "consistent" (acts through the mass
             matrix).
         restitution: e [-].
@@ -249,12 +250,14 @@ class TimeStepping(Section):
         scheme: "newmark" (average acceleration), "central-difference" or "moreau-jean".
         mass: "consistent" or "lumped" mass matrix.
         steps_per_period: N; in a sweep, a period is that of the highest frequency.
+        refine: r; near contact a step is divided into up to r steps of Δt/r; 1: never.
         periods: number of periods of a harmonic run; a sweep runs for its duration instead.
     """
 
     scheme: SchemeName = "newmark"
     mass: Literal["consistent", "lumped"] = "consistent"
     steps_per_period: Steps = 1000
+    refine: Refine = 1
     periods: Count = 300
 
 

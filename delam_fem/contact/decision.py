@@ -44,9 +44,6 @@ class Compliance(Protocol):
     def block(self, pairs: IntArray) -> FloatArray:
         """Return the rows and columns of W of some pairs, shape (k, k) [1/kg]."""
 
-    def columns(self, pairs: IntArray) -> FloatArray:
-        """Return the columns of W of some pairs, shape (n_pairs, k) [1/kg]."""
-
 
 @dataclass(frozen=True)
 class Decision:
@@ -86,12 +83,10 @@ class Setting:
     Attributes:
         n_pairs: number of contact pairs.
         compliance: W of the matrix through which impulses act.
-        time_step: Δt [s].
     """
 
     n_pairs: int
     compliance: Compliance
-    time_step: float
 
 
 def is_same_set(first: BoolArray, second: BoolArray) -> bool:

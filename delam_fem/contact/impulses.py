@@ -49,45 +49,6 @@ def coupled_impulses(
     return complementarity.solve(compliance, rate_free + restitution * rate_pre)
 
 
-def floor_impulses(lacking: FloatArray, compliance: FloatArray) -> FloatArray:
-    """Return the impulses that lift gap rates to their lower bounds ("floors").
-
-        0 <= p  ⊥  W p + lacking >= 0
-
-    Args:
-        lacking: gap rates without impulses minus their floors, shape (k,) [m/s].
-        compliance: W of the k pairs, shape (k, k) [1/kg].
-
-    Raises:
-        ArithmeticError: no solution (velocities or W are not finite).
-    """
-    return complementarity.solve(compliance, lacking)
-
-
-def recovery_floor(
-    gap: FloatArray, rate_pre: FloatArray, restitution: float, time_step: float
-) -> FloatArray:
-    """Return the lower bound of each pair's gap rate at the end of a step (law "recovery").
-
-        U̇⁺ >= min(-U/Δt - e min(U̇, 0) [U <= 0],  -U̇)
-
-    The bound keeps an open gap from closing before the end of the step. A closed pair opens with
-    the rate of Newton's law plus the rate that removes its penetration within one step. No pair
-    leaves faster than it came, so no impulse does work: p (U̇⁺ + U̇)/2 <= 0.
-
-    Args:
-        gap: U at the start of the step, shape (n_pairs,) [m].
-        rate_pre: U̇ at the start of the step, shape (n_pairs,) [m/s].
-        restitution: e [-].
-        time_step: Δt [s].
-
-    Source:
-        The gap constraint is that of D. E. Stewart and J. C. Trinkle (1996); docs/convergence.md.
-    """
-    newton = np.where(gap > 0.0, 0.0, -restitution * np.minimum(rate_pre, 0.0))
-    return np.minimum(newton - gap / time_step, -rate_pre)
-
-
 def spring_energy(stiffness: float, gap: FloatArray) -> float:
     """Return the energy of contact springs at their gaps, 1/2 k U^2 [J]."""
     return 0.5 * stiffness * float(np.dot(gap, gap))

@@ -15,7 +15,7 @@ from typing import Literal, Protocol
 from delam_fem.contact.decision import Setting, Supervisor
 from delam_fem.numerics.schemes import SCHEMES, Scheme
 
-LawName = Literal["none", "newton", "newton-penalty", "penalty", "recovery"]
+LawName = Literal["none", "newton", "newton-penalty", "penalty"]
 Impulse = Literal["lumped", "consistent"]
 
 
@@ -36,10 +36,6 @@ class ContactLaw(Protocol):
     @property
     def is_coupled(self) -> bool:
         """Whether impulses act through the mass matrix of the scheme, not through nodal masses."""
-
-    @property
-    def anticipates(self) -> bool:
-        """Whether the law looks at every gap before it closes; only with Moreau–Jean."""
 
     def supervisor(self, scheme: Scheme, setting: Setting) -> Supervisor:
         """Set the law up for a problem.
@@ -84,11 +80,6 @@ class Law:
         """Whether impulses act through the mass matrix of the scheme, not through nodal masses."""
         return self.impulse == "consistent"
 
-    @property
-    def anticipates(self) -> bool:
-        """Whether the law looks at every gap before it closes."""
-        return LAWS[self.name].anticipates
-
     def supervisor(self, scheme: Scheme, setting: Setting) -> Supervisor:
         """Set the law up for a problem.
 
@@ -105,12 +96,10 @@ class LawRow:
     Attributes:
         meaning: what happens at a closed pair.
         spring: names of the `Law` attributes that its springs use.
-        anticipates: whether the law looks at every gap before it closes.
     """
 
     meaning: str
     spring: tuple[str, ...] = ()
-    anticipates: bool = False
 
 
 LAWS: Mapping[str, LawRow] = MappingProxyType(
@@ -124,11 +113,6 @@ LAWS: Mapping[str, LawRow] = MappingProxyType(
         "penalty": LawRow(
             "a spring and a damper while the gap is closed",
             ("penalty_stiffness", "penalty_damping"),
-        ),
-        "recovery": LawRow(
-            "a floor under the gap rate of every pair: contact starts when the gap closes, and "
-            "penetration is removed only as fast as that needs no energy",
-            anticipates=True,
         ),
     }
 )
@@ -185,12 +169,6 @@ def _step_impacts(law: Law, setting: Setting) -> Supervisor:
     )
 
 
-def _recovery(law: Law, setting: Setting) -> Supervisor:
-    from delam_fem.contact.recovery import Recovery
-
-    return Recovery(setting, restitution=law.restitution, resting_velocity=law.threshold_velocity)
-
-
 _NONE = Combination(_no_contact)
 _NEWTON = Combination(_impacts, ("restitution", "impulse"))
 _STEP_NEWTON = Combination(_step_impacts, ("restitution", "threshold_velocity"))
@@ -211,7 +189,6 @@ COMBINATIONS: Mapping[tuple[str, str], Combination] = MappingProxyType(
         ("newton-penalty", "central-difference"): _NEWTON_PENALTY,
         ("penalty", "newmark"): _PENALTY,
         ("penalty", "central-difference"): _PENALTY,
-        ("recovery", "moreau-jean"): Combination(_recovery, ("restitution", "threshold_velocity")),
     }
 )
 """All pairs (law, scheme) that go together."""

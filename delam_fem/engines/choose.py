@@ -14,6 +14,7 @@ from delam_fem.model.operators import Operators
 from delam_fem.model.stability import require_stable
 from delam_fem.numerics.schemes import SCHEMES, Scheme
 from delam_fem.simulation.loop import Engine
+from delam_fem.simulation.refinement import NOT_REFINED, Refinement
 
 if TYPE_CHECKING:
     from delam_fem.mpi import MPI
@@ -28,6 +29,7 @@ def engine_of(
     scheme: Scheme,
     time_step: float,
     *,
+    refine: int = 1,
     name: EngineName = "compiled",
     comm: MPI.Intracomm | None = None,
 ) -> Engine:
@@ -38,6 +40,7 @@ def engine_of(
         law: the contact law.
         scheme: the time integration.
         time_step: Δt [s].
+        refine: number of fine steps into which a step is divided near contact; 1: none.
         name: "petsc" computes single steps and accepts every law; "compiled" computes whole
             periods.
         comm: communicator that shares the work of "petsc"; None: this process alone.
@@ -48,6 +51,7 @@ def engine_of(
     """
     if name not in ENGINES:
         raise CaseError(f"engine: expected {' or '.join(map(repr, ENGINES))}, given {name!r}")
+    refinement = Refinement(refine) if law.name != "none" else NOT_REFINED
     if scheme.is_explicit:
         require_stable(operators, time_step, law.spring[0])
     try:
@@ -56,11 +60,11 @@ def engine_of(
         if name == "compiled":
             from delam_fem.engines.compiled.engine import compiled_engine
 
-            return compiled_engine(operators, law, scheme, time_step)
+            return compiled_engine(operators, law, scheme, time_step, refinement)
         comm = comm or initialise_petsc_alone()  # before anything imports PETSc
         from delam_fem.engines.petsc.engine import petsc_engine
 
-        return petsc_engine(operators, law, scheme, time_step, comm)
+        return petsc_engine(operators, law, scheme, time_step, refinement, comm)
     except ValueError as error:
         raise CaseError(f"contact law: {error}") from None
 

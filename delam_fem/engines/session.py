@@ -88,7 +88,9 @@ def session(
     Raises:
         CaseError: see `engine_of`.
     """
-    computing = engine_of(operators, law, scheme, span.time_step, name=engine, comm=comm)
+    computing = engine_of(
+        operators, law, scheme, span.time_step, refine=span.refine, name=engine, comm=comm
+    )
     try:
         set_initial(computing, initial, motion(0)[0])
         recorder = Recorder(operators.base, span, operators.n_probes)
@@ -132,6 +134,7 @@ def solve(
     *,
     steps_per_period: int,
     periods: int,
+    refine: int = 1,
     time_step: float | None = None,
     window_periods: int | None = None,
     frames_per_period: int = 0,
@@ -150,6 +153,7 @@ def solve(
         motion: motion of the base; None: the base does not move.
         steps_per_period: N; a period is any stretch of N steps.
         periods: number of periods to compute.
+        refine: number of fine steps into which a step is divided near contact; 1: none.
         time_step: Δt [s]; None: 1/(N f) of a harmonic motion.
         window_periods: number of last periods that are recorded at every step; None: all.
         frames_per_period: number of states of all dofs kept per period of the window.
@@ -174,6 +178,7 @@ def solve(
         window,
         frames_per_period,
         limit,
+        refine,
     )
     states = at_rest(span) if motion is None else _states(motion, span)
     with session(

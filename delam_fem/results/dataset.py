@@ -151,8 +151,9 @@ def _add_events(data: xr.Dataset, recorder: Recorder, layout: Layout, start: int
     """Add the table of impacts in the window; pairs hit at one instant share its energy."""
     columns: list[FloatArray] = [np.empty((5, 0))]
     for j, record in enumerate(recorder.window):
-        for step, decision, energy in record.jumps:
+        for tick, decision, energy in record.jumps:
             p = decision.impulses
+            step = tick / recorder.refine
             when = (start + j * recorder.steps_per_period + step) * recorder.time_step
             share = energy * p / float(p.sum()) if p.any() else np.zeros(p.size)
             time = np.full(p.size, when)

@@ -32,6 +32,8 @@ STROBES = 40
 """Number of last periods by which the periodicity is judged."""
 PERIODIC_SCATTER = 0.10
 """Largest rms difference of strobes in half peak-to-peak amplitudes; cycles of clapping scatter."""
+_ROUND_OFF = 1e-6
+"""Part of a step that is round-off in the time of an impact."""
 GROUP_PERIODS = 0.05
 """Closures at the probes less than so many periods apart are one contact."""
 
@@ -261,7 +263,8 @@ def _hits(history: xr.Dataset, n_interfaces: int) -> BoolArray:
     is_hit = np.zeros((n_interfaces, time.size), dtype=np.bool_)
     when = history["event_time"].to_numpy()[at_probes]
     if when.size and time.size > 1:
-        steps = np.rint((when - time[0]) / (time[1] - time[0])).astype(np.int64)
+        after = (when - time[0]) / (time[1] - time[0])
+        steps = np.ceil(after - _ROUND_OFF).astype(np.int64)  # the step in which it happened
         is_inside = (steps >= 0) & (steps < time.size)
         is_hit[event_interfaces(history)[at_probes][is_inside], steps[is_inside]] = True
     return is_hit

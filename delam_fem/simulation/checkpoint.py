@@ -25,7 +25,7 @@ from delam_fem.simulation.recorder import PeriodRecord, Recorder
 Progress = Literal["running"] | Outcome
 """How far a run is: still running, or how it has ended."""
 
-_PERIOD_ARRAYS = ("strobe", "envelope", "ledger", "impulse")
+_PERIOD_ARRAYS = ("strobe", "envelope", "ledger", "impulse", "effort")
 
 
 def path_in(directory: Path) -> Path:
@@ -191,7 +191,7 @@ def _flatten(record: PeriodRecord) -> dict[str, Any]:
         "start": [*stored, dissipated, contact_damped],
         "frames": np.array(record.frames),
         "contact": np.array(record.contact, dtype=np.int8),
-        "totals": [record.released, record.impact, record.n_steps],
+        "totals": [record.released, record.impact, record.n_steps, record.ticks_per_step],
         **{f"jump_{k}": column for k, column in record.jumps.columns()._asdict().items()},
     }
 
@@ -199,7 +199,7 @@ def _flatten(record: PeriodRecord) -> dict[str, Any]:
 def _rebuild(arrays: dict[str, Any]) -> PeriodRecord:
     """Return the record of a period from the arrays that `_flatten` made."""
     start = [float(x) for x in arrays["start"]]
-    released, impact, n_steps = (float(x) for x in arrays["totals"])
+    released, impact, n_steps, ticks = (float(x) for x in arrays["totals"])
     columns = Columns(*(arrays[f"jump_{name}"] for name in Columns._fields))
     return PeriodRecord(
         arrays["base_states"],
@@ -213,4 +213,5 @@ def _rebuild(arrays: dict[str, Any]) -> PeriodRecord:
         released,
         impact,
         int(n_steps),
+        ticks_per_step=int(ticks),
     )

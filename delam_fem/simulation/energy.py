@@ -19,9 +19,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 
+import numpy as np
+
 from delam_fem.caches.kernels import njit
 from delam_fem.model.operators import BaseCoupling
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.arrays import ByteArray, FloatArray
 
 
 @dataclass(frozen=True)
@@ -74,6 +76,7 @@ def base_flows(
     base_states: FloatArray,
     base: BaseCoupling,
     time_step: float,
+    divided: tuple[ByteArray, FloatArray] | None = None,
 ) -> tuple[float, float]:
     """Return the work of the base over k steps, and the damping loss due to its motion, by E2.
 
@@ -84,11 +87,14 @@ def base_flows(
         base_states: (q, q', q'') of the base at the same steps, shape (k+1, 3).
         base: coupling to the base, with its corner terms.
         time_step: Δt [s].
+        divided: which steps were divided into smaller ones, shape (k+1,), and the sums over these
+            (see `add_flows`); None: no step.
 
     Returns:
         Work of the base [J]; part of the damping loss that involves the base velocity [J].
     """
-    by_mass, cross_damping, by_stiffness, square = _sums(seen, base_states)
+    is_divided, sums = divided or (np.zeros(len(seen), np.uint8), np.zeros(4))
+    by_mass, cross_damping, by_stiffness, square = _sums(seen, base_states, is_divided, sums)
     mass, damping, stiffness = base.corner
     corner_damping = damping * time_step * square
     (q0, dq0, _), (q1, dq1, _) = base_states[0].tolist(), base_states[-1].tolist()
@@ -106,10 +112,15 @@ def base_flows(
 
 
 @njit
-def _sums(seen, base):  # type: ignore[no-untyped-def]
-    """Return four sums over steps: Δ(m·u) mean(q''), Δ(c·u) mean(q'), mean(k·u) Δq, mean(q')²."""
-    by_mass = by_damping = by_stiffness = square = 0.0
+def _sums(seen, base, is_divided, sums):  # type: ignore[no-untyped-def]
+    """Return four sums over steps: Δ(m·u) mean(q''), Δ(c·u) mean(q'), mean(k·u) Δq, mean(q')².
+
+    The sums over divided steps are given.
+    """
+    by_mass, by_damping, by_stiffness, square = sums[0], sums[1], sums[2], sums[3]
     for j in range(1, seen.shape[0]):
+        if is_divided[j]:
+            continue
         mean_dq = 0.5 * (base[j, 1] + base[j - 1, 1])
         mean_ddq = 0.5 * (base[j, 2] + base[j - 1, 2])
         by_mass += (seen[j, 0] - seen[j - 1, 0]) * mean_ddq
@@ -117,3 +128,22 @@ def _sums(seen, base):  # type: ignore[no-untyped-def]
         by_stiffness += 0.5 * (seen[j, 2] + seen[j - 1, 2]) * (base[j, 0] - base[j - 1, 0])
         square += mean_dq * mean_dq
     return by_mass, by_damping, by_stiffness, square
+
+
+@njit
+def add_flows(sums, seen_before, seen, before, after, share):  # type: ignore[no-untyped-def]
+    """Add a small step to the four sums of `_sums`.
+
+    Args:
+        sums: the four sums, shape (4,); changed.
+        seen_before: (m_b·u, c_b·u, k_b·u) at the start of the small step.
+        seen: the same at its end.
+        before: (q, q', q'') of the base at its start.
+        after: the same at its end.
+        share: size of the small step over Δt.
+    """
+    mean_dq = 0.5 * (after[1] + before[1])
+    sums[0] += (seen[0] - seen_before[0]) * 0.5 * (after[2] + before[2])
+    sums[1] += (seen[1] - seen_before[1]) * mean_dq
+    sums[2] += 0.5 * (seen[2] + seen_before[2]) * (after[0] - before[0])
+    sums[3] += mean_dq * mean_dq * share

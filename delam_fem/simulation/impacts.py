@@ -15,7 +15,7 @@ class Columns(NamedTuple):
     """A table of n impacts and a table of the pairs that they hit, both in the order of time.
 
     Attributes:
-        steps: step at whose end each impact happened, shape (n,).
+        ticks: time of each impact, as a number of fine steps from the start, shape (n,).
         sizes: number of pairs that each impact hit, shape (n,).
         energies: energy that each impact added, shape (n,) [J].
         hit: pairs that were hit, impact after impact, shape (sum of sizes,).
@@ -24,7 +24,7 @@ class Columns(NamedTuple):
         rate_post: gap rates of these pairs after the impact, shape (sum of sizes,) [m/s].
     """
 
-    steps: IntArray
+    ticks: IntArray
     sizes: IntArray
     energies: FloatArray
     hit: IntArray
@@ -35,9 +35,9 @@ class Columns(NamedTuple):
     @classmethod
     def room(cls, n: int, n_hits: int) -> Columns:
         """Return empty columns for n impacts on `n_hits` pairs in all."""
-        steps, sizes, hit = np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros(n_hits, np.int64)
+        ticks, sizes, hit = np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros(n_hits, np.int64)
         impulses, rate_pre, rate_post = np.zeros((3, n_hits))
-        return cls(steps, sizes, np.zeros(n), hit, impulses, rate_pre, rate_post)
+        return cls(ticks, sizes, np.zeros(n), hit, impulses, rate_pre, rate_post)
 
     def first(self, n: int, n_hits: int) -> Columns:
         """Return a copy of the first n impacts and of the first `n_hits` hit pairs."""
@@ -49,16 +49,16 @@ _NONE = Columns.room(0, 0)
 
 
 class Jumps:
-    """The impacts of a period in the order of time; iteration yields (step, decision, energy)."""
+    """The impacts of a period in the order of time; iteration yields (tick, decision, energy)."""
 
     def __init__(self, *parts: Columns) -> None:
         """Start with the impacts of some columns, or with none."""
-        self._parts = [part for part in parts if part.steps.size]
+        self._parts = [part for part in parts if part.ticks.size]
 
-    def append(self, step: int, decision: Decision, energy: float) -> None:
+    def append(self, tick: int, decision: Decision, energy: float) -> None:
         """Add the impact of a decision that hits at least one pair."""
         d = decision
-        instant = np.array([step]), np.array([d.hit.size]), np.array([energy])
+        instant = np.array([tick]), np.array([d.hit.size]), np.array([energy])
         self._parts.append(Columns(*instant, d.hit, d.impulses, d.rate_pre, d.rate_post))
 
     def extend(self, columns: Columns) -> None:
@@ -71,22 +71,27 @@ class Jumps:
             return self._parts[0]
         return Columns(*map(np.concatenate, zip(_NONE, *self._parts, strict=True)))
 
-    def hit_at(self, step: int) -> IntArray:
-        """Return the pairs hit by the last impact; none if it was not at this step."""
-        if not self._parts or self._parts[-1].steps[-1] != step:
-            return _NONE.hit
-        last = self._parts[-1]
-        return last.hit[last.hit.size - int(last.sizes[-1]) :]
+    def hit_within(self, first: int, last: int) -> IntArray:
+        """Return the pairs hit by impacts after the tick `first`, up to the tick `last`."""
+        found = [_NONE.hit]
+        for part in reversed(self._parts):
+            n_before = int(np.searchsorted(part.ticks, first, side="right"))
+            n_until = int(np.searchsorted(part.ticks, last, side="right"))
+            start = int(part.sizes[:n_before].sum())
+            found.append(part.hit[start : start + int(part.sizes[n_before:n_until].sum())])
+            if n_before:
+                break
+        return np.concatenate(found)
 
     def __len__(self) -> int:
         """Return the number of impacts."""
-        return sum(part.steps.size for part in self._parts)
+        return sum(part.ticks.size for part in self._parts)
 
     def __iter__(self) -> Iterator[tuple[int, Decision, float]]:
-        """Yield step, decision and energy of each impact."""
+        """Yield tick, decision and energy of each impact."""
         for part in self._parts:
             first = 0
-            for step, size, energy in zip(part.steps, part.sizes, part.energies, strict=True):
+            for tick, size, energy in zip(part.ticks, part.sizes, part.energies, strict=True):
                 own, first = slice(first, first + size), first + size
                 hits = part.hit[own], part.impulses[own], part.rate_pre[own], part.rate_post[own]
-                yield int(step), Decision(*hits), float(energy)
+                yield int(tick), Decision(*hits), float(energy)

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from delam_fem.caches.kernels import njit
 from delam_fem.contact.decision import Decision
 from delam_fem.model.operators import BaseCoupling
-from delam_fem.numerics.arrays import BoolArray, FloatArray, IntArray
+from delam_fem.numerics.arrays import BoolArray, ByteArray, FloatArray, IntArray
 from delam_fem.simulation.energy import Energies, Flows, base_flows
 from delam_fem.simulation.impacts import Jumps
 from delam_fem.simulation.span import Span
@@ -29,6 +29,10 @@ LEDGER = (
     "impact_loss", "spring_released", "residual",
 )  # fmt: skip
 """Columns of the energy ledger."""
+
+EFFORT = ("coarse", "middle", "fine", "contacts", "unforeseen")
+"""Columns of `Recorder.effort`: numbers of steps by size; divided steps with an impact, and those
+of them whose first impact hit a pair that the coarse step did not see approach."""
 
 OPEN, HIT, RESTING = range(3)
 """Contact states of a pair in the frames."""
@@ -78,11 +82,15 @@ class PeriodRecord:
         start: energies stored and lost so far when the period began.
         frames: (u, v) at the frames, each of shape (2, n).
         contact: contact states at the frames, each of shape (n_pairs,): 0 open, 1 hit, 2 resting.
-        jumps: impacts with their steps, decisions and energy changes.
+        jumps: impacts with their ticks, decisions and energy changes.
         released: energy that switching springs on and off has added [J].
         impact: energy that impacts have added [J].
         n_steps: number of computed steps.
+        is_divided: which steps were divided near contact, shape (N + 1,).
+        flows: sums over the divided steps, for the work of the base; see `energy.add_flows`.
+        effort: numbers of steps and contacts, in the order of `EFFORT`.
         end: energies stored and lost so far when the period ended; None until they are computed.
+        ticks_per_step: r, the number of fine steps (ticks) in a step.
     """
 
     base_states: FloatArray
@@ -96,15 +104,19 @@ class PeriodRecord:
     released: float = 0.0
     impact: float = 0.0
     n_steps: int = 0
+    is_divided: ByteArray = field(default_factory=lambda: np.zeros(0, np.uint8))
+    flows: FloatArray = field(default_factory=lambda: np.zeros(4))
+    effort: IntArray = field(default_factory=lambda: np.zeros(len(EFFORT), np.int64))
     end: Level | None = None
+    ticks_per_step: int = 1
 
-    def jump(self, step: int, decision: Decision, changes: tuple[float, float]) -> None:
-        """Record a decision and its energy changes by impulses and by springs [J]."""
+    def jump(self, tick: int, decision: Decision, changes: tuple[float, float]) -> None:
+        """Record a decision at a tick, and its energy changes by impulses and by springs [J]."""
         impact, released = changes
         self.impact += impact
         self.released += released
         if decision.hit.size:
-            self.jumps.append(step, decision, impact)
+            self.jumps.append(tick, decision, impact)
 
     def keep(self, step: int, stepper: Stepper) -> None:
         """Record the state at the end of a step."""
@@ -115,7 +127,8 @@ class PeriodRecord:
             self.frames.append(stepper.state()[:2])
             resting = stepper.resting
             state = np.where(resting, RESTING, OPEN).astype(np.int8)
-            hit = self.jumps.hit_at(step)
+            ticks = self.ticks_per_step
+            hit = self.jumps.hit_within((step - 1) * ticks, step * ticks)
             state[hit] = np.where(resting[hit], RESTING, HIT)
             self.contact.append(state)
 
@@ -135,6 +148,9 @@ class Recorder:
         ledger: rows with the columns `LEDGER`, shape (n_periods, 9) [J].
         impulse: sum of impulses, number of impulses on pairs, and energy added by the impacts that
             gain energy, within each period, shape (n_periods, 3) [N s, -, J].
+        effort: numbers of steps and contacts within each period, in the order of `EFFORT`, shape
+            (n_periods, 5).
+        refine: r, the number of fine steps in a step.
         window: records of the last periods.
     """
 
@@ -149,10 +165,12 @@ class Recorder:
         self._base, self.time_step = base, span.time_step
         self.steps_per_period, self.n_periods = span.steps_per_period, span.periods
         self.limit, self.n_closed, n = span.limit, 0, span.periods
+        self.refine = span.refine
         self.strobe = np.full((n, 2, n_probes), np.nan)
         self.envelope = np.full((n, 2, n_probes), np.nan)
         self.ledger = np.full((n, len(LEDGER)), np.nan)
         self.impulse = np.full((n, 3), np.nan)
+        self.effort = np.zeros((n, len(EFFORT)), dtype=np.int64)
         self.window: deque[PeriodRecord] = deque(maxlen=span.window_periods)
         ticks = np.arange(1, span.frames_per_period + 1) * span.steps_per_period
         self._frame_steps = np.rint(ticks / max(span.frames_per_period, 1)).astype(np.int64)
@@ -174,6 +192,8 @@ class Recorder:
             np.empty((rows, n_probes)),
             self._frame_steps,
             _level(stepper) if before is None or before.end is None else before.end,
+            is_divided=np.zeros(rows, np.uint8),
+            ticks_per_step=self.refine,
         )
         if before is None:
             stepper.observe()
@@ -191,6 +211,9 @@ class Recorder:
         self.window.append(record)
         self.n_closed += 1
         jumps = record.jumps.columns()
+        if self.refine == 1:
+            record.effort[0] = n_steps
+        self.effort[k] = record.effort
         with np.errstate(all="ignore"):  # the return value reports a diverged motion
             self.strobe[k] = record.u[n_steps, N_BASE:], record.v[n_steps]
             largest = _extremes(record.u, n_steps + 1, self.envelope[k])
@@ -216,6 +239,7 @@ class Recorder:
             record.base_states[rows],
             self._base,
             self.time_step,
+            (record.is_divided[rows], record.flows) if self.refine > 1 else None,
         )
         flows = Flows(
             base_work=work,

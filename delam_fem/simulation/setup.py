@@ -40,6 +40,7 @@ def span_of(case: Case) -> Span:
         case.n_window_periods,
         case.output.fields_per_period,
         DIVERGED_LENGTHS * case.lamina[0].length,
+        case.time.refine,
     )
 
 

@@ -77,8 +77,8 @@ class Solution:
         """All impacts of the window."""
         rows, before = [np.zeros((4, 0))], 0
         for record in self.records:
-            for step, decision, _ in record.jumps:
-                time = (before + step) * self.recorder.time_step
+            for tick, decision, _ in record.jumps:
+                time = (before + tick / record.ticks_per_step) * self.recorder.time_step
                 instant = np.full(decision.hit.size, time)
                 rows.append(
                     np.array([instant, decision.hit, decision.impulses, decision.rate_pre], float)

@@ -25,7 +25,6 @@ class FadingRestitution:
     name: str = "fading restitution"
     spring: tuple[float, float] = (0.0, 0.0)  # pairs never rest on a spring
     is_coupled: bool = True  # impulses act through the mass matrix
-    anticipates: bool = False  # gaps are looked at when they are closed, not before
 
     def restitution(self, speed: np.ndarray) -> np.ndarray:
         """Return e at speeds of approach [m/s]."""

@@ -23,22 +23,19 @@ from delam_fem.engines.compiled.state import (
     N_HITS,
     N_RESTING,
     PENALTY,
-    RECOVERY,
     RELEASED,
 )
 
 DONE, NOT_FINITE, UNSOLVED = 0, -1, -2
 """Results of a law: success, velocities that are not finite, or impulses that were not found."""
-ROUND_OFF = 1e-12
-"""A shortfall of a gap rate below this fraction of the largest shortfall is round-off."""
 
 
 @njit
-def _note(memory, log, step, n, energy):  # type: ignore[no-untyped-def]
+def _note(memory, log, tick, n, energy):  # type: ignore[no-untyped-def]
     """Write an impact of n pairs into the event buffers."""
     memory.totals[IMPACT] += energy
     event, first = memory.counts[N_EVENTS], memory.counts[N_HITS]
-    log.event_step[event], log.event_size[event], log.event_energy[event] = step, n, energy
+    log.event_tick[event], log.event_size[event], log.event_energy[event] = tick, n, energy
     for j in range(n):
         log.hit[first + j], log.impulse[first + j] = memory.hit[j], memory.impulse[j]
         log.rate_pre[first + j], log.rate_post[first + j] = memory.rate_pre[j], memory.rate_post[j]
@@ -100,7 +97,7 @@ def _apply_impulses(system, law, memory, n):  # type: ignore[no-untyped-def]
 
 
 @njit
-def examine_impacts(system, law, memory, log, step):  # type: ignore[no-untyped-def]
+def examine_impacts(system, law, memory, log, tick):  # type: ignore[no-untyped-def]
     """Release open springs, hit closed approaching pairs, rest slow pairs (newton.Impacts)."""
     X, resting = memory.X, memory.resting
     n, is_same = 0, True
@@ -127,7 +124,7 @@ def examine_impacts(system, law, memory, log, step):  # type: ignore[no-untyped-
                 memory.rate_post[j] = memory.rate_pre[j] + memory.change[j]
         else:
             _separate_impulses(system, law, memory, n)
-        _note(memory, log, step, n, _apply_impulses(system, law, memory, n))
+        _note(memory, log, tick, n, _apply_impulses(system, law, memory, n))
         for j in range(n):
             is_same &= memory.rate_post[j] >= law.threshold
     if not is_same:
@@ -163,7 +160,7 @@ def examine_penalty(system, law, memory):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _push_within_step(system, law, memory, log, step, n):  # type: ignore[no-untyped-def]
+def _push_within_step(system, law, memory, log, tick, n):  # type: ignore[no-untyped-def]
     """Add the impulses of n pairs to a θ-step; a pair with a zero impulse does not count as hit."""
     X, size = memory.X, system.size
     n_pushed, energy = 0, 0.0
@@ -187,11 +184,11 @@ def _push_within_step(system, law, memory, log, step, n):  # type: ignore[no-unt
         if memory.rate_pre[j] > -law.threshold:
             memory.resting[memory.hit[j]] = 1
             memory.counts[N_RESTING] += 1
-    _note(memory, log, step, n_pushed, energy)
+    _note(memory, log, tick, n_pushed, energy)
 
 
 @njit
-def examine_moreau(system, law, memory, log, step):  # type: ignore[no-untyped-def]
+def examine_moreau(system, law, memory, log, tick):  # type: ignore[no-untyped-def]
     """Add the impulses of the pairs whose predicted gap is closed (moreau.StepImpacts).
 
     `memory.gap` and `memory.rate` hold the values at the start of the step.
@@ -210,90 +207,17 @@ def examine_moreau(system, law, memory, log, step):  # type: ignore[no-untyped-d
     if status == DONE:
         for j in range(n):
             memory.rate_post[j] += memory.change[j]
-        _push_within_step(system, law, memory, log, step, n)
+        _push_within_step(system, law, memory, log, tick, n)
     return status
 
 
 @njit
-def _lacking(system, law, memory):  # type: ignore[no-untyped-def]
-    """Write the gap rates minus their floors (impulses.recovery_floor); return the smallest.
-
-    The start of the step follows from its end: U = U⁺ - θ Δt H z, U̇ = (H z - U̇⁺) / ρ.
-    """
-    X, size, scheme = memory.X, system.size, system.scheme
-    smallest = 0.0
-    for k in range(system.n_pairs):
-        free = row_product(system.gap_rows, k, X, size)
-        mean = row_product(system.gap_rows, k, X, lk.P * size)
-        pre = (mean - free) / scheme.rho
-        gap = system.gap0[k] + row_product(system.gap_rows, k, X, 0) - scheme.p * mean
-        floor = -gap / scheme.time_step
-        if not gap > 0.0:
-            floor -= law.restitution * min(pre, 0.0)
-        floor = min(floor, -pre)
-        memory.rate[k], memory.forces[k], memory.direction[k] = pre, free, free - floor
-        smallest = min(smallest, free - floor)
-    return smallest
-
-
-@njit
-def _join(system, memory, n, tolerance):  # type: ignore[no-untyped-def]
-    """Add pairs that n impulses push below their floor to the hit pairs; return the new n."""
-    lacking, n_pairs, total, j = memory.direction, system.n_pairs, 0, 0
-    for k in range(n_pairs):
-        if j < n and memory.hit[j] == k:
-            j += 1
-            memory.image[k] = 1.0
-            total += 1
-            continue
-        value = lacking[k]
-        for i in range(n):
-            value += memory.compliance[k * n_pairs + memory.hit[i]] * memory.impulse[i]
-        is_joining = value < -tolerance and lacking[k] >= 0.0
-        memory.image[k] = 1.0 if is_joining else 0.0
-        total += is_joining
-    if total > n:
-        j = 0
-        for k in range(n_pairs):
-            if memory.image[k] == 1.0:
-                memory.hit[j] = k
-                j += 1
-    return total
-
-
-@njit
-def examine_recovery(system, law, memory, log, step):  # type: ignore[no-untyped-def]
-    """Hold every gap rate at or above its floor (recovery.Recovery)."""
-    tolerance = -ROUND_OFF * _lacking(system, law, memory)
-    lacking, free, n, n_before = memory.direction, memory.forces, 0, 0
-    for k in range(system.n_pairs):
-        if lacking[k] < 0.0:
-            memory.hit[n] = k
-            n += 1
-    while n > n_before:  # add neighbours that the impulses push below their floor
-        n_before = n
-        for j in range(n):
-            memory.residual[j] = lacking[memory.hit[j]]
-        status = _coupled_impulses(system, law, memory, n, memory.residual)
-        if status != DONE:
-            return status
-        n = _join(system, memory, n, tolerance)
-    for j in range(n):
-        k = memory.hit[j]
-        memory.rate_pre[j], memory.rate_post[j] = memory.rate[k], free[k] + memory.change[j]
-    _push_within_step(system, law, memory, log, step, n)
-    return DONE
-
-
-@njit
-def examine(system, law, memory, log, step):  # type: ignore[no-untyped-def]
-    """Apply the law at the end of a step; return DONE, NOT_FINITE or UNSOLVED."""
+def examine(system, law, memory, log, tick):  # type: ignore[no-untyped-def]
+    """Apply the law at the end of a step, at a tick; return DONE, NOT_FINITE or UNSOLVED."""
     if law.kind == IMPACTS:
-        return examine_impacts(system, law, memory, log, step)
+        return examine_impacts(system, law, memory, log, tick)
     if law.kind == PENALTY:
         examine_penalty(system, law, memory)
     elif law.kind == MOREAU:
-        return examine_moreau(system, law, memory, log, step)
-    elif law.kind == RECOVERY:
-        return examine_recovery(system, law, memory, log, step)
+        return examine_moreau(system, law, memory, log, tick)
     return DONE

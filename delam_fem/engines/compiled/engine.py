@@ -8,6 +8,8 @@ the kernels are in lane_kernels.py and banded.py.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from delam_fem.contact.laws import LAWS, ContactLaw, Law
@@ -29,13 +31,18 @@ from delam_fem.numerics.schemes import Scheme
 from delam_fem.simulation.impacts import Columns
 from delam_fem.simulation.loop import State
 from delam_fem.simulation.recorder import PeriodRecord
+from delam_fem.simulation.refinement import NOT_REFINED, Refinement
 
-EVENTS, HITS_PER_PAIR = 256, 16
-"""Size of the event buffers: impacts, and hits per pair. A full buffer is emptied in Python."""
+EVENTS, HITS = 4096, 16384
+"""Room in the event buffers besides that of one step. A full buffer is emptied in Python."""
 
 
 def compiled_engine(
-    operators: Operators, law: ContactLaw, scheme: Scheme, time_step: float
+    operators: Operators,
+    law: ContactLaw,
+    scheme: Scheme,
+    time_step: float,
+    refinement: Refinement = NOT_REFINED,
 ) -> Compiled:
     """Return the engine that runs a problem in compiled code.
 
@@ -44,6 +51,7 @@ def compiled_engine(
         law: a law of the table `contact.laws.LAWS`.
         scheme: the time integration.
         time_step: Δt [s].
+        refinement: how steps near contact are divided.
 
     Raises:
         ValueError: the law is not in the table, or it acts on a lumped mass that is missing.
@@ -51,7 +59,8 @@ def compiled_engine(
     numbers = law_numbers(law, scheme)
     if numbers.kind == state.IMPACTS and not numbers.is_coupled:
         operators.require_lumped_mass()
-    return Compiled(operators, step_numbers(scheme, time_step), numbers)
+    sizes = [step_numbers(scheme, time_step / n) for n in (1, refinement.middle, refinement.factor)]
+    return Compiled(operators, sizes, numbers, refinement)
 
 
 def step_numbers(scheme: Scheme, time_step: float) -> StepNumbers:
@@ -81,7 +90,6 @@ def law_numbers(law: ContactLaw, scheme: Scheme) -> LawNumbers:
         else LawNumbers(state.IMPACTS, law.is_coupled, e),
         "newton-penalty": LawNumbers(state.IMPACTS, law.is_coupled, e, stiffness, threshold=slow),
         "penalty": LawNumbers(state.PENALTY, stiffness=stiffness, damping=damping),
-        "recovery": LawNumbers(state.RECOVERY, True, e, threshold=slow),
     }[law.name]
 
 
@@ -93,25 +101,28 @@ class Compiled:
         stepper: the state, in the form that a recorder reads.
     """
 
-    def __init__(self, operators: Operators, scheme: StepNumbers, law: LawNumbers) -> None:
+    def __init__(
+        self,
+        operators: Operators,
+        schemes: Sequence[StepNumbers],
+        law: LawNumbers,
+        refinement: Refinement = NOT_REFINED,
+    ) -> None:
         """Factorise the matrices; the state is at rest.
 
         Args:
             operators: the semi-discrete problem.
-            scheme: the time integration.
+            schemes: the time integration with coarse, middle and fine steps.
             law: the contact law.
+            refinement: how steps near contact are divided.
 
         Raises:
             ArithmeticError: a matrix is singular.
-            ValueError: law "recovery" with θ = 1, where the start of a step cannot be recovered.
         """
-        if law.kind == state.RECOVERY and scheme.rho == 0.0:
-            raise ValueError(
-                f'law "recovery": expected θ < 1, given {scheme.theta}: use the law "newton"'
-            )
-        self.operators = operators
-        self.stepper = CompiledStepper(operators, scheme, law)
-        self._events = Columns.room(EVENTS, HITS_PER_PAIR * operators.n_pairs)
+        self.operators, self._refinement = operators, refinement
+        self.stepper = CompiledStepper(operators, schemes, law)
+        r = refinement.factor
+        self._events = Columns.room(EVENTS + r, HITS + r * operators.n_pairs)
 
     def state(self) -> State:
         """Return the current state."""
@@ -137,14 +148,16 @@ class Compiled:
         log = self._log(record)
         memory.counts[N_FRAMES] = 0
         memory.totals[[IMPACT, RELEASED]] = 0.0
+        memory.flows[:], memory.effort[:] = 0.0, 0
         memory.base[:] = record.base_states[0]
-        step, ending = 0, loop.FULL
-        while ending == loop.FULL:
+        step, ending = 0, state.FULL
+        while ending == state.FULL:
             memory.counts[[N_EVENTS, N_HITS]] = 0
-            step, ending = loop.run_steps(s.system, s.law, memory, log, step + 1, floor)
+            step, ending = loop.run_steps(*s.systems, s.law, memory, log, step + 1, floor)
             self._empty_events(record)
         record.end = s.stored_energies(), s.dissipated, s.contact_damped
         record.impact, record.released = (float(memory.totals[k]) for k in (IMPACT, RELEASED))
+        record.flows[:], record.effort[:] = memory.flows, memory.effort
         n_kept = memory.counts[N_FRAMES]
         record.frames.extend(log.frames[:n_kept, :, s.order])
         record.contact.extend(log.contact[:n_kept])
@@ -156,16 +169,19 @@ class Compiled:
         n_frames, size = record.frame_steps.size, self.stepper.system.size
         return Log(
             n_steps=len(record.base_states) - 1,
+            refine=self._refinement.factor,
+            middle=self._refinement.middle,
             n_frames=n_frames,
-            n_events=self._events.steps.size,
+            n_events=self._events.ticks.size,
             n_hits=self._events.hit.size,
             base_states=np.ascontiguousarray(record.base_states),
             u=record.u,
             v=record.v,
+            is_divided=record.is_divided,
             frame_steps=record.frame_steps,
             frames=np.empty((n_frames, 2, size)),
             contact=np.empty((n_frames, self.operators.n_pairs), dtype=np.int8),
-            event_step=self._events.steps,
+            event_tick=self._events.ticks,
             event_size=self._events.sizes,
             event_energy=self._events.energies,
             hit=self._events.hit,

@@ -138,12 +138,11 @@ def eliminate_chained(X, size, c, load_tape, solution, force0, force1):  # type:
 
 
 @njit(forceinline=True)
-def finish(X, size, c, solution, form, rest, held, ahead, keeps):  # type: ignore[no-untyped-def]
+def finish(X, size, c, solution, form, rest, held, keeps):  # type: ignore[no-untyped-def]
     """Substitute back from the middle to the ends, complete the step (L1, L2), and measure it.
 
     `held` is the number of the field h of L1. If `keeps` is true, z is kept in the field P. The
-    other arguments are members of `system.System`. The gaps are those of u⁺, or of u + ahead v⁺ if
-    `ahead` is not 0.
+    other arguments are members of `system.System`.
 
     Returns:
         zᵀ C z and the smallest gap.
@@ -152,17 +151,14 @@ def finish(X, size, c, solution, form, rest, held, ahead, keeps):  # type: ignor
     y, last, h, v = Y * size, size - 8, held * size, V * size
     next0, next1 = swap_neighbours(load(X, y + last)), swap_neighbours(load(X, y + last + 4))
     z0_next = z1_next = loss0 = loss1 = splat(0.0)
-    gap, by_v, by_z = splat(np.inf), splat(ahead), splat(0.0)
-    if ahead == 0.0:
-        by_z = to_u
+    gap = splat(np.inf)
     for i in range(last, -1, -8):
         t, q = 6 * i, i // 2 * 7
         y0, y1 = load(X, y + i), load(X, y + i + 4)
         next0, next1 = _back(solution, t, (y0, y1), (next0, next1))
         z0, z1 = fma(kappa, load(X, h + i), next0), fma(kappa, load(X, h + i + 4), next1)
-        u0, v0_new = load(X, i), fma(minus_rho, load(X, v + i), z0)
-        seen = fma(by_v, v0_new, fma(by_z, z0, u0))
-        store(X, i, fma(to_u, z0, u0))
+        u0, v0_new = fma(to_u, z0, load(X, i)), fma(minus_rho, load(X, v + i), z0)
+        store(X, i, u0)
         store(X, i + 4, fma(to_u, z1, load(X, i + 4)))
         store(X, v + i, v0_new)
         store(X, v + i + 4, fma(minus_rho, load(X, v + i + 4), z1))
@@ -174,15 +170,15 @@ def finish(X, size, c, solution, form, rest, held, ahead, keeps):  # type: ignor
         flow0, flow1 = _flow(form, q, (z0, z1), (z0_next, z1_next))
         loss0, loss1 = fma(z0, flow0, loss0), fma(z1, flow1, loss1)
         z0_next, z1_next = z0, z1
-        gap = smaller(swap_halves(seen) - seen + load(rest, i // 2), gap)
+        gap = smaller(swap_halves(u0) - u0 + load(rest, i // 2), gap)
     return total(loss0 + loss1), _smallest(gap)
 
 
 @njit(forceinline=True)
-def step(system, X, base_state, ahead, keeps):  # type: ignore[no-untyped-def]
+def step(system, X, base_state, keeps):  # type: ignore[no-untyped-def]
     """Compute a candidate state; return zᵀ C z and the smallest gap.
 
-    `base_state` is (q, q', q'') of the base at θ. For `ahead` and `keeps` see `finish`.
+    `base_state` is (q, q', q'') of the base at θ. For `keeps` see `finish`.
     """
     q, dq, ddq = base_state
     size, c, base, dt = system.size, system.coefficients, system.base, system.scheme.time_step
@@ -197,7 +193,7 @@ def step(system, X, base_state, ahead, keeps):  # type: ignore[no-untyped-def]
     else:
         held = V
         eliminate_chained(X, size, c, system.load_tape, system.solution, force0, force1)
-    return finish(X, size, c, system.solution, system.form, system.rest, held, ahead, keeps)
+    return finish(X, size, c, system.solution, system.form, system.rest, held, keeps)
 
 
 @njit(forceinline=True)
@@ -239,6 +235,17 @@ def smallest_gap(X, size, rest, ahead):  # type: ignore[no-untyped-def]
     for i in range(0, size, 8):
         u = fma(time, load(X, size + i), load(X, i))
         gap = smaller(swap_halves(u) - u + load(rest, i // 2), gap)
+    return _smallest(gap)
+
+
+@njit
+def smallest_approach(X, size, rest, ahead):  # type: ignore[no-untyped-def]
+    """Return the smallest U + min(ahead U̇, 0) of all pairs (refinement.py, F1)."""
+    gap, time, zero = splat(np.inf), splat(ahead), splat(0.0)
+    for i in range(0, size, 8):
+        u, v = load(X, i), load(X, size + i)
+        shift = smaller(time * (swap_halves(v) - v), zero)
+        gap = smaller(swap_halves(u) - u + load(rest, i // 2) + shift, gap)
     return _smallest(gap)
 
 

@@ -14,28 +14,30 @@ from delam_fem.engines.compiled.lane_kernels import N_FIELDS
 from delam_fem.engines.compiled.simd import aligned_zeros
 from delam_fem.numerics.arrays import FloatArray, IntArray
 
-NONE, IMPACTS, PENALTY, MOREAU, RECOVERY = range(5)
-"""Kinds of laws. "newton" is IMPACTS without a threshold; MOREAU and RECOVERY use the θ-scheme."""
+NONE, IMPACTS, PENALTY, MOREAU = range(4)
+"""Kinds of laws. "newton" is IMPACTS without a threshold; MOREAU goes with the θ-scheme."""
 DISSIPATED, CONTACT_DAMPED, IMPACT, RELEASED = range(4)
 """Indices into `Memory.totals`."""
 KINETIC, STRAIN, SPRING, MOMENTUM, ATTACHMENT = range(5)
 """Indices into `Memory.stored`."""
 N_SPRINGS, N_EVENTS, N_HITS, N_FRAMES, N_RESTING = range(5)
 """Indices into `Memory.counts`."""
+COMPLETED, DIVERGED, FULL = 0, 1, 2
+"""Results of a loop, besides the failures that contact.py defines."""
 
 
 class LawNumbers(NamedTuple):
     """The numbers of a contact law that compiled code needs.
 
     Attributes:
-        kind: NONE, IMPACTS, PENALTY, MOREAU or RECOVERY.
+        kind: NONE, IMPACTS, PENALTY or MOREAU.
         is_coupled: whether simultaneous impacts influence one another ("consistent").
         restitution: e [-].
         stiffness: stiffness of a pair's spring [N/m].
         damping: damping of a pair's spring [N s/m].
         threshold: speed limit for resting pairs [m/s]. IMPACTS: a pair that leaves slower than this
-            rests on a spring; -inf: never. MOREAU and RECOVERY: a pair that approaches slower than
-            this counts as resting.
+            rests on a spring; -inf: never. MOREAU: a pair that approaches slower than this counts
+            as resting.
     """
 
     kind: int
@@ -52,6 +54,12 @@ class Memory(NamedTuple):
     Attributes:
         X: the fields of lane_kernels.py one after the other, shape (N_FIELDS size,).
         base: current q, q', q'' of the base, shape (3,).
+        kept: u, v, a before a step that may be undone, shape (3 size,).
+        near: whether a gap is small according to a coarse step, and to a middle step, shape
+            (2 n_pairs,).
+        seen: m_b·u, c_b·u, k_b·u at the end of the last step, shape (3,).
+        flows: sums over divided steps for the work of the base (`energy.add_flows`), shape (4,).
+        effort: numbers of steps and contacts (`recorder.EFFORT`), shape (5,).
         totals: energies so far: dissipated, damped in contacts, by impacts, released by springs,
             shape (4,) [J].
         stored: kinetic, strain and spring energy of the free dofs [J], m_b·v and k_b·u, at the last
@@ -71,6 +79,11 @@ class Memory(NamedTuple):
 
     X: FloatArray
     base: FloatArray
+    kept: FloatArray
+    near: npt.NDArray[np.uint8]
+    seen: FloatArray
+    flows: FloatArray
+    effort: IntArray
     totals: FloatArray
     stored: FloatArray
     counts: IntArray
@@ -96,31 +109,37 @@ class Log(NamedTuple):
 
     Attributes:
         n_steps: N.
+        refine: r, the number of fine steps (ticks) in a step.
+        middle: number of middle steps in a step.
         n_frames: number of frames to keep.
         n_events, n_hits: sizes of the event buffers.
         base_states: q, q', q'' of the base at each step, shape (N + 1, 3).
         u: m_b·u, c_b·u, k_b·u and the probes of u at each step, shape (N + 1, 3 + n_probes).
         v: the probes of v at each step, shape (N + 1, n_probes).
+        is_divided: whether a step was divided near contact, shape (N + 1,).
         frame_steps: steps whose state is kept, shape (n_frames,).
         frames: u and v at these steps in internal order, shape (n_frames, 2, size).
         contact: 0 open, 1 hit, 2 resting, shape (n_frames, n_pairs).
-        event_step, event_size, event_energy: step, number of hits, energy change of each impact,
+        event_tick, event_size, event_energy: tick, number of hits, energy change of each impact,
             each of shape (n_events,).
         hit, impulse, rate_pre, rate_post: values of the hits of all impacts one after the other,
             each of shape (n_hits,).
     """
 
     n_steps: int
+    refine: int
+    middle: int
     n_frames: int
     n_events: int
     n_hits: int
     base_states: FloatArray
     u: FloatArray
     v: FloatArray
+    is_divided: npt.NDArray[np.uint8]
     frame_steps: IntArray
     frames: FloatArray
     contact: npt.NDArray[np.int8]
-    event_step: IntArray
+    event_tick: IntArray
     event_size: IntArray
     event_energy: FloatArray
     hit: IntArray
@@ -134,6 +153,11 @@ def memory(size: int, n_pairs: int) -> Memory:
     return Memory(
         X=aligned_zeros(N_FIELDS * size),
         base=np.zeros(3),
+        kept=np.zeros(3 * size),
+        near=np.zeros(2 * n_pairs, dtype=np.uint8),
+        seen=np.zeros(3),
+        flows=np.zeros(4),
+        effort=np.zeros(5, dtype=np.int64),
         totals=np.zeros(4),
         stored=np.zeros(5),
         counts=np.zeros(5, dtype=np.int64),

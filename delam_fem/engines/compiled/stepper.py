@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from delam_fem.engines.compiled import lane_kernels as lk
@@ -17,17 +19,28 @@ class CompiledStepper:
     """A problem, its scheme, its law and its state.
 
     Attributes:
-        system, law, memory: the arguments of compiled functions.
+        systems: the problem with coarse, middle and fine steps.
+        system, law, memory: the arguments of compiled functions; the system is that of fine steps.
         order: place of each dof in the internal order, shape (n,).
         seen_u: m_b·u, c_b·u, k_b·u and the probes of u at the last `observe`, shape
             (3 + n_probes,).
         seen_v: the probes of v at the last `observe`, shape (n_probes,).
     """
 
-    def __init__(self, operators: Operators, scheme: StepNumbers, law: LawNumbers) -> None:
-        """Factorise the matrices; the state is at rest."""
-        self.law, self._has_acceleration = law, scheme.has_acceleration
-        self.system, self.order = system.build(operators, scheme)
+    def __init__(
+        self, operators: Operators, schemes: Sequence[StepNumbers], law: LawNumbers
+    ) -> None:
+        """Factorise the matrices; the state is at rest.
+
+        Args:
+            operators: the semi-discrete problem.
+            schemes: the time integration with coarse, middle and fine steps.
+            law: the contact law.
+        """
+        self.law, self._has_acceleration = law, schemes[-1].has_acceleration
+        built = [system.build(operators, scheme) for scheme in schemes]
+        self.systems = tuple(one for one, _ in built)
+        self.system, self.order = built[-1]
         self.memory = state.memory(self.system.size, operators.n_pairs)
         self.seen_u: FloatArray = np.zeros(3 + operators.n_probes)
         self.seen_v: FloatArray = np.zeros(operators.n_probes)

@@ -143,7 +143,7 @@ class System(NamedTuple):
     probe_rows: Rows
 
 
-_KEPT: deque[tuple[Operators, StepNumbers, tuple[System, IntArray]]] = deque(maxlen=4)
+_KEPT: deque[tuple[Operators, StepNumbers, tuple[System, IntArray]]] = deque(maxlen=8)
 """Results of the last calls of `build`; nobody ever writes to a system."""
 _NO_BAND = Band(0, np.zeros((0, 1)))
 _NOTHING = np.zeros(0)

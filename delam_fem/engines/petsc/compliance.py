@@ -53,11 +53,6 @@ class LazyCompliance:
         self._require(pairs)
         return self._values[pairs[:, None], pairs]
 
-    def columns(self, pairs: IntArray) -> FloatArray:
-        """Return the columns of some pairs, shape (n_pairs, k)."""
-        self._require(pairs)
-        return self._values[:, pairs]
-
 
 class LumpedCompliance:
     """H D^-1 H^T of the lumped mass D; pairs of different nodes do not influence one another."""
@@ -75,7 +70,3 @@ class LumpedCompliance:
     def block(self, pairs: IntArray) -> FloatArray:
         """Return the rows and columns of some pairs, shape (k, k) [1/kg]."""
         return np.asarray(self._W[pairs][:, pairs].toarray())
-
-    def columns(self, pairs: IntArray) -> FloatArray:
-        """Return the columns of some pairs, shape (n_pairs, k) [1/kg]."""
-        return np.asarray(self._W[:, pairs].toarray())

@@ -5,6 +5,9 @@ A stepper adds the time integration. All vectors are allocated once; the time lo
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import TypeAlias
+
 import numpy as np
 import scipy.sparse as sp
 from petsc4py import PETSc
@@ -13,6 +16,9 @@ from delam_fem.engines.petsc import linear_algebra
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.arrays import BoolArray, FloatArray
 from delam_fem.simulation.energy import Energies
+
+BaseState: TypeAlias = Sequence[float]
+"""(q, q', q'') of the base at an instant [m, m/s, m/s2]."""
 
 
 class Dynamics:
@@ -29,7 +35,13 @@ class Dynamics:
     """
 
     def __init__(self, operators: Operators, time_step: float, comm: PETSc.Comm) -> None:
-        """Create all matrices and vectors; the state is at rest."""
+        """Create all matrices and vectors; the state is at rest.
+
+        Args:
+            operators: the semi-discrete problem.
+            time_step: size of the steps until `use` chooses another one [s].
+            comm: PETSc communicator.
+        """
         self.operators, self.time_step, self.comm = operators, time_step, comm
         o = operators
         self._M, self._C, self._K, self._H = (
@@ -41,13 +53,15 @@ class Dynamics:
         self._base_mass, self._base_damping, self._base_stiffness = (
             self._vector(c) for c in (o.base.mass, o.base.damping, o.base.stiffness)
         )
+        self._kept = [self._M.createVecRight() for _ in range(3)]
+        self._kept_losses = (0.0, 0.0)
         self._gap0 = self._H.createVecLeft()
         self._set(self._gap0, o.gap0)
         self._gap, self._rate, self._impulse, self._force = (
             linear_algebra.Shared(self._H.createVecLeft()) for _ in range(4)
         )
         self._make_observation()
-        self._base_states: list[list[float]] = [[0.0, 0.0, 0.0]]
+        self._base_states: Sequence[BaseState] = [[0.0, 0.0, 0.0]]
         self._step = 0
         self.dissipated = self.contact_damped = 0.0
         self.resting: BoolArray = np.zeros(o.n_pairs, dtype=np.bool_)
@@ -62,9 +76,41 @@ class Dynamics:
         """
         self._base_states, self._step = base_states.tolist(), 0
 
+    def begin_step(self, before: BaseState, after: BaseState) -> None:
+        """Begin a single step, over which the base moves between two states (q, q', q'')."""
+        self._base_states, self._step = [before, after], 0
+
     def rest(self, pairs: BoolArray) -> None:
         """Set which pairs rest, shape (n_pairs,)."""
         self.resting, self.is_resting = pairs, bool(pairs.any())
+
+    # -- for refined steps ---------------------------------------------------------------------
+
+    def keep(self) -> None:
+        """Keep the present state for `undo`."""
+        for kept, vector in zip(self._kept, (self.u, self.v, self.a), strict=True):
+            vector.copy(kept)
+        self._kept_losses = self.dissipated, self.contact_damped
+
+    def undo(self) -> None:
+        """Return to the state of the last `keep`; resting pairs are those of the present."""
+        for kept, vector in zip(self._kept, (self.u, self.v, self.a), strict=True):
+            kept.copy(vector)
+        self.dissipated, self.contact_damped = self._kept_losses
+
+    def approach(self, ahead: float) -> FloatArray:
+        """Return the smallest gaps up to a time ahead, or back if it is negative, (n_pairs,) [m].
+
+        They are U + min(ahead U̇, 0) for open pairs. For pairs that rest on a spring the sign is
+        changed, because they must stay closed.
+        """
+        self._H.multAdd(self.u, self._gap0, self._gap.vector)
+        gap, shift = self._gap.gather(), ahead * self.gap_rate()
+        result = gap + np.minimum(shift, 0.0)
+        if self.is_resting and self.spring_stiffness:
+            on = self.resting
+            result[on] = -gap[on] - np.maximum(shift[on], 0.0)
+        return result
 
     def _make_observation(self) -> None:
         """Create the matrices and vectors of the recorded quantities."""
@@ -192,6 +238,7 @@ class Dynamics:
             self._residual,
             self._load,
             self._response,
+            *self._kept,
             self._gap0,
             self._base_mass,
             self._base_damping,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from petsc4py import PETSc
 
 from delam_fem.contact.decision import Setting
@@ -12,6 +14,8 @@ from delam_fem.model.operators import Operators
 from delam_fem.mpi import MPI
 from delam_fem.numerics.schemes import Scheme
 from delam_fem.simulation.loop import StepByStep
+from delam_fem.simulation.refined import RefinedSteps
+from delam_fem.simulation.refinement import NOT_REFINED, Refinement
 
 
 def petsc_engine(
@@ -19,6 +23,7 @@ def petsc_engine(
     law: ContactLaw,
     scheme: Scheme,
     time_step: float,
+    refinement: Refinement = NOT_REFINED,
     comm: MPI.Intracomm = MPI.COMM_SELF,
 ) -> StepByStep:
     """Return the engine that computes single steps in PETSc.
@@ -28,31 +33,33 @@ def petsc_engine(
         law: the contact law: one of the table, or a law of your own.
         scheme: the time integration.
         time_step: Δt [s].
+        refinement: how steps near contact are divided.
         comm: communicator that shares the work.
 
     Raises:
         ValueError: the law does not go with the scheme.
     """
-    stepper = _stepper(operators, law, scheme, time_step, PETSc.Comm(comm))
-    setting = Setting(operators.n_pairs, stepper.compliance, time_step)
-    return StepByStep(stepper, law.supervisor(scheme, setting))
+    sizes = [time_step / n for n in refinement.divisions]
+    stepper = _stepper(operators, law, scheme, sizes, PETSc.Comm(comm))
+    supervisor = law.supervisor(scheme, Setting(operators.n_pairs, stepper.compliance))
+    if refinement.factor == 1:
+        return StepByStep(stepper, supervisor)
+    return RefinedSteps(stepper, supervisor, refinement, time_step)
 
 
 def _stepper(
-    operators: Operators, law: ContactLaw, scheme: Scheme, time_step: float, comm: PETSc.Comm
+    operators: Operators,
+    law: ContactLaw,
+    scheme: Scheme,
+    time_steps: Sequence[float],
+    comm: PETSc.Comm,
 ) -> Newmark | MoreauJean:
     """Return the stepper of a scheme, set up for a law."""
     if scheme.has_impulses_within:
-        return MoreauJean(
-            operators,
-            time_step,
-            theta=scheme.theta,
-            anticipates=law.anticipates,
-            comm=comm,
-        )
+        return MoreauJean(operators, *time_steps, theta=scheme.theta, comm=comm)
     return Newmark(
         operators,
-        time_step,
+        *time_steps,
         beta=scheme.beta,
         gamma=scheme.gamma,
         coupled_impulses=law.is_coupled,

@@ -18,6 +18,8 @@ This file takes no contact decisions.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from petsc4py import PETSc
 
@@ -26,12 +28,39 @@ from delam_fem.engines.petsc import linear_algebra
 from delam_fem.engines.petsc.compliance import LazyCompliance, LumpedCompliance
 from delam_fem.engines.petsc.dynamics import Dynamics
 from delam_fem.model.operators import Operators
-from delam_fem.numerics.arrays import BoolArray, FloatArray
+from delam_fem.numerics.arrays import BoolArray, FloatArray, IntArray
 
 DIRECT_PAIRS = 64
 """N2 is inverted as a dense matrix for up to this number of springs, else solved iteratively."""
 RELATIVE_RESIDUAL = 1e-14
 """Relative residual of the conjugate gradients on N2; round-off, so the energy ledger closes."""
+
+
+@dataclass
+class _Size:
+    """A size of steps, with what belongs to it.
+
+    Attributes:
+        time_step: Δt [s].
+        to_u, to_v: β Δt² and γ Δt, the factors of the new acceleration.
+        keep_u, keep_v: (1/2 - β) Δt² and (1 - γ) Δt, the factors of the old acceleration.
+        softness: k β Δt² + c γ Δt of a spring.
+        A: factor of A.
+        S: S of N2.
+        resistance: inverse matrix of N2 for the springs of `pairs`; None: iterate.
+        pairs: the pairs that `resistance` belongs to.
+    """
+
+    time_step: float
+    to_u: float
+    to_v: float
+    keep_u: float
+    keep_v: float
+    softness: float
+    A: linear_algebra.Factor
+    S: LazyCompliance
+    resistance: FloatArray | None = None
+    pairs: IntArray | None = None
 
 
 class Newmark(Dynamics):
@@ -40,19 +69,18 @@ class Newmark(Dynamics):
     def __init__(
         self,
         operators: Operators,
-        time_step: float,
-        *,
+        *time_steps: float,
         beta: float = 0.25,
         gamma: float = 0.5,
         coupled_impulses: bool = False,
         spring: tuple[float, float] = (0.0, 0.0),
         comm: PETSc.Comm = PETSc.COMM_SELF,
     ) -> None:
-        """Factorise A and M; the state is at rest.
+        """Factorise M, and A for each size of steps; the state is at rest.
 
         Args:
             operators: the semi-discrete problem.
-            time_step: Δt [s].
+            time_steps: sizes of steps, from coarse to fine [s]; the last one is in use at first.
             beta: Newmark's β (the paper's α_N).
             gamma: Newmark's γ (the paper's β_N).
             coupled_impulses: True: impulses act through M⁻¹ ("consistent"); False: through the
@@ -60,13 +88,11 @@ class Newmark(Dynamics):
             spring: stiffness [N/m] and damping [N s/m] of a resting pair's spring.
             comm: PETSc communicator.
         """
-        super().__init__(operators, time_step, comm)
+        super().__init__(operators, time_steps[-1], comm)
         o = operators
-        self._to_u, self._to_v = beta * time_step**2, gamma * time_step
-        self._keep_u, self._keep_v = (0.5 - beta) * time_step**2, (1.0 - gamma) * time_step
-        A = o.mass + self._to_v * o.damping + self._to_u * o.stiffness
-        # scale -1: solving with the residual K u + C v - f gives an acceleration
-        self._A = linear_algebra.Factor(A, comm, "newmark_", scale=-1.0)
+        self.spring_stiffness, self._spring_damping = spring
+        self._sizes = [self._size(dt, beta, gamma) for dt in time_steps]
+        self._now = self._sizes[-1]
         self._M_factor = linear_algebra.Factor(o.mass, comm, "newmark_mass_", scale=-1.0)
         self._velocities = self._M.createVecRight()
         self._coupled = coupled_impulses
@@ -75,12 +101,25 @@ class Newmark(Dynamics):
         self.compliance: Compliance = (
             LazyCompliance(self, self._M_factor) if coupled_impulses else LumpedCompliance(o)
         )
-        self.spring_stiffness, self._spring_damping = spring
-        self._softness = self.spring_stiffness * self._to_u + self._spring_damping * self._to_v
-        self._S = LazyCompliance(self, self._A)
         self._pairs = np.flatnonzero(self.resting)
         self._roots = None if o.pair_weights is None else np.sqrt(o.pair_weights)
-        self._resistance: FloatArray | None = None
+
+    def _size(self, time_step: float, beta: float, gamma: float) -> _Size:
+        """Return a size of steps with its factor."""
+        o, dt = self.operators, time_step
+        to_u, to_v = beta * dt**2, gamma * dt
+        A = o.mass + to_v * o.damping + to_u * o.stiffness
+        # scale -1: solving with the residual K u + C v - f gives an acceleration
+        factor = linear_algebra.Factor(A, self.comm, "newmark_", scale=-1.0)
+        softness = self.spring_stiffness * to_u + self._spring_damping * to_v
+        S = LazyCompliance(self, factor)
+        return _Size(dt, to_u, to_v, (0.5 - beta) * dt**2, (1.0 - gamma) * dt, softness, factor, S)
+
+    def use(self, level: int) -> None:
+        """Choose the size of the next steps by its number."""
+        self._now = self._sizes[level]
+        self.time_step = self._now.time_step
+        self._prepare_springs()
 
     def rate_pre(self) -> FloatArray:
         """Return gap rates before an impact, shape (n_pairs,) [m/s]."""
@@ -90,16 +129,16 @@ class Newmark(Dynamics):
 
     def advance(self) -> float:
         """Compute the candidate state of the next step; return its smallest gap [m]."""
-        u, v, a, both = self.u, self.v, self.a, self._velocities
+        u, v, a, both, now = self.u, self.v, self.a, self._velocities, self._now
         self._step += 1
         v.copy(both)
-        u.axpy(self.time_step, v)
-        u.axpy(self._keep_u, a)
-        v.axpy(self._keep_v, a)
+        u.axpy(now.time_step, v)
+        u.axpy(now.keep_u, a)
+        v.axpy(now.keep_v, a)
         self._find_residual()
-        self._A.solve(self._residual, a)
-        u.axpy(self._to_u, a)
-        v.axpy(self._to_v, a)
+        now.A.solve(self._residual, a)
+        u.axpy(now.to_u, a)
+        v.axpy(now.to_v, a)
         if self._pairs.size:
             self._push_springs()
         both.axpy(1.0, v)  # twice the mean velocity of the step
@@ -131,15 +170,16 @@ class Newmark(Dynamics):
         drive = k * self._of_springs(self._gap.gather())
         if c:
             drive += c * self._of_springs(self.gap_rate())
-        if self._resistance is not None:
-            forces = self._resistance @ drive
+        now = self._now
+        if now.resistance is not None:
+            forces = now.resistance @ drive
         else:
             forces = self._iterate_springs(drive)
         self._push(forces)
-        self._A.solve(self._load, self._response)
+        now.A.solve(self._load, self._response)
         self.a.axpy(1.0, self._response)
-        self.u.axpy(self._to_u, self._response)
-        self.v.axpy(self._to_v, self._response)
+        self.u.axpy(now.to_u, self._response)
+        self.v.axpy(now.to_v, self._response)
 
     def _of_springs(self, values: FloatArray) -> FloatArray:
         """Return gaps or gap rates of the spring pairs, times √w if pairs have weights."""
@@ -164,9 +204,9 @@ class Newmark(Dynamics):
             if square <= goal:
                 break
             self._push(direction)
-            self._A.solve(self._load, self._response)
+            self._now.A.solve(self._load, self._response)
             self._H.mult(self._response, self._rate.vector)
-            image = direction - self._softness * self._of_springs(self._rate.gather())
+            image = direction - self._now.softness * self._of_springs(self._rate.gather())
             length = square / float(direction @ image)
             forces += length * direction
             residual -= length * image
@@ -179,13 +219,20 @@ class Newmark(Dynamics):
         super().rest(pairs)
         self._force.values[:] = 0.0
         self._pairs = np.flatnonzero(pairs)
-        self._resistance = None
+        self._prepare_springs()
+
+    def _prepare_springs(self) -> None:
+        """Prepare N2 for the present springs and the present size of steps."""
+        now = self._now
+        if now.pairs is self._pairs:
+            return
+        now.pairs, now.resistance = self._pairs, None
         if 0 < self._pairs.size <= DIRECT_PAIRS:
-            matrix = self._softness * self._S.block(self._pairs)
+            matrix = now.softness * now.S.block(self._pairs)
             if self._roots is not None:
                 matrix *= np.outer(self._roots[self._pairs], self._roots[self._pairs])
             matrix.flat[:: self._pairs.size + 1] += 1.0
-            self._resistance = np.linalg.inv(matrix)
+            now.resistance = np.linalg.inv(matrix)
 
     # -- jumps --------------------------------------------------------------------------------
 
@@ -240,6 +287,7 @@ class Newmark(Dynamics):
         """Free all PETSc objects."""
         self._velocities.destroy()
         self._inverse_lumped.destroy()
-        self._A.destroy()
+        for size in self._sizes:
+            size.A.destroy()
         self._M_factor.destroy()
         super().destroy()

@@ -10,6 +10,8 @@ impacts.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from petsc4py import PETSc
 
 from delam_fem.contact.decision import Decision
@@ -20,34 +22,37 @@ from delam_fem.model.operators import Operators
 from delam_fem.numerics.arrays import FloatArray
 
 
+@dataclass(frozen=True)
+class _Size:
+    """A size of steps, with the factor of Â for it."""
+
+    time_step: float
+    A: linear_algebra.Factor
+
+
 class MoreauJean(Dynamics):
     """A stepper: `advance` computes the free motion, `jump` adds the impulses of J2."""
 
     def __init__(
         self,
         operators: Operators,
-        time_step: float,
-        *,
+        *time_steps: float,
         theta: float = 0.5,
-        anticipates: bool = False,
         comm: PETSc.Comm = PETSc.COMM_SELF,
     ) -> None:
-        """Factorise Â; the state is at rest.
+        """Factorise Â for each size of steps; the state is at rest.
 
         Args:
             operators: the semi-discrete problem.
-            time_step: Δt [s].
+            time_steps: sizes of steps, from coarse to fine [s]; the last one is in use at first,
+                and impulses act through its Â.
             theta: θ, from 1/2 (no numerical damping) to 1.
-            anticipates: show the law every gap before it closes (`impulses.recovery_floor`)
-                instead of the pairs of J2.
             comm: PETSc communicator.
         """
-        super().__init__(operators, time_step, comm)
-        o, self._theta, self._anticipates = operators, theta, anticipates
-        to = theta * time_step
-        A = o.mass + to * o.damping + to**2 * o.stiffness
-        # scale -1/Δt: solving with the residual of J1 gives v⁺ - v
-        self._A = linear_algebra.Factor(A, comm, "moreau_", scale=-1.0 / time_step)
+        super().__init__(operators, time_steps[-1], comm)
+        self._theta = theta
+        self._sizes = [_Size(dt, self._factor(dt)) for dt in time_steps]
+        self._A = self._sizes[-1].A
         self.compliance = LazyCompliance(self, self._A)
         self._start, self._point = (self._M.createVecRight() for _ in range(2))
         self._none_resting = self.resting
@@ -55,14 +60,21 @@ class MoreauJean(Dynamics):
         self._predicted = linear_algebra.Shared(self._H.createVecLeft())
         self._rate_start = linear_algebra.Shared(self._H.createVecLeft())
 
+    def _factor(self, time_step: float) -> linear_algebra.Factor:
+        """Return the factor of Â, scaled so that the residual of J1 gives v⁺ - v."""
+        o, to = self.operators, self._theta * time_step
+        A = o.mass + to * o.damping + to**2 * o.stiffness
+        return linear_algebra.Factor(A, self.comm, "moreau_", scale=-1.0 / time_step)
+
+    def use(self, level: int) -> None:
+        """Choose the size of the next steps by its number."""
+        size = self._sizes[level]
+        self.time_step, self._A = size.time_step, size.A
+
     @property
     def gap(self) -> FloatArray:
-        """Gaps that the law examines, shape (n_pairs,) [m].
-
-        They are the gaps at the start of the step if the law anticipates, and the predicted gaps of
-        J2 otherwise.
-        """
-        return self._gap.gather() if self._anticipates else self._predicted.gather()
+        """Predicted gaps of J2, shape (n_pairs,) [m]."""
+        return self._predicted.gather()
 
     def rate_pre(self) -> FloatArray:
         """Return gap rates at the start of the step, shape (n_pairs,) [m/s]."""
@@ -96,9 +108,6 @@ class MoreauJean(Dynamics):
         v.axpy(1.0, self._response)
         u.axpy(dt * (1.0 - theta), self._start)
         u.axpy(dt * theta, v)
-        if self._anticipates:
-            self._H.mult(v, predicted)
-            predicted.aypx(dt, self._gap.vector)  # U + Δt U̇⁺ without impulses
         return float(predicted.min()[1])
 
     def jump(self, decision: Decision) -> tuple[float, float]:
@@ -135,7 +144,8 @@ class MoreauJean(Dynamics):
 
     def destroy(self) -> None:
         """Free all PETSc objects."""
-        self._A.destroy()
+        for size in self._sizes:
+            size.A.destroy()
         self._start.destroy()
         self._point.destroy()
         self._predicted.destroy()

@@ -78,7 +78,8 @@ def probe_motion(recorder: Recorder, structure: Structure) -> diagnostics.ProbeM
     for record in recorder.window:
         jumps = record.jumps.columns()
         n_impacts += jumps.hit.size
-        steps = np.repeat(jumps.steps, jumps.sizes) + (start - 1)
+        ends = -(-jumps.ticks // record.ticks_per_step)  # the step in which an impact happened
+        steps = np.repeat(ends, jumps.sizes) + (start - 1)
         for row, pair in zip(is_hit, pairs, strict=True):
             row[steps[jumps.hit == pair]] = True
         start += record.n_steps

@@ -1,0 +1,171 @@
+"""The engine that divides steps near contact; see refinement.py."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from delam_fem.contact.decision import NO_PAIRS
+from delam_fem.numerics.arrays import BoolArray, FloatArray, IntArray
+from delam_fem.simulation.energy import add_flows
+from delam_fem.simulation.loop import Advancing, StepByStep
+from delam_fem.simulation.recorder import N_BASE, PeriodRecord
+from delam_fem.simulation.refinement import SAFETY, Refinement, base_within
+
+COARSE, MIDDLE, FINE = 0, 1, -1
+"""Levels of steps. Without middle steps, MIDDLE and FINE are the same level."""
+
+BaseState = tuple[float, float, float]
+
+
+class Refinable(Advancing, Protocol):
+    """A stepper with several sizes of steps; see engines/petsc/dynamics.py."""
+
+    time_step: float
+
+    def use(self, level: int) -> None:
+        """Choose the size of the next steps by its number."""
+
+    def begin_step(self, before: BaseState, after: BaseState) -> None:
+        """Begin a single step, over which the base moves between two states (q, q', q'')."""
+
+    def keep(self) -> None:
+        """Keep the present state for `undo`."""
+
+    def undo(self) -> None:
+        """Return to the state of the last `keep`."""
+
+    def approach(self, ahead: float) -> FloatArray:
+        """Return the smallest gaps up to a time ahead, or back if it is negative, (n_pairs,)."""
+
+
+@dataclass(frozen=True)
+class RefinedSteps(StepByStep):
+    """The engine that makes single steps, and smaller ones near contact.
+
+    Attributes:
+        stepper: its sizes of steps are those of the refinement.
+        supervisor: contact law, asked after fine steps.
+        refinement: how steps are divided.
+        time_step: Δt of a coarse step [s].
+    """
+
+    stepper: Refinable
+    refinement: Refinement
+    time_step: float
+    _seen: FloatArray = field(default_factory=lambda: np.zeros(N_BASE))
+    """m_b·u, c_b·u, k_b·u at the end of the last step, for the work of the base."""
+
+    def run_period(self, record: PeriodRecord, floor: float) -> int:
+        """Compute the steps of a period and write them into its record; see `Engine`."""
+        s, rows = self.stepper, [tuple(row) for row in record.base_states.tolist()]
+        s.begin(record.base_states[:1])
+        s.observe()
+        for step in range(1, len(rows)):
+            self._seen[:] = s.seen_u[:N_BASE]
+            near = self._leap(COARSE, rows[step - 1], rows[step])
+            if near.any():
+                record.is_divided[step] = 1
+                if not self._divide(record, step, (rows[step - 1], rows[step]), near, floor):
+                    return step - 1
+            else:
+                record.effort[0] += 1
+            s.observe()
+            record.keep(step, s)
+        return len(rows) - 1
+
+    def _leap(self, level: int, before: BaseState, after: BaseState) -> BoolArray:
+        """Make a step without asking the law; undo it if a gap is small.
+
+        Returns:
+            The pairs with a small gap, shape (n_pairs,); none if the step was made.
+        """
+        s = self.stepper
+        s.use(level)
+        reach = 0.5 * SAFETY * s.time_step
+        near = s.approach(reach) <= 0.0
+        if level != COARSE and near.any():
+            return np.asarray(near)
+        s.keep()
+        s.begin_step(before, after)
+        s.advance()
+        near = np.asarray(near | (s.approach(-reach) <= 0.0))
+        if near.any():
+            s.undo()
+        return near
+
+    def _divide(
+        self,
+        record: PeriodRecord,
+        step: int,
+        states: tuple[BaseState, BaseState],
+        near: BoolArray,
+        floor: float,
+    ) -> bool:
+        """Make a coarse step in smaller steps; return False if the motion diverges.
+
+        Args:
+            record: record of the period.
+            step: number of the coarse step.
+            states: (q, q', q'') of the base at its start and end.
+            near: pairs with a small gap according to the coarse step, shape (n_pairs,).
+            floor: gap below which the motion counts as diverged [m].
+        """
+        r, m = self.refinement.factor, self.refinement.middle
+        first, is_first = (step - 1) * r, True
+        for j in range(m):
+            ends = j * (r // m), (j + 1) * (r // m)
+            if m > 1 and not self._leap(MIDDLE, *self._bases(states, *ends)).any():
+                record.effort[1] += 1
+                self._account(record, states, *ends)
+                continue
+            for tick in range(ends[0] + 1, ends[1] + 1):
+                smallest_gap = self._fine_step(self._bases(states, tick - 1, tick))
+                if smallest_gap < floor:
+                    return False
+                record.effort[2] += 1
+                hit = self._ask(record, first + tick, smallest_gap)
+                if hit.size and is_first:
+                    is_first = False
+                    record.effort[3] += 1
+                    record.effort[4] += not near[hit].all()
+                self._account(record, states, tick - 1, tick)
+        return True
+
+    def _fine_step(self, states: tuple[BaseState, BaseState]) -> float:
+        """Make the candidate of a fine step; return the smallest gap to examine [m]."""
+        s = self.stepper
+        s.use(FINE)
+        s.begin_step(*states)
+        return s.advance()
+
+    def _ask(self, record: PeriodRecord, tick: int, smallest_gap: float) -> IntArray:
+        """Let the law examine the candidate; return the pairs that it hits."""
+        s = self.stepper
+        if smallest_gap <= 0.0 or s.is_resting:
+            decision = self.supervisor.examine(s)
+            if decision is not None:
+                record.jump(tick, decision, s.jump(decision))
+                return decision.hit
+        return NO_PAIRS
+
+    def _bases(
+        self, states: tuple[BaseState, BaseState], first: int, last: int
+    ) -> tuple[BaseState, BaseState]:
+        """Return (q, q', q'') of the base at two ticks of a coarse step."""
+        r, dt = self.refinement.factor, self.time_step
+        begin = states[0] if first == 0 else base_within(*states, first / r, dt)
+        end = states[1] if last == r else base_within(*states, last / r, dt)
+        return begin, end
+
+    def _account(
+        self, record: PeriodRecord, states: tuple[BaseState, BaseState], first: int, last: int
+    ) -> None:
+        """Add the work of the base over a divided step, between two ticks, to the record."""
+        s = self.stepper
+        s.observe()
+        seen, bases = s.seen_u[:N_BASE], self._bases(states, first, last)
+        add_flows(record.flows, self._seen, seen, *bases, (last - first) / self.refinement.factor)
+        self._seen[:] = seen
