@@ -61,23 +61,36 @@ def measure(system, X, ahead, gap, rate):  # type: ignore[no-untyped-def]
         gap[k] = system.gap0[k] + row_product(system.gap_rows, k, X, 0) + ahead * rate[k]
 
 
+@njit(forceinline=True)
+def require_compliance(system, law, memory, pair):  # type: ignore[no-untyped-def]
+    """Compute the column of W that belongs to a pair, unless it is known."""
+    if not memory.is_known[pair]:
+        _find_compliance(system, law, memory, pair)
+
+
+@njit
+def _find_compliance(system, law, memory, pair):  # type: ignore[no-untyped-def]
+    X, n_pairs = memory.X, system.n_pairs
+    clear(X, system.size, R)
+    spread_one(system, X, pair, 1.0)
+    if law.kind >= MOREAU:
+        solve_step(system, X)
+    else:
+        solve_mass(system, X)
+    for i in range(n_pairs):
+        memory.compliance[i * n_pairs + pair] = row_product(
+            system.gap_rows, i, X, Z * system.size
+        )
+    memory.is_known[pair] = 1
+
+
 @njit
 def compliance_block(system, law, memory, n):  # type: ignore[no-untyped-def]
     """Return W = H B⁻¹ Hᵀ of the n hit pairs, with B = A for the θ-scheme and M otherwise."""
-    X, W, hit, n_pairs = memory.X, memory.compliance, memory.hit, system.n_pairs
+    W, hit, n_pairs = memory.compliance, memory.hit, system.n_pairs
     block = np.empty((n, n))
     for j in range(n):
-        k = hit[j]
-        if not memory.is_known[k]:
-            clear(X, system.size, R)
-            spread_one(system, X, k, 1.0)
-            if law.kind >= MOREAU:
-                solve_step(system, X)
-            else:
-                solve_mass(system, X)
-            for i in range(n_pairs):
-                W[i * n_pairs + k] = row_product(system.gap_rows, i, X, Z * system.size)
-            memory.is_known[k] = 1
+        require_compliance(system, law, memory, hit[j])
         for i in range(n):
-            block[i, j] = W[hit[i] * n_pairs + k]
+            block[i, j] = W[hit[i] * n_pairs + hit[j]]
     return block

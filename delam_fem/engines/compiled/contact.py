@@ -11,7 +11,7 @@ import numpy as np
 from delam_fem.caches.kernels import njit
 from delam_fem.contact import complementarity
 from delam_fem.engines.compiled import lane_kernels as lk
-from delam_fem.engines.compiled.algebra import compliance_block, solve_mass, solve_step, spread
+from delam_fem.engines.compiled.algebra import compliance_block, require_compliance, solve_mass, solve_step, spread
 from delam_fem.engines.compiled.banded import row_product
 from delam_fem.engines.compiled.lane_kernels import R, Z
 from delam_fem.engines.compiled.springs import list_springs, renew_acceleration, spring_energy
@@ -44,8 +44,22 @@ def _note(memory, log, tick, n, energy):  # type: ignore[no-untyped-def]
 
 
 @njit
+def _single_impulse(system, law, memory, lacking):  # type: ignore[no-untyped-def]
+    """Store p = max(0, -q/W) and W p of the only hit pair; return DONE or NOT_FINITE."""
+    if not np.isfinite(lacking):
+        return NOT_FINITE
+    require_compliance(system, law, memory, memory.hit[0])
+    own = memory.compliance[memory.hit[0] * (system.n_pairs + 1)]
+    memory.impulse[0] = max(0.0, -lacking / own)
+    memory.change[0] = own * memory.impulse[0]
+    return DONE
+
+
+@njit
 def _coupled_impulses(system, law, memory, n, q):  # type: ignore[no-untyped-def]
     """Solve 0 <= p ⊥ W p + q >= 0 on the n hit pairs; store p and W p."""
+    if n == 1:
+        return _single_impulse(system, law, memory, q[0])
     W = compliance_block(system, law, memory, n)
     right, p = np.empty(n), np.zeros(n)
     for j in range(n):
@@ -211,7 +225,7 @@ def examine_moreau(system, law, memory, log, tick):  # type: ignore[no-untyped-d
     return status
 
 
-@njit
+@njit(forceinline=True)
 def examine(system, law, memory, log, tick):  # type: ignore[no-untyped-def]
     """Apply the law at the end of a step, at a tick; return DONE, NOT_FINITE or UNSOLVED."""
     if law.kind == IMPACTS:

@@ -94,7 +94,7 @@ def _leap(system, law, memory, new_base, level):  # type: ignore[no-untyped-def]
     return True
 
 
-@njit
+@njit(forceinline=True)
 def _fine_step(system, law, memory, log, new_base, tick, floor):  # type: ignore[no-untyped-def]
     """Make a fine step and ask the law; return COMPLETED, DIVERGED or a failure of the law."""
     flow, smallest = steps.advance(system, law, memory, new_base)
@@ -107,7 +107,7 @@ def _fine_step(system, law, memory, log, new_base, tick, floor):  # type: ignore
     return COMPLETED
 
 
-@njit
+@njit(forceinline=True)
 def _account(system, memory, before, after, share):  # type: ignore[no-untyped-def]
     """Add the work of the base over a small step to `flows`."""
     seen_before = steps.see_base(system, memory)
@@ -124,7 +124,7 @@ def _was_unforeseen(memory, log, event):  # type: ignore[no-untyped-def]
     return False
 
 
-@njit
+@njit(forceinline=True)
 def _base_in(states, step, share, time_step):  # type: ignore[no-untyped-def]
     """Return (q, q', q'') of the base within a step; share 1 is its end."""
     if share == 1.0:

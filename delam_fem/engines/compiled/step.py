@@ -132,7 +132,7 @@ def _base_rows(system, X, out, first):  # type: ignore[no-untyped-def]
             out[first + j] = row_product(system.base_rows, j, X, 0)
 
 
-@njit
+@njit(forceinline=True)
 def see_base(system, memory):  # type: ignore[no-untyped-def]
     """Write m_b·u, c_b·u, k_b·u to `seen`; return the values before."""
     seen = memory.seen
@@ -195,7 +195,7 @@ def keep_frame(system, memory, log, step):  # type: ignore[no-untyped-def]
     memory.counts[N_FRAMES] = n + 1
 
 
-@njit
+@njit(forceinline=True)
 def apply_law(system, law, memory, log, tick, flow):  # type: ignore[no-untyped-def]
     """Account for the damping of a candidate and apply the law; return the result of the law."""
     if law.kind < MOREAU:
