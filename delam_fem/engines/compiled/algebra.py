@@ -78,9 +78,7 @@ def _find_compliance(system, law, memory, pair):  # type: ignore[no-untyped-def]
     else:
         solve_mass(system, X)
     for i in range(n_pairs):
-        memory.compliance[i * n_pairs + pair] = row_product(
-            system.gap_rows, i, X, Z * system.size
-        )
+        memory.compliance[i * n_pairs + pair] = row_product(system.gap_rows, i, X, Z * system.size)
     memory.is_known[pair] = 1
 
 

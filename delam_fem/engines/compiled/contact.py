@@ -11,7 +11,13 @@ import numpy as np
 from delam_fem.caches.kernels import njit
 from delam_fem.contact import complementarity
 from delam_fem.engines.compiled import lane_kernels as lk
-from delam_fem.engines.compiled.algebra import compliance_block, require_compliance, solve_mass, solve_step, spread
+from delam_fem.engines.compiled.algebra import (
+    compliance_block,
+    require_compliance,
+    solve_mass,
+    solve_step,
+    spread,
+)
 from delam_fem.engines.compiled.banded import row_product
 from delam_fem.engines.compiled.lane_kernels import R, Z
 from delam_fem.engines.compiled.springs import list_springs, renew_acceleration, spring_energy

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-
 from delam_fem.caches.kernels import njit
 from delam_fem.engines.compiled import contact
 from delam_fem.engines.compiled import lane_kernels as lk
