@@ -44,7 +44,6 @@ SCHEMES: dict[str, dict[str, Any]] = {
     "newton-penalty, lumped mass and impulses": {"time.mass": "lumped"},
     "newton-penalty, consistent mass and impulses": {"contact.impulse": "consistent"},
     "newton@moreau-jean": {"contact.law": "newton@moreau-jean"},
-    "recovery@moreau-jean": {"contact.law": "recovery@moreau-jean"},
     "no contact, lumped mass": {"contact.law": "none", "time.mass": "lumped"},
 }
 BASELINE = "newton-penalty, lumped mass and impulses"

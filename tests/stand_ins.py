@@ -52,6 +52,6 @@ def seen(
     return Seen(np.array(gap), np.array(rate), pairs, None if free is None else np.array(free))
 
 
-def setting(W: np.ndarray, time_step: float = 1e-3) -> Setting:
+def setting(W: np.ndarray) -> Setting:
     """Return the setting of a law for a compliance."""
-    return Setting(W.shape[0], Matrix(W), time_step)
+    return Setting(W.shape[0], Matrix(W))

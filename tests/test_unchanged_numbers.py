@@ -57,7 +57,7 @@ def test_nothing_recorded_is_no_agreement(tmp_path: Path) -> None:
 
 def test_all_laws_and_both_engines_are_among_the_cases() -> None:
     laws = {keys.get("contact.law") for _, _, keys in CASES.values()}
-    assert set(LAWS) - laws == {"newton-penalty", "recovery"}  # those of the presets
+    assert set(LAWS) - laws == {"newton-penalty"}  # that of a preset
     assert {engine for _, engine, _ in CASES.values()} == {"petsc", "compiled"}
     assert {keys.get("time.mass") for _, _, keys in CASES.values()} == {None, "lumped"}
 

@@ -42,8 +42,8 @@ MOREAU: dict[str, object] = {"contact.law": "newton", "time.scheme": "moreau-jea
 CASES: dict[str, tuple[str, str, dict[str, object]]] = {
     "paper-petsc": ("paper", "petsc", {}),
     "paper-compiled": ("paper", "compiled", {}),
-    "recovery-petsc": ("default", "petsc", {"time.mass": "lumped"}),
-    "recovery-compiled": ("default", "compiled", {}),
+    "refined-petsc": ("default", "petsc", {"time.mass": "lumped"}),
+    "refined-compiled": ("default", "compiled", {}),
     "moreau-petsc": ("paper", "petsc", {**MOREAU, "mesh.elements": 40}),
     "moreau-compiled": ("paper", "compiled", MOREAU),
     "newton-petsc": ("paper", "petsc", {"contact.law": "newton", **LUMPED}),

@@ -31,7 +31,7 @@ def test_every_combination_can_be_set_up_and_reads_keys_of_a_case(
     ("law", "scheme", "fitting"),
     [
         ("penalty", "moreau-jean", '"newmark" or "central-difference"'),
-        ("recovery", "newmark", '"moreau-jean"'),
+        ("newton-penalty", "moreau-jean", '"newmark" or "central-difference"'),
     ],
 )
 def test_what_does_not_go_together_is_refused(law: LawName, scheme: str, fitting: str) -> None:
@@ -47,5 +47,4 @@ def test_only_laws_with_springs_have_one() -> None:
         "newton": (0.0, 0.0),
         "newton-penalty": (5.0, 0.0),
         "penalty": (5.0, 2.0),
-        "recovery": (0.0, 0.0),
     }

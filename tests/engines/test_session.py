@@ -98,7 +98,6 @@ class Sticky:
     name: str = "sticky"
     spring: tuple[float, float] = (0.0, 0.0)
     is_coupled: bool = True
-    anticipates: bool = False
 
     def supervisor(self, scheme: Scheme, setting: Setting) -> Sticky:
         assert setting.n_pairs == 1
@@ -130,10 +129,10 @@ def problems() -> Iterator[pytest.ParameterSet]:
     newton = df.Law("newton")
     yield pytest.param(Sticky(), NEWMARK, "compiled", {}, "expected one of the laws none", id="own")
     yield pytest.param(
-        df.Law("recovery"), NEWMARK, "petsc", {}, 'goes with the scheme "moreau-jean"', id="pair"
+        df.Law("penalty"), MOREAU, "petsc", {}, 'goes with the scheme "newmark"', id="pair"
     )
     yield pytest.param(
-        df.Law("recovery"), NEWMARK, "compiled", {}, "goes with the scheme", id="pair, compiled"
+        df.Law("penalty"), MOREAU, "compiled", {}, "goes with the scheme", id="pair, compiled"
     )
     yield pytest.param(newton, NEWMARK, "petsc", {"time_step": None}, "time_step: missing", id="dt")
     explicit = SCHEMES["central-difference"]

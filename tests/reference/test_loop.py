@@ -96,7 +96,7 @@ def test_recorded_velocity_is_the_one_after_the_impact() -> None:
         assert rate == pytest.approx(-0.1 * event.velocity_before, rel=1e-9)
 
 
-@pytest.mark.parametrize("law", ["penalty", "recovery@moreau-jean"])
+@pytest.mark.parametrize("law", ["penalty"])
 def test_laws_that_it_does_not_have_are_refused(law: str) -> None:
     case = case_with({**SMALL, "contact.law": law})
     with pytest.raises(

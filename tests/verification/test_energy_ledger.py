@@ -79,7 +79,7 @@ LAWS: list[dict[str, object]] = [
     {"contact.law": "penalty", "contact.penalty_stiffness": 1e4, "contact.penalty_damping": 0.5},
     {"contact.law": "newton@moreau-jean"},
     {"contact.law": "newton@moreau-jean", "contact.restitution": 0.5},
-    {"contact.law": "recovery@moreau-jean"},
+    {"contact.law": "newton@moreau-jean", "time.refine": 8},
 ]
 
 
@@ -125,7 +125,7 @@ DISSIPATIVE: list[dict[str, object]] = [
     {"contact.law": "newton-penalty", "contact.impulse": "consistent", "time.mass": "consistent"},
     {"contact.law": "newton", "contact.impulse": "lumped", "time.mass": "lumped"},
     {"contact.law": "newton-penalty", "contact.impulse": "lumped", "time.mass": "lumped"},
-    {"contact.law": "recovery@moreau-jean"},
+    {"contact.law": "newton@moreau-jean", "time.refine": 8},
 ]
 MESHES = [20, 50, 80, 160]
 

@@ -158,7 +158,7 @@ def test_small_steps_choose_the_other_product() -> None:
 
 @pytest.mark.parametrize(
     ("law", "scheme"),
-    [("newton-penalty", "newmark"), ("newton", "moreau-jean"), ("recovery", "moreau-jean")],
+    [("newton-penalty", "newmark"), ("newton", "moreau-jean")],
 )
 def test_engines_take_over_from_one_another(law: str, scheme: str) -> None:
     case = case_of(law, "consistent", "consistent", scheme)

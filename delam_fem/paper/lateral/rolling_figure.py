@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 
 LAW_COLOURS = {
     "newton@moreau-jean": BLUE,
-    "recovery@moreau-jean": SKY,
     "newton-penalty@newmark": ORANGE,
 }
 MARKERS = {20: "s", 40: "^", 80: "o"}

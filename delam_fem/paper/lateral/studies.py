@@ -20,7 +20,6 @@ __all__ = ["LAWS", "RollingStudy", "StripRung", "TipBlock", "rolling", "rolling_
 
 LAWS = {
     "newton@moreau-jean": GroundLaw("newton", 0.1, scheme="moreau-jean"),
-    "recovery@moreau-jean": GroundLaw("recovery", 0.1, scheme="moreau-jean"),
     "newton-penalty@newmark": GroundLaw("newton-penalty", 0.1, stiffness=100.0),
 }
 """The laws that are compared, with the paper's e = 0.1, γ and spring stiffness (the thin strip is

@@ -17,6 +17,7 @@ from delam_fem.studies.convergence.study import (
     LAWS,
     LITERAL,
     MESHES,
+    REFINED,
     RESTITUTIONS,
 )
 from delam_fem.studies.convergence.tables import Table, limit_text, number
@@ -98,11 +99,11 @@ def errors(all_found: dict[str, Convergence], damping: str) -> Table:
 def meshes(all_found: dict[str, Convergence], damping: str) -> Table:
     """Return the rigid limit of each mesh."""
     found = all_found[damping]
-    ladder, rigid, recovery = found.ladder, LAWS[2], LAWS[3]
+    ladder, rigid, refined = found.ladder, LAWS[2], LAWS[3]
     rows = []
     for mesh in MESHES:
         rungs = [ladder.rung(rigid, mesh, ladder.steps[-1]), ladder.limit_of(mesh)]
-        others = [ladder.rung(recovery, mesh, ladder.steps[-1])]
+        others = [ladder.rung(refined, mesh, ladder.steps[-1])]
         rows.append((str(mesh), *limit_row(found, rungs, others)))
     return Table("", ("elements", *(q.heading for q in (*EXTREMA, WORK))), tuple(rows))
 
@@ -112,19 +113,15 @@ def motions(all_found: dict[str, Convergence]) -> Table:
     rows = []
     for f in FREQUENCIES:
         found = all_found[f"{f:.2f} Hz"]
-        rigid, recovery = found.ladder.methods[0], found.ladder.methods[-1]
-        rungs, others = (found.ladder.along_steps(law, 20) for law in (rigid, recovery))
+        rigid, refined = found.ladder.methods[0], found.ladder.methods[-1]
+        rungs, others = (found.ladder.along_steps(law, 20) for law in (rigid, refined))
         rows.append((f"{f:.2f}", *limit_row(found, rungs, others)))
     return Table("", ("f [Hz]", *(q.heading for q in (*EXTREMA, WORK))), tuple(rows))
 
 
 def motion_errors(all_found: dict[str, Convergence]) -> Table:
     """Return the errors of two laws at few steps for the four motions."""
-    chosen = [
-        (law, n)
-        for law in ("newton@moreau-jean e = 0.1", "recovery@moreau-jean")
-        for n in DEFAULT_STEPS
-    ]
+    chosen = [(law, n) for law in ("newton@moreau-jean e = 0.1", REFINED) for n in DEFAULT_STEPS]
     rows = []
     for f in FREQUENCIES:
         found = all_found[f"{f:.2f} Hz"]

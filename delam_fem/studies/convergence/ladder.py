@@ -55,10 +55,10 @@ METHODS = (
     "newton-penalty@newmark",
     "penalty@newmark",
     "newton@moreau-jean",
-    "recovery@moreau-jean",
+    "newton@moreau-jean:64",
 )
 """Methods that are compared by default."""
-RIGID: dict[str, object] = {"contact.law": "newton@moreau-jean"}
+RIGID: dict[str, object] = {"contact.law": "newton@moreau-jean", "time.refine": 1}
 """Method whose run with very small steps stands for the rigid limit of a mesh. Newton's law has the
 same limit with Newmark, but is closer to it with Moreau–Jean."""
 
@@ -76,35 +76,39 @@ class Method:
     overrides: tuple[tuple[str, object], ...]
 
 
-FREE = Method("none", (("contact.law", "none@newmark"),))
+FREE = Method("none", (("contact.law", "none@newmark"), ("time.refine", 1)))
 """Method without contact, for which an exact solution is known."""
 LIMIT = Method("limit", tuple(RIGID.items()))
 """Method that stands for the rigid limit of a mesh; see `RIGID`."""
 
 
 def method(text: str) -> Method:
-    """Return the method that a text names: LAW or LAW@SCHEME, maybe with /lumped or /consistent.
+    """Return the method that a text names: LAW or LAW@SCHEME, maybe with :R, /lumped, /consistent.
 
     A law without a scheme gets the first scheme that it can be combined with. The name of the
-    method always contains the scheme.
+    method always contains the scheme. `:64` refines steps near contact 64 times; without it no step
+    is refined.
 
     Raises:
         CaseError: the text has another form, or its law and scheme cannot be combined.
     """
-    pair, slash, impulse = text.partition("/")
+    timed, slash, impulse = text.partition("/")
+    pair, colon, refine = timed.partition(":")
     law, at, scheme = pair.partition("@")
     schemes = [name for known, name in COMBINATIONS if known == law and law != "none"]
-    if (at and scheme not in schemes) or not schemes or (slash and impulse not in IMPULSES):
+    is_known = schemes and (not at or scheme in schemes) and (not slash or impulse in IMPULSES)
+    if not is_known or (colon and not refine.isdecimal()):
         laws = [name for name in LAWS if name != "none"]
         raise CaseError(
             f"laws: expected one of {', '.join(laws)}, with its scheme as in {METHODS[0]}, and "
-            f"with the impulse as in {METHODS[0]}/lumped where that matters, given {text!r}"
+            f"with refined steps as in {METHODS[0]}:64, and with the impulse as in "
+            f"{METHODS[0]}/lumped where that matters, given {text!r}"
         )
     name = combined_name(law, scheme or schemes[0])
-    chosen: list[tuple[str, object]] = [("contact.law", name)]
+    chosen: list[tuple[str, object]] = [("contact.law", name), ("time.refine", int(refine or 1))]
     if slash:
         chosen.append(("contact.impulse", impulse))
-    return Method(name + slash + impulse, tuple(chosen))
+    return Method(name + colon + refine + slash + impulse, tuple(chosen))
 
 
 @dataclass(frozen=True)
@@ -239,6 +243,7 @@ class Ladder:
         sizes: dict[str, object] = {
             "mesh.elements": 1,
             "time.steps_per_period": 1000,
+            "time.refine": 1,
             "time.periods": 1,
         }
         if self.refines == "points":

@@ -4,7 +4,8 @@ In Python:
 
     import delam_fem as df
     from delam_fem.studies.convergence.ladder import Ladder, method
-    ladder = Ladder(df.preset("default"), (method("recovery"),), (10, 20, 40), (1000, 2000, 4000))
+    methods = (method("newton@moreau-jean:64"),)
+    ladder = Ladder(df.preset("default"), methods, (10, 20, 40), (1000, 2000, 4000))
     found = run_ladder(ladder, "runs/ladder", workers=2)
     found.error(ladder.rungs()[-1])
 """

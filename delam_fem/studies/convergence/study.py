@@ -15,7 +15,9 @@ DAMPINGS = ("stiffness", "two-mode")
 FREQUENCIES = (1.25, 1.60, 3.25, 3.65)
 RESTITUTIONS = (0.1, 0.0, 0.5)
 STIFFNESSES = (1e2, 1e3, 1e4, 1e5)
-LAWS = tuple(method(law) for law in ("newton", "newton-penalty", "newton@moreau-jean", "recovery"))
+REFINED = "newton@moreau-jean:64"
+"""Method of the preset `default`."""
+LAWS = tuple(method(law) for law in ("newton", "newton-penalty", "newton@moreau-jean", REFINED))
 LITERAL = tuple(method(f"{law}/lumped") for law in ("newton", "newton-penalty"))
 """Methods of the paper taken literally: Newmark with lumped impulses."""
 LITERAL_PERIODS = 300
@@ -48,7 +50,7 @@ def ladders() -> dict[str, Ladder]:
     )
     found["laws"] = Ladder(case("stiffness"), (*LAWS, *springs), (20,), FEW, limit_steps=LAST)
     rigid = tuple(varied("newton@moreau-jean", f"e = {e:g}", restitution=e) for e in RESTITUTIONS)
-    both = (*rigid, method("recovery"))
+    both = (*rigid, method(REFINED))
     for f in FREQUENCIES:
         base = case("two-mode", **{"excitation.frequency": f})
         found[f"{f:.2f} Hz"] = Ladder(base, both, (20,), (1000, 2000, *FEW[1:]), limit_steps=LAST)

@@ -19,7 +19,7 @@ LAWS = ("predicted gaps", "closed gaps", "end gaps", "recovery", "bounded recove
 "predicted gaps" and "closed gaps" are Moreau's constraint with the gap half a step ahead and with
 the gap at the start; the first is newton@moreau-jean. "end gaps" is the constraint of Stewart and
 Trinkle with e = 0. "recovery" and "bounded recovery" recover penetrations, without and with the
-bound on work; the latter is recovery@moreau-jean.
+bound on work; neither honours e, because both brake a pair before it touches.
 """
 MOREAU, CLOSED, END, RECOVERY, BOUNDED = range(5)
 

@@ -62,7 +62,7 @@ class Found:
 
 def case_of(steps: int, periods: int) -> Case:
     """Return the case of the comparison: 3.25 Hz, 20 elements, stiffness damping."""
-    sizes = {"time.steps_per_period": steps, "time.periods": periods}
+    sizes = {"time.refine": 1, "time.steps_per_period": steps, "time.periods": periods}
     physics = {"damping.rayleigh": "stiffness", "contact.restitution": RESTITUTION}
     return preset("default", {**sizes, **physics})
 

@@ -16,7 +16,7 @@ from delam_fem.engines.choose import engine_of, law_of, scheme_of
 from delam_fem.engines.compiled import banded, contact, lane_kernels, lanes, simd
 from delam_fem.engines.compiled import engine as engine_module
 from delam_fem.engines.compiled.engine import Compiled, compiled_engine
-from delam_fem.engines.compiled.state import IMPACTS, MOREAU, PENALTY, RECOVERY, LawNumbers
+from delam_fem.engines.compiled.state import IMPACTS, MOREAU, PENALTY, LawNumbers
 from delam_fem.engines.compiled.system import StepNumbers, build
 from delam_fem.model import closed_form
 from delam_fem.model.operators import BaseCoupling, Operators
@@ -258,7 +258,6 @@ LAWS = (
     "newton-penalty",
     "penalty",
     "newton@moreau-jean",
-    "recovery@moreau-jean",
 )
 
 
@@ -345,13 +344,4 @@ def test_unstable_central_difference_is_refused() -> None:
     with pytest.raises(CaseError, match="central difference needs a time step"):
         engine_of(
             closed_form.assemble(case).operators, law_of(case), scheme_of(case), case.time_step
-        )
-
-
-def test_recovery_needs_the_start_of_a_step() -> None:
-    with pytest.raises(ValueError, match=r"expected θ < 1, given 1\.0"):
-        Compiled(
-            operators_of(5),
-            StepNumbers.moreau_jean(1e-4, theta=1.0),
-            LawNumbers(RECOVERY, True, 0.1),
         )
