@@ -21,6 +21,9 @@ Workers = Annotated[
 Overwrite = Annotated[
     bool, typer.Option("--overwrite", help="Replace other results in the folder.")
 ]
+Yes = Annotated[
+    bool, typer.Option("--yes", help="Compute also what needs many hours or much space.")
+]
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Show no progress, no table.")]
 
 

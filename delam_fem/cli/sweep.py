@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from delam_fem.cli.inputs import Overwrite, Quiet, Workers, inputs_of
+from delam_fem.cli.inputs import Overwrite, Quiet, Workers, Yes, inputs_of
 from delam_fem.cli.terminal import FAILED, INTERRUPTED, fail, reported, say_files, table
 
 if TYPE_CHECKING:
@@ -67,13 +67,14 @@ def sweep_command(
     overwrite: Overwrite = False,
     workers: Workers = None,
     executor: ExecutorOption = None,
+    yes: Yes = False,
     quiet: Quiet = False,
 ) -> None:
     """Compute a case at many points and write all results to DIR/sweep.nc."""
     with reported(quiet):
         going_on = resume, overwrite
         data, directory = _computed(
-            sweep_file, output, overrides, going_on, (workers, executor), quiet
+            sweep_file, output, overrides, going_on, (workers, executor), quiet, yes=yes
         )
         data.close()
         if not quiet:
@@ -90,6 +91,7 @@ def diagram_command(
     overwrite: Overwrite = False,
     workers: Workers = None,
     executor: ExecutorOption = None,
+    yes: Yes = False,
     quiet: Quiet = False,
 ) -> None:
     """Draw a diagram of a sweep; compute the sweep first if its result does not exist."""
@@ -99,7 +101,7 @@ def diagram_command(
         if source.suffix == ".toml":
             going_on = resume, overwrite
             data, directory = _computed(
-                source, output, overrides, going_on, (workers, executor), quiet, again=False
+                source, output, overrides, going_on, (workers, executor), quiet, yes=yes, again=False
             )
         else:
             data, directory = _read(source, output)
@@ -117,6 +119,7 @@ def _computed(
     where: tuple[int | None, ExecutorName | None],
     quiet: bool,
     *,
+    yes: bool,
     again: bool = True,
 ) -> tuple[xr.Dataset, Path]:
     """Compute a sweep and show its table; exit with a message if it is not complete.
@@ -147,7 +150,13 @@ def _computed(
         if overwrite:
             remove_results(directory)
         data = run_sweep(
-            sweep, directory, executor, workers=workers, resume=resume, progress=report
+            sweep,
+            directory,
+            executor,
+            workers=workers,
+            resume=resume,
+            is_confirmed=yes,
+            progress=report,
         )
     _tell(data, sweep, quiet)
     return data, directory
@@ -192,13 +201,12 @@ def _rows(data: xr.Dataset) -> list[tuple[str, str]]:
 
 def _read(source: Path, output: Path | None) -> tuple[xr.Dataset, Path]:
     """Open the result of a sweep."""
-    import xarray as xr
-
     from delam_fem.case.toml import CaseError
+    from delam_fem.studies.sweeps.reading import open_result
 
     path = source / "sweep.nc" if source.is_dir() else source
     if not path.is_file():
         raise CaseError(
             f"diagram: no such file: {path}; expected a sweep file (.toml) or a result of one"
         )
-    return xr.open_dataset(path, engine="h5netcdf"), output or path.parent
+    return open_result(path, is_loaded=True), output or path.parent

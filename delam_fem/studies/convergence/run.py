@@ -13,12 +13,15 @@ In Python:
 from __future__ import annotations
 
 import json
+import logging
 import math
+import zlib
 from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 from delam_fem.case.atomic import write_text
 from delam_fem.case.toml import CaseError
@@ -32,6 +35,8 @@ from delam_fem.studies.executors import ExecutorName
 
 RESULT = "convergence.json"
 """Name of the file with the results in the folder of a ladder."""
+
+_log = logging.getLogger(__name__)
 
 
 def run_ladder(
@@ -93,20 +98,14 @@ def run_ladder(
 def load_results(directory: str | Path) -> dict[str, RungResult]:
     """Return the results in the folder of a ladder by key; {} if the folder has none."""
     path = Path(directory) / RESULT
-    return _results(json.loads(path.read_text("utf-8"))) if path.is_file() else {}
+    return _read(path)[0] if path.is_file() else {}
 
 
 def _held(path: Path, ladder: Ladder, resume: bool) -> dict[str, RungResult]:
     """Return the results in a file by key, after a check that they belong to this ladder."""
     if not path.is_file():
         return {}
-    try:
-        content = json.loads(path.read_text("utf-8"))
-        results, identity = _results(content), content["identity"]
-    except (ValueError, KeyError, TypeError):
-        raise CaseError(
-            f"{path}: expected the results of a ladder; choose another folder with -o DIR"
-        ) from None
+    results, identity = _read(path)
     if not resume:
         raise CaseError(
             f"{path.parent}: holds {len(results)} rungs of a ladder; go on with --resume, choose "
@@ -120,22 +119,45 @@ def _held(path: Path, ladder: Ladder, resume: bool) -> dict[str, RungResult]:
     return results
 
 
-def _results(content: dict[str, list[dict[str, object]]]) -> dict[str, RungResult]:
-    """Return the results in the content of a file by key."""
-    results = {}
-    for entry in content["rungs"]:
-        fields: dict[str, object] = {
-            name: math.nan if value is None else value for name, value in entry.items()
-        }
-        table = fields["statistics"]
-        assert isinstance(table, dict)
-        fields["statistics"] = {
-            name: tuple(math.nan if x is None else float(x) for x in pair)
-            for name, pair in table.items()
-        }
-        result = RungResult(**fields)  # type: ignore[arg-type]
-        results[result.key] = result
-    return results
+def _read(path: Path) -> tuple[dict[str, RungResult], str]:
+    """Return the results in a file by key, and the identity of their ladder.
+
+    Rungs whose checksum does not fit are left out, to be computed anew.
+
+    Raises:
+        CaseError: the file is damaged as a whole, or holds something else.
+    """
+    try:
+        content = json.loads(path.read_bytes().decode("utf-8"))
+        entries, identity = content["rungs"], str(content["identity"])
+        intact = [entry for entry in entries if entry.pop("checksum") == _checksum(entry)]
+        results = {result.key: result for result in map(_result, intact)}
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        _log.debug("%s cannot be read", path, exc_info=True)
+        raise CaseError(
+            f"{path}: expected the results of a ladder; this file is damaged or another one. "
+            "Delete it, or choose another folder with -o DIR"
+        ) from None
+    if len(intact) < len(entries):
+        _log.warning("%s: %d damaged rungs are left out", path, len(entries) - len(intact))
+    return results, identity
+
+
+def _checksum(entry: dict[str, object]) -> int:
+    """Return a checksum of the values of a rung."""
+    return zlib.crc32(json.dumps(entry, sort_keys=True).encode())
+
+
+def _result(entry: dict[str, object]) -> RungResult:
+    """Return the result in an entry of the file."""
+    fields: dict[str, Any] = {
+        name: math.nan if value is None else value for name, value in entry.items()
+    }
+    fields["statistics"] = {
+        name: tuple(math.nan if x is None else float(x) for x in pair)
+        for name, pair in fields["statistics"].items()
+    }
+    return RungResult(**fields)
 
 
 def _write(path: Path, found: Convergence) -> None:
@@ -144,10 +166,11 @@ def _write(path: Path, found: Convergence) -> None:
     for result in found.results.values():
         entry = asdict(result)
         entry["statistics"] = json_ready(entry["statistics"])
-        entries.append(json_ready(entry))
+        ready = json_ready(entry)
+        entries.append(ready | {"checksum": _checksum(ready)})
     content = {
         "title": f"convergence of case {found.ladder.case.name}",
-        "delam_fem": version("delam_fem"),
+        **{name: version(name) for name in ("delam_fem", "numpy", "scipy", "numba")},
         "engine": found.ladder.engine,
         "limit_steps": found.ladder.limit_steps,
         "identity": found.ladder.identity,

@@ -132,7 +132,8 @@ def _variable(
     kind: npt.DTypeLike,
     labels: Mapping[str, str],
 ) -> None:
-    variable = file.create_variable(name, dims, kind)
+    is_number = kind is not _TEXT and dims  # HDF5 checks their sums when they are read
+    variable = file.create_variable(name, dims, kind, fletcher32=True if is_number else None)
     variable.attrs.update(labels)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from delam_fem.case.fields import Count, CountOrNone, Label, Section, expected, inconsistent
+from delam_fem.case.fields import CountOrNone, Label, Section, expected, inconsistent
 
 Value: TypeAlias = int | float | str
 """A value of an axis."""
@@ -30,6 +30,11 @@ _Values = Annotated[
     ],
     Field(min_length=1),
     expected("a list of at least one number or word"),
+]
+MOST_VALUES = 1_000_000
+"""Largest number of values of an axis."""
+AxisCount = Annotated[
+    int, Field(strict=True, ge=1, le=MOST_VALUES), expected("a whole number from 1 to 1000000")
 ]
 _Perturbation = Annotated[
     float, _FINITE, Field(gt=0.0, lt=1.0), expected("a number above 0 and below 1")
@@ -76,7 +81,7 @@ class Axis(Section):
     name: Label | None = None
     start: _Number | None = None
     stop: _Number | None = None
-    count: Count | None = None
+    count: AxisCount | None = None
     spacing: Literal["linear", "logarithmic"] = "linear"
     values: _Values | None = None
 
@@ -101,6 +106,11 @@ class Axis(Section):
                 f'expected "linear", or start and stop above 0, given {self.start} and {self.stop}',
             )
         return self
+
+    @property
+    def size(self) -> int:
+        """Number of values."""
+        return len(self.values) if self.values is not None else self.count or 0
 
     @property
     def points(self) -> tuple[Value, ...]:
@@ -187,7 +197,7 @@ class SweepFile(Section):
         if twice is not None:
             raise inconsistent("axis", f"expected different keys, given {twice} twice")
         if self.combine == "zip":
-            counts = [len(axis.points) for axis in self.axis]
+            counts = [axis.size for axis in self.axis]
             if len(set(counts)) > 1:
                 raise inconsistent(
                     "combine",

@@ -7,8 +7,11 @@ the next point starts.
 
 from __future__ import annotations
 
+import logging
 import sqlite3
+import zlib
 from collections.abc import Iterable, Iterator
+from importlib.metadata import version
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -22,13 +25,16 @@ from delam_fem.studies.sweeps.point import Done, Point
 
 PATIENCE = 5.0
 """Time to wait for the journal of another process that is about to end [s]."""
+_log = logging.getLogger(__name__)
 _SCHEMA = """
-    CREATE TABLE about (identity TEXT NOT NULL);
+    CREATE TABLE about (identity TEXT NOT NULL, versions TEXT NOT NULL);
     CREATE TABLE point (
-        number INTEGER PRIMARY KEY, outcome TEXT NOT NULL, error TEXT NOT NULL, row BLOB
+        number INTEGER PRIMARY KEY, outcome TEXT NOT NULL, error TEXT NOT NULL, row BLOB,
+        checksum INTEGER NOT NULL
     );
     CREATE TABLE track (
-        number INTEGER PRIMARY KEY, motion BLOB NOT NULL, resting BLOB NOT NULL
+        number INTEGER PRIMARY KEY, motion BLOB NOT NULL, resting BLOB NOT NULL,
+        checksum INTEGER NOT NULL
     );
 """
 
@@ -59,18 +65,20 @@ class Journal:
         self._connection = sqlite3.connect(path, timeout=patience, isolation_level=None)
         try:
             self._open(identity, resume)
-        except sqlite3.OperationalError as error:
+        except (sqlite3.Error, TypeError, ValueError) as error:
             self._connection.close()
+            if isinstance(error, CaseError):
+                raise
+            if "locked" in str(error):
+                raise CaseError(
+                    f"{path}: {error}; is another process computing this sweep? Wait for it, or "
+                    "choose another folder with -o DIR"
+                ) from None
+            _log.debug("%s cannot be read", path, exc_info=True)
             raise CaseError(
-                f"{path}: {error}; is another process computing this sweep? Wait for it, or choose "
-                "another folder with -o DIR"
+                f"{path}: expected the journal of a sweep; this file is damaged or another one. "
+                "Delete it, or choose another folder with -o DIR"
             ) from None
-        except sqlite3.DatabaseError as error:
-            self._connection.close()
-            raise CaseError(f"{path}: expected the journal of a sweep ({error})") from None
-        except CaseError:
-            self._connection.close()
-            raise
 
     def _open(self, identity: str, resume: bool) -> None:
         run = self._connection.execute
@@ -80,9 +88,11 @@ class Journal:
         if not run("SELECT count(*) FROM sqlite_master").fetchone()[0]:
             for statement in filter(str.strip, _SCHEMA.split(";")):
                 run(statement)
-            run("INSERT INTO about VALUES (?)", (identity,))
-        found = run("SELECT identity FROM about").fetchone()[0]
+            run("INSERT INTO about VALUES (?, ?)", (identity, _versions()))
+        found, versions = run("SELECT identity, versions FROM about").fetchone()
         n_points = self.n_points
+        if found == identity:
+            self._remove_damaged()
         run("COMMIT")
         if n_points and not resume:
             raise CaseError(
@@ -94,6 +104,25 @@ class Journal:
                 f"resume: {self.path} belongs to another sweep; run it with the settings of the "
                 "interrupted one, or choose another folder with -o DIR"
             )
+
+        if versions != _versions():
+            _log.warning("%s was begun with %s; its points are kept", self.path, versions)
+
+    def _remove_damaged(self) -> None:
+        """Remove points and states whose checksum does not fit; they are computed anew."""
+        run = self._connection.execute
+        if run("PRAGMA quick_check(1)").fetchone()[0] != "ok":
+            raise ValueError("damaged pages")
+        points, tracks = (
+            [row[0] for row in run(f"SELECT * FROM {table} ORDER BY number") if _is_damaged(row)]
+            for table in ("point", "track")
+        )
+        for number in points:
+            run("DELETE FROM point WHERE number = ?", (number,))
+        if tracks:  # without the state, its points cannot go on
+            raise ValueError("damaged state")
+        if points:
+            _log.warning("%s: %d damaged points are computed anew", self.path, len(points))
 
     @property
     def n_points(self) -> int:
@@ -110,11 +139,11 @@ class Journal:
         try:
             run("BEGIN")
             for result in done:
-                many("INSERT INTO point VALUES (?, ?, ?, ?)", map(_entry, result.points))
+                many("INSERT INTO point VALUES (?, ?, ?, ?, ?)", map(_entry, result.points))
                 if result.state is not None:
                     run(
-                        "INSERT OR REPLACE INTO track VALUES (?, ?, ?)",
-                        (result.chunk.track, *_packed(result.state)),
+                        "INSERT OR REPLACE INTO track VALUES (?, ?, ?, ?)",
+                        _summed(result.chunk.track, *_packed(result.state)),
                     )
             run("COMMIT")
         except sqlite3.OperationalError as error:
@@ -128,7 +157,9 @@ class Journal:
     def points(self, start: int, stop: int) -> Iterator[Point]:
         """Yield the finished points with indices from `start` to below `stop`, in order."""
         rows = self._connection.execute(
-            "SELECT * FROM point WHERE number >= ? AND number < ? ORDER BY number", (start, stop)
+            "SELECT number, outcome, error, row FROM point WHERE number >= ? AND number < ? "
+            "ORDER BY number",
+            (start, stop),
         )
         for number, outcome, error, row in rows:
             yield Point(number, outcome, error, None if row is None else np.frombuffer(row))
@@ -167,10 +198,26 @@ class Journal:
         self.close()
 
 
-def _entry(point: Point) -> tuple[int, str, str, bytes | None]:
+def _entry(point: Point) -> tuple[object, ...]:
     row = None if point.row is None else np.ascontiguousarray(point.row).tobytes()
-    return point.index, point.outcome, point.error, row
+    return _summed(point.index, point.outcome, point.error, row)
 
 
 def _packed(state: State) -> tuple[bytes, bytes]:
     return np.ascontiguousarray(state.motion).tobytes(), state.resting.tobytes()
+
+
+def _summed(*values: object) -> tuple[object, ...]:
+    """Return the values of a row, followed by their checksum."""
+    return *values, zlib.crc32(repr(values).encode())
+
+
+def _is_damaged(row: tuple[object, ...]) -> bool:
+    """Return whether the checksum at the end of a row does not fit."""
+    return _summed(*row[:-1]) != row
+
+
+def _versions() -> str:
+    """Return the versions on which the bits of the numbers depend."""
+    names = ("delam_fem", "numpy", "scipy", "numba")
+    return ", ".join(f"{name} {version(name)}" for name in names)

@@ -24,6 +24,7 @@ import numpy as np
 from delam_fem.case.atomic import write_text
 from delam_fem.case.files import save_case
 from delam_fem.case.toml import CaseError
+from delam_fem.engines.cost import Cost, require_affordable, run_cost, step_hours
 from delam_fem.simulation.interrupts import stop_signals
 from delam_fem.studies import executors
 from delam_fem.studies.executors import ExecutorName
@@ -31,14 +32,19 @@ from delam_fem.studies.sweeps import dataset
 from delam_fem.studies.sweeps.grid import Sweep
 from delam_fem.studies.sweeps.journal import Journal
 from delam_fem.studies.sweeps.point import Done, PointRunner
-from delam_fem.studies.sweeps.quantities import quantities
+from delam_fem.studies.sweeps.quantities import Quantity, quantities
+from delam_fem.studies.sweeps.reading import open_result
 from delam_fem.studies.sweeps.schedule import INDEPENDENT, Schedule, Track
+from delam_fem.studies.sweeps.waiting import Waiting
 
 if TYPE_CHECKING:
     import xarray as xr
 
 RESULT, JOURNAL = "sweep.nc", "sweep.journal"
 """Names of the dataset and the journal in the folder of a sweep."""
+
+POINT_BYTES = 80
+"""Bytes of a point in the journal and the dataset beside its row."""
 
 _log = logging.getLogger(__name__)
 
@@ -50,6 +56,7 @@ def run_sweep(
     *,
     workers: int | None = None,
     resume: bool = False,
+    is_confirmed: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> xr.Dataset:
     """Compute all points of a sweep and return the dataset.
@@ -65,6 +72,8 @@ def run_sweep(
         workers: number of workers; by default those of the executor, or one per core.
         resume: whether to continue with the points in the folder; a complete sweep is returned
             without computing.
+        is_confirmed: whether to compute a sweep that needs many hours or much space; without, it is
+            refused.
         progress: called with the number of finished points and of all points.
 
     Returns:
@@ -72,18 +81,22 @@ def run_sweep(
         SIGTERM; then points are missing, and a call with `resume` computes them.
 
     Raises:
-        CaseError: the folder contains another sweep, or an unfinished one and `resume` is False; or
-            the first point is not a valid case.
+        CaseError: the folder contains another sweep, an unfinished one and `resume` is False, or a
+            damaged one; the first point is not a valid case; or the sweep is large and not
+            confirmed.
         BrokenExecutor: a worker of the given executor died; the journal keeps the finished points.
         OSError: the folder cannot be written.
     """
     directory = Path(directory)
     path = directory / RESULT
     if resume and is_complete(directory, sweep):
-        return _opened(path)
-    directory.mkdir(parents=True, exist_ok=True)
+        return open_result(path)
     layout = PointRunner(sweep).structure(sweep.case(0)).layout
     wanted = quantities(sweep.file.record, layout)
+    cost = _cost(sweep, wanted, _n_workers(executor, workers))
+    what = f"sweep {sweep.file.name} of {sweep.n_points:g} points"
+    require_affordable(cost, what, is_confirmed=is_confirmed)
+    directory.mkdir(parents=True, exist_ok=True)
     with Journal(directory / JOURNAL, sweep.identity, resume=resume) as journal:
         save_case(sweep.base, directory)
         write_text(directory / "sweep.toml", sweep.to_toml("case.toml"))
@@ -97,7 +110,25 @@ def run_sweep(
         dataset.write(path, sweep, journal, wanted, x=layout.x, attributes=attributes)
     if has_all:
         (directory / JOURNAL).unlink()
-    return _opened(path)
+    return open_result(path)
+
+
+def _n_workers(executor: Executor | ExecutorName | None, workers: int | None) -> int:
+    """Return the number of workers that a sweep will probably have."""
+    if workers is not None:
+        return workers
+    return executors.size_of(executor) if isinstance(executor, Executor) else executors.n_cores()
+
+
+def _cost(sweep: Sweep, wanted: tuple[Quantity, ...], n_workers: int) -> Cost:
+    """Return the cost of a sweep whose points all are like the first."""
+    case, record = sweep.case(0), sweep.file.record
+    longer = 1.0 + 2.0 * record.lyapunov / case.n_periods
+    hours = sweep.n_points * step_hours(case, sweep.file.engine) * longer / n_workers
+    row = 8.0 * sum(quantity.size for quantity in wanted)
+    listed = 0 if sweep.file.order == "independent" else 8 * sweep.n_points
+    worker = run_cost(case, sweep.file.engine).memory * n_workers
+    return Cost(hours, listed + worker, 2.0 * sweep.n_points * (row + POINT_BYTES))
 
 
 def _computed(
@@ -140,15 +171,15 @@ def _schedule(
 
 def _left(sweep: Sweep, journal: Journal) -> list[Track]:
     """Return the points that are not in the journal, as tracks."""
+    if sweep.file.order == "independent":
+        missing = Waiting.all_but(journal.numbers(), sweep.n_points)
+        return [Track(INDEPENDENT, missing)] if missing else []
     is_done = np.zeros(sweep.n_points, dtype=np.bool_)
     for number in journal.numbers():
         is_done[number] = True
-    if not sweep.tracks:
-        missing = deque(np.flatnonzero(~is_done).tolist())
-        return [Track(INDEPENDENT, missing)] if missing else []
     tracks = []
     for number, points in enumerate(sweep.tracks):
-        missing = deque(points[~is_done[points]].tolist())
+        missing = Waiting([points[~is_done[points]]])
         if missing:
             tracks.append(Track(number, missing, journal.state(number)))
     return tracks
@@ -189,7 +220,7 @@ def is_complete(directory: Path, sweep: Sweep) -> bool:
     path = directory / RESULT
     if not path.is_file() or (directory / JOURNAL).exists():
         return False
-    data = _opened(path)
+    data = open_result(path)
     same = data.attrs["sweep"], data.attrs["case"]
     data.close()
     if same != (sweep.to_toml("case.toml"), sweep.base.to_toml()):
@@ -197,9 +228,3 @@ def is_complete(directory: Path, sweep: Sweep) -> bool:
             f"resume: {path} is the result of another sweep; choose another folder with -o DIR"
         )
     return True
-
-
-def _opened(path: Path) -> xr.Dataset:
-    import xarray as xr
-
-    return xr.open_dataset(path, engine="h5netcdf")

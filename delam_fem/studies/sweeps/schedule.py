@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 
 from delam_fem.simulation.loop import State
 from delam_fem.studies.sweeps.point import Chunk, Done, Point, compute
+from delam_fem.studies.sweeps.waiting import Waiting
 
 CHUNK_SECONDS = 0.5
 """Target time of a chunk [s]: a hundred times the cost of submitting one."""
@@ -40,7 +41,7 @@ class Track:
     """
 
     number: int
-    waiting: deque[int]
+    waiting: Waiting
     state: State | None = None
 
 
@@ -134,7 +135,7 @@ class Schedule:
         while self.ready and len(self._flying) < limit:
             track = self.ready.popleft()
             n = self._chunk_size(track)
-            indices = tuple(track.waiting.popleft() for _ in range(n))
+            indices = track.waiting.take(n)
             chunk = Chunk(track.number, indices, track.state)
             if track.number == INDEPENDENT and track.waiting:
                 self.ready.append(track)
@@ -200,7 +201,7 @@ class Schedule:
                 dead = Point(chunk.indices[0], "failed", "the worker process died", None)
                 results.append(Done(chunk, (dead,), chunk.state, 0.0, 0.0))
             else:
-                track.waiting.extendleft(reversed(chunk.indices))
+                track.waiting.put_back(chunk.indices)
                 self._suspects += len(chunk.indices)
             if track.waiting and track not in self.ready:
                 self.ready.appendleft(track)
@@ -211,6 +212,6 @@ class Schedule:
         for future, (track, chunk) in list(self._flying.items()):
             if future.cancel():
                 del self._flying[future]
-                track.waiting.extendleft(reversed(chunk.indices))
+                track.waiting.put_back(chunk.indices)
                 if track not in self.ready:
                     self.ready.append(track)

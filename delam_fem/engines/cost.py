@@ -1,0 +1,101 @@
+"""Estimate time, memory and disk of a computation before it starts.
+
+The numbers are rough, a factor of two up or down. They are there to notice a zero too many.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from delam_fem.case.definition import Case
+from delam_fem.case.toml import CaseError
+from delam_fem.engines.choose import EngineName
+
+MOST_HOURS = 24.0
+"""Computing time of which a computation must be confirmed [h]."""
+MOST_BYTES = 4e9
+"""Memory or disk of which a computation must be confirmed [bytes]."""
+_STEP_MICROSECONDS: dict[EngineName, tuple[float, float]] = {
+    "petsc": (5.0, 0.035),
+    "compiled": (0.2, 0.005),
+}
+"""Time of a step, and of each of its dofs [µs]; see docs/performance.md."""
+_DOUBLE = 8
+_ROW_NUMBERS = 24
+"""Numbers that a run keeps of each period."""
+_STEP_NUMBERS = 16
+"""Numbers that a run keeps of each step of its window, in memory and in result.nc."""
+_NODE_NUMBERS = 24
+"""Numbers of each node and frame in memory; the files have about as many."""
+_GIGA = 1e9
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What a computation needs.
+
+    Attributes:
+        hours: computing time [h].
+        memory: memory [bytes].
+        disk: size of the files [bytes].
+    """
+
+    hours: float
+    memory: float
+    disk: float
+
+    @property
+    def is_large(self) -> bool:
+        """Whether a user should be asked first."""
+        return self.hours > MOST_HOURS or max(self.memory, self.disk) > MOST_BYTES
+
+    def __str__(self) -> str:
+        """Return the cost in words."""
+        return (
+            f"about {self.hours:.3g} h, {self.memory / _GIGA:.3g} GB of memory and "
+            f"{self.disk / _GIGA:.3g} GB of files"
+        )
+
+
+def n_steps(case: Case) -> float:
+    """Return the number of time steps of a case, without refined ones."""
+    return float(case.n_periods) * case.time.steps_per_period
+
+
+def step_hours(case: Case, engine: EngineName) -> float:
+    """Return the time of the steps of a case on one processor [h]."""
+    fixed, per_dof = _STEP_MICROSECONDS[engine]
+    return n_steps(case) * (fixed + per_dof * _n_dofs(case)) * 1e-6 / 3600.0
+
+
+def run_cost(case: Case, engine: EngineName) -> Cost:
+    """Return the cost of the run of a case."""
+    window = case.n_window_periods
+    recorded = float(window) * case.time.steps_per_period
+    frames = float(window) * case.output.fields_per_period
+    rows = _DOUBLE * _ROW_NUMBERS * float(case.n_periods)
+    kept = _DOUBLE * (_STEP_NUMBERS * recorded + _NODE_NUMBERS * frames * _n_dofs(case) / 2.0)
+    return Cost(step_hours(case, engine), rows + kept, rows + kept)
+
+
+def require_affordable(cost: Cost, what: str, *, is_confirmed: bool) -> None:
+    """Refuse a computation that needs much, unless the user has confirmed it.
+
+    Args:
+        cost: the estimated cost.
+        what: name of the computation, for the message.
+        is_confirmed: whether the user has said `--yes`.
+
+    Raises:
+        CaseError: the computation is large and not confirmed.
+    """
+    if cost.is_large and not is_confirmed:
+        raise CaseError(
+            f"{what}: needs {cost}; more than {MOST_HOURS:g} h or {MOST_BYTES / _GIGA:g} GB must "
+            "be confirmed by --yes"
+        )
+
+
+def _n_dofs(case: Case) -> float:
+    """Return the number of dofs; for a mesh file, whose size is not known yet, that of a few."""
+    return 2.0 * len(case.lamina) * (case.mesh.elements or 50)
