@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from importlib.metadata import version
 from typing import Any
 
 import numpy as np
@@ -15,6 +14,7 @@ from delam_fem.model import fields
 from delam_fem.model.layout import Layout, Structure
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.arrays import FloatArray, IntArray
+from delam_fem.results.provenance import provenance
 from delam_fem.results.schema import add
 from delam_fem.simulation.recorder import LEDGER, N_BASE, PeriodRecord, Recorder
 
@@ -52,8 +52,7 @@ def history(
     data.attrs = {
         "title": f"clapping laminae: {case.name}",
         "case": case.to_toml(),
-        "delam_fem": version("delam_fem"),
-        "numpy": np.__version__,
+        **provenance(),
         **attributes,
     }
     return data

@@ -53,7 +53,10 @@ FILES = {
 }
 """Files beside the page with what they are; missing ones are left out."""
 
-ORIGIN = ("delam_fem", "dolfinx", "petsc", "numpy", "engine", "outcome")
+ORIGIN = (
+    "delam_fem", "git_revision", "dolfinx", "petsc", "numpy", "numba", "blas", "processor", "host",
+    "command", "engine", "outcome",
+)  # fmt: skip
 """Attributes of the history with its origin."""
 
 

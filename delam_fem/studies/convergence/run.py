@@ -19,13 +19,13 @@ import zlib
 from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import asdict
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from delam_fem.case.atomic import write_text
 from delam_fem.case.toml import CaseError
 from delam_fem.results.folder import json_ready
+from delam_fem.results.provenance import provenance
 from delam_fem.simulation.interrupts import stop_signals
 from delam_fem.studies import executors
 from delam_fem.studies.convergence.analysis import Convergence
@@ -170,7 +170,7 @@ def _write(path: Path, found: Convergence) -> None:
         entries.append(ready | {"checksum": _checksum(ready)})
     content = {
         "title": f"convergence of case {found.ladder.case.name}",
-        **{name: version(name) for name in ("delam_fem", "numpy", "scipy", "numba")},
+        **provenance(),
         "engine": found.ladder.engine,
         "limit_steps": found.ladder.limit_steps,
         "identity": found.ladder.identity,

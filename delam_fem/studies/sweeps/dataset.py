@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from importlib.metadata import version
 from pathlib import Path
 
 import h5netcdf
@@ -17,6 +16,7 @@ import numpy.typing as npt
 
 from delam_fem.case.atomic import atomic_file
 from delam_fem.numerics.arrays import FloatArray
+from delam_fem.results.provenance import provenance
 from delam_fem.studies.sweeps.grid import DIRECTIONS, Dimension, Sweep
 from delam_fem.studies.sweeps.journal import Journal
 from delam_fem.studies.sweeps.point import Point
@@ -63,8 +63,7 @@ def write(
             coordinates=" ".join(_off_dimension(sweep, sizes)),
             sweep=sweep.to_toml("case.toml"),
             case=sweep.base.to_toml(),
-            delam_fem=version("delam_fem"),
-            numpy=np.__version__,
+            **provenance(),
             **attributes,
         )
 

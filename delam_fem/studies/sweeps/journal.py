@@ -11,7 +11,6 @@ import logging
 import sqlite3
 import zlib
 from collections.abc import Iterable, Iterator
-from importlib.metadata import version
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -20,6 +19,7 @@ import numpy as np
 
 from delam_fem.case.toml import CaseError
 from delam_fem.numerics.arrays import FloatArray
+from delam_fem.results.provenance import versions
 from delam_fem.simulation.loop import State
 from delam_fem.studies.sweeps.point import Done, Point
 
@@ -89,7 +89,7 @@ class Journal:
             for statement in filter(str.strip, _SCHEMA.split(";")):
                 run(statement)
             run("INSERT INTO about VALUES (?, ?)", (identity, _versions()))
-        found, versions = run("SELECT identity, versions FROM about").fetchone()
+        found, begun_with = run("SELECT identity, versions FROM about").fetchone()
         n_points = self.n_points
         if found == identity:
             self._remove_damaged()
@@ -105,8 +105,8 @@ class Journal:
                 "interrupted one, or choose another folder with -o DIR"
             )
 
-        if versions != _versions():
-            _log.warning("%s was begun with %s; its points are kept", self.path, versions)
+        if begun_with != _versions():
+            _log.warning("%s was begun with %s; its points are kept", self.path, begun_with)
 
     def _remove_damaged(self) -> None:
         """Remove points and states whose checksum does not fit; they are computed anew."""
@@ -219,5 +219,4 @@ def _is_damaged(row: tuple[object, ...]) -> bool:
 
 def _versions() -> str:
     """Return the versions on which the bits of the numbers depend."""
-    names = ("delam_fem", "numpy", "scipy", "numba")
-    return ", ".join(f"{name} {version(name)}" for name in names)
+    return ", ".join(f"{name} {number}" for name, number in versions().items())
