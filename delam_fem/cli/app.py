@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from delam_fem.cli.converge import register as register_convergence
-from delam_fem.cli.inputs import CaseArgument, Overwrite, Quiet, case_of, writable
+from delam_fem.cli.inputs import CaseArgument, Overwrite, Quiet, Yes, case_of
 from delam_fem.cli.paper import register as register_paper
 from delam_fem.cli.run import report_in_folder, run_in_folder
 from delam_fem.cli.sweep import register as register_sweeps
@@ -75,12 +75,16 @@ def run_command(
             help="Least time between two checkpoints (default: 30).",
         ),
     ] = None,
+    yes: Yes = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
     """Compute a case and write the results to DIR (default: runs/NAME)."""
     with reported(quiet, verbose):
         case = case_of(case_name, overrides)
+        from delam_fem.engines.cost import require_affordable, run_cost
+
+        require_affordable(run_cost(case, engine), f"case {case.name}", is_confirmed=yes)
         options: dict[str, Any] = {"engine": engine, "resume": resume}
         if seconds is not None:
             options["checkpoint_seconds"] = seconds
@@ -120,11 +124,13 @@ def compare_command(
     """Compare the matrices and motion of dolfinx and PETSc with an independent reference."""
     with reported(quiet):
         case = case_of(case_name, overrides)
-        directory = writable(output or Path("runs") / f"{case.name}-compare")
+        from delam_fem.case.claim import claimed
         from delam_fem.reference.compare import compare
 
-        comparison = compare(case, impacts=impacts, periods=periods)
-        paths = comparison.save(directory)
+        folder = output or Path("runs") / f"{case.name}-compare"
+        with claimed(folder, may_hold_results=True) as directory:
+            comparison = compare(case, impacts=impacts, periods=periods)
+            paths = comparison.save(directory)
         if not quiet:
             table("largest differences", ("what", "difference"), comparison.rows())
             say_files(paths)
@@ -148,12 +154,14 @@ def modes_command(
     """List natural frequencies; laminae that are apart are compared with the exact cantilever."""
     with reported(quiet):
         case = case_of(case_name, overrides)
-        directory = writable(output or Path("runs") / f"{case.name}-modes")
+        from delam_fem.case.claim import claimed
         from delam_fem.model.network import never_opens
         from delam_fem.studies.modes import Modes, modes
 
-        found = modes(case, count, delaminations=delaminations)
-        paths = found.save(directory)
+        folder = output or Path("runs") / f"{case.name}-modes"
+        with claimed(folder, may_hold_results=True) as directory:
+            found = modes(case, count, delaminations=delaminations)
+            paths = found.save(directory)
         if quiet:
             return
         whole = found.structure if isinstance(found, Modes) else found

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -47,22 +46,6 @@ def case_of(name: str, overrides: list[str] | None) -> Case:
             f"of {', '.join(PRESETS)}"
         )
     return preset(name, keys)
-
-
-def writable(directory: Path) -> Path:
-    """Make a folder and check that files can be written there, before anything is computed."""
-    from delam_fem.case.toml import CaseError
-
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=directory):
-            pass
-    except OSError as error:
-        raise CaseError(
-            f"output folder {directory}: cannot be written ({error.strerror}); choose another "
-            "with -o DIR"
-        ) from None
-    return directory
 
 
 def inputs_of(case: Case) -> list[Path]:

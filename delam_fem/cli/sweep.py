@@ -101,7 +101,14 @@ def diagram_command(
         if source.suffix == ".toml":
             going_on = resume, overwrite
             data, directory = _computed(
-                source, output, overrides, going_on, (workers, executor), quiet, yes=yes, again=False
+                source,
+                output,
+                overrides,
+                going_on,
+                (workers, executor),
+                quiet,
+                yes=yes,
+                again=False,
             )
         else:
             data, directory = _read(source, output)
@@ -132,7 +139,12 @@ def _computed(
     from delam_fem.case.overrides import parse_override
     from delam_fem.cli.progress import progress
     from delam_fem.studies.sweeps.grid import load_sweep
-    from delam_fem.studies.sweeps.run import is_complete, remove_results, run_sweep
+    from delam_fem.studies.sweeps.run import (
+        is_complete,
+        remove_results,
+        require_computable,
+        run_sweep,
+    )
 
     keys = dict(parse_override(text) for text in overrides or [])
     sweep = load_sweep(sweep_file, keys)
@@ -148,6 +160,7 @@ def _computed(
     )
     with claim, progress(Console(stderr=True, quiet=quiet)) as report:
         if overwrite:
+            require_computable(sweep, executor, workers, is_confirmed=yes)
             remove_results(directory)
         data = run_sweep(
             sweep,

@@ -20,6 +20,9 @@ DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 PATIENCE = 3.0
 """Time after which another process than the first tells its error [s]."""
 
+LONGEST = 1000
+"""Longest line of a message, in characters."""
+
 
 @contextmanager
 def reported(quiet: bool = False, verbose: bool = False) -> Iterator[None]:
@@ -56,6 +59,8 @@ def explained(error: BaseException) -> tuple[str, int] | None:
 
     if isinstance(error, CaseError):
         return str(error), BAD_INPUT
+    if isinstance(error, MemoryError):
+        return f"not enough memory ({error or 'no more is to be had'})", FAILED
     if isinstance(error, OSError):
         reason = error.strerror or str(error)
         return f"{error.filename or 'input or output'}: {reason}", FAILED
@@ -73,8 +78,16 @@ class _EchoHandler(logging.Handler):
 def fail(text: str, status: int) -> NoReturn:
     """Print a message to stderr and exit with a status."""
     let_the_first_speak()
-    typer.echo(f"delam-fem: {text}", err=True)
+    lines = f"delam-fem: {text}".splitlines()
+    typer.echo("\n".join(_shortened(line) for line in lines), err=True)
     raise typer.Exit(status)
+
+
+def _shortened(line: str) -> str:
+    """Return a line without the middle if it is very long, and without control characters."""
+    shown = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in line)
+    half = LONGEST // 2
+    return shown if len(shown) <= LONGEST else f"{shown[:half]} … {shown[-half:]}"
 
 
 def let_the_first_speak() -> None:

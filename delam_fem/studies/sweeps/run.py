@@ -25,6 +25,7 @@ from delam_fem.case.atomic import write_text
 from delam_fem.case.files import save_case
 from delam_fem.case.toml import CaseError
 from delam_fem.engines.cost import Cost, require_affordable, run_cost, step_hours
+from delam_fem.model.layout import Layout
 from delam_fem.simulation.interrupts import stop_signals
 from delam_fem.studies import executors
 from delam_fem.studies.executors import ExecutorName
@@ -91,11 +92,7 @@ def run_sweep(
     path = directory / RESULT
     if resume and is_complete(directory, sweep):
         return open_result(path)
-    layout = PointRunner(sweep).structure(sweep.case(0)).layout
-    wanted = quantities(sweep.file.record, layout)
-    cost = _cost(sweep, wanted, _n_workers(executor, workers))
-    what = f"sweep {sweep.file.name} of {sweep.n_points:g} points"
-    require_affordable(cost, what, is_confirmed=is_confirmed)
+    layout, wanted = require_computable(sweep, executor, workers, is_confirmed=is_confirmed)
     directory.mkdir(parents=True, exist_ok=True)
     with Journal(directory / JOURNAL, sweep.identity, resume=resume) as journal:
         save_case(sweep.base, directory)
@@ -111,6 +108,29 @@ def run_sweep(
     if has_all:
         (directory / JOURNAL).unlink()
     return open_result(path)
+
+
+def require_computable(
+    sweep: Sweep,
+    executor: Executor | ExecutorName | None,
+    workers: int | None,
+    *,
+    is_confirmed: bool,
+) -> tuple[Layout, tuple[Quantity, ...]]:
+    """Check the first point and the cost of a sweep before anything is written.
+
+    Returns:
+        The layout of the first point, and the quantities in a row.
+
+    Raises:
+        CaseError: the first point cannot be computed, or the sweep is large and not confirmed.
+    """
+    layout = PointRunner(sweep).structure(sweep.case(0)).layout
+    wanted = quantities(sweep.file.record, layout)
+    cost = _cost(sweep, wanted, _n_workers(executor, workers))
+    what = f"sweep {sweep.file.name} of {sweep.n_points:g} points"
+    require_affordable(cost, what, is_confirmed=is_confirmed)
+    return layout, wanted
 
 
 def _n_workers(executor: Executor | ExecutorName | None, workers: int | None) -> int:
