@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -162,15 +162,8 @@ def _computed(
         if overwrite:
             require_computable(sweep, executor, workers, is_confirmed=yes)
             remove_results(directory)
-        data = run_sweep(
-            sweep,
-            directory,
-            executor,
-            workers=workers,
-            resume=resume,
-            is_confirmed=yes,
-            progress=report,
-        )
+        options: dict[str, Any] = {"workers": workers, "resume": resume, "is_confirmed": yes}
+        data = run_sweep(sweep, directory, executor, progress=report, **options)
     _tell(data, sweep, quiet)
     return data, directory
 
