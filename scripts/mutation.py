@@ -107,7 +107,7 @@ def config() -> dict[str, Any]:
 
 
 def mutants_of(module: str, operators: Iterable[str]) -> list[Mutant]:
-    """Return the mutants of a module, without those of annotations, in a fixed order."""
+    """Return the mutants of a module, without those of annotations and decorators, in a fixed order."""
     from cosmic_ray.ast import ast_nodes, get_ast
     from cosmic_ray.plugins import get_operator, operator_names
 
@@ -127,9 +127,14 @@ def mutants_of(module: str, operators: Iterable[str]) -> list[Mutant]:
 
 
 def annotations(text: str) -> list[tuple[tuple[int, int], tuple[int, int]]]:
-    """Return the places (line, column) of annotations, which are never evaluated."""
+    """Return the places (line, column) of annotations, which are never evaluated.
+
+    Decorators count as well: whether a dataclass is frozen changes no number.
+    """
     found: list[ast.expr | None] = []
     for node in ast.walk(ast.parse(text)):
+        if isinstance(node, (ast.FunctionDef, ast.ClassDef)):
+            found += node.decorator_list
         if isinstance(node, ast.FunctionDef):
             found.append(node.returns)
         elif isinstance(node, (ast.arg, ast.AnnAssign)):

@@ -205,3 +205,13 @@ def test_points_on_a_grid_keep_its_shape() -> None:
     low[1, 2] = -2.0
     found = at.attractors(np.ones((2, 3)), low, high, strobes)
     assert found.number.tolist() == [[0, 0, 0], [0, 0, 1]]
+
+
+def test_cells_whose_attractor_no_neighbours_share_are_isolated() -> None:
+    """3 and 5 are shared side by side, 4 and 6 one above the other; -1 is no attractor."""
+    number = np.array([[3, 3, 1, 4], [0, 2, -1, 4], [6, 0, 1, 2], [6, 2, 5, 5]])
+    alone = np.isin(number, [0, 1, 2])
+    assert at.is_isolated(number).tolist() == alone.tolist()
+    assert at.is_isolated(number.T).tolist() == alone.T.tolist()
+    assert at.is_isolated(np.array([-1, 7, 8, 8, 7])).tolist() == [False, True, False, False, True]
+    assert at.is_isolated(np.array([1, 2])).tolist() == [True, True]

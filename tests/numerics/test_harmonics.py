@@ -66,3 +66,23 @@ def test_distortion_by_definition() -> None:
 def test_no_basic_oscillation_has_no_distortion(amplitudes: np.ndarray) -> None:
     assert np.isnan(total_harmonic_distortion(amplitudes)).tolist() == [True, True]
     assert np.isnan(distortion_factor(amplitudes)).tolist() == [True, True]
+
+
+@pytest.mark.parametrize("n", [5, 6, 7, 8, 9, 10])
+def test_every_bin_has_the_amplitude_that_was_put_in(n: int) -> None:
+    bins = np.arange(n // 2 + 1)
+    put_in = 1.0 + bins
+    samples = (put_in[:, None] * np.cos(2.0 * np.pi * bins[:, None] * np.arange(n) / n)).sum(axis=0)
+    np.testing.assert_allclose(amplitude_spectrum(samples), put_in, rtol=ROUND_OFF)
+    # harmonics of one period: all bins but the mean and Nyquist's
+    found = harmonic_amplitudes(samples, 1)
+    np.testing.assert_allclose(found, put_in[1 : (n + 1) // 2], rtol=ROUND_OFF)
+
+
+@pytest.mark.parametrize("shape", [(), (2,), (3, 2)])
+def test_distortion_of_any_shape(shape: tuple[int, ...]) -> None:
+    A = np.broadcast_to([4.0, 0.0, 3.0], (*shape, 3))
+    np.testing.assert_allclose(total_harmonic_distortion(A), np.full(shape, 0.75), rtol=1e-14)
+    np.testing.assert_allclose(distortion_factor(A), np.full(shape, 0.25), rtol=1e-14)
+    assert total_harmonic_distortion(np.zeros((*shape, 0))).shape == shape
+    assert np.isnan(total_harmonic_distortion(np.zeros((*shape, 0)))).all()
