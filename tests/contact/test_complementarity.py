@@ -190,3 +190,20 @@ def test_pairs_that_no_impulse_can_part_are_told() -> None:
     W = np.array([[1.0, -1.0], [-1.0, 1.0]])
     with pytest.raises(ArithmeticError, match="no impulses can part these pairs"):
         solve(W, np.array([-1.0, -1.0]))
+
+
+@pytest.mark.parametrize("n_pairs", [8, 15])
+@pytest.mark.parametrize("seed", range(4))
+def test_many_pairs_that_enter_and_leave_the_active_set(n_pairs: int, seed: int) -> None:
+    """W of long beams has neighbours that are nearly alike; some pairs approach, some part."""
+    rng = np.random.default_rng(seed)
+    x = np.linspace(0.2, 1.0, n_pairs)
+    W = np.minimum.outer(x, x) ** 2 * (3.0 * np.maximum.outer(x, x) - np.minimum.outer(x, x)) / 6.0
+    W += 0.02 * np.eye(n_pairs) * W.max()
+    q = rng.normal(size=n_pairs)
+    p = solve(W, q)
+    residual, speed = W @ p + q, np.abs(q).max()
+    assert p.min() >= 0.0
+    assert 0 < np.count_nonzero(p) < n_pairs
+    assert residual.min() >= -ROUND_OFF * speed
+    assert np.abs(residual[p > 0.0]).max() <= ROUND_OFF * speed

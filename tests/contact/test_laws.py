@@ -48,3 +48,35 @@ def test_only_laws_with_springs_have_one() -> None:
         "newton-penalty": (5.0, 0.0),
         "penalty": (5.0, 2.0),
     }
+
+
+def test_a_law_of_the_table_acts_through_the_mass_and_has_no_numbers_unless_told() -> None:
+    plain = Law("newton-penalty")
+    assert (plain.restitution, plain.spring, plain.threshold_velocity) == (0.0, (0.0, 0.0), 0.0)
+    assert plain.is_coupled
+    assert not Law("newton", impulse="lumped").is_coupled
+
+
+def test_a_supervisor_has_the_numbers_of_its_law() -> None:
+    """Two pairs, W = [[2, 1], [1, 2]], both with -1 m/s."""
+    W = np.array([[2.0, 1.0], [1.0, 2.0]])
+    closed = seen([-1.0, -1.0], [-1.0, -1.0])
+
+    def impact(law: Law, scheme: str) -> tuple[list[float], list[bool] | None]:
+        decision = law.supervisor(SCHEMES[scheme], setting(W)).examine(closed)
+        assert decision is not None
+        resting = None if decision.resting is None else decision.resting.tolist()
+        return decision.impulses.tolist(), resting
+
+    numbers = {"restitution": 0.5, "threshold_velocity": 0.75}
+    lumped, coupled = [0.75, 0.75], pytest.approx([0.5, 0.5])
+    assert impact(Law("newton", impulse="lumped", **numbers), "newmark") == (lumped, None)
+    assert impact(Law("newton", **numbers), "newmark") == (coupled, None)
+    rests = [True, True]
+    assert impact(Law("newton-penalty", impulse="lumped", **numbers), "newmark") == (lumped, rests)
+    assert impact(Law("newton-penalty", **numbers), "central-difference") == (coupled, rests)
+    slower = {"restitution": 0.5, "threshold_velocity": 0.25}
+    assert impact(Law("newton-penalty", **slower), "newmark") == (coupled, None)
+    assert impact(Law("newton", **numbers), "moreau-jean") == (coupled, [False, False])
+    numbers["threshold_velocity"] = 1.25
+    assert impact(Law("newton", **numbers), "moreau-jean") == (coupled, rests)

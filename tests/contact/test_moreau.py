@@ -29,3 +29,45 @@ def test_open_pairs_are_left_alone() -> None:
 def test_a_closed_pair_that_leaves_fast_enough_is_left_alone() -> None:
     assert law(1).examine(seen([-1.0], [-1.0], free=[E])) is None
     assert law(1).examine(seen([-1.0], [-1.0], free=[0.99 * E])) is not None
+
+
+def test_a_predicted_gap_of_exactly_zero_is_closed() -> None:
+    decision = law(2).examine(seen([0.0, 1e-12], [-1.0, -1.0], free=[-1.0, -1.0]))
+    assert decision is not None
+    assert decision.hit.tolist() == [0]
+    assert decision.impulses == pytest.approx([1.0 + E])
+
+
+def test_pairs_that_influence_one_another_are_solved_together() -> None:
+    """The second, slow, is thrown open by the first and receives nothing."""
+    W = np.array([[2.0, 1.0, 0.3], [1.0, 2.0, 0.2], [0.3, 0.2, 1.0]])
+    supervisor = StepImpacts(setting(W), restitution=E, resting_velocity=GAMMA)
+    alone = supervisor.examine(seen([-1.0, -1.0, 1.0], [-1.0, -0.1, -9.0], free=[-1.2, -0.1, -9.0]))
+    assert alone is not None
+    assert alone.hit.tolist() == [0]
+    assert alone.impulses == pytest.approx([(1.2 + E) / 2.0])
+    assert alone.rate_pre.tolist() == [-1.0]
+    assert alone.rate_post == pytest.approx([E])
+    rates, free = np.array([-1.0, -0.8]), np.array([-1.2, -0.9])
+    both = supervisor.examine(seen([-1.0, -1.0, 1.0], [*rates, -9.0], free=[*free, -9.0]))
+    assert both is not None
+    assert both.impulses == pytest.approx(np.linalg.solve(W[:2, :2], -(free + E * rates)))
+    assert both.rate_post == pytest.approx(-E * rates)
+
+
+@pytest.mark.parametrize(("rate", "rests"), [(-GAMMA, False), (-0.99 * GAMMA, True), (0.1, True)])
+def test_a_pushed_pair_rests_if_it_approached_slower_than_the_threshold(
+    rate: float, rests: bool
+) -> None:
+    decision = law(2).examine(seen([1.0, -1.0], [0.0, rate], free=[0.0, -1.0]))
+    assert decision is not None
+    assert decision.resting is not None
+    assert decision.resting.tolist() == [False, rests]
+
+
+def test_without_a_threshold_a_pair_that_stands_still_does_not_rest() -> None:
+    supervisor = StepImpacts(setting(np.eye(1)), restitution=E)
+    decision = supervisor.examine(seen([-1.0], [0.0], free=[-1.0]))
+    assert decision is not None
+    assert decision.resting is not None
+    assert decision.resting.tolist() == [False]

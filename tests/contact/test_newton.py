@@ -48,7 +48,8 @@ def test_slow_pairs_stay_on_a_spring_and_are_not_hit_again() -> None:
 def test_an_opened_pair_is_released_and_may_be_hit_later() -> None:
     decision = law().examine(seen([1e-9, -1e-9, 1.0], [1.0, -3.0, 0.0], [True, True, False]))
     assert decision is not None
-    assert decision.hit.size == 0
+    assert decision.hit.size == decision.impulses.size == 0
+    assert decision.rate_pre.size == decision.rate_post.size == 0
     assert decision.resting is not None
     assert decision.resting.tolist() == [False, True, False]
     again = law().examine(seen([-1e-9, -1e-9, 1.0], [-1.0, -3.0, 0.0], [False, True, False]))
@@ -108,3 +109,32 @@ def test_coupled_impulses_fulfil_the_law(
     assert (slack >= -ROUND_OFF * scale).all()
     assert np.abs(p * slack).max() <= ROUND_OFF * scale * np.abs(p).max()
     assert p @ (pre + post) / 2 <= ROUND_OFF * scale**2  # energy never grows
+
+
+def test_a_closed_pair_at_rest_or_parting_is_not_hit() -> None:
+    assert law().examine(seen([-1e-9, -1e-9, 1.0], [0.0, 1.0, -1.0])) is None
+
+
+def test_a_resting_pair_at_a_gap_of_exactly_zero_stays() -> None:
+    assert law().examine(seen([0.0, 1.0, 1.0], [1.0, 0.0, 0.0], [True, False, False])) is None
+
+
+def test_coupled_pairs_know_of_one_another_and_rest_by_their_rate_after() -> None:
+    """W = diag(1, 2, 3) + 1/2: two pairs are hit with 1 and 0.03 m/s, then with 0.035 m/s."""
+    W = np.diag([1.0, 2.0, 3.0]) + 0.5
+    rates = np.array([-1.0, -0.03, -5.0])
+    decision = law(coupled=True).examine(seen([-1e-9, -1e-9, 1.0], rates.tolist()))
+    assert decision is not None
+    pair = W[:2, :2]
+    impulses = np.linalg.solve(pair, -(1.0 + E) * rates[:2])
+    assert impulses.min() < 0.0  # the first throws the second open: it receives nothing
+    assert decision.impulses == pytest.approx([(1.0 + E) / 1.5, 0.0])
+    assert decision.rate_pre.tolist() == rates[:2].tolist()
+    post = rates[:2] + pair @ decision.impulses
+    assert decision.rate_post == pytest.approx(post)
+    assert decision.resting is None
+    both = law(coupled=True).examine(seen([-1e-9, -1e-9, 1.0], [-0.035, -0.035, 0.0]))
+    assert both is not None
+    assert both.rate_post == pytest.approx([E * 0.035, E * 0.035])
+    assert both.resting is not None
+    assert both.resting.tolist() == [True, True, False]

@@ -20,3 +20,10 @@ def test_penalty_puts_a_spring_on_every_closed_pair() -> None:
 def test_penalty_says_nothing_while_the_same_pairs_are_closed() -> None:
     same = seen([-1.0, 1.0, -1.0], [1.0, 0.0, -1.0], [True, False, True])
     assert PenaltySprings().examine(same) is None
+
+
+def test_a_gap_of_exactly_zero_is_closed_and_an_open_one_loses_its_spring() -> None:
+    decision = PenaltySprings().examine(seen([0.0, 1e-12], [-1.0, -1.0], [False, True]))
+    assert decision is not None
+    assert decision.resting is not None
+    assert decision.resting.tolist() == [True, False]

@@ -102,6 +102,7 @@ def test_no_strike_in_smooth_signals_that_part() -> None:
         ({"velocities": np.zeros((2, 9))}, r"two signals of the 10 samples"),
         ({"time": np.arange(10.0) ** 2}, "equidistant"),
         ({"time": -np.arange(10.0)}, "increasing equidistant"),
+        ({"time": np.full(10, 3.0)}, "increasing equidistant"),
         ({"fit_samples": 0}, "at least 1, given 1 and 0"),
         ({"fit_samples": 5}, "at least 11 samples, given 10"),
     ],
@@ -117,3 +118,103 @@ def test_parting_bodies_and_impossible_masses_are_told() -> None:
         restitution((0.0, 1.0), (0.0, 2.0))
     with pytest.raises(ValueError, match=r"mass ratio m1/m2: .* given -1"):
         restitution_by_body((1.0, 0.0), (0.0, 1.0), -1.0)
+
+
+@pytest.mark.parametrize("rate", [0.0, 0.5])
+def test_bodies_that_do_not_approach_are_told(rate: float) -> None:
+    with pytest.raises(ValueError, match="approach one another"):
+        restitution((0.0, rate), (0.0, 2.0))
+    with pytest.raises(ValueError, match="approach one another"):
+        restitution_by_body((0.0, rate), (0.0, 2.0), 1.0)
+    with pytest.raises(ValueError, match="mass ratio m1/m2: expected a number above 0"):
+        restitution_by_body((1.0, 0.0), (0.0, 1.0), 0.0)
+
+
+def steady(n: int, *jumps: tuple[int, float]) -> tuple[np.ndarray, np.ndarray]:
+    """Return a first body at rest and a second with -1 m/s whose velocity jumps after samples."""
+    t, v = 0.25 * np.arange(n), np.zeros((2, n))
+    v[1] = -1.0
+    for after, by in jumps:
+        v[1, after + 1 :] += by
+    return t, v
+
+
+@pytest.mark.parametrize(
+    ("after", "is_found"), [(0, False), (1, False), (2, True), (6, True), (7, False), (8, False)]
+)
+def test_a_strike_needs_its_samples_on_both_sides(after: int, is_found: bool) -> None:
+    """Ten samples, three of them on each side of the jump."""
+    found = identify(*steady(10, (after, 1.5)), 1.0, fit_samples=3)
+    assert [s.time for s in found] == ([0.25 * (after + 0.5)] if is_found else [])
+    assert [s.restitution for s in found] == pytest.approx([0.5] if is_found else [])
+
+
+@pytest.mark.parametrize("fit", [2, 3])
+def test_the_fewest_samples_that_have_a_strike(fit: int) -> None:
+    t, v = steady(2 * fit + 1, (fit - 1, 1.5))
+    assert len(identify(t, v, 1.0, fit_samples=fit)) == 1
+    with pytest.raises(ValueError, match=f"at least {2 * fit + 1} samples, given {2 * fit}"):
+        identify(t[:-1], v[:, :-1], 1.0, fit_samples=fit)
+
+
+def test_bodies_that_part_by_the_time_of_the_jump_do_not_strike() -> None:
+    """The gap rate rises steadily by 0.4 m/s a sample, through 0 before the jump after sample 4."""
+    t = np.arange(12.0)
+    rate = -1.7 + 0.4 * t
+    rate[5:] += 3.0
+    assert rate[4] < 0.0 < rate[4] + 0.5 * 0.4
+    assert identify(t, np.stack([0.0 * t, rate]), 1.0) == ()
+
+
+@pytest.mark.parametrize(("second", "found"), [(0.19, 1), (0.21, 2)])
+def test_small_jumps_count_from_a_share_of_the_largest(second: float, found: int) -> None:
+    t, v = steady(40, (10, 1.0), (25, second))
+    v[1] -= 1.0
+    assert len(identify(t, v, 1.0, smallest_jump=0.2)) == found
+    assert len(identify(t, v, 1.0, smallest_jump=1.0)) == 1
+
+
+@pytest.mark.parametrize(("apart", "found"), [(3.75, 2), (3.76, 1)])
+def test_strikes_closer_than_asked_are_one_the_larger(apart: float, found: int) -> None:
+    """The jumps are 15 samples of 0.25 s apart."""
+    t, v = steady(40, (10, 0.5), (25, 1.0))
+    v[1] -= 1.0
+    strikes = identify(t, v, 1.0, apart=apart)
+    assert len(strikes) == found
+    assert strikes[-1].time == pytest.approx(0.25 * 25.5)
+
+
+@pytest.mark.parametrize(("distance", "found"), [(3, 1), (4, 2)])
+def test_strikes_do_not_share_samples(distance: int, found: int) -> None:
+    """Three samples of a line and one interval of a jump lie between two strikes."""
+    t, v = steady(40, (10, 0.5), (10 + distance, 1.0))
+    v[1] -= 1.0
+    assert len(identify(t, v, 1.0, fit_samples=3)) == found
+
+
+def test_one_sample_is_taken_as_it_is_and_lines_are_extrapolated_to_the_middle() -> None:
+    t = np.arange(10.0)
+    v = np.stack([0.0 * t, -2.0 + 0.1 * t])
+    v[1, 5:] += 3.0
+    (single,) = identify(t, v, 1.0, fit_samples=1)
+    assert (single.before[1], single.after[1]) == pytest.approx((-1.6, 1.5))
+    (line,) = identify(t, v, 1.0, fit_samples=3)
+    assert (line.before[1], line.after[1]) == pytest.approx((-1.55, 1.45))
+    assert line.time == 4.5
+
+
+@pytest.mark.parametrize(("error", "is_refused"), [(0.9e-6, False), (1.2e-6, True)])
+def test_instants_may_be_uneven_by_a_millionth_of_a_step(error: float, is_refused: bool) -> None:
+    t, v = steady(1001, (500, 1.5))
+    t[700:] += 0.25 * error
+    if is_refused:
+        with pytest.raises(ValueError, match="equidistant"):
+            identify(t, v, 1.0)
+    else:
+        assert len(identify(t, v, 1.0)) == 1
+
+
+@pytest.mark.parametrize(("jump", "fit"), [(0, 3), (1, 0), (-1, 3)])
+def test_numbers_of_samples_below_one_are_told(jump: int, fit: int) -> None:
+    with pytest.raises(ValueError, match=f"at least 1, given {jump} and {fit}"):
+        identify(*steady(20), 1.0, jump_samples=jump, fit_samples=fit)
