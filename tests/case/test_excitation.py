@@ -27,7 +27,16 @@ MOTIONS = [
 ]
 
 
-@pytest.mark.parametrize("motion", MOTIONS, ids=str)
+OF_ACCELERATION = [
+    SweptMotion(0.5, 4.0, T, 0.0, acceleration=2.0),
+    SweptMotion(4.0, 0.5, T, 0.0, acceleration=2.0),
+    SweptMotion(0.5, 4.0, T, 0.0, logarithmic=True, acceleration=2.0),
+    SweptMotion(4.0, 0.5, T, 0.0, logarithmic=True, acceleration=2.0),
+]
+"""Sweeps whose displacement falls with the square of the frequency."""
+
+
+@pytest.mark.parametrize("motion", [*MOTIONS, *OF_ACCELERATION], ids=str)
 @pytest.mark.parametrize("column", [0, 1])
 def test_each_column_is_the_derivative_of_the_one_before(motion: BaseMotion, column: int) -> None:
     t = np.concatenate([np.linspace(0.01, T - 0.01, 199), np.linspace(T + 0.01, T + 0.5, 21)])
@@ -42,6 +51,15 @@ def test_phase_is_the_integral_of_the_frequency(motion: BaseMotion) -> None:
         turns, _ = quad(motion.instantaneous_frequency, 0.0, end, epsabs=1e-12)
         displacement = motion.states(np.array([end]))[0, 0]
         assert displacement == pytest.approx(A * math.sin(2 * math.pi * turns), abs=1e-9 * A)
+
+
+@pytest.mark.parametrize("motion", OF_ACCELERATION, ids=str)
+def test_displacement_of_a_given_acceleration(motion: SweptMotion) -> None:
+    for end in (0.7, 6.3, T, T + 0.4):
+        turns, _ = quad(motion.instantaneous_frequency, 0.0, end, epsabs=1e-12, points=[T])
+        omega = 2.0 * math.pi * float(motion.instantaneous_frequency(end))
+        expected = 2.0 / omega**2 * math.sin(2.0 * math.pi * turns)
+        assert motion.states(np.array([end]))[0, 0] == pytest.approx(expected, abs=1e-9)
 
 
 def test_harmonic_motion_is_the_sine() -> None:

@@ -276,3 +276,69 @@ def test_periodicity_is_relative_to_half_the_range_of_the_window(
     assert summary["periodicity"] == expected
     if expected:
         assert summary["strobe_scatter"] == pytest.approx(scatter, rel=1e-3)  # of the samples
+
+
+@pytest.mark.parametrize(("apart", "contacts"), [(0.045, 1.0), (0.05, 2.0)])
+def test_a_twentieth_of_a_period_parts_contacts(apart: float, contacts: float) -> None:
+    case = small_case()
+    strikes = tuple(k + 0.25 + shift for k in range(WINDOW) for shift in (0.0, apart))
+    summary = diagnostics.summary(synthetic_history(case, tip_strikes=strikes), case)
+    assert summary["tip_contacts_per_period"] == contacts
+
+
+@pytest.mark.parametrize(
+    ("strike", "steps"),
+    [(0.0, []), (1 / STEPS, [0]), (WINDOW, [WINDOW * STEPS - 1]), (WINDOW + 1 / STEPS, [])],
+)
+def test_impacts_count_in_the_window_alone(strike: float, steps: list[int]) -> None:
+    history = synthetic_history(small_case(), tip_strikes=(strike,))
+    assert np.flatnonzero(diagnostics.tip_closed(history)).tolist() == steps
+
+
+def test_a_gap_of_exactly_zero_is_closed() -> None:
+    motion = diagnostics.ProbeMotion(
+        np.array([[1.0, 1.0, 1.0], [0.0, -0.5, -0.25]]),
+        np.zeros((2, 0)),
+        np.array([1.25]),
+        np.array([[True, False, False]]),
+        1,
+    )
+    assert motion.gap.tolist() == [0.25, -0.25, 0.0]
+    assert motion.is_closed.tolist() == [[True, True, True]]
+
+
+def test_whole_periods_are_the_last_ones() -> None:
+    case = small_case()
+    history = synthetic_history(case)
+    motion = diagnostics.ProbeMotion.of(history)
+    assert motion.whole_periods(STEPS).shape == (2, WINDOW * STEPS)
+    cut = motion.whole_periods(300)
+    assert cut.tolist() == motion.displacement[:, -600:].tolist()
+    short = history.isel(time=slice(0, STEPS - 1))
+    assert diagnostics.window_harmonics(short, case) is None
+    assert diagnostics.last_periods(short, case).sizes["time"] == 0
+    assert diagnostics.last_periods(short, case, 3).sizes["time"] == STEPS - 1
+    assert diagnostics.last_periods(history, case, 2)["time"][0] == history["time"][2 * STEPS]
+
+
+def test_rates_per_period_are_those_of_the_window() -> None:
+    case = small_case()
+    history = synthetic_history(case).isel(time=slice(0, 2 * STEPS + STEPS // 2))
+    summary = diagnostics.summary(history, case)
+    assert summary["impacts_per_period"] == 8 / 2.5
+    assert summary["tip_contacts_per_period"] == 3 / 2.5
+
+
+def test_ten_periods_of_a_portrait_unless_told() -> None:
+    case = small_case()
+    history = synthetic_history(case)
+    assert diagnostics.phase_portrait(history, case).shape == (2, 2, WINDOW * STEPS)
+    assert diagnostics.phase_portrait(history, case, 1).shape == (2, 2, STEPS)
+
+
+@pytest.mark.parametrize(("n", "expected"), [(1, None), (2, 1), (3, 1)])
+def test_a_period_must_be_seen_twice(n: int, expected: int | None) -> None:
+    assert diagnostics.periodicity(np.ones((2, n)), np.ones(2))[0] == expected
+    doubled = np.tile([0.0, 1.0], (2, 2))
+    assert diagnostics.periodicity(doubled, np.ones(2)) == (2, 0.0)
+    assert diagnostics.periodicity(doubled[:, :3], np.ones(2)) == (None, None)
