@@ -37,6 +37,9 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
+Place = tuple[tuple[int, int], tuple[int, int]]
+"""Line and column where something begins and after its end."""
+
 ROOT = Path(__file__).parents[1]
 CONFIG = ROOT / "scripts" / "mutation.toml"
 TIMES = 5.0
@@ -75,6 +78,11 @@ class Mutant:
     operator: str
     occurrence: int
 
+    @property
+    def key(self) -> str:
+        """Operator and occurrence: its name within the module."""
+        return f"{self.operator} {self.occurrence}"
+
 
 @dataclass
 class Measured:
@@ -106,42 +114,46 @@ def config() -> dict[str, Any]:
 # -- mutants ---------------------------------------------------------------------------------------
 
 
-def mutants_of(module: str, operators: Iterable[str]) -> list[Mutant]:
-    """Return the mutants of a module, without those of annotations and decorators, in a fixed order."""
+def mutants_of(module: str, operators: Iterable[str]) -> tuple[list[Mutant], set[Mutant]]:
+    """Return the mutants of a module in a fixed order, and those of them in decorators.
+
+    Annotations have none: they are never evaluated.
+    """
     from cosmic_ray.ast import ast_nodes, get_ast
     from cosmic_ray.plugins import get_operator, operator_names
 
     pattern = re.compile("|".join(f"core/{name}$" for name in operators))
     text = (ROOT / module).read_text(encoding="utf-8")
-    nodes, types = list(ast_nodes(get_ast(text))), annotations(text)
-    found = []
+    nodes, (types, decorators) = list(ast_nodes(get_ast(text))), annotations(text)
+    found, decorating = [], set()
     for name in filter(pattern.match, operator_names()):
         operator = get_operator(name)()
         places = (place for node in nodes for place in operator.mutation_positions(node))
-        found += [
-            Mutant(module, name, occurrence)
-            for occurrence, (start, _) in enumerate(places)
-            if not any(begin <= start < end for begin, end in types)
-        ]
-    return sorted(found)
+        for occurrence, (start, _) in enumerate(places):
+            if not any(begin <= start < end for begin, end in types):
+                found.append(Mutant(module, name, occurrence))
+            if any(begin <= start < end for begin, end in decorators):
+                decorating.add(found[-1])
+    return sorted(found), decorating
 
 
-def annotations(text: str) -> list[tuple[tuple[int, int], tuple[int, int]]]:
-    """Return the places (line, column) of annotations, which are never evaluated.
-
-    Decorators count as well: whether a dataclass is frozen changes no number.
-    """
-    found: list[ast.expr | None] = []
+def annotations(text: str) -> tuple[list[Place], list[Place]]:
+    """Return the places of annotations and of decorators."""
+    types: list[ast.expr | None] = []
+    decorators: list[ast.expr] = []
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, (ast.FunctionDef, ast.ClassDef)):
-            found += node.decorator_list
+            decorators += node.decorator_list
         if isinstance(node, ast.FunctionDef):
-            found.append(node.returns)
+            types.append(node.returns)
         elif isinstance(node, (ast.arg, ast.AnnAssign)):
-            found.append(node.annotation)
-    return [
-        ((a.lineno, a.col_offset), (a.end_lineno or 0, a.end_col_offset or 0)) for a in found if a
-    ]
+            types.append(node.annotation)
+    return [_place(node) for node in types if node], [_place(node) for node in decorators]
+
+
+def _place(node: ast.expr) -> Place:
+    """Return the first line and column of a node, and those after its end."""
+    return (node.lineno, node.col_offset), (node.end_lineno or 0, node.end_col_offset or 0)
 
 
 def sampled(mutants: list[Mutant], size: int, seed: int) -> list[Mutant]:
@@ -272,16 +284,17 @@ def measure(
     known = {m.module: m for m in read(file)}
     todo: list[Mutant] = []
     for module in chosen:
-        mutants = mutants_of(module, given["operators"])
+        mutants, decorating = mutants_of(module, given["operators"])
         digest = sha256((ROOT / module).read_bytes()).hexdigest()[:16]
         before = known.get(module)
         drawn = sampled(mutants, given["sample"], given["seed"])
+        drawn = [m for m in drawn if m not in decorating]  # a class frozen or not: same numbers
+        kept: dict[str, str] = {}
         if again and before is not None and before.digest == digest:
-            kept = {k: r for k, r in before.results.items() if r in ("killed", "timeout")}
-            drawn = [m for m in drawn if f"{m.operator} {m.occurrence}" not in kept]
-        else:
-            kept = {}
-        known[module] = Measured(module, digest, len(mutants), kept)
+            killed = {k: r for k, r in before.results.items() if r in ("killed", "timeout")}
+            kept = {m.key: killed[m.key] for m in drawn if m.key in killed}
+            drawn = [m for m in drawn if m.key not in kept]
+        known[module] = Measured(module, digest, len(mutants) - len(decorating), kept)
         todo += drawn
     with (
         tempfile.TemporaryDirectory() as place,
@@ -295,7 +308,7 @@ def measure(
         }
         tasks = [(m, chosen[m.module], limits[m.module]) for m in todo]
         for n, (mutant, result) in enumerate(pool.imap_unordered(_test, tasks), 1):
-            known[mutant.module].results[f"{mutant.operator} {mutant.occurrence}"] = result
+            known[mutant.module].results[mutant.key] = result
             if result != "killed":
                 print(f"{n}/{len(tasks)} {mutant.module}: {result}", flush=True)
             if n % 20 == 0 or n == len(tasks):

@@ -10,6 +10,12 @@ from project import ROOT, script
 mutation = script("mutation")
 
 TEXT = """
+@dataclass(frozen=True)
+class A:
+    pass
+
+
+@cache
 def f(a: int | None, b: float = 1.0) -> list[float] | None:
     c: int | bool = a | 2
     return [b + c]
@@ -35,10 +41,14 @@ def test_every_module_of_the_pure_folders_is_measured(folder: str) -> None:
         assert not has_logic or f"delam_fem/{folder}/{path.name}" in measured, path
 
 
-def test_annotations_are_found() -> None:
+def test_annotations_and_decorators_are_found() -> None:
     lines = TEXT.splitlines()
-    found = {lines[start[0] - 1][start[1] : end[1]] for start, end in mutation.annotations(TEXT)}
-    assert found == {"int | None", "float", "list[float] | None", "int | bool"}
+    types, decorators = (
+        {lines[start[0] - 1][start[1] : end[1]] for start, end in places}
+        for places in mutation.annotations(TEXT)
+    )
+    assert types == {"int | None", "float", "list[float] | None", "int | bool"}
+    assert decorators == {"dataclass(frozen=True)", "cache"}
 
 
 def test_samples_are_drawn_once_and_the_same_each_time() -> None:
