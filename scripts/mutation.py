@@ -306,6 +306,7 @@ def measure(
             module: TIMES * taken + given["slack_seconds"]
             for module, taken in zip(modules, seconds, strict=True)
         }
+        random.Random(given["seed"]).shuffle(todo)  # a run that is stopped has a fair sample
         tasks = [(m, chosen[m.module], limits[m.module]) for m in todo]
         for n, (mutant, result) in enumerate(pool.imap_unordered(_test, tasks), 1):
             known[mutant.module].results[mutant.key] = result
