@@ -19,6 +19,12 @@ from delam_fem.numerics.arrays import FloatArray
 TOLERANCE = 1e-13
 """A residual below this number times the largest |q| is round-off (for a few dozen pairs)."""
 
+SINGULAR = 1e-13
+"""A pivot below this number times the diagonal entry of W is round-off: the pair is redundant."""
+
+CHANCES = 3
+"""Exchanges of several pairs that may fail to reduce the number of pairs on the wrong side."""
+
 UNSOLVABLE = 1e-4
 """A residual above this number times the largest |q| is an error; nearly equal pairs reach 1e-6."""
 
@@ -141,6 +147,146 @@ def solve_into(W, q, p):  # type: ignore[no-untyped-def]
     if _solve_all(W, q, p):
         return True
     return _active_set(W, q, p, TOLERANCE * np.max(np.abs(q))) >= 0
+
+
+@njit
+def _factorise_among(W, stride, pairs, active, m, factor):  # type: ignore[no-untyped-def]
+    """Write the Cholesky factor of W_AA, with inverse diagonal; return False if it is singular."""
+    for i in range(m):
+        row, first = pairs[active[i]] * stride, i * stride
+        for j in range(i + 1):
+            value = W[row + pairs[active[j]]]
+            for k in range(j):
+                value -= factor[first + k] * factor[j * stride + k]
+            if i == j:
+                if value <= SINGULAR * W[row + pairs[active[i]]]:
+                    return False
+                factor[first + i] = 1.0 / np.sqrt(value)
+            else:
+                factor[first + j] = value * factor[j * stride + j]
+    return True
+
+
+@njit
+def _solve_among(stride, q, active, m, factor, trial):  # type: ignore[no-untyped-def]
+    """Solve W_AA s = -q_A with the factor of W_AA."""
+    for i in range(m):
+        value = -q[active[i]]
+        for k in range(i):
+            value -= factor[i * stride + k] * trial[k]
+        trial[i] = value * factor[i * stride + i]
+    for i in range(m - 1, -1, -1):
+        value = trial[i] * factor[i * stride + i]
+        trial[i] = value
+        for k in range(i):
+            trial[k] -= factor[i * stride + k] * value
+
+
+@njit
+def _renew_factor(W, stride, pairs, active, m, factor, members):  # type: ignore[no-untyped-def]
+    """Make the factor that of the active pairs, unless it is; return False if W_AA is singular."""
+    is_same = members[stride] == m
+    for i in range(m):
+        is_same &= members[i] == pairs[active[i]]
+    if is_same:
+        return True
+    members[stride] = -1
+    if not _factorise_among(W, stride, pairs, active, m, factor):
+        return False
+    for i in range(m):
+        members[i] = pairs[active[i]]
+    members[stride] = m
+    return True
+
+
+@njit
+def _violations(W, stride, pairs, q, n, active, m, trial, is_wrong, limit):  # type: ignore[no-untyped-def]
+    """Mark the pairs that should change sides: pulled, or closing; return how many they are."""
+    count, i = 0, 0
+    for j in range(n):
+        if i < m and active[i] == j:
+            is_wrong[j] = 1 if trial[i] < 0.0 else 0
+            i += 1
+        else:
+            row, residual = pairs[j] * stride, q[j]
+            for k in range(m):
+                residual += W[row + pairs[active[k]]] * trial[k]
+            is_wrong[j] = 1 if residual < -limit else 0
+        count += is_wrong[j]
+    return count
+
+
+@njit
+def _exchange(n, active, m, is_wrong, only_last):  # type: ignore[no-untyped-def]
+    """Let marked pairs change sides, or only the last; return the number of active pairs."""
+    last = n - 1
+    if only_last:
+        while not is_wrong[last]:
+            last -= 1
+        for j in range(last):
+            is_wrong[j] = 0
+    i = kept = 0
+    for j in range(n):  # from here on the marks are those of the pairs that are active next
+        was_active = i < m and active[i] == j
+        i += was_active
+        is_wrong[j] = 1 if was_active != (is_wrong[j] != 0) else 0
+    for j in range(n):
+        if is_wrong[j]:
+            active[kept] = j
+            kept += 1
+    return kept
+
+
+@njit
+def solve_again(W, stride, pairs, n, q, p, memory):  # type: ignore[no-untyped-def]
+    """Solve for some pairs, beginning with those that were active last time; return the success.
+
+    Block principal pivoting: all pairs on the wrong side change it at once; if that does not help
+    three times, only the last one does, which always ends (Murty). The impulses depend on the final
+    set alone, not on the way to it, so that a run continued from a file has the same bits. If W_AA
+    is singular, use `solve_into`.
+
+    Args:
+        W: symmetric positive definite, with `stride` rows and columns, flat.
+        stride: number of all pairs.
+        pairs: the pairs in question, increasing, the first n entries.
+        n: number of these pairs.
+        q: their right-hand sides, the first n entries.
+        p: result, the first n entries.
+        memory: arrays that are kept from call to call: `was_active`, shape (stride,); `factor`,
+            shape (stride²,), of the pairs `members`, shape (stride + 1,), whose last entry is their
+            number; `active`, `trial`, `is_wrong`, each of shape (stride,).
+
+    Source:
+        J. J. Júdice, F. M. Pires, A block principal pivoting algorithm for large-scale strictly
+        monotone linear complementarity problems, Comput. Oper. Res. 21 (1994).
+    """
+    active, trial, is_wrong = memory.active, memory.trial, memory.is_wrong
+    largest, m, fewest, chances = 0.0, 0, n + 1, CHANCES
+    for j in range(n):
+        largest = max(largest, abs(q[j]))
+        if memory.was_active[pairs[j]]:
+            active[m] = j
+            m += 1
+    limit = TOLERANCE * largest
+    for _ in range(3 * n + 10):
+        if not _renew_factor(W, stride, pairs, active, m, memory.factor, memory.members):
+            return False
+        _solve_among(stride, q, active, m, memory.factor, trial)
+        count = _violations(W, stride, pairs, q, n, active, m, trial, is_wrong, limit)
+        if count == 0:
+            for k in range(stride):
+                memory.was_active[k] = 0
+            for j in range(n):
+                p[j] = 0.0
+            for i in range(m):
+                p[active[i]] = trial[i]
+                memory.was_active[pairs[active[i]]] = 1
+            return True
+        chances = CHANCES if count < fewest else chances - 1
+        fewest = min(fewest, count)
+        m = _exchange(n, active, m, is_wrong, chances < 0)
+    return False
 
 
 def solve(W: FloatArray, q: FloatArray) -> FloatArray:

@@ -11,6 +11,15 @@ from delam_fem.contact.decision import Decision, Kinematics, Setting
 from delam_fem.contact.impulses import coupled_impulses
 from delam_fem.numerics.arrays import BoolArray, FloatArray, IntArray
 
+CLOSED = 1e-4
+"""A gap below this fraction of Δt times the largest gap rate is closed, if pairs touch at rest.
+
+Pairs that stay in contact have gaps of nothing but round-off, whose signs would decide whether the
+law sees them. The tolerance is proportional to the motion: with closed delaminations, twice the
+excitation gives exactly twice the response. The scheme itself lets gaps overrun by about Δt times
+the gap rate.
+"""
+
 
 class StepImpacts:
     """Law "newton" with the Moreau–Jean scheme."""

@@ -70,6 +70,8 @@ def save(
         "resting": state.resting,
         "losses": state.losses,
     }
+    if state.internal is not None:
+        arrays["internal"] = state.internal
     arrays |= {name: getattr(recorder, name)[:k] for name in _PERIOD_ARRAYS}
     for j, record in enumerate(recorder.window):
         arrays |= {f"window_{j}_{name}": values for name, values in _flatten(record).items()}
@@ -164,7 +166,8 @@ def _restored(
     outcome: Progress = str(data["outcome"])  # type: ignore[assignment]
     present, k = engine.state(), int(data["n_closed"])
     damping, contact = (float(loss) for loss in data["losses"])
-    state = State(data["motion"], data["resting"], (damping, contact))
+    internal = data["internal"] if "internal" in data else None
+    state = State(data["motion"], data["resting"], (damping, contact), internal)
     shapes = (present.motion.shape, present.resting.shape)
     if (state.motion.shape, state.resting.shape) != shapes or not 0 < k <= recorder.n_periods:
         raise ValueError("arrays of another size")

@@ -25,11 +25,14 @@ class State:
         motion: u, v, a of the free dofs, shape (3, n) [m, m/s, m/s2 and slopes].
         resting: which pairs are at rest, shape (n_pairs,).
         losses: energies lost so far to damping and to contact dampers [J].
+        internal: the numbers behind `motion` in an engine that has other unknowns; from them it
+            continues bit for bit. An engine ignores numbers that do not belong to `motion`.
     """
 
     motion: FloatArray
     resting: BoolArray
     losses: tuple[float, float] = (0.0, 0.0)
+    internal: FloatArray | None = None
 
 
 class Moving(Stepper, Protocol):

@@ -1,13 +1,16 @@
 """The complementarity solver against brute force over all active sets and its own definition."""
 
+from __future__ import annotations
+
 import itertools
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from delam_fem.contact.complementarity import solve
+from delam_fem.contact.complementarity import solve, solve_again
 from delam_fem.numerics.arrays import FloatArray
 
 ROUND_OFF = 1e-9
@@ -207,3 +210,53 @@ def test_many_pairs_that_enter_and_leave_the_active_set(n_pairs: int, seed: int)
     assert 0 < np.count_nonzero(p) < n_pairs
     assert residual.min() >= -ROUND_OFF * speed
     assert np.abs(residual[p > 0.0]).max() <= ROUND_OFF * speed
+
+
+class Again(NamedTuple):
+    """The arrays that `solve_again` keeps from call to call."""
+
+    was_active: Any
+    factor: Any
+    members: Any
+    active: Any
+    trial: Any
+    is_wrong: Any
+
+    @classmethod
+    def of(cls, n: int) -> Again:
+        """Return the memory for n pairs, with nothing known."""
+        marks = np.zeros(n, np.uint8), np.zeros(n, np.uint8)
+        numbers = np.full(n + 1, -1), np.zeros(n, np.int64)
+        return cls(marks[0], np.zeros(n * n), *numbers, np.zeros(n), marks[1])
+
+
+def again(W: FloatArray, q: FloatArray, pairs: list[int], memory: Again) -> FloatArray:
+    """Return the impulses of some pairs, from the memory of the last call."""
+    p = np.zeros(len(pairs))
+    assert solve_again(
+        W.ravel(), len(W), np.array(pairs, np.int64), len(pairs), q[pairs], p, memory
+    )
+    return p
+
+
+@given(impact=impacts, seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=200, derandomize=True, deadline=None)
+def test_warm_start_has_the_solution_of_the_cold_one(impact: Impact, seed: int) -> None:
+    rng, n = np.random.default_rng(seed), len(impact.q)
+    memory = Again.of(n)
+    for _ in range(4):
+        pairs = np.flatnonzero(rng.random(n) < 0.8).tolist()
+        q = impact.H @ rng.normal(size=impact.H.shape[1])
+        p = again(impact.W, q, pairs, memory)
+        expected = solve(impact.W[np.ix_(pairs, pairs)], q[pairs])
+        scale = np.abs(expected).max(initial=0.0)
+        assert p == pytest.approx(expected, abs=ROUND_OFF * scale)
+        assert np.flatnonzero(memory.was_active).tolist() == np.array(pairs, int)[p > 0.0].tolist()
+        assert (again(impact.W, q, pairs, Again.of(n)) == p).all(), "the way there must not count"
+        assert (again(impact.W, 8.0 * q, pairs, Again.of(n)) == 8.0 * p).all()
+
+
+def test_warm_start_refuses_pairs_that_depend_on_one_another() -> None:
+    W, q = np.ones((2, 2)), np.array([-1.0, -1.0])
+    p = np.zeros(2)
+    assert not solve_again(W.ravel(), 2, np.arange(2), 2, q, p, Again.of(2))

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from delam_fem.caches.kernels import njit
-from delam_fem.engines.compiled import banded
+from delam_fem.engines.compiled import banded, modes
 from delam_fem.engines.compiled import lane_kernels as lk
-from delam_fem.engines.compiled.banded import row_product
+from delam_fem.engines.compiled.banded import add_row, row_product
 from delam_fem.engines.compiled.lane_kernels import R, Z
 from delam_fem.engines.compiled.state import MOREAU
 
@@ -15,7 +15,9 @@ from delam_fem.engines.compiled.state import MOREAU
 @njit
 def solve_step(system, X):  # type: ignore[no-untyped-def]
     """Solve A z = r for the fields R and Z of X."""
-    if system.is_chained:
+    if system.is_modal:
+        modes.solve(system, X, R, Z)
+    elif system.is_chained:
         lk.substitute(X, system.size, system.solution, R, Z)
     else:
         banded.substitute(X, system.size, system.band, R, Z)
@@ -40,9 +42,7 @@ def clear(X, size, field):  # type: ignore[no-untyped-def]
 @njit
 def spread_one(system, X, pair, value):  # type: ignore[no-untyped-def]
     """Add Hᵀ λ to the field r, where λ has a value on one pair only."""
-    H, shift = system.gap_rows, R * system.size
-    for entry in range(H.start[pair], H.start[pair + 1]):
-        X[shift + H.column[entry]] += value * H.value[entry]
+    add_row(system.gap_rows, pair, X, R * system.size, value)
 
 
 @njit

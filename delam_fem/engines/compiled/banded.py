@@ -14,6 +14,7 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from delam_fem.caches.kernels import njit
+from delam_fem.engines.compiled.simd import fma, lane, load, splat, store
 from delam_fem.numerics.arrays import FloatArray, IntArray
 
 
@@ -24,11 +25,13 @@ class Rows(NamedTuple):
         start: index of the first entry of each row, shape (n_rows + 1,).
         column: columns of the entries, shape (n_entries,).
         value: values of the entries, shape (n_entries,).
+        width: number of columns of a matrix without zeros, a multiple of eight; 0: it is sparse.
     """
 
     start: IntArray
     column: IntArray
     value: FloatArray
+    width: int = 0
 
 
 class Band(NamedTuple):
@@ -48,6 +51,14 @@ def rows(matrix: sp.spmatrix) -> Rows:
     csr = sp.csr_matrix(matrix)
     csr.sort_indices()
     return Rows(csr.indptr.astype(np.int64), csr.indices.astype(np.int64), csr.data.astype(float))
+
+
+def dense_rows(matrix: sp.spmatrix) -> Rows:
+    """Return a matrix as `Rows` with all its entries, also those that are zero."""
+    values = np.asarray(matrix.todense(), dtype=float)
+    n, width = values.shape
+    columns = np.tile(np.arange(width), n)
+    return Rows(width * np.arange(n + 1), columns, values.ravel(), width)
 
 
 def band_order(pattern: sp.spmatrix) -> IntArray:
@@ -113,9 +124,35 @@ def substitute(X, size, band, right, out):  # type: ignore[no-untyped-def]
         X[x + i] = total / value[i * row + width]
 
 
+@njit(forceinline=True)
+def _dense_product(value, first, X, shift, width):  # type: ignore[no-untyped-def]
+    """Return the product of a dense row with a field; `width` is a multiple of eight."""
+    even, odd = splat(0.0), splat(0.0)
+    for i in range(0, width, 8):
+        even = fma(load(value, first + i), load(X, shift + i), even)
+        odd = fma(load(value, first + i + 4), load(X, shift + i + 4), odd)
+    both = even + odd
+    return (lane(both, 0) + lane(both, 1)) + (lane(both, 2) + lane(both, 3))
+
+
+@njit(forceinline=True)
+def add_row(matrix, row, X, shift, factor):  # type: ignore[no-untyped-def]
+    """Add `factor` times a row of a matrix to the field of X that begins at `shift`."""
+    first, last = matrix.start[row], matrix.start[row + 1]
+    if matrix.width > 0:
+        by = splat(factor)
+        for i in range(0, matrix.width, 4):
+            store(X, shift + i, fma(by, load(matrix.value, first + i), load(X, shift + i)))
+        return
+    for entry in range(first, last):
+        X[shift + matrix.column[entry]] += factor * matrix.value[entry]
+
+
 @njit
 def row_product(matrix, row, X, shift):  # type: ignore[no-untyped-def]
     """Return the entry `row` of A x, where x is the field of X that begins at `shift`."""
+    if matrix.width > 0:
+        return _dense_product(matrix.value, row * matrix.width, X, shift, matrix.width)
     result = 0.0
     for entry in range(matrix.start[row], matrix.start[row + 1]):
         result += matrix.value[entry] * X[shift + matrix.column[entry]]

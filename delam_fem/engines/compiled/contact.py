@@ -10,7 +10,9 @@ import numpy as np
 
 from delam_fem.caches.kernels import njit
 from delam_fem.contact import complementarity
+from delam_fem.contact.moreau import CLOSED
 from delam_fem.engines.compiled import lane_kernels as lk
+from delam_fem.engines.compiled import modes
 from delam_fem.engines.compiled.algebra import (
     compliance_block,
     require_compliance,
@@ -66,6 +68,8 @@ def _coupled_impulses(system, law, memory, n, q):  # type: ignore[no-untyped-def
     """Solve 0 <= p ⊥ W p + q >= 0 on the n hit pairs; store p and W p."""
     if n == 1:
         return _single_impulse(system, law, memory, q[0])
+    if system.is_touching and law.kind == MOREAU and _lasting_impulses(system, law, memory, n, q):
+        return DONE
     W = compliance_block(system, law, memory, n)
     right, p = np.empty(n), np.zeros(n)
     for j in range(n):
@@ -80,6 +84,27 @@ def _coupled_impulses(system, law, memory, n, q):  # type: ignore[no-untyped-def
             change += W[i, j] * p[j]
         memory.impulse[i], memory.change[i] = p[i], change
     return DONE
+
+
+@njit
+def _lasting_impulses(system, law, memory, n, q):  # type: ignore[no-untyped-def]
+    """Solve as `_coupled_impulses`, from the last step's solution; return whether that worked.
+
+    Where pairs are closed at rest, contact lasts for many steps and hardly changes.
+    """
+    n_pairs, W, hit, p = system.n_pairs, memory.compliance, memory.hit, memory.impulse
+    for j in range(n):
+        require_compliance(system, law, memory, hit[j])
+        if not np.isfinite(q[j]):
+            return False
+    if not complementarity.solve_again(W, n_pairs, hit, n, q, p, memory):
+        return False
+    for i in range(n):
+        change = 0.0
+        for j in range(n):
+            change += W[hit[i] * n_pairs + hit[j]] * p[j]
+        memory.change[i] = change
+    return True
 
 
 @njit
@@ -193,12 +218,15 @@ def _push_within_step(system, law, memory, log, tick, n):  # type: ignore[no-unt
     if n_pushed == 0:
         return
     spread(system, X, memory.hit, memory.impulse, n_pushed, 1.0)
-    solve_step(system, X)
-    for i in range(size):
-        z = X[Z * size + i]
-        X[i] += system.scheme.p * z
-        X[size + i] += z
-        X[lk.P * size + i] += z
+    if system.is_modal:
+        modes.push(system, X, R)
+    else:
+        solve_step(system, X)
+        for i in range(size):
+            z = X[Z * size + i]
+            X[i] += system.scheme.p * z
+            X[size + i] += z
+            X[lk.P * size + i] += z
     for j in range(n_pushed):
         energy += memory.impulse[j] * 0.5 * (memory.rate_pre[j] + memory.rate_post[j])
         if memory.rate_pre[j] > -law.threshold:
@@ -208,15 +236,36 @@ def _push_within_step(system, law, memory, log, tick, n):  # type: ignore[no-unt
 
 
 @njit
+def widen_contact(system, memory):  # type: ignore[no-untyped-def]
+    """Write the free gap rates; reduce the predicted gaps by the tolerance `moreau.CLOSED`.
+
+    Return the smallest gap.
+    """
+    fastest, smallest = 0.0, np.inf
+    for k in range(system.n_pairs):
+        memory.free[k] = row_product(system.gap_rows, k, memory.X, system.size)
+        fastest = max(fastest, abs(memory.free[k]))
+    tolerance = CLOSED * system.scheme.time_step * fastest
+    for k in range(system.n_pairs):
+        memory.gap[k] -= tolerance
+        smallest = min(smallest, memory.gap[k])
+    return smallest
+
+
+@njit
 def examine_moreau(system, law, memory, log, tick):  # type: ignore[no-untyped-def]
     """Add the impulses of the pairs whose predicted gap is closed (moreau.StepImpacts).
 
-    `memory.gap` and `memory.rate` hold the values at the start of the step.
+    `memory.gap` and `memory.rate` hold the values at the start of the step, `memory.free` those of
+    `widen_contact`.
     """
     n, is_done, lacking = 0, True, memory.residual
     for k in range(system.n_pairs):
         if memory.gap[k] <= 0.0:
-            free = row_product(system.gap_rows, k, memory.X, system.size)
+            if system.is_touching:
+                free = memory.free[k]
+            else:
+                free = row_product(system.gap_rows, k, memory.X, system.size)
             memory.hit[n], memory.rate_pre[n], memory.rate_post[n] = k, memory.rate[k], free
             lacking[n] = free + law.restitution * memory.rate[k]
             is_done &= lacking[n] >= 0.0

@@ -127,12 +127,12 @@ class Compiled:
     def state(self) -> State:
         """Return the current state."""
         s = self.stepper
-        return State(s.state(), s.resting, (s.dissipated, s.contact_damped))
+        return State(s.state(), s.resting, (s.dissipated, s.contact_damped), s.internal())
 
     def restore(self, state: State, base_state: FloatArray) -> None:
         """Take over a state unchanged; see `simulation.loop.Engine`."""
         self.stepper.memory.base[:] = base_state
-        self.stepper.restore(state.motion, state.resting)
+        self.stepper.restore(state.motion, state.resting, state.internal)
         self.stepper.dissipated, self.stepper.contact_damped = state.losses
 
     def destroy(self) -> None:
@@ -159,7 +159,7 @@ class Compiled:
         record.impact, record.released = (float(memory.totals[k]) for k in (IMPACT, RELEASED))
         record.flows[:], record.effort[:] = memory.flows, memory.effort
         n_kept = memory.counts[N_FRAMES]
-        record.frames.extend(log.frames[:n_kept, :, s.order])
+        record.frames.extend(s.unknowns.outward(log.frames[:n_kept]))
         record.contact.extend(log.contact[:n_kept])
         _require_impulses(ending)
         return int(step)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from delam_fem.caches.kernels import njit
-from delam_fem.engines.compiled import contact
+from delam_fem.engines.compiled import contact, modes
 from delam_fem.engines.compiled import lane_kernels as lk
 from delam_fem.engines.compiled import springs as springs
 from delam_fem.engines.compiled import step as steps
@@ -56,6 +56,8 @@ def _free_step(system, law, memory, new_base):  # type: ignore[no-untyped-def]
     if system.is_chained:
         keeps = memory.counts[N_SPRINGS] > 0
         flow, _ = steps.advance_chained(system, memory.X, base_state, keeps)
+    elif system.is_modal:
+        flow = modes.advance(system, memory.X, base_state)
     else:
         flow, _ = steps.advance_banded(system, memory, base_state)
     if memory.counts[N_SPRINGS]:

@@ -74,6 +74,10 @@ class Memory(NamedTuple):
         hit: a list of the pairs that are hit now, shape (n_pairs,).
         impulse, rate_pre, rate_post: values of the hit pairs, each of shape (n_pairs,).
         change: W p of the hit pairs, shape (n_pairs,) [m/s].
+        free: gap rates of all pairs at the end of the step without impulses, if pairs touch at
+            rest, shape (n_pairs,) [m/s].
+        was_active, factor, members, active, trial, is_wrong: memory of the complementarity problem;
+            see `complementarity.solve_again`.
         forces, residual, direction, image: work space for springs and impulses.
     """
 
@@ -102,6 +106,13 @@ class Memory(NamedTuple):
     residual: FloatArray
     direction: FloatArray
     image: FloatArray
+    free: FloatArray
+    was_active: npt.NDArray[np.uint8]
+    factor: FloatArray
+    members: IntArray
+    active: IntArray
+    trial: FloatArray
+    is_wrong: npt.NDArray[np.uint8]
 
 
 class Log(NamedTuple):
@@ -176,4 +187,11 @@ def memory(size: int, n_pairs: int) -> Memory:
         residual=np.zeros(n_pairs),
         direction=np.zeros(n_pairs),
         image=np.zeros(n_pairs),
+        free=np.zeros(n_pairs),
+        was_active=np.zeros(n_pairs, dtype=np.uint8),
+        factor=np.zeros(n_pairs**2),
+        members=np.full(n_pairs + 1, -1),
+        active=np.zeros(n_pairs, dtype=np.int64),
+        trial=np.zeros(n_pairs),
+        is_wrong=np.zeros(n_pairs, dtype=np.uint8),
     )

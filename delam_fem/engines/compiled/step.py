@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from delam_fem.caches.kernels import njit
-from delam_fem.engines.compiled import banded
+from delam_fem.engines.compiled import banded, modes
 from delam_fem.engines.compiled import contact as contact
 from delam_fem.engines.compiled import lane_kernels as lk
 from delam_fem.engines.compiled import springs as springs
@@ -61,6 +61,8 @@ def loss(system, X):  # type: ignore[no-untyped-def]
     """Return zᵀ C z, where z is the field P."""
     if system.is_chained:
         return lk.loss(X, system.size, system.form)
+    if system.is_modal:
+        return modes.loss(system, X)
     return banded.form(system.damping, system.size, X, lk.P * system.size)
 
 
@@ -89,8 +91,10 @@ def look_ahead(system, law, memory):  # type: ignore[no-untyped-def]
     if law.kind != MOREAU:
         return np.inf
     ahead = system.scheme.gap_ahead
+    if system.is_modal:
+        return modes.measure(system, memory.X, ahead, memory.gap, memory.rate)
     smallest = smallest_gap(system, memory.X, ahead)
-    if smallest <= 0.0:
+    if smallest <= 0.0 or system.is_touching:
         measure(system, memory.X, ahead, memory.gap, memory.rate)
     return smallest
 
@@ -167,12 +171,18 @@ def advance(system, law, memory, new_base):  # type: ignore[no-untyped-def]
     base_state = mix_base(system, memory.base, new_base)
     if system.is_chained:
         flow, smallest = advance_chained(system, X, base_state, True)
+    elif system.is_modal:
+        flow, smallest = modes.advance(system, X, base_state), np.inf
+        if law.kind != MOREAU:
+            smallest = smallest_gap(system, X, 0.0)
     else:
         flow, smallest = advance_banded(system, memory, base_state)
     if memory.counts[N_SPRINGS]:
         springs.push_springs(system, law, memory)
         return loss(system, X), smallest_gap(system, X, 0.0)
-    return flow, predicted if law.kind == MOREAU else smallest
+    if law.kind == MOREAU:
+        return flow, contact.widen_contact(system, memory) if system.is_touching else predicted
+    return flow, smallest
 
 
 @njit

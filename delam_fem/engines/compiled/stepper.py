@@ -21,7 +21,7 @@ class CompiledStepper:
     Attributes:
         systems: the problem with coarse, middle and fine steps.
         system, law, memory: the arguments of compiled functions; the system is that of fine steps.
-        order: place of each dof in the internal order, shape (n,).
+        unknowns: what the internal numbers of the fields are.
         seen_u: m_b·u, c_b·u, k_b·u and the probes of u at the last `observe`, shape
             (3 + n_probes,).
         seen_v: the probes of v at the last `observe`, shape (n_probes,).
@@ -40,7 +40,7 @@ class CompiledStepper:
         self.law, self._has_acceleration = law, schemes[-1].has_acceleration
         built = [system.build(operators, scheme) for scheme in schemes]
         self.systems = tuple(one for one, _ in built)
-        self.system, self.order = built[-1]
+        self.system, self.unknowns = built[-1]
         self.memory = state.memory(self.system.size, operators.n_pairs)
         self.seen_u: FloatArray = np.zeros(3 + operators.n_probes)
         self.seen_v: FloatArray = np.zeros(operators.n_probes)
@@ -93,12 +93,26 @@ class CompiledStepper:
     def state(self) -> FloatArray:
         """Return (u, v, a) of all dofs, with a from the equation of motion, shape (3, n)."""
         self.renew_acceleration()
-        return np.asarray(self._fields()[:, self.order])
+        return self.unknowns.outward(self._fields())
 
-    def restore(self, motion: FloatArray, resting: BoolArray) -> None:
-        """Take over (u, v, a), shape (3, n), and the pairs at rest."""
+    def internal(self) -> FloatArray | None:
+        """Return the fields in modes, shape (3, size); None if the unknowns are the dofs."""
+        return self._fields().copy() if self.system.is_modal else None
+
+    def restore(
+        self, motion: FloatArray, resting: BoolArray, internal: FloatArray | None = None
+    ) -> None:
+        """Take over (u, v, a), shape (3, n), and the pairs at rest.
+
+        The numbers of `internal` count if they are those of this motion; they have its round-off.
+        """
         self.memory.X[:] = 0.0
-        self._fields()[:, self.order] = motion
+        fields = self._fields()
+        if internal is not None and internal.shape == fields.shape and self.system.is_modal:
+            is_own = np.array_equal(self.unknowns.outward(internal), motion)
+        else:
+            is_own = False
+        fields[:] = internal if is_own else self.unknowns.inward(motion)
         self.memory.resting[:] = resting
         if self._has_acceleration:  # the θ-scheme has no springs
             loop.list_springs(self.system, self.memory)

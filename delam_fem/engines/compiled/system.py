@@ -27,6 +27,7 @@ import scipy.sparse as sp
 from delam_fem.engines.compiled import banded, lanes
 from delam_fem.engines.compiled import lane_kernels as lk
 from delam_fem.engines.compiled.banded import Band, Rows
+from delam_fem.engines.compiled.modes import Coordinates, Modes, Places, in_modes
 from delam_fem.engines.compiled.simd import aligned_zeros
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.arrays import FloatArray, IntArray
@@ -113,6 +114,9 @@ class System(NamedTuple):
         is_selecting: whether every probe picks a single dof.
         selected: places of these dofs; empty if the probes do not pick single dofs.
         probe_rows: the probes by rows; empty if they pick single dofs.
+        is_modal: whether the unknowns are the amplitudes of modes (modes.py).
+        modal: diagonals of A⁻¹, C and K in modes, shape (3 size,); empty otherwise.
+        is_touching: whether some pairs are closed at rest, so that contact lasts.
     """
 
     size: int
@@ -141,9 +145,12 @@ class System(NamedTuple):
     is_selecting: bool
     selected: IntArray
     probe_rows: Rows
+    is_modal: bool
+    modal: FloatArray
+    is_touching: bool
 
 
-_KEPT: deque[tuple[Operators, StepNumbers, tuple[System, IntArray]]] = deque(maxlen=8)
+_KEPT: deque[tuple[Operators, StepNumbers, tuple[System, Coordinates]]] = deque(maxlen=8)
 """Results of the last calls of `build`; nobody ever writes to a system."""
 _NO_BAND = Band(0, np.zeros((0, 1)))
 _NOTHING = np.zeros(0)
@@ -161,8 +168,8 @@ class _Tapes:
     rest: FloatArray
 
 
-def build(operators: Operators, scheme: StepNumbers) -> tuple[System, IntArray]:
-    """Return a problem for compiled code, and the place of each dof in it, shape (n,).
+def build(operators: Operators, scheme: StepNumbers) -> tuple[System, Coordinates]:
+    """Return a problem for compiled code, and its unknowns.
 
     The last results are kept: the points of a sweep mostly share operators and scheme, and building
     a system of 20 elements takes as long as computing twenty periods.
@@ -178,21 +185,27 @@ def build(operators: Operators, scheme: StepNumbers) -> tuple[System, IntArray]:
     return built
 
 
-def _built(o: Operators, scheme: StepNumbers) -> tuple[System, IntArray]:
-    if scheme.is_midpoint and o.n_dofs and o.n_dofs % 4 == 0:
+def _built(o: Operators, scheme: StepNumbers) -> tuple[System, Coordinates]:
+    lasts = not scheme.has_acceleration and bool((o.gap0 <= 0.0).any())  # see `is_touching`
+    if scheme.is_midpoint and o.n_dofs and o.n_dofs % 4 == 0 and not lasts:
         order = lanes.lane_order(o.n_dofs // 4)
         tapes = _tapes(o, scheme.as_theta(), order)
         if tapes is not None:
             size = lk.ROW * -(-o.n_dofs // lk.ROW)
-            return _system(o, scheme.as_theta(), (order, size), tapes), order
+            places = Places(order, size)
+            return _system(o, scheme.as_theta(), places, tapes), places
+    found = None if scheme.has_acceleration else in_modes(o)
+    if found is not None:
+        modal, modes = found
+        return _system(modal, scheme, modes, None), modes
     order = banded.band_order(sum(abs(matrix) for matrix in (o.mass, o.damping, o.stiffness)))
-    return _system(o, scheme, (order, o.n_dofs), None), order
+    places = Places(order, o.n_dofs)
+    return _system(o, scheme, places, None), places
 
 
-def _system(
-    o: Operators, scheme: StepNumbers, places: tuple[IntArray, int], tapes: _Tapes | None
-) -> System:
-    order, size = places
+def _system(o: Operators, scheme: StepNumbers, places: Coordinates, tapes: _Tapes | None) -> System:
+    is_modal, size = isinstance(places, Modes), places.size
+    order = np.arange(size) if isinstance(places, Modes) else places.order
     to = sp.csr_matrix((np.ones(o.n_dofs), (order, np.arange(o.n_dofs))), (size, o.n_dofs))
     mass, damping, stiffness = (to @ A @ to.T for A in (o.mass, o.damping, o.stiffness))
     base = np.vstack([o.base.mass, o.base.damping, o.base.stiffness]) @ to.T
@@ -200,6 +213,11 @@ def _system(
     if tapes is None:
         band = banded.factorise(mass + scheme.p * damping + scheme.q * stiffness)
         mass_band = banded.factorise(mass)
+    modal = _NOTHING
+    if is_modal:
+        c, k = damping.diagonal(), stiffness.diagonal()
+        modal = np.concatenate([1.0 / (mass.diagonal() + scheme.p * c + scheme.q * k), c, k])
+    to_rows = banded.dense_rows if is_modal else banded.rows
     kept = tapes or _Tapes(False, *[_NOTHING] * 6)
     inverse_lumped = np.zeros(o.n_dofs) if o.lumped_mass is None else 1.0 / o.lumped_mass
     probes, is_selecting = o.probes, _is_selecting(o)
@@ -223,13 +241,16 @@ def _system(
         stiffness=banded.rows(stiffness),
         base=lanes.flat(base).reshape(3, size),
         inverse_lumped=to @ inverse_lumped,
-        gap_rows=banded.rows(o.gap_matrix @ to.T),
+        gap_rows=to_rows(o.gap_matrix @ to.T),
         gap0=np.array(o.gap0, dtype=float),
         roots=np.ones(o.n_pairs) if o.pair_weights is None else np.sqrt(o.pair_weights),
-        base_rows=banded.rows(sp.csr_matrix(base)),
+        base_rows=to_rows(sp.csr_matrix(base)),
         is_selecting=is_selecting,
         selected=order[probes.indices] if is_selecting else _NO_PLACES,
-        probe_rows=banded.rows((probes @ to.T)[: 0 if is_selecting else None]),
+        probe_rows=to_rows((probes @ to.T)[: 0 if is_selecting else None]),
+        is_modal=is_modal,
+        modal=modal,
+        is_touching=bool((o.gap0 <= 0.0).any()),
     )
 
 

@@ -12,9 +12,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
 from petsc4py import PETSc
 
 from delam_fem.contact.decision import Decision
+from delam_fem.contact.moreau import CLOSED
 from delam_fem.engines.petsc import linear_algebra
 from delam_fem.engines.petsc.compliance import LazyCompliance
 from delam_fem.engines.petsc.dynamics import Dynamics
@@ -55,6 +57,7 @@ class MoreauJean(Dynamics):
         self._A = self._sizes[-1].A
         self.compliance = LazyCompliance(self, self._A)
         self._start, self._point = (self._M.createVecRight() for _ in range(2))
+        self._is_touching = bool((operators.gap0 <= 0.0).any())
         self._none_resting = self.resting
         self._is_unaccounted = False
         self._predicted = linear_algebra.Shared(self._H.createVecLeft())
@@ -108,6 +111,9 @@ class MoreauJean(Dynamics):
         v.axpy(1.0, self._response)
         u.axpy(dt * (1.0 - theta), self._start)
         u.axpy(dt * theta, v)
+        if self._is_touching:
+            fastest = np.abs(self.gap_rate()).max(initial=0.0)
+            predicted.shift(-CLOSED * dt * fastest)
         return float(predicted.min()[1])
 
     def jump(self, decision: Decision) -> tuple[float, float]:
