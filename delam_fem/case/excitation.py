@@ -22,7 +22,7 @@ from delam_fem.case.drive import (
     SweepExcitation,
     TableExcitation,
 )
-from delam_fem.case.force import ForceDrive, HalfSine, SineForce, TabulatedForce
+from delam_fem.case.force import HalfSine, TabulatedForce
 from delam_fem.case.series import Series, read_series
 from delam_fem.case.toml import CaseError
 from delam_fem.numerics.arrays import FloatArray
@@ -174,12 +174,12 @@ def _difference(spline: BSpline, line: BSpline) -> BSpline:
 
 
 class Drive(Protocol):
-    """What makes the laminae move: the base, or a force at a point."""
+    """What makes the laminae move: a motion of the base, or a force at a point."""
 
     def states(self, times: npt.ArrayLike) -> FloatArray:
-        """Return (q, q', q'') of the base at `times` of shape (k,) [s], shape (k, 3).
+        """Return a value and its two derivatives at `times` of shape (k,) [s], shape (k, 3).
 
-        With a force the rows have two more columns: force [N] and rate [N/s].
+        The value is the displacement of the base [m], or the force [N].
         """
         ...
 
@@ -195,14 +195,13 @@ def drive(case: Case) -> Drive:
         return base_motion(case)
     if isinstance(given, TableExcitation):
         series = read_series(given.file, given.acts_on)
-        if given.acts_on == "base":
-            return TabulatedMotion.of(series)
-        return ForceDrive(TabulatedForce.of(series))
+        of = TabulatedMotion.of if given.acts_on == "base" else TabulatedForce.of
+        return of(series)
     if isinstance(given, HammerExcitation):
-        return ForceDrive(HalfSine(given.amplitude, given.duration, given.start))
+        return HalfSine(given.amplitude, given.duration, given.start)
     if given.frequency is not None:
-        return ForceDrive(SineForce(HarmonicMotion(given.frequency, given.amplitude)))
-    return ForceDrive(SineForce(_swept(given, given.amplitude)))
+        return HarmonicMotion(given.frequency, given.amplitude)
+    return _swept(given, given.amplitude)
 
 
 def base_motion(case: Case) -> BaseMotion:

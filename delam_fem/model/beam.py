@@ -24,6 +24,7 @@ from delam_fem.model import stack
 from delam_fem.model.hermite import BENDING_DEGREE, MASS_DEGREE, Hermite
 from delam_fem.model.laminae import clamped_laminae, gap_at_rest, pair_weights
 from delam_fem.model.layout import BASE, Layout, Structure
+from delam_fem.model.load import driven
 from delam_fem.model.mesh import node_coordinates
 from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.model.pairing import gap_matrix, probe_rows
@@ -69,7 +70,7 @@ def assemble(
         for profile in (EI, rhoA)
     )
     layout = clamped_laminae(case, x, EI_of_cell, rhoA_of_cell)
-    return Structure(_operators(case, layout, (M, C, K), lumped), layout)
+    return driven(Structure(_operators(case, layout, (M, C, K), lumped), layout), case)
 
 
 def _lines(n: int, count: int) -> IntArray:

@@ -18,6 +18,7 @@ from delam_fem.case.toml import CaseError
 from delam_fem.model.bonded import structure
 from delam_fem.model.laminae import clamped_laminae, gap_at_rest, pair_weights
 from delam_fem.model.layout import Structure
+from delam_fem.model.load import driven
 from delam_fem.model.mesh import node_coordinates, require_edges
 from delam_fem.model.network import Group, Network, Segment, network
 from delam_fem.model.operators import BaseCoupling, Operators
@@ -69,7 +70,7 @@ def assemble(case: Case, x: npt.ArrayLike | None = None) -> Structure:
         pair_weights=pair_weights(case, layout),
         probes=probe_rows(layout, mass.shape[0]),
     )
-    return Structure(operators, layout)
+    return driven(Structure(operators, layout), case)
 
 
 def _stack(case: Case, stack: Network) -> Structure:

@@ -27,12 +27,26 @@ class BaseCoupling:
         damping: C_ba summed over the base dofs, shape (n,) [N s/m].
         stiffness: K_ba summed over the base dofs, shape (n,) [N/m].
         corner: (M_aa, C_aa, K_aa) summed over the base dofs [kg, N s/m, N/m].
+        is_force: whether the columns are those of a force; see `force`.
     """
 
     mass: FloatArray
     damping: FloatArray
     stiffness: FloatArray
     corner: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    is_force: bool = False
+
+    @classmethod
+    def force(cls, load: FloatArray) -> BaseCoupling:
+        """Return the coupling of a force while the base rests.
+
+        The drive q(t) is then the force [N], and K_ba = -load: engines need not know what q is.
+
+        Args:
+            load: loads on the free dofs by a unit force, shape (n,) [N/N].
+        """
+        nothing = np.zeros(load.size)
+        return cls(nothing, nothing, -load, is_force=True)
 
     @classmethod
     def none(cls, n: int) -> BaseCoupling:

@@ -36,7 +36,7 @@ def history(
     data = xr.Dataset(coords={"lamina": list(layout.names)})
     if len(layout.interfaces) > 1:
         data = data.assign_coords(interface=[interface.name for interface in layout.interfaces])
-    _add_window(data, recorder, start, len(layout.parts))
+    _add_window(data, recorder, start, len(layout.parts), structure.operators.base.is_force)
     if len(layout.probes) > len(layout.parts):
         data = _with_further_probes(data, recorder, layout)
     _add_periods(data, recorder, len(layout.parts))
@@ -62,16 +62,20 @@ def _rows(record: PeriodRecord) -> slice:
     return slice(1, record.n_steps + 1)
 
 
-def _add_window(data: xr.Dataset, recorder: Recorder, start: int, n_parts: int) -> None:
-    """Add the histories of the reference probes and the base at every step of the window."""
+def _add_window(
+    data: xr.Dataset, recorder: Recorder, start: int, n_parts: int, is_forced: bool
+) -> None:
+    """Add the histories of the reference probes and the drive at every step of the window."""
     window, references = recorder.window, slice(N_BASE, N_BASE + n_parts)
     u = np.concatenate([r.u[_rows(r), references] for r in window])
     v = np.concatenate([r.v[_rows(r), :n_parts] for r in window])
     add(data, "time", (start + 1 + np.arange(len(u))) * recorder.time_step)
     add(data, "tip_displacement", u.T)
     add(data, "tip_velocity", v.T)
-    base = np.concatenate([r.base_states[_rows(r), 0] for r in window])
-    add(data, "base_displacement", base)
+    drive = np.concatenate([r.base_states[_rows(r), 0] for r in window])
+    add(data, "base_displacement", np.zeros_like(drive) if is_forced else drive)
+    if is_forced:
+        add(data, "force", drive)
 
 
 def _with_further_probes(data: xr.Dataset, recorder: Recorder, layout: Layout) -> xr.Dataset:
@@ -132,11 +136,12 @@ def _frames(
     if not steps:
         empty = np.empty((0, 2, operators.n_dofs)), np.empty((0, operators.n_pairs), np.int8)
         return np.empty(0, np.int64), *empty, np.empty((0, 2))
+    of_base = 0.0 if operators.base.is_force else 1.0
     return (
         np.concatenate(steps),
         np.concatenate(states),
         np.concatenate(contact),
-        np.concatenate(base),
+        of_base * np.concatenate(base),
     )
 
 

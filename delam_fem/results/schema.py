@@ -61,6 +61,7 @@ _ALL = (
     Variable("tip_displacement", _LAMINA_TIME, "m", f"displacement {_TIP}"),
     Variable("tip_velocity", _LAMINA_TIME, "m/s", f"velocity {_TIP}"),
     Variable("base_displacement", ("time",), "m", "displacement of the base"),
+    Variable("force", ("time",), "N", "force at a point; only if one acts"),
     Variable("probe_displacement", ("probe", "time"), "m", "displacement at a further probe"),
     Variable("probe_velocity", ("probe", "time"), "m/s", "velocity at a further probe"),
     Variable("probe_lamina", ("probe",), "1", "number of the probe's lamina from 0"),
@@ -78,6 +79,7 @@ _ALL = (
         "energy_spring", ("period",), "J", "energy in contact springs at the end of the period"
     ),
     Variable("energy_base_work", ("period",), "J", "work of the base in the period"),
+    Variable("energy_force_work", ("period",), "J", "work of the force in the period"),
     Variable("energy_damping_loss", ("period",), "J", "energy lost to damping in the period"),
     Variable(
         "energy_contact_damping_loss",

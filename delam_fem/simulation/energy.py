@@ -11,6 +11,12 @@ the Moreau–Jean scheme with θ = 1/2 fulfil E1 exactly if the work of the base
     W_base = -Δ(m·u) mean(q'') + Δ(c·u) mean(q') + mean(k·u) Δq + Δ[(m·v) q']
              + Δ[M_aa q'^2 / 2 + K_aa q^2 / 2] + Δt C_aa mean(q')^2      (E2)
 
+A force F at a point with the loads f is a drive with k = -f and q = F (`BaseCoupling.force`). E2
+then contains its potential: V and W_base stand for V - F f·u and -Σ mean(f·u) ΔF. The strain energy
+and the work of the force follow by
+
+    V = (V - F f·u) + F f·u,   W_force = Σ mean(F) Δ(f·u) = Δ(F f·u) - Σ mean(f·u) ΔF          (E3)
+
 Here m, c, k are the base columns of M, C, K. For small steps this work tends to the integral of the
 support reaction times q'.
 """

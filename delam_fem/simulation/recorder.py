@@ -25,8 +25,8 @@ N_BASE = 3
 """Number of leading entries of `seen_u` that belong to the energy ledger; the probes follow."""
 
 LEDGER = (
-    "kinetic", "strain", "spring", "base_work", "damping_loss", "contact_damping_loss",
-    "impact_loss", "spring_released", "residual",
+    "kinetic", "strain", "spring", "base_work", "force_work", "damping_loss",
+    "contact_damping_loss", "impact_loss", "spring_released", "residual",
 )  # fmt: skip
 """Columns of the energy ledger."""
 
@@ -137,6 +137,8 @@ class Recorder:
     """Recorder of the window and of one row per period.
 
     Attributes:
+        is_forced: whether a force drives the structure; `base_states` of the records are then the
+            force [N] and its derivatives, and the base rests.
         time_step: Δt [s].
         steps_per_period: N.
         n_periods: number of periods to compute.
@@ -145,7 +147,7 @@ class Recorder:
         strobe: (u, v) of the probes at the end of each period, shape (n_periods, 2, n_probes).
         envelope: smallest and largest u of the probes within each period, shape (n_periods, 2,
             n_probes).
-        ledger: rows with the columns `LEDGER`, shape (n_periods, 9) [J].
+        ledger: rows with the columns `LEDGER`, shape (n_periods, 10) [J].
         impulse: sum of impulses, number of impulses on pairs, and energy added by the impacts that
             gain energy, within each period, shape (n_periods, 3) [N s, -, J].
         effort: numbers of steps and contacts within each period, in the order of `EFFORT`, shape
@@ -163,6 +165,7 @@ class Recorder:
             n_probes: number of probes, which are recorded at every step.
         """
         self._base, self.time_step = base, span.time_step
+        self.is_forced = base.is_force
         self.steps_per_period, self.n_periods = span.steps_per_period, span.periods
         self.limit, self.n_closed, n = span.limit, 0, span.periods
         self.refine = span.refine
@@ -249,8 +252,14 @@ class Recorder:
             spring_released=record.released,
         )
         residual = end.total - start.total - flows.net
+        strain, by_force = end.strain, 0.0
+        if self._base.is_force:  # E3
+            q, attachment = record.base_states[rows, 0], record.u[rows, 2]
+            strain -= q[-1] * attachment[-1]
+            by_force = work - (q[-1] * attachment[-1] - q[0] * attachment[0])
+            work = 0.0
         return (
-            end.kinetic, end.strain, end.spring, flows.base_work, flows.damping_loss,
+            end.kinetic, strain, end.spring, work, by_force, flows.damping_loss,
             flows.contact_damping_loss, flows.impact_loss, flows.spring_released, residual,
         )  # fmt: skip
 

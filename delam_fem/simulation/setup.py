@@ -12,7 +12,6 @@ import numpy as np
 
 from delam_fem.case.definition import Case
 from delam_fem.case.excitation import drive
-from delam_fem.case.toml import CaseError
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.simulation.span import Span
 
@@ -45,13 +44,7 @@ def span_of(case: Case) -> Span:
 
 
 def motion_of(case: Case) -> BaseStates:
-    """Return the base motion of a case as a function of the period.
-
-    Raises:
-        CaseError: a force acts; no engine reads it yet.
-    """
-    if case.excitation.acts_on == "force":
-        raise CaseError("excitation: engines take motions of the base only, given a force")
+    """Return the drive of a case (motion of the base, or force) as a function of the period."""
     return by_period(drive(case), span_of(case), is_periodic=case.is_periodic)
 
 

@@ -11,7 +11,7 @@ import pytest
 from delam_fem.case.definition import Case
 from delam_fem.case.excitation import HarmonicMotion, SweptMotion, TabulatedMotion, drive
 from delam_fem.case.files import preset, save_case
-from delam_fem.case.force import ForceDrive, HalfSine, SineForce
+from delam_fem.case.force import HalfSine
 from delam_fem.case.toml import CaseError
 
 FORCE = {"kind": "force", "lamina": "thin", "position": 0.3, "amplitude": 2.0, "frequency": 5.0}
@@ -67,26 +67,26 @@ def test_metres_do_not_become_newtons() -> None:
 
 def test_force_and_hammer() -> None:
     force = drive(with_excitation(**FORCE))
-    assert force == ForceDrive(SineForce(HarmonicMotion(5.0, 2.0)))
-    w = 10 * math.pi
-    expected = [0.0, 0.0, 0.0, 2.0 * math.sin(0.01 * w), 2.0 * w * math.cos(0.01 * w)]
-    assert force.states(np.array([0.01]))[0] == pytest.approx(expected, rel=1e-14)
+    assert force == HarmonicMotion(5.0, 2.0)
     case = with_excitation(**HAMMER)
     assert (case.period, case.n_periods, case.is_periodic) == (0.2, 4, False)
     blow = drive(case)
     t = np.linspace(0.0, 2e-3, 20001)
-    F = blow.states(t)[:, 3]
+    F, rate, bend = blow.states(t).T
     assert F.max() == pytest.approx(20.0, rel=1e-7)
     assert 1e-7 * F.sum() == pytest.approx(2.0 / math.pi * 20.0 * 1e-3, rel=1e-6)
     assert (F[t >= 1e-3] == 0.0).all()
-    assert HalfSine(1.0, 1.0, start=0.5).values(np.array([0.4, 1.0]))[:, 0].tolist() == [0.0, 1.0]
+    inside = slice(1, 9000)
+    assert np.gradient(F, t)[inside] == pytest.approx(rate[inside], abs=1e-2)
+    assert np.gradient(rate, t)[inside] == pytest.approx(bend[inside], abs=10.0)
+    assert HalfSine(1.0, 1.0, start=0.5).states(np.array([0.4, 1.0]))[:, 0].tolist() == [0.0, 1.0]
 
 
 def test_swept_force() -> None:
     keys = {key: value for key, value in FORCE.items() if key != "frequency"}
     case = with_excitation(**keys, start_frequency=1.0, end_frequency=4.0, duration=3.0)
     assert (case.n_periods, case.is_periodic) == (12, False)
-    assert drive(case).course.motion == SweptMotion(1.0, 4.0, 3.0, 2.0)
+    assert drive(case) == SweptMotion(1.0, 4.0, 3.0, 2.0)
 
 
 def test_table_of_displacements(tmp_path: Path) -> None:
@@ -119,8 +119,8 @@ def test_table_of_forces(tmp_path: Path) -> None:
         kind="table", file=str(file), acts_on="force", lamina="thin", position=0.2, period=0.1
     )
     rows = drive(case).states(np.array([0.5, 1.5]))
-    assert rows[:, 3] == pytest.approx([0.25, 0.0], abs=1e-12)
-    assert rows[:, :3].max() == 0.0
+    assert rows[0, :2] == pytest.approx([0.25, 0.0], abs=1e-3)
+    assert (rows[1] == 0.0).all()
     again = Case.from_toml(case.to_toml())
     assert again == case
 

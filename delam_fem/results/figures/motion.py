@@ -52,8 +52,9 @@ def tip_histories(history: xr.Dataset, case: Case) -> Figure:
     y = 1e3 * finite(diagnostics.probe_positions(last))
     figure = Figure(figsize=(WIDTH, 4.2), layout="constrained")
     axes = figure.subplots()
-    base = 1e3 * finite(last["base_displacement"])
-    axes.plot(t, base, color=BASE_COLOUR, linewidth=0.9, linestyle="--", label="base")
+    if "force" not in last:  # otherwise the base rests
+        base = 1e3 * finite(last["base_displacement"])
+        axes.plot(t, base, color=BASE_COLOUR, linewidth=0.9, linestyle="--", label="base")
     for j, (low, high) in enumerate(pairwise(y)):
         axes.fill_between(
             t, low, high, where=high >= low, color=GAP_COLOUR, label=None if j else "gap"

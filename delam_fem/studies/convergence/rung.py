@@ -20,7 +20,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from delam_fem.case.definition import Case
-from delam_fem.case.excitation import base_motion
+from delam_fem.case.excitation import drive
 from delam_fem.engines.choose import EngineName
 from delam_fem.engines.session import session_of
 from delam_fem.model import closed_form
@@ -164,7 +164,7 @@ def _periodic(case: Case, o: Operators) -> State:
     omega = 2.0 * math.pi / case.period
     dynamic = o.stiffness + 1j * omega * o.damping - omega**2 * o.mass
     b = o.base
-    amplitude = base_motion(case).states([0.25 * case.period])[0, 0]
+    amplitude = drive(case).states([0.25 * case.period])[0, 0]
     load = -(b.stiffness + 1j * omega * b.damping - omega**2 * b.mass) * amplitude
     U = splu(sp.csc_matrix(dynamic)).solve(load)
     motion = np.stack([U.imag, omega * U.real, -(omega**2) * U.imag])

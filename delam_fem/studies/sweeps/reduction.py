@@ -108,7 +108,7 @@ def _node_distortion(recorder: Recorder, layout: Layout) -> dict[str, npt.ArrayL
     """Return d and THD at every node from the frames of the window."""
     states = np.concatenate([np.array(record.frames)[:, 0] for record in recorder.window])
     base = np.concatenate([r.base_states[r.frame_steps, 0] for r in recorder.window])
-    u, _ = fields.nodal(layout, states, base)
+    u, _ = fields.nodal(layout, states, 0.0 * base if recorder.is_forced else base)
     amplitudes = harmonic_amplitudes(u.swapaxes(1, 2), len(recorder.window))
     return {
         "node_distortion_factor": distortion_factor(amplitudes),
