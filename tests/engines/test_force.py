@@ -100,7 +100,7 @@ def test_force_on_separate_laminae_reaches_one_of_them() -> None:
 
 
 def test_short_blow_changes_the_velocity_like_an_impulse() -> None:
-    case = case_of()
+    case = case_of(lamina__lower__damping_ratio=0.0, lamina__upper__damping_ratio=0.0)
     structure = closed_form.assemble(case)
     o, duration = structure.operators, 1e-7
     blow = HalfSine(10.0, duration)
