@@ -16,9 +16,8 @@ from delam_fem.case.definition import Case
 from delam_fem.case.sections import Lamina
 from delam_fem.case.toml import CaseError
 from delam_fem.model.bonded import structure
-from delam_fem.model.laminae import clamped_laminae, gap_at_rest, pair_weights
+from delam_fem.model.laminae import clamped_laminae, driven, gap_at_rest, pair_weights
 from delam_fem.model.layout import Structure
-from delam_fem.model.load import driven
 from delam_fem.model.mesh import node_coordinates, require_edges
 from delam_fem.model.network import Group, Network, Segment, network
 from delam_fem.model.operators import BaseCoupling, Operators

@@ -83,14 +83,15 @@ def test_the_ledger_by_hand() -> None:
             "strain": 2.0 * s1,
             "spring": 4.0 * s1,
             "base_work": work,
+            "force_work": 0.0,
             "damping_loss": damping,
             "contact_damping_loss": 0.25 * STEPS,
             "impact_loss": -impact,
             "spring_released": released,
             "residual": 7.0 * STEPS - (work - damping - 0.25 * STEPS + impact + released),
         }
-    exchanged = np.abs(kept.ledger[:, 3:8]).sum(axis=1).max()
-    assert kept.energy_residual() == np.abs(kept.ledger[:, 8]).max() / exchanged
+    exchanged = np.abs(kept.ledger[:, 3:9]).sum(axis=1).max()
+    assert kept.energy_residual() == np.abs(kept.ledger[:, 9]).max() / exchanged
 
 
 def test_without_a_period_nothing_is_left_over() -> None:

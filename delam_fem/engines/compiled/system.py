@@ -213,10 +213,6 @@ def _system(o: Operators, scheme: StepNumbers, places: Coordinates, tapes: _Tape
     if tapes is None:
         band = banded.factorise(mass + scheme.p * damping + scheme.q * stiffness)
         mass_band = banded.factorise(mass)
-    modal = _NOTHING
-    if is_modal:
-        c, k = damping.diagonal(), stiffness.diagonal()
-        modal = np.concatenate([1.0 / (mass.diagonal() + scheme.p * c + scheme.q * k), c, k])
     to_rows = banded.dense_rows if is_modal else banded.rows
     kept = tapes or _Tapes(False, *[_NOTHING] * 6)
     inverse_lumped = np.zeros(o.n_dofs) if o.lumped_mass is None else 1.0 / o.lumped_mass
@@ -249,9 +245,17 @@ def _system(o: Operators, scheme: StepNumbers, places: Coordinates, tapes: _Tape
         selected=order[probes.indices] if is_selecting else _NO_PLACES,
         probe_rows=to_rows((probes @ to.T)[: 0 if is_selecting else None]),
         is_modal=is_modal,
-        modal=modal,
+        modal=_diagonals(mass, damping, stiffness, scheme) if is_modal else _NOTHING,
         is_touching=bool((o.gap0 <= 0.0).any()),
     )
+
+
+def _diagonals(
+    mass: sp.csr_matrix, damping: sp.csr_matrix, stiffness: sp.csr_matrix, scheme: StepNumbers
+) -> FloatArray:
+    """Return the diagonals of A⁻¹, C and K in modes, one after the other."""
+    m, c, k = (matrix.diagonal() for matrix in (mass, damping, stiffness))
+    return np.concatenate([1.0 / (m + scheme.p * c + scheme.q * k), c, k])
 
 
 def _is_selecting(o: Operators) -> bool:
