@@ -14,6 +14,7 @@ from delam_fem.numerics.arrays import FloatArray
 from delam_fem.studies.convergence.ladder import Ladder, Rung
 from delam_fem.studies.convergence.rung import RungResult
 from delam_fem.studies.convergence.statistics import Statistic, extrema
+from delam_fem.studies.linear import first_frequencies, linear_amplitudes
 
 
 @dataclass(frozen=True)
@@ -84,10 +85,10 @@ class Convergence:
         return float(np.abs((found - exact) / half).max())
 
     def free_errors(self, rung: Rung) -> FloatArray:
-        """Return the relative errors of a rung without contact against the exact cantilever.
+        """Return the relative errors of a rung without contact; see `exact_free_motion`.
 
         Returns:
-            Errors of the frequency and the amplitude of each lamina against the exact cantilever,
+            Errors of the frequency and the amplitude of each lamina against the exact ones,
             lamina by lamina, shape (2 n_laminae,) [-]; NaN if the rung is missing.
         """
         frequencies, amplitudes = exact_free_motion(rung.case)
@@ -112,8 +113,5 @@ class Convergence:
 
 def exact_free_motion(case: Case) -> tuple[list[float], list[float]]:
     """Return first frequencies [Hz] and tip amplitudes [m] of all laminae without contact."""
-    frequencies, amplitudes = [], []
-    for i, lamina in enumerate(case.lamina):
-        frequencies.append(float(lamina.angular_frequencies(1)[0]) / (2.0 * math.pi))
-        amplitudes.append(float(case.linear_amplitude(i, np.asarray(1.0 / case.period))))
-    return frequencies, amplitudes
+    amplitudes = linear_amplitudes(case, np.array([1.0 / case.period]))[:, 0]
+    return [omega / (2.0 * math.pi) for omega in first_frequencies(case)], amplitudes.tolist()

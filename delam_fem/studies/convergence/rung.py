@@ -28,11 +28,11 @@ from delam_fem.model.layout import Structure
 from delam_fem.model.mesh import node_coordinates
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.simulation.initial import first_mode
 from delam_fem.simulation.loop import State
 from delam_fem.simulation.recorder import N_BASE, Recorder
 from delam_fem.studies.convergence.ladder import FREE, RIGID, Rung
 from delam_fem.studies.convergence.statistics import PeriodRow, Statistics, row_of, statistics
+from delam_fem.studies.linear import first_frequencies, first_shapes
 
 SPIN_UP_STEPS, SPIN_UP_TIME = 2000, 30.0
 """Steps per period and length [s] of the run whose final state the rungs of a mesh start from. Even
@@ -120,11 +120,25 @@ def _clapping(rung: Rung, engine: EngineName) -> RungResult:
 
 def _spun_up(case: Case, engine: EngineName) -> State:
     """Return the state from which the rungs of a mesh start."""
-    periods = math.ceil(SPIN_UP_TIME / case.period)
+    periods = math.ceil(_spin_up_time(case) / case.period)
     spin = case.with_overrides(
         {**RIGID, "time.steps_per_period": SPIN_UP_STEPS, "time.periods": periods}
     )
     return _moving(spin.to_toml(), engine)
+
+
+def _spin_up_time(case: Case) -> float:
+    """Return the length of that run [s]: a bonded stack needs as many decay times of its own."""
+    slowest = _slowest_decay(case)
+    return SPIN_UP_TIME if case.is_apart or not slowest else math.log(10.0) / slowest
+
+
+def _slowest_decay(case: Case) -> float:
+    """Return the smallest rate D ω of decay of a first mode [1/s]."""
+    omegas = first_frequencies(case)
+    return min(
+        lamina.damping_ratio * omega for lamina, omega in zip(case.lamina, omegas, strict=True)
+    )
 
 
 @lru_cache(maxsize=KEPT_STATES)
@@ -137,10 +151,7 @@ def _moving(case_text: str, engine: EngineName) -> State:
 def _free(rung: Rung, engine: EngineName) -> RungResult:
     """Compute a rung without contact and return its amplitudes and frequencies."""
     structure = _structure(rung.case)
-    slowest = min(
-        rung.case.lamina[i].damping_ratio * float(rung.case.lamina[i].angular_frequencies(1)[0])
-        for i in range(len(rung.case.lamina))
-    )
+    slowest = _slowest_decay(rung.case)
     decay = math.log(1.0 / DECAY) / (slowest * rung.case.period) if slowest else math.inf
     settling = math.ceil(min(decay, MOST_PERIODS))
     case = rung.case.with_overrides({"time.periods": settling + 1})
@@ -185,11 +196,11 @@ def _frequencies(case: Case, engine: EngineName) -> list[float]:
     structure = _structure(ring)
     o = structure.operators
     motion = np.zeros((3, o.n_dofs))
-    motion[0] = np.sum([first_mode(structure, i) for i in range(len(case.lamina))], axis=0)
+    motion[0] = first_shapes(case, structure)
     run = _run(ring, o, engine, State(motion, np.zeros(o.n_pairs, dtype=np.bool_)), 0)
     u = np.concatenate([record.u[1:, N_BASE:] for record in run.recorder.window])
     t = (1 + np.arange(len(u))) * ring.time_step
-    exact = [float(lamina.angular_frequencies(1)[0]) for lamina in case.lamina]
+    exact = first_frequencies(case)
     return [fitted_frequency(t, u[:, i], omega) / (2.0 * math.pi) for i, omega in enumerate(exact)]
 
 

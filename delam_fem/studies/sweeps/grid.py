@@ -33,7 +33,8 @@ _UNITS = {
     "amplitude": "m", "tip": "m", "length": "m", "width": "m", "thickness": "m",
     "density": "kg/m3", "young_modulus": "Pa", "bending_stiffness": "N m2",
     "penalty_stiffness": "N/m", "penalty_damping": "N s/m", "threshold_velocity": "m/s",
-    "displacement": "m", "velocity": "m/s", "acceleration": "m/s2", "position": "m",
+    "displacement": "m", "velocity": "m/s", "start": "m", "end": "m", "opening": "m",
+    "acceleration": "m/s2", "position": "m",
 }  # fmt: skip
 """Units by the last part of a key; all other keys are numbers without a unit."""
 

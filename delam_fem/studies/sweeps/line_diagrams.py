@@ -24,6 +24,7 @@ from delam_fem.results.figures.style import (
     label_x,
     legend_above,
 )
+from delam_fem.studies.linear import linear_amplitudes
 from delam_fem.studies.sweeps.axes import DiagramAxis, axes_of, heading, require, sweep_keys
 
 if TYPE_CHECKING:
@@ -36,6 +37,8 @@ POINT_STYLE = {"up": (SKY, 3.4), "down": (VERMILLION, 1.4)}
 """Colour and size of stroboscopic points; both directions stay visible where they agree."""
 HEADROOM = 1.15
 """Upper end of the axis over the largest amplitude; linear resonances lie far above it."""
+STACK_POINTS = 200
+"""Points of the linear response of a bonded stack, which takes a solution each."""
 LINEAR_POINTS = 2000
 
 
@@ -147,10 +150,12 @@ def _top(panel: Axes, values: FloatArray) -> None:
 
 
 def _linear(panel: Axes, data: xr.Dataset, axis: DiagramAxis, i: int) -> None:
-    """Draw the amplitude of the exact cantilever without contact."""
+    """Draw the amplitude without contact: of the exact cantilever, or of the bonded stack."""
     case = Case.from_toml(data.attrs["case"])
     f = np.linspace(axis.values.min(), axis.values.max(), LINEAR_POINTS)
-    amplitude = 1e3 * case.linear_amplitude(i, f)
+    if not case.is_apart:
+        f = np.linspace(f[0], f[-1], STACK_POINTS)
+    amplitude = 1e3 * linear_amplitudes(case, f)[i]
     panel.plot(f, amplitude, ":", color=BASE_COLOUR, linewidth=1.3, label="linear, no contact")
 
 

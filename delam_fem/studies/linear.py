@@ -1,0 +1,86 @@
+"""The motion without contact to compare with: exact for cantilevers, of a fine mesh for stacks."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import splu
+
+from delam_fem.case.definition import Case
+from delam_fem.model import closed_form
+from delam_fem.model.bonded import n_rigid
+from delam_fem.model.layout import Structure
+from delam_fem.model.vibration import lowest
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.simulation.initial import first_mode
+
+FINE = 320
+"""Elements of the mesh whose motion stands for the exact one of a bonded stack."""
+
+
+def linear_amplitudes(case: Case, frequency: FloatArray) -> FloatArray:
+    """Return the amplitudes at the reference probes without contact on the moving base.
+
+    Laminae pass through one another. NaN if the base does not move harmonically.
+
+    Args:
+        case: the case.
+        frequency: frequencies of the base, shape (k,) [Hz].
+
+    Returns:
+        Shape (n_laminae, k) [m].
+    """
+    n = len(case.lamina)
+    if case.is_apart:
+        return np.stack([case.linear_amplitude(i, frequency) for i in range(n)])
+    if case.excitation.kind != "harmonic":
+        return np.full((n, frequency.size), np.nan)
+    o = _fine(case.to_toml()).operators
+    found = np.empty((n, frequency.size))
+    for k, f in enumerate(frequency.tolist()):
+        omega = 2.0 * math.pi * f
+        load = -(o.base.stiffness + 1j * omega * o.base.damping - omega**2 * o.base.mass)
+        dynamic = o.stiffness + 1j * omega * o.damping - omega**2 * o.mass
+        per_metre = np.abs((o.probes @ splu(sp.csc_matrix(dynamic)).solve(load))[:n])
+        found[:, k] = case.excitation.displacement_amplitude(f) * per_metre
+    return found
+
+
+def first_frequencies(case: Case) -> list[float]:
+    """Return the angular frequencies of the first modes of all laminae [rad/s].
+
+    In a bonded stack they are all that of the structure with free delaminations.
+    """
+    if case.is_apart:
+        return [float(lamina.angular_frequencies(1)[0]) for lamina in case.lamina]
+    fine = _fine(case.to_toml())
+    rigid = n_rigid(case)
+    found, _ = lowest(
+        fine.operators.stiffness, fine.operators.mass, rigid + 1, is_floating=rigid > 0
+    )
+    return [2.0 * math.pi * float(found[rigid])] * len(case.lamina)
+
+
+def first_shapes(case: Case, structure: Structure) -> FloatArray:
+    """Return a displacement of all dofs in which every lamina vibrates in its first mode.
+
+    Shape (n_dofs,).
+    """
+    if case.is_apart:
+        n = len(structure.layout.parts)
+        return np.asarray(np.sum([first_mode(structure, i) for i in range(n)], axis=0))
+    rigid, o = n_rigid(case), structure.operators
+    _, vectors = lowest(o.stiffness, o.mass, rigid + 1, is_floating=rigid > 0)
+    shape = vectors[:, rigid]
+    return np.asarray(shape / np.abs(o.probes @ shape).max())
+
+
+@lru_cache(maxsize=4)
+def _fine(case_text: str) -> Structure:
+    """Return the structure of a case (as TOML) on a fine mesh."""
+    case = Case.from_toml(case_text)
+    n = max(FINE, 2 * (case.mesh.elements or 0))
+    return closed_form.assemble(case.with_overrides({"mesh.elements": n}))
