@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
+from delam_fem.cli.animate import register as register_films
 from delam_fem.cli.converge import register as register_convergence
 from delam_fem.cli.inputs import CaseArgument, Overwrite, Quiet, Yes, case_of
 from delam_fem.cli.paper import register as register_paper
@@ -192,6 +193,7 @@ def presets_command(
 register_sweeps(app)
 register_paper(app)
 register_convergence(app)
+register_films(app)
 
 if __name__ == "__main__":
     app()

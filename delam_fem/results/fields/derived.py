@@ -7,6 +7,7 @@ impulses and of forces.
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 import xarray as xr
 
 from delam_fem.case.definition import Case
@@ -14,7 +15,7 @@ from delam_fem.contact.laws import LAWS
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.results.gaps import gap_field
 from delam_fem.results.schema import by_interface, event_interfaces
-from delam_fem.simulation.recorder import RESTING
+from delam_fem.simulation.recorder import HIT, RESTING
 
 
 def gap_of_laminae(history: xr.Dataset) -> FloatArray:
@@ -56,6 +57,18 @@ def impulse_of_interfaces(history: xr.Dataset) -> FloatArray:
     return sums[:, :-1]
 
 
+def contact_lights(history: xr.Dataset) -> npt.NDArray[np.uint8]:
+    """Return which pairs to light in a film: 0 apart, 1 hit since the frame before, 2 resting.
+
+    Returns:
+        Shape (n_frames, n_interfaces, n_nodes).
+    """
+    state = by_interface(history["contact_state"])
+    is_hit = impulse_of_interfaces(history) > 0.0
+    lights = np.where(is_hit, HIT, np.where(state == RESTING, RESTING, state))
+    return lights.transpose(1, 0, 2).astype(np.uint8)
+
+
 def contact_force_of_laminae(history: xr.Dataset, case: Case) -> FloatArray:
     """Return the forces of contact springs: -(k U + c U') at resting pairs, compression positive.
 
@@ -92,6 +105,11 @@ def curvature(history: xr.Dataset) -> FloatArray:
     result[..., 1:] += -chord + (2.0 * phi[..., :-1] + 4.0 * phi[..., 1:]) / h
     result[..., 1:-1] *= 0.5
     return result
+
+
+def held_ends(case: Case) -> list[bool]:
+    """Return for both ends whether a support holds them, so that they move with the base."""
+    return [kind != "free" for kind in (case.support.start, case.support.end)]
 
 
 def _on_both_sides(values: FloatArray) -> FloatArray:

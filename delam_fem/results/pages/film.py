@@ -14,8 +14,6 @@ from delam_fem.results.fields import derived
 from delam_fem.results.fields.ribbons import drawable_frames, middle_lines
 from delam_fem.results.figures.style import lamina_colours
 from delam_fem.results.pages.html import Film
-from delam_fem.results.schema import by_interface
-from delam_fem.simulation.recorder import HIT, RESTING
 
 MOST_NUMBERS = 300_000
 """Positions that a film holds at most: they make a page 0.8 MB larger."""
@@ -54,8 +52,8 @@ def film(history: xr.Dataset, case: Case) -> Film | None:
         "period": case.period if case.is_periodic else None,
         "unit": unit,
         "y": _text(np.rint(y / unit).astype("<i2")),
-        "lit": _text(_around(contacts(history)[last], nodes)),
-        "held": [kind != "free" for kind in (case.support.start, case.support.end)],
+        "lit": _text(_around(derived.contact_lights(history)[last], nodes)),
+        "held": derived.held_ends(case),
     }
     caption = (
         "The laminae in motion, with orange dots where pairs have been hit since the frame before "
@@ -65,18 +63,6 @@ def film(history: xr.Dataset, case: Case) -> Film | None:
     if factor != 1.0:
         caption += f" Deflections are drawn {factor:g} times as large as they are."
     return Film(data, "The laminae in motion", caption)
-
-
-def contacts(history: xr.Dataset) -> npt.NDArray[np.uint8]:
-    """Return what to light: 0 apart, 1 hit since the frame before, 2 resting.
-
-    Returns:
-        Shape (n_frames, n_interfaces, n_nodes).
-    """
-    state = by_interface(history["contact_state"])
-    impulse = derived.impulse_of_interfaces(history)
-    lit = np.where(impulse > 0.0, HIT, np.where(state == RESTING, RESTING, state))
-    return lit.transpose(1, 0, 2).astype(np.uint8)
 
 
 def _factor(largest: float, thickness: float) -> float:

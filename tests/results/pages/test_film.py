@@ -8,6 +8,7 @@ from stack import NODE, three_laminae
 from synthetic import FRAMES, NODES, PERIODS, WINDOW, small_case, synthetic_history
 
 from delam_fem.case.layers import Support
+from delam_fem.results.fields.derived import contact_lights
 from delam_fem.results.fields.ribbons import middle_lines
 from delam_fem.results.pages import film as films
 from delam_fem.results.pages.film import film
@@ -71,7 +72,7 @@ def test_long_and_fine_motions_are_thinned(monkeypatch: pytest.MonkeyPatch) -> N
     x = 1e3 * history["x"].to_numpy()
     np.testing.assert_allclose(data["x"], x[[0, 2, 5]])
     lit = numbers(data["lit"], "u1", 25, 2, 3)
-    full = films.contacts(history)[-25:]
+    full = contact_lights(history)[-25:]
     # nodes 0 and 1 are shown by the first, 2 and 3 by the second, 4 and 5 by the last one
     for shown, nodes in enumerate(([0, 1], [2, 3], [4, 5])):
         np.testing.assert_array_equal(lit[..., shown], full[..., nodes].max(axis=-1))

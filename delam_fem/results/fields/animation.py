@@ -1,0 +1,242 @@
+"""The laminae in motion as GIF and MP4, by pyvista: one picture for each frame of the fields."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pyvista as pv
+import xarray as xr
+from imageio import v2 as imageio
+
+from delam_fem.case.atomic import atomic
+from delam_fem.case.definition import Case
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.results.fields import derived, ribbons
+from delam_fem.results.fields.snapshots import RIGHT, TO_CAMERA
+from delam_fem.results.figures.style import lamina_colours, title
+from delam_fem.simulation.recorder import HIT, RESTING
+
+Picture = npt.NDArray[np.uint8]
+
+FORMATS = (".gif", ".mp4")
+"""Suffixes of the files that can be written."""
+SIZE = (720, 960)
+"""Width and height [px]; MP4 wants multiples of 16."""
+BAR = slice(SIZE[1] - 20, SIZE[1] - 10)
+"""Rows of the time bar."""
+EDGE = 24
+"""Free columns on both sides of the time bar."""
+TRACK, DONE = 215, 60
+"""Greys of the time bar: what is to come, what has passed."""
+LIGHTS = {HIT: "#f0a000", RESTING: "#202020"}
+"""Colours of pairs that were hit since the frame before, and of those that rest."""
+RADIUS = 0.011
+"""Radius of a light in lengths of the laminae."""
+STRETCH = 3.0
+"""Factor of lateral lengths: the motion is seen, and the laminae keep their shape."""
+TEXT = 12
+"""Size of the letters [pt]."""
+
+
+def write_film(
+    history: xr.Dataset,
+    case: Case,
+    paths: Sequence[Path],
+    *,
+    periods: float = 2.0,
+    rate: float = 20.0,
+    stretch: float = STRETCH,
+    progress: Callable[[int, int], None] | None = None,
+) -> list[Path]:
+    """Write the last periods as a film.
+
+    Args:
+        history: of a run with frames; see `schema.VARIABLES`.
+        case: its case.
+        paths: of the files, which show the same; each ends in one of `FORMATS`. Their folders
+            exist.
+        periods: length of the film in periods, at most that of the window.
+        rate: pictures per second.
+        stretch: factor of all lateral lengths; 1: true to scale.
+        progress: called after each picture with the numbers of finished and of all pictures.
+
+    Returns:
+        The files; none if no frame has finite values.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    history = ribbons.drawable_frames(history)
+    times = history["frame"].to_numpy()
+    if not times.size:
+        return []
+    first = int(np.searchsorted(times, times[-1] - periods * case.period + 0.5 * case.time_step))
+    frames = np.arange(first, times.size)
+    with ExitStack() as stack:
+        writers = []
+        for path in paths:
+            temporary = stack.enter_context(atomic(path))
+            writers.append(stack.enter_context(_writer(temporary, rate)))
+        for done, picture in enumerate(_pictures(history, case, frames, rate, stretch), start=1):
+            for writer in writers:
+                writer.append_data(picture)
+            if progress is not None:
+                progress(done, frames.size)
+    return list(paths)
+
+
+def _writer(path: Path, rate: float) -> Any:
+    """Return what writes pictures one after the other to a GIF or an MP4 file."""
+    if path.suffix == ".gif":
+        return imageio.get_writer(path, format="GIF-PIL", mode="I", duration=1e3 / rate, loop=0)
+    return imageio.get_writer(path, format="FFMPEG", mode="I", fps=rate, quality=8)
+
+
+def _pictures(
+    history: xr.Dataset, case: Case, frames: npt.NDArray[Any], rate: float, stretch: float
+) -> Iterator[Picture]:
+    """Yield the pictures of some frames."""
+    bodies, lights = ribbons.Ribbons.of(history, case), derived.contact_lights(history)
+    times = history["frame"].to_numpy()
+    spacing = float(times[1] - times[0]) if times.size > 1 else 0.0
+    with pv.vtk_verbosity("error"):  # without a display, VTK warns before it uses EGL or Mesa
+        plotter = pv.Plotter(off_screen=True, window_size=list(SIZE))
+        try:
+            scene = _Scene(plotter, history, case, bodies, stretch)
+            slow = f"{spacing * rate:.2g} of real time"
+            scale = "true to scale" if stretch == 1.0 else f"lateral × {stretch:g}"
+            plotter.add_text(
+                f"{title(case).replace(', contact', chr(10) + 'contact')}\n{slow}, {scale}",
+                position=(0.03, 0.915), viewport=True, font_size=TEXT, color="black",
+            )  # fmt: skip
+            for frame in frames:
+                scene.show(int(frame), lights[int(frame)])
+                _tell_time(plotter, float(times[frame]), case)
+                picture = np.array(plotter.screenshot(return_img=True), dtype=np.uint8)
+                done = (frame - frames[0]) / max(1, frames.size - 1)
+                yield with_time_bar(picture, float(done))
+        finally:
+            plotter.close()
+
+
+def with_time_bar(picture: Picture, done: float) -> Picture:
+    """Draw the time bar into a picture, of which a share has passed."""
+    width = picture.shape[1] - 2 * EDGE
+    picture[BAR, EDGE : EDGE + width] = TRACK
+    picture[BAR, EDGE : EDGE + round(done * width)] = DONE
+    return picture
+
+
+def _tell_time(plotter: pv.Plotter, time: float, case: Case) -> None:
+    """Write the time of a picture above the time bar."""
+    text = f"t = {time:.4f} s" + (f" = {time / case.period:.2f} T" if case.is_periodic else "")
+    plotter.add_text(
+        text, position=(EDGE / SIZE[0], 0.03), viewport=True, font_size=TEXT, color="black",
+        name="time",
+    )  # fmt: skip
+
+
+class _Scene:
+    """The laminae in a plotter, moved from frame to frame.
+
+    Attributes:
+        plotter: that shows them.
+        bodies: ribbons with their fields.
+        stretch: factor of all lateral lengths.
+        at_rest: corners at rest, stretched, shape (n_points, 3) [m].
+        meshes: of the laminae, with the numbers of their points.
+        clamps: of the ends that are held: 0 or -1, the block, its points at rest.
+        edge: z of the lights: before the near edges of all laminae [m].
+        radius: of the lights [m].
+    """
+
+    def __init__(
+        self,
+        plotter: pv.Plotter,
+        history: xr.Dataset,
+        case: Case,
+        bodies: ribbons.Ribbons,
+        stretch: float,
+    ) -> None:
+        """Put the laminae at rest into the plotter and aim at where they will move."""
+        self.plotter, self.bodies, self.stretch = plotter, bodies, stretch
+        self.at_rest = bodies.rest.reshape(-1, 3) * np.array([1.0, stretch, 1.0])
+        length = float(np.ptp(history["x"].to_numpy()))
+        self.edge = float(self.at_rest[:, 2].min()) - 0.005 * length
+        self.radius = RADIUS * length
+        self.meshes = []
+        grid = bodies.grid(0)
+        names = [str(name) for name in history["lamina"].to_numpy()]
+        entries = list(zip(names, lamina_colours(len(names)), strict=True))
+        for i, (_, colour) in enumerate(entries):
+            cells = np.flatnonzero(grid.cell_data["lamina"] == i + 1)
+            own = grid.extract_cells(cells)
+            plotter.add_mesh(own, color=colour, ambient=0.75, diffuse=0.3, specular=0.0)
+            self.meshes.append((own, own.point_data["vtkOriginalPointIds"]))
+        self.clamps = [
+            (end, clamp, clamp.points.copy())
+            for end, clamp in zip((0, -1), self._blocks(length), strict=True)
+            if derived.held_ends(case)[end]
+        ]
+        for _, clamp, _ in self.clamps:
+            plotter.add_mesh(clamp, color="#9a9a9a", ambient=0.5)
+        plotter.set_background("white")
+        plotter.add_legend(
+            [*map(list, entries), ["hit", LIGHTS[HIT]], ["resting", LIGHTS[RESTING]]],
+            bcolor=None, face="rectangle", loc="lower right", size=(0.16, 0.1),
+        )  # fmt: skip
+        self._aim(history, length)
+
+    def show(self, frame: int, lights: npt.NDArray[np.uint8]) -> None:
+        """Move the laminae to a frame and light the pairs that touch."""
+        points = self.at_rest + self.stretch * self.bodies.point_data(frame)["displacement"]
+        for mesh, own in self.meshes:
+            mesh.points = points[own]
+        faces = points.reshape(*self.bodies.rest.shape)
+        for end, clamp, at_rest in self.clamps:
+            moved = float(self.bodies.vectors["displacement"][0, frame, end])
+            clamp.points = at_rest + np.array([0.0, self.stretch * moved, 0.0])
+        for state, colour in LIGHTS.items():
+            where, node = np.nonzero(lights == state)
+            name = f"light {state}"
+            if not where.size:
+                self.plotter.remove_actor(name, render=False)
+                continue
+            between = (faces[where, node, 1] + faces[where + 1, node, 0]) / 2.0
+            between[:, 2] = self.edge
+            spheres = pv.PolyData(between).glyph(
+                geom=pv.Sphere(radius=self.radius), scale=False, orient=False
+            )
+            self.plotter.add_mesh(
+                spheres, color=colour, name=name, lighting=False, reset_camera=False
+            )
+
+    def _blocks(self, length: float) -> list[pv.PolyData]:
+        """Return the blocks that clamp the first and the last section at rest."""
+        blocks = []
+        for end, outwards in ((0, -1.0), (-1, 1.0)):
+            section = self.at_rest.reshape(*self.bodies.rest.shape)[:, end]
+            (x, low, _), (_, high, z) = section.min(axis=(0, 1)), section.max(axis=(0, 1))
+            margin, x_end = 0.015 * length, x + outwards * 0.04 * length
+            bounds = (min(x, x_end), max(x, x_end), low - margin, high + margin, -z, z)
+            blocks.append(pv.Box(bounds=bounds))
+        return blocks
+
+    def _aim(self, history: xr.Dataset, length: float) -> None:
+        """Point the camera at the middle of all motion."""
+        u = self.stretch * history["displacement"].to_numpy()
+        y = self.at_rest[:, 1].reshape(*self.bodies.rest.shape[:3])
+        low, high = float(y.min() + u.min()), float(y.max() + u.max())
+        focus: FloatArray = np.array([0.5 * length, 0.0, 0.0]) + 0.5 * (low + high) * RIGHT
+        half = max(0.62 * length, 0.55 * (high - low) * SIZE[1] / SIZE[0])
+        camera = self.plotter.camera
+        camera.focal_point, camera.up = focus, (1.0, 0.0, 0.0)
+        camera.position = focus + 4.0 * length * TO_CAMERA
+        self.plotter.enable_parallel_projection()
+        camera.parallel_scale = half
+        self.plotter.reset_camera_clipping_range()

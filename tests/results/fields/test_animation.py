@@ -1,0 +1,84 @@
+"""Films read back by other readers: their length, their lights, their time bar."""
+
+from pathlib import Path
+
+import imageio_ffmpeg
+import numpy as np
+import pytest
+from matplotlib.colors import to_rgb
+from PIL import Image, ImageSequence
+from synthetic import FRAMES, WINDOW, small_case, synthetic_history
+
+from delam_fem.results.fields import animation
+from delam_fem.results.fields.animation import LIGHTS, SIZE, write_film
+from delam_fem.results.figures.style import lamina_colours
+from delam_fem.simulation.recorder import HIT, RESTING
+
+PERIODS = 0.3
+"""Length of the films: frames 14 to 19 of the last period."""
+
+
+def pictures(path: Path) -> np.ndarray:
+    """Return the pictures of a GIF, as another program reads them."""
+    with Image.open(path) as film:
+        return np.stack([np.array(p.convert("RGB")) for p in ImageSequence.Iterator(film)])
+
+
+def share(picture: np.ndarray, colour: str, tolerance: float = 0.02) -> float:
+    return float((np.abs(picture / 255.0 - to_rgb(colour)).max(axis=-1) < tolerance).mean())
+
+
+def test_gif_and_mp4_show_the_last_periods(tmp_path: Path) -> None:
+    case = small_case()
+    history = synthetic_history(case, tip_strikes=(0.5, 1.5, 2.5, 3.8))
+    paths = [tmp_path / "a.gif", tmp_path / "b.mp4"]
+    told: list[tuple[int, int]] = []
+    found = write_film(
+        history, case, paths, periods=PERIODS, progress=lambda *done: told.append(done)
+    )
+    assert found == paths and sorted(tmp_path.iterdir()) == paths
+    n = round(PERIODS * FRAMES)
+    assert told == [(k + 1, n) for k in range(n)]
+    film = pictures(paths[0])
+    assert film.shape == (n, SIZE[1], SIZE[0], 3)
+    scene = film[:, 100:-100]
+    for colour in lamina_colours(2):  # shaded, so that the colours differ a little
+        assert share(scene[0], colour, 0.25) > 3e-3
+    lit = [share(picture[:, : SIZE[0] * 3 // 4], LIGHTS[HIT], 0.05) > 1e-4 for picture in scene]
+    # the strike at 3.8 is at the second frame of 3.75, 3.8, …; the weaker one follows it
+    assert lit == [False, True, True, False, False, False]
+    assert not np.array_equal(scene[0], scene[-1])
+    bars = film[:, animation.BAR.start + 4, animation.EDGE : -animation.EDGE, 0]
+    done = (bars < 128).mean(axis=-1)
+    np.testing.assert_allclose(done, np.arange(n) / (n - 1), atol=0.02)
+    count, seconds = imageio_ffmpeg.count_frames_and_secs(str(paths[1]))
+    assert count == n and seconds == pytest.approx(n / 20.0, abs=0.051)
+
+
+def test_resting_pairs_are_lit_where_they_are(tmp_path: Path) -> None:
+    case = small_case()
+    history = synthetic_history(case).isel(event=slice(0, 0))
+    history["contact_state"][:] = 0
+    history["contact_state"][-1, 3] = RESTING
+    (path,) = write_film(history, case, [tmp_path / "a.gif"], periods=0.1, stretch=1.0)
+    before, after = pictures(path)[-2:, 100:-130, : SIZE[0] * 3 // 4].astype(float)
+    dark = (after.max(axis=-1) < 60) & (before.max(axis=-1) > 80)
+    rows = np.flatnonzero(dark.any(axis=1))
+    assert dark.sum() > 50 and np.ptp(rows) < 40
+    height = 1.0 - (rows.mean() + 100) / SIZE[1]
+    # x = 0.6 L; the picture spans 1.24 L about the middle, seen from a little above
+    assert height == pytest.approx(0.5 + 0.1 / 1.24, abs=0.05)
+
+
+def test_a_motion_without_finite_frames_has_no_film(tmp_path: Path) -> None:
+    case = small_case()
+    history = synthetic_history(case).isel(frame=slice(0, 0))
+    assert write_film(history, case, [tmp_path / "a.gif"]) == []
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_film_is_at_most_the_window(tmp_path: Path) -> None:
+    case = small_case()
+    history = synthetic_history(case).isel(frame=slice(0, 2))
+    (path,) = write_film(history, case, [tmp_path / "a.gif"], periods=1e9)
+    assert len(pictures(path)) == 2 < FRAMES * WINDOW
