@@ -76,9 +76,12 @@ def sweep_command(
         data, directory = _computed(
             sweep_file, output, overrides, going_on, (workers, executor), quiet, yes=yes
         )
+        from delam_fem.studies.sweeps.page import write_page
+
+        page = write_page(data, directory)
         data.close()
         if not quiet:
-            say_files([directory / "sweep.nc"])
+            say_files([directory / "sweep.nc", page])
 
 
 def diagram_command(
@@ -97,6 +100,7 @@ def diagram_command(
     """Draw a diagram of a sweep; compute the sweep first if its result does not exist."""
     with reported(quiet):
         from delam_fem.studies.sweeps.diagrams import save_diagram
+        from delam_fem.studies.sweeps.page import write_page
 
         if source.suffix == ".toml":
             going_on = resume, overwrite
@@ -112,10 +116,12 @@ def diagram_command(
             )
         else:
             data, directory = _read(source, output)
-        path = save_diagram(kind, data, directory / f"{kind}.png")
+        paths = [save_diagram(kind, data, directory / f"{kind}.png")]
+        if (directory / "sweep.nc").is_file():
+            paths.append(write_page(data, directory))
         data.close()
         if not quiet:
-            say_files([path])
+            say_files(paths)
 
 
 def _computed(

@@ -38,11 +38,8 @@ HEADLINES = (
 )
 """Figure and text of the claims of the short table. A test keeps README below 8 kB."""
 _STYLE = """
-body { max-width: 64rem; } h2 { font-size: 1.25rem; margin-top: 3rem; }
-table { font-size: .9rem; } td, th { padding: .3rem .8rem .3rem 0; vertical-align: top; }
 td:last-child { white-space: nowrap; font-weight: 600; }
-.holds td:last-child { color: #0072B2; } .no td:last-child { color: #D55E00; }
-figure { margin: 1rem 0; } .about { color: #555; }
+.holds td:last-child { color: var(--mark); } .no td:last-child { color: var(--bad); }
 """
 _ROW_CLASS = {"holds": "holds", "does not hold": "no", "open": "open"}
 
@@ -82,7 +79,7 @@ def write_page(directory: Path, figures: Sequence[Entry]) -> Path:
         [Paragraph(tally(claims)), _table(claims, figures)],
     )
     sections = [about, overview, *(_section(figure, figures) for figure in figures)]
-    text = html.page("The paper, figure by figure", sections, style=_STYLE)
+    text = html.page("The paper, figure by figure", sections, style=_STYLE, contents=True)
     return write_text(directory / "index.html", text)
 
 

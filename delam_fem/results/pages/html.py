@@ -34,8 +34,15 @@ class Link:
     address: str
 
 
-Text: TypeAlias = str | Link | tuple[str | Link, ...]
-"""Plain text, a link, or several of both in a row."""
+@dataclass(frozen=True)
+class Code:
+    """A command or a name within a text."""
+
+    text: str
+
+
+Text: TypeAlias = str | Link | Code | tuple[str | Link | Code, ...]
+"""Plain text, a link, a command, or several of them in a row."""
 
 
 @dataclass(frozen=True)
@@ -59,11 +66,45 @@ class Table:
         heading: texts of the columns.
         rows: cells of each row.
         kinds: CSS class of each row; empty for none.
+        anchors: names of the rows that links can point to; empty for none.
     """
 
     heading: Sequence[Text]
     rows: Sequence[Sequence[Text]]
     kinds: Sequence[str] = ()
+    anchors: Sequence[str] = ()
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A cell of a map.
+
+    Attributes:
+        text: in the cell, a few letters.
+        address: to which it leads.
+        colour: of its background, which black text suits.
+        description: what it shows in words.
+    """
+
+    text: str
+    address: str
+    colour: str
+    description: str
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A map of coloured cells that lead somewhere.
+
+    Attributes:
+        title: what the rows and the columns are.
+        columns: headings of the columns.
+        rows: heading and cells of each row, from top to bottom.
+    """
+
+    title: str
+    columns: Sequence[str]
+    rows: Sequence[tuple[str, Sequence[Cell]]]
 
 
 @dataclass(frozen=True)
@@ -103,7 +144,7 @@ class Preformatted:
     text: str
 
 
-Block: TypeAlias = Paragraph | Table | Figure | Film | Preformatted
+Block: TypeAlias = Paragraph | Table | Grid | Figure | Film | Preformatted
 
 
 @dataclass(frozen=True)
@@ -203,7 +244,7 @@ def _block(block: Block) -> str:
         return f"<figure>{pictures}<figcaption>{_text(block.caption)}</figcaption></figure>"
     if isinstance(block, Film):
         return _film(block)
-    return _table(block)
+    return _grid(block) if isinstance(block, Grid) else _table(block)
 
 
 def _film(film: Film) -> str:
@@ -220,16 +261,40 @@ def _film(film: Film) -> str:
 def _table(table: Table) -> str:
     """Return a table as HTML."""
     head = "".join(f"<th>{_text(text)}</th>" for text in table.heading)
-    kinds = table.kinds or [""] * len(table.rows)
+    none = [""] * len(table.rows)
     body = "\n".join(
-        f"<tr{_attribute('class', kind)}>"
+        f"<tr{_attribute('id', anchor)}{_attribute('class', kind)}>"
         + "".join(f"<td>{_text(text)}</td>" for text in row)
         + "</tr>"
-        for kind, row in zip(kinds, table.rows, strict=True)
+        for anchor, kind, row in zip(
+            table.anchors or none, table.kinds or none, table.rows, strict=True
+        )
     )
     return (
         f'<div class="wide"><table>\n<thead><tr>{head}</tr></thead>\n'
         f"<tbody>\n{body}\n</tbody>\n</table></div>"
+    )
+
+
+def _grid(grid: Grid) -> str:
+    """Return a map as HTML."""
+    head = "".join(f"<th>{escape(text)}</th>" for text in ("", *grid.columns))
+    body = "\n".join(
+        f"<tr><th>{escape(heading)}</th>{''.join(_cell(cell) for cell in cells)}</tr>"
+        for heading, cells in grid.rows
+    )
+    return (
+        f'<div class="wide"><table class="map">\n<caption>{escape(grid.title)}</caption>\n'
+        f"<tbody>\n{body}\n<tr>{head}</tr>\n</tbody>\n</table></div>"
+    )
+
+
+def _cell(cell: Cell) -> str:
+    """Return a cell of a map as HTML."""
+    return (
+        f"<td{_attribute('style', f'background:{cell.colour}')}>"
+        f"<a{_attribute('href', cell.address)}{_attribute('title', cell.description)}>"
+        f"{escape(cell.text)}</a></td>"
     )
 
 
@@ -239,6 +304,8 @@ def _text(text: Text) -> str:
         return "".join(_text(part) for part in text)
     if isinstance(text, Link):
         return f"<a{_attribute('href', text.address)}>{escape(text.text)}</a>"
+    if isinstance(text, Code):
+        return f"<code>{escape(text.text)}</code>"
     return escape(text)
 
 
