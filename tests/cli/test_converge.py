@@ -40,6 +40,10 @@ def test_the_command(tmp_path: Path) -> None:
     assert text.startswith("# Convergence of case default\n\n**without contact, 5 elements")
     assert len(load_results(tmp_path)) == 2 * 2 * 2 + 2
     assert (tmp_path / "figures" / "error_over_cost.png").is_file()
+    page = (tmp_path / "report.html").read_text("utf-8")
+    assert "10 of 10 runs are there." in page
+    assert page.count("<img") == len(list((tmp_path / "figures").iterdir()))
+    assert "<h2" in page and "relative errors without contact, 10 elements</h2>" in page
     status, _, output = invoke(*SMALL, *sizes, "-o", tmp_path)
     assert status == 2
     assert "go on with --resume" in output

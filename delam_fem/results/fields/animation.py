@@ -93,7 +93,7 @@ def write_film(
 def _writer(path: Path, rate: float) -> Any:
     """Return what writes pictures one after the other to a GIF or an MP4 file."""
     if path.suffix == ".gif":
-        return imageio.get_writer(path, format="GIF-PIL", mode="I", duration=1e3 / rate, loop=0)
+        return imageio.get_writer(path, format="GIF-PIL", mode="I", duration=1.0 / rate, loop=0)
     return imageio.get_writer(path, format="FFMPEG", mode="I", fps=rate, quality=8)
 
 

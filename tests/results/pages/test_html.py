@@ -8,7 +8,18 @@ from pathlib import Path
 import pytest
 
 from delam_fem.results.pages import html
-from delam_fem.results.pages.html import Figure, Film, Link, Paragraph, Preformatted, Section, Table
+from delam_fem.results.pages.html import (
+    Cell,
+    Code,
+    Figure,
+    Film,
+    Grid,
+    Link,
+    Paragraph,
+    Preformatted,
+    Section,
+    Table,
+)
 
 NASTY = '<b>"it\'s" & 1 < 2</b>'
 
@@ -53,6 +64,8 @@ def test_title_stands_in_the_head_and_above_the_content() -> None:
         Table([NASTY], [[NASTY], [Link(NASTY, NASTY)]]),
         Figure([NASTY], NASTY, NASTY),
         Film({"name": "</script><b>"}, NASTY, NASTY),
+        Grid(NASTY, [NASTY], [(NASTY, [Cell(NASTY, NASTY, NASTY, NASTY)])]),
+        Paragraph((NASTY, Code(NASTY))),
     ],
 )
 def test_texts_and_addresses_are_escaped(block: html.Block) -> None:
@@ -110,8 +123,15 @@ def test_rows_of_a_table_have_their_kinds() -> None:
     ]  # fmt: skip
 
 
+def test_rows_of_a_table_can_be_linked() -> None:
+    table = Table(["a"], [["1"], ["2"]], anchors=["first", "second"])
+    tags = Tags(html.page("title", [Section("", [table])]))
+    rows = [attributes for tag, attributes in tags.found if tag == "tr"]
+    assert rows == [{}, {"id": "first"}, {"id": "second"}]
+
+
 def test_a_kind_per_row_is_required() -> None:
-    with pytest.raises(ValueError, match="longer"):
+    with pytest.raises(ValueError, match="shorter"):
         html.page("title", [Section("", [Table(["a"], [["1"], ["2"]], ["good"])])])
 
 
