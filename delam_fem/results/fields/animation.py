@@ -17,7 +17,7 @@ from delam_fem.case.atomic import atomic
 from delam_fem.case.definition import Case
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.results.fields import derived, ribbons
-from delam_fem.results.fields.snapshots import RIGHT, TO_CAMERA
+from delam_fem.results.fields.snapshots import RIGHT, TO_CAMERA, magnification
 from delam_fem.results.figures.style import lamina_colours, title
 from delam_fem.simulation.recorder import HIT, RESTING
 
@@ -62,7 +62,8 @@ def write_film(
             exist.
         periods: length of the film in periods, at most that of the window.
         rate: pictures per second.
-        stretch: factor of all lateral lengths; 1: true to scale.
+        stretch: factor of all lateral lengths; 1: true to scale. Deflections that are too small
+            to be seen are enlarged further, and the film says how much.
         progress: called after each picture with the numbers of finished and of all pictures.
 
     Returns:
@@ -107,9 +108,11 @@ def _pictures(
     with pv.vtk_verbosity("error"):  # without a display, VTK warns before it uses EGL or Mesa
         plotter = pv.Plotter(off_screen=True, window_size=list(SIZE))
         try:
-            scene = _Scene(plotter, history, case, bodies, stretch)
+            factor = magnification(history, frames.tolist(), case.length)
+            scene = _Scene(plotter, history, case, bodies, (stretch, factor * stretch))
             slow = f"{spacing * rate:.2g} of real time"
             scale = "true to scale" if stretch == 1.0 else f"lateral × {stretch:g}"
+            scale += "" if factor == 1.0 else f", deflections × {factor * stretch:g}"
             plotter.add_text(
                 f"{title(case).replace(', contact', chr(10) + 'contact')}\n{slow}, {scale}",
                 position=(0.03, 0.915), viewport=True, font_size=TEXT, color="black",
@@ -147,7 +150,7 @@ class _Scene:
     Attributes:
         plotter: that shows them.
         bodies: ribbons with their fields.
-        stretch: factor of all lateral lengths.
+        deflection: factor of the displacements; that of the bodies is in `at_rest`.
         at_rest: corners at rest, stretched, shape (n_points, 3) [m].
         meshes: of the laminae, with the numbers of their points.
         clamps: of the ends that are held: 0 or -1, the block, its points at rest.
@@ -161,10 +164,11 @@ class _Scene:
         history: xr.Dataset,
         case: Case,
         bodies: ribbons.Ribbons,
-        stretch: float,
+        factors: tuple[float, float],
     ) -> None:
         """Put the laminae at rest into the plotter and aim at where they will move."""
-        self.plotter, self.bodies, self.stretch = plotter, bodies, stretch
+        self.plotter, self.bodies = plotter, bodies
+        stretch, self.deflection = factors
         self.at_rest = bodies.rest.reshape(-1, 3) * np.array([1.0, stretch, 1.0])
         length = float(np.ptp(history["x"].to_numpy()))
         self.edge = float(self.at_rest[:, 2].min()) - 0.005 * length
@@ -194,13 +198,13 @@ class _Scene:
 
     def show(self, frame: int, lights: npt.NDArray[np.uint8]) -> None:
         """Move the laminae to a frame and light the pairs that touch."""
-        points = self.at_rest + self.stretch * self.bodies.point_data(frame)["displacement"]
+        points = self.at_rest + self.deflection * self.bodies.point_data(frame)["displacement"]
         for mesh, own in self.meshes:
             mesh.points = points[own]
         faces = points.reshape(*self.bodies.rest.shape)
         for end, clamp, at_rest in self.clamps:
             moved = float(self.bodies.vectors["displacement"][0, frame, end])
-            clamp.points = at_rest + np.array([0.0, self.stretch * moved, 0.0])
+            clamp.points = at_rest + np.array([0.0, self.deflection * moved, 0.0])
         for state, colour in LIGHTS.items():
             where, node = np.nonzero(lights == state)
             name = f"light {state}"
@@ -229,7 +233,7 @@ class _Scene:
 
     def _aim(self, history: xr.Dataset, length: float) -> None:
         """Point the camera at the middle of all motion."""
-        u = self.stretch * history["displacement"].to_numpy()
+        u = self.deflection * history["displacement"].to_numpy()
         y = self.at_rest[:, 1].reshape(*self.bodies.rest.shape[:3])
         low, high = float(y.min() + u.min()), float(y.max() + u.max())
         focus: FloatArray = np.array([0.5 * length, 0.0, 0.0]) + 0.5 * (low + high) * RIGHT
