@@ -76,6 +76,7 @@ def three_laminae(**overrides: object) -> Recorded:
         SimpleNamespace(
             window=window,
             steps_per_period=STEPS,
+            refine=1,
             time_step=case.time_step,
             n_closed=PERIODS,
             strobe=strobe,

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from delam_fem.cli.inputs import Quiet, writable
+from delam_fem.cli.inputs import Quiet
 from delam_fem.cli.terminal import reported, say_files
 
 RunFolder = Annotated[Path, typer.Argument(metavar="RUN", help="Folder of the results of a run.")]
@@ -58,7 +58,7 @@ def animate_command(
                 "output.fields_per_period above 0"
             )
         for folder in {path.parent for path in paths}:
-            writable(folder)
+            folder.mkdir(parents=True, exist_ok=True)
         from delam_fem.results.fields.animation import write_film
 
         with progress(Console(stderr=True, quiet=quiet)) as report:
