@@ -117,10 +117,12 @@ def _pictures(
                 f"{title(case).replace(', contact', chr(10) + 'contact')}\n{slow}, {scale}",
                 position=(0.03, 0.915), viewport=True, font_size=TEXT, color="black",
             )  # fmt: skip
+            plotter.show(auto_close=False)
             for frame in frames:
                 scene.show(int(frame), lights[int(frame)])
                 _tell_time(plotter, float(times[frame]), case)
-                picture = np.array(plotter.screenshot(return_img=True), dtype=np.uint8)
+                plotter.render()
+                picture = np.array(plotter.image, dtype=np.uint8)
                 done = (frame - frames[0]) / max(1, frames.size - 1)
                 yield with_time_bar(picture, float(done))
         finally:
