@@ -119,7 +119,7 @@ def load(
     if not path.is_file():
         raise CaseError(f"resume: expected a checkpoint of an interrupted run, no file {path}")
     try:
-        with np.load(path) as archive:  # it has a checksum for each array
+        with path.open("rb") as file, np.load(file) as archive:  # each array has a checksum
             data = {key: archive[key] for key in archive.files}
         found = {key: str(data[key]) for key in _origin(case, name)}
     except Exception as error:  # a damaged archive raises a dozen different ones

@@ -28,6 +28,7 @@ from attack.processes import (
 )
 
 import delam_fem as df
+from delam_fem.case.claim import claimed
 
 POLITE = ("HUP", "INT", "TERM")
 """Signals that end a run after its period, with all results so far."""
@@ -42,7 +43,7 @@ os.execv(sys.argv[1], sys.argv[1:])
 """Program that makes its stdin the controlling terminal of a command."""
 MPIRUN = ("mpirun", "--allow-run-as-root", "--oversubscribe", "-n", "2")
 LONG = CASE | {"time.periods": 5000}
-FEW = {"time.periods": 8}
+FEW = {"time.periods": 3, "time.steps_per_period": 20, "output.window_periods": 1}
 FIELDLESS = {"output.fields_per_period": 0}
 
 
@@ -72,9 +73,8 @@ def _stop_at_once(done: int, total: int) -> None:
     signal.raise_signal(signal.SIGINT)
 
 
-@pytest.mark.parametrize(
-    "name", [POLITE[0], *(pytest.param(n, marks=pytest.mark.nightly) for n in POLITE[1:])]
-)
+@pytest.mark.nightly
+@pytest.mark.parametrize("name", POLITE)
 def test_polite_signals_end_a_run_that_goes_on(name: str, tmp_path: Path) -> None:
     keys = LONG | FIELDLESS
     process = start(run_line(tmp_path / "run", "-q", keys=keys))
@@ -120,6 +120,7 @@ def test_nohup_keeps_a_run_alive(tmp_path: Path) -> None:
     assert finish(process)[0] == 0
 
 
+@pytest.mark.nightly
 def test_nobody_reads_the_output(tmp_path: Path) -> None:
     """`run … 2>&1 | head -1`: the reader goes away after the first line."""
     ends = os.pipe()
@@ -145,7 +146,6 @@ def test_closed_and_full_streams(closed: str, tmp_path: Path) -> None:
     assert history(tmp_path / "run").attrs["outcome"] == "completed"
 
 
-@pytest.mark.nightly
 def test_the_terminal_is_closed(tmp_path: Path) -> None:
     """The kernel sends SIGHUP, and every later write fails."""
     controller, terminal = pty.openpty()
@@ -157,20 +157,6 @@ def test_the_terminal_is_closed(tmp_path: Path) -> None:
     assert process.wait(timeout=LIMIT) == 130
     require_whole_files(tmp_path / "run")
     require_resumable(tmp_path / "run", tmp_path, LONG | FIELDLESS)
-
-
-def test_two_runs_in_one_folder(tmp_path: Path) -> None:
-    first = start(run_line(tmp_path / "run", "-q", keys=LONG | FIELDLESS))
-    wait_for(tmp_path / "run" / "checkpoint.npz", first)
-    status, errors = ended(run_line(tmp_path / "run", "--overwrite", keys=LONG | FIELDLESS))
-    assert (status, len(errors.splitlines())) == (2, 1)
-    assert "another process is writing there" in errors
-    first.kill()
-    first.communicate()
-    status, errors = ended(run_line(tmp_path / "run", "-q", keys=LONG | FIELDLESS))
-    assert (status, len(errors.splitlines())) == (2, 1)
-    assert "is not empty (checkpoint.npz)" in errors
-    assert periods_kept(tmp_path / "run") > 0
 
 
 def listening(process: int) -> list[str]:
@@ -189,14 +175,20 @@ def listening(process: int) -> list[str]:
     return found
 
 
-def test_a_run_opens_no_socket(tmp_path: Path) -> None:
-    process = start(run_line(tmp_path / "run", "-q", keys=LONG | FIELDLESS))
-    wait_for(tmp_path / "run" / "checkpoint.npz", process)
+def test_a_run_holds_its_folder_and_opens_no_socket(tmp_path: Path) -> None:
+    line = run_line(tmp_path / "run", "--overwrite", keys=LONG | FIELDLESS)
+    first = start(line)
+    wait_for(tmp_path / "run" / "checkpoint.npz", first)
     try:
-        assert listening(process.pid) == []
+        assert listening(first.pid) == []
+        status, errors = ended(line)
+        assert (status, len(errors.splitlines())) == (2, 1)
+        assert "another process is writing there" in errors
     finally:
-        process.kill()
-        process.communicate()
+        first.kill()
+        first.communicate()
+    with claimed(tmp_path / "run", may_hold_results=True):  # the lock has ended with the process
+        assert periods_kept(tmp_path / "run") > 0
 
 
 @pytest.mark.mpi

@@ -1,10 +1,15 @@
 """Files and folders appear under their names when they are complete, or not at all."""
 
+import errno
+import resource
+import signal
 from pathlib import Path
 
+import h5py
+import numpy as np
 import pytest
 
-from delam_fem.case.atomic import atomic, write_text
+from delam_fem.case.atomic import atomic, atomic_file, write_text
 
 
 def names(folder: Path) -> set[str]:
@@ -72,3 +77,37 @@ def test_text_is_utf8_and_its_folder_must_exist(tmp_path: Path) -> None:
     assert path.read_bytes() == b"\xc2\xb5\n"
     with pytest.raises(FileNotFoundError, match="missing"):
         write_text(tmp_path / "missing" / "a.txt", "")
+
+
+def test_a_file_takes_everything_and_says_what_failed(tmp_path: Path) -> None:
+    """HDF5 must not see the failure; the user must."""
+    path = write_text(tmp_path / "data.nc", "earlier")
+    limit = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limit[1]))
+    before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    try:
+        with pytest.raises(OSError, match=r"data\.nc") as caught, atomic_file(path) as file:
+            assert file.write(bytes(600)) == 600
+            assert file.write(bytes(600)) == 600  # 400 of them are on the disk
+            assert file.error is not None
+            assert file.truncate(5000) == 5000
+            file.seek(900)
+            assert file.read(200) == bytes(200)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limit)
+        signal.signal(signal.SIGXFSZ, before)
+    assert caught.value.errno == errno.EFBIG
+    assert path.read_text() == "earlier"
+    assert names(tmp_path) == {"data.nc"}
+
+
+def test_hdf5_writes_through_such_a_file(tmp_path: Path) -> None:
+    with atomic_file(tmp_path / "a.h5") as temporary, h5py.File(temporary, "w") as file:
+        file["x"] = np.arange(1000.0)
+    with h5py.File(tmp_path / "a.h5") as file:
+        assert np.array_equal(file["x"], np.arange(1000.0))
+
+
+def test_an_error_names_the_file(tmp_path: Path) -> None:
+    with pytest.raises(OSError, match=r"No space.*result\.nc"), atomic(tmp_path / "result.nc"):
+        raise OSError(errno.ENOSPC, "No space left on device")

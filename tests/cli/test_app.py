@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import logging
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -38,6 +39,7 @@ class FakeRun:
         self.error: BaseException | None = None
         self.save_error: OSError | None = None
         self.calls: list[tuple[Case, str, Path | None, bool]] = []
+        self.overwrites: list[bool] = []
 
     def __call__(
         self,
@@ -48,8 +50,10 @@ class FakeRun:
         resume: bool = False,
         progress: Callable[[int, int], None] | None = None,
         comm: object = None,
+        overwrite: bool = False,
     ) -> SimpleNamespace:
         """Pretend to compute a case."""
+        self.overwrites.append(overwrite)
         self.calls.append((case, engine, directory, resume))
         if self.error is not None:
             raise self.error
@@ -107,6 +111,53 @@ def test_status_of_a_run_that_ends_early(fake: FakeRun, outcome: str, status: in
     assert f"delam-fem: {outcome}" in result.stderr
     assert "results so far are in runs/paper" in result.stderr
     assert Path("runs/paper/case.toml").is_file()  # what was computed is kept
+
+
+def test_a_folder_with_results_is_refused_unless_told(fake: FakeRun) -> None:
+    assert invoke("run", "paper").exit_code == 0
+    refused = invoke("run", "paper")
+    assert refused.exit_code == 2
+    assert "runs/paper: is not empty (case.toml)" in refused.stderr
+    assert len(refused.stderr.splitlines()) == 1
+    assert invoke("run", "paper", "--overwrite").exit_code == 0
+    assert fake.overwrites == [False, True]
+
+
+def test_report_is_made_again_without_computing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    keys = {"mesh.elements": 3, "time.steps_per_period": 40, "time.periods": 3}
+    small = {**keys, "output.window_periods": 2, "output.fields_per_period": 2}
+    sets = [f"--set={key}={value}" for key, value in small.items()]
+    folder = tmp_path / "run"
+    assert invoke("run", "paper", *sets, "-q", "-o", folder).exit_code == 0
+    made = {path.relative_to(folder) for path in folder.rglob("*") if path.is_file()}
+    assert Path("fields/fields.pvd") in made
+    shutil.rmtree(folder / "figures")
+    shutil.rmtree(folder / "fields")
+    (folder / "report.html").unlink()
+    before = (folder / "result.nc").read_bytes()
+    monkeypatch.setitem(sys.modules, "delam_fem.pipeline", None)  # cannot be imported
+    again = invoke("run", "paper", *sets, "-q", "-o", folder, "--resume")
+    assert (again.exit_code, again.output) == (0, "")  # complete: nothing to compute
+    result = invoke("report", folder)
+    assert result.exit_code == 0, result.output
+    assert {path.relative_to(folder) for path in folder.rglob("*") if path.is_file()} == made
+    assert (folder / "result.nc").read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("content", "text"),
+    [(None, "expected the folder of a run, found no result.nc"), (b"no", "damaged, or not the")],
+)
+def test_report_of_what_is_no_run(content: bytes | None, text: str, tmp_path: Path) -> None:
+    if content is not None:
+        (tmp_path / "result.nc").write_bytes(content)
+    for folder, expected in ((tmp_path, text), (tmp_path / "none", "no such folder")):
+        result = invoke("report", folder)
+        assert (result.exit_code, result.stdout) == (2, "")
+        assert expected in result.stderr
+        assert len(result.stderr.splitlines()) == 1
 
 
 @pytest.mark.parametrize(

@@ -1,78 +1,92 @@
-"""A checkpoint gives back everything that was saved, and refuses what does not fit."""
+"""A checkpoint that is damaged, or of another run, is bad input with one clear message."""
 
 from __future__ import annotations
 
-from dataclasses import fields
+import signal
 from pathlib import Path
 
 import numpy as np
 import pytest
-from scripted import Engine, motion, recorder
 
-from delam_fem.case.files import preset
-from delam_fem.case.toml import CaseError
+import delam_fem as df
 from delam_fem.simulation import checkpoint
-from delam_fem.simulation.loop import simulate
-from delam_fem.simulation.recorder import PeriodRecord
 
-CASE = preset("paper")
+KEYS = {
+    "mesh.elements": 3, "time.steps_per_period": 20, "time.periods": 4,
+    "output.window_periods": 2, "output.fields_per_period": 0,
+}  # fmt: skip
+SEED, DAMAGES = 5, 60
 
 
-@pytest.mark.parametrize("window", [1, 2, 3])
-@pytest.mark.parametrize("closed", [1, 2])
-def test_a_run_goes_on_as_if_nothing_had_happened(tmp_path: Path, window: int, closed: int) -> None:
-    whole, first = recorder(window=window), recorder(window=window)
-    simulate(Engine(), whole, motion)
-    engine = Engine()
-    simulate(engine, first, motion, stop=lambda k: k == closed)
+def case(**keys: object) -> df.Case:
+    return df.preset("paper", KEYS | keys)
+
+
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """Return the content of a checkpoint after one period."""
+    folder = tmp_path_factory.mktemp("run")
+    df.run(case(), directory=folder, progress=lambda k, n: signal.raise_signal(signal.SIGINT))
+    return checkpoint.path_in(folder).read_bytes()
+
+
+def resumed(folder: Path, content: bytes) -> df.Result:
+    """Resume from a checkpoint with a content."""
+    checkpoint.path_in(folder).write_bytes(content)
+    return df.run(case(), directory=folder, resume=True)
+
+
+def test_damaged_checkpoints_are_refused_or_harmless(saved: bytes, tmp_path: Path) -> None:
+    """Cut, overwritten and emptied files; a change that no checksum covers changes no number."""
+    rng = np.random.default_rng(SEED)
+    whole = df.run(case()).history
+    refused = 0
+    for k in range(DAMAGES):
+        content = bytearray(saved)
+        if k % 3 == 0:
+            del content[int(rng.integers(len(content))) :]
+        else:
+            for place in rng.integers(len(content), size=1 + k % 5):
+                content[place] ^= int(rng.integers(1, 256))
+        try:
+            assert resumed(tmp_path, bytes(content)).history.equals(whole)
+        except df.CaseError as error:
+            refused += 1
+            assert "damaged" in str(error) or "is of" in str(error) or "another case" in str(error)
+            assert len(str(error).splitlines()) == 1
+    assert refused > DAMAGES // 2
+
+
+def test_an_undamaged_one_is_not(saved: bytes, tmp_path: Path) -> None:
+    assert resumed(tmp_path, saved).summary["outcome"] == "completed"
+
+
+@pytest.mark.parametrize(("key", "value"), [("version", "0.0.1"), ("scheme", "moreau-jean")])
+def test_another_version_or_scheme_is_refused(
+    key: str, value: str, saved: bytes, tmp_path: Path
+) -> None:
     path = checkpoint.path_in(tmp_path)
-    checkpoint.save(path, CASE, engine, first)
-    resumed, again = Engine(), recorder(window=window)
-    checkpoint.load(path, CASE, resumed, again, motion)
-    assert again.n_closed == closed
-    assert len(again.window) == min(window, closed)
-    assert resumed.base_state is not None
-    assert resumed.base_state.tolist() == motion(closed)[0].tolist()
-    assert resumed.state().losses == engine.state().losses == (2.0 * closed, 1.0 * closed)
-    assert resumed.stepper.resting.tolist() == [True, False]
-    for one, other in zip(again.window, first.window, strict=True):
-        same(one, other)
-    assert simulate(resumed, again, motion) == "completed"
-    for name in ("strobe", "envelope", "ledger", "impulse"):
-        assert getattr(again, name).tolist() == getattr(whole, name).tolist(), name
-    for one, other in zip(again.window, whole.window, strict=True):
-        same(one, other)
+    path.write_bytes(saved)
+    with np.load(path) as data:
+        arrays = {name: data[name] for name in data.files}
+    np.savez(path, **{**arrays, key: np.array(value)})
+    with pytest.raises(df.CaseError, match=f"is of {key} '{value}', expected"):
+        df.run(case(), directory=tmp_path, resume=True)
 
 
-def same(one: PeriodRecord, other: PeriodRecord) -> None:
-    """Assert that two records hold the same, but for what is computed anew."""
-    for name in (field.name for field in fields(PeriodRecord)):
-        a, b = getattr(one, name), getattr(other, name)
-        if name == "jumps":
-            columns = zip(a.columns(), b.columns(), strict=True)
-            assert all(x.tolist() == y.tolist() for x, y in columns)
-        elif name in ("frames", "contact"):
-            assert [x.tolist() for x in a] == [y.tolist() for y in b], name
-        elif isinstance(a, np.ndarray):
-            assert np.array_equal(a[: other.n_steps + 1], b[: other.n_steps + 1]), name
-        elif name != "end":
-            assert a == b, name
+def test_a_checkpoint_that_cannot_be_written_is_a_warning(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    missing = tmp_path / "gone"
+    result = df.run(case(), directory=missing, checkpoint_seconds=0.0)
+    assert result.summary["outcome"] == "completed"
+    assert "checkpoint.npz: No such file or directory; the run goes on" in caplog.text
 
 
-def test_another_rank_writes_nothing(tmp_path: Path) -> None:
-    checkpoint.save(tmp_path / "x.npz", CASE, Engine(), recorder(), writes=False)
-    assert not list(tmp_path.iterdir())
-
-
-def test_what_does_not_fit_is_refused(tmp_path: Path) -> None:
-    path = checkpoint.path_in(tmp_path)
-    with pytest.raises(CaseError, match="expected the directory of the interrupted run"):
-        checkpoint.load(None, CASE, Engine(), recorder(), motion)
-    with pytest.raises(CaseError, match="expected a checkpoint of an interrupted run, no file"):
-        checkpoint.load(path, CASE, Engine(), recorder(), motion)
-    engine, kept = Engine(), recorder()
-    simulate(engine, kept, motion, stop=lambda k: k == 1)
-    checkpoint.save(path, CASE, engine, kept)
-    other = CASE.with_overrides({"contact.restitution": 0.2})
-    with pytest.raises(CaseError, match="belongs to another case"):
-        checkpoint.load(path, other, Engine(), recorder(), motion)
+def test_a_diverged_run_is_not_computed_on(tmp_path: Path) -> None:
+    wild = case(**{"excitation.amplitude": 50.0, "contact.law": "none"})
+    first = df.run(wild, directory=tmp_path)
+    assert first.summary["outcome"] == "diverged"
+    again = df.run(wild, directory=tmp_path, resume=True)
+    assert again.summary["outcome"] == "diverged"
+    assert again.history.equals(first.history)
