@@ -115,9 +115,10 @@ def config() -> dict[str, Any]:
 
 
 def mutants_of(module: str, operators: Iterable[str]) -> tuple[list[Mutant], set[Mutant]]:
-    """Return the mutants of a module in a fixed order, and those of them in decorators.
+    """Return the mutants of a module in a fixed order, and those of them that change no number.
 
-    Annotations have none: they are never evaluated.
+    These are in decorators (a class frozen or not), or at the star of a signature. Annotations have
+    none: they are never evaluated.
     """
     from cosmic_ray.ast import ast_nodes, get_ast
     from cosmic_ray.plugins import get_operator, operator_names
@@ -125,7 +126,8 @@ def mutants_of(module: str, operators: Iterable[str]) -> tuple[list[Mutant], set
     pattern = re.compile("|".join(f"core/{name}$" for name in operators))
     text = (ROOT / module).read_text(encoding="utf-8")
     nodes, (types, decorators) = list(ast_nodes(get_ast(text))), annotations(text)
-    found, decorating = [], set()
+    lines = text.splitlines()
+    found, idle = [], set()
     for name in filter(pattern.match, operator_names()):
         operator = get_operator(name)()
         places = (place for node in nodes for place in operator.mutation_positions(node))
@@ -133,8 +135,10 @@ def mutants_of(module: str, operators: Iterable[str]) -> tuple[list[Mutant], set
             if not any(begin <= start < end for begin, end in types):
                 found.append(Mutant(module, name, occurrence))
             if any(begin <= start < end for begin, end in decorators):
-                decorating.add(found[-1])
-    return sorted(found), decorating
+                idle.add(found[-1])
+            if lines[start[0] - 1][start[1] :].startswith("*,"):
+                idle.add(found[-1])
+    return sorted(found), idle
 
 
 def annotations(text: str) -> tuple[list[Place], list[Place]]:
@@ -284,17 +288,17 @@ def measure(
     known = {m.module: m for m in read(file)}
     todo: list[Mutant] = []
     for module in chosen:
-        mutants, decorating = mutants_of(module, given["operators"])
+        mutants, idle = mutants_of(module, given["operators"])
         digest = sha256((ROOT / module).read_bytes()).hexdigest()[:16]
         before = known.get(module)
         drawn = sampled(mutants, given["sample"], given["seed"])
-        drawn = [m for m in drawn if m not in decorating]  # a class frozen or not: same numbers
+        drawn = [m for m in drawn if m not in idle]  # after drawing: samples stay
         kept: dict[str, str] = {}
         if again and before is not None and before.digest == digest:
             killed = {k: r for k, r in before.results.items() if r in ("killed", "timeout")}
             kept = {m.key: killed[m.key] for m in drawn if m.key in killed}
             drawn = [m for m in drawn if m.key not in kept]
-        known[module] = Measured(module, digest, len(mutants) - len(decorating), kept)
+        known[module] = Measured(module, digest, len(mutants) - len(idle), kept)
         todo += drawn
     with (
         tempfile.TemporaryDirectory() as place,
@@ -401,9 +405,11 @@ def page(measured: list[Measured], reasons: dict[str, str]) -> str:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Measure, write docs/mutation.md if all modules were measured, and print the score."""
+    """Measure, print the score, and write docs/mutation.md once all modules were measured."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--modules", nargs="*", default=[""], help="parts of their paths")
+    parser.add_argument(
+        "--modules", nargs="*", default=[""], help="parts of their paths; none: only write the page"
+    )
     parser.add_argument("--sample", type=int, help="mutants per module")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--again", action="store_true", help="only those that survived before")
@@ -415,7 +421,8 @@ def main(arguments: list[str] | None = None) -> None:
     chosen = {m: t for m, t in settings["tests"].items() if any(p in m for p in given.modules)}
     os.environ |= ENVIRONMENT
     file = given.directory / "mutation.json"
-    measured = measure(chosen, settings, file, given.workers, again=given.again)
+    measured = measure(chosen, settings, file, given.workers, again=given.again) if chosen else []
+    measured = [m for m in measured or read(file) if m.results]
     for m in measured:
         n, survived = len(m.results), len(m.survivors)
         print(f"{m.module}: {n - survived} of {n} killed, {m.n_mutants} mutants in all")

@@ -35,7 +35,9 @@ def test_every_combination_can_be_set_up_and_reads_keys_of_a_case(
     ],
 )
 def test_what_does_not_go_together_is_refused(law: LawName, scheme: str, fitting: str) -> None:
-    with pytest.raises(ValueError, match=f'goes with the scheme {fitting}, given "{scheme}"'):
+    first = fitting.split('"')[1]
+    text = f'goes with the scheme {fitting}, given "{scheme}"; for example {law}@{first}$'
+    with pytest.raises(ValueError, match=text):
         Law(law).supervisor(SCHEMES[scheme], setting(np.eye(1)))
 
 

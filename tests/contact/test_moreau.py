@@ -65,9 +65,10 @@ def test_a_pushed_pair_rests_if_it_approached_slower_than_the_threshold(
     assert decision.resting.tolist() == [False, rests]
 
 
-def test_without_a_threshold_a_pair_that_stands_still_does_not_rest() -> None:
+@pytest.mark.parametrize(("rate", "rests"), [(0.0, False), (0.5, True)])
+def test_without_a_threshold_a_pushed_pair_rests_if_it_parted(rate: float, rests: bool) -> None:
     supervisor = StepImpacts(setting(np.eye(1)), restitution=E)
-    decision = supervisor.examine(seen([-1.0], [0.0], free=[-1.0]))
+    decision = supervisor.examine(seen([-1.0], [rate], free=[-1.0]))
     assert decision is not None
     assert decision.resting is not None
-    assert decision.resting.tolist() == [False]
+    assert decision.resting.tolist() == [rests]

@@ -215,3 +215,11 @@ def test_cells_whose_attractor_no_neighbours_share_are_isolated() -> None:
     assert at.is_isolated(number.T).tolist() == alone.T.tolist()
     assert at.is_isolated(np.array([-1, 7, 8, 8, 7])).tolist() == [False, True, False, False, True]
     assert at.is_isolated(np.array([1, 2])).tolist() == [True, True]
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_neighbours_along_any_axis_share_an_attractor(axis: int) -> None:
+    number = np.arange(8).reshape(2, 2, 2)
+    pair = [slice(None) if k == axis else 1 for k in range(3)]
+    number[tuple(pair)] = 9
+    assert np.array_equal(at.is_isolated(number), number != 9)
