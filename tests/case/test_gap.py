@@ -99,9 +99,13 @@ def test_more_than_round_off_is_told(tmp_path: Path, rows: str, expected: str) -
 
 
 def test_only_the_first_row_may_be_a_heading(tmp_path: Path) -> None:
-    with pytest.raises(CaseError, match="line 2: expected two numbers x, gap, given a word in column 1"):
+    with pytest.raises(
+        CaseError, match="line 2: expected two numbers x, gap, given a word in column 1"
+    ):
         initial_gap(table(tmp_path, "x [m],gap [m]\nx,gap\n0,0\n0.685,0.01\n"), [L], L)
-    with pytest.raises(CaseError, match="line 1: expected two numbers x, gap, given a word in column 1"):
+    with pytest.raises(
+        CaseError, match="line 1: expected two numbers x, gap, given a word in column 1"
+    ):
         initial_gap(table(tmp_path, "x,0\n0.685,0.01\n"), [L], L)
 
 
