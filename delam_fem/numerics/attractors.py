@@ -15,14 +15,16 @@ from delam_fem.numerics.arrays import BoolArray, FloatArray, IntArray
 
 TextArray = npt.NDArray[np.object_] | npt.NDArray[np.str_]
 
-PERIOD_1, HIGHER, QUASI_PERIODIC, IRREGULAR, DIVERGED, FAILED = range(6)
+PERIOD_1, HIGHER, QUASI_PERIODIC, IRREGULAR, DIVERGED, FAILED, UNDECIDED = range(7)
 """Kinds of motion, as indices into `KINDS`.
 
 PERIOD_1 repeats after one period of the excitation, HIGHER after 2 to 8 periods. QUASI_PERIODIC
 does not repeat but has few frequencies; IRREGULAR has many. DIVERGED left all bounds; FAILED was
-not computed.
+not computed. UNDECIDED lies so near to the bound between two of the others that chance decides.
 """
-KINDS = ("period 1", "higher order", "quasi-periodic", "irregular", "diverged", "failed")
+KINDS = (
+    "period 1", "higher order", "quasi-periodic", "irregular", "diverged", "failed", "undecided",
+)  # fmt: skip
 """Names of the kinds of motion."""
 
 LINES = 4
@@ -39,13 +41,19 @@ SAME_ATTRACTOR = 0.2
 amplitude; successive cycles of one clapping motion already differ by 0.1."""
 
 
-def kinds_of_motion(outcome: TextArray, periodicity: FloatArray, strobes: FloatArray) -> IntArray:
+def kinds_of_motion(
+    outcome: TextArray,
+    periodicity: FloatArray,
+    strobes: FloatArray,
+    is_decided: BoolArray | None = None,
+) -> IntArray:
     """Return the kind of motion of each point.
 
     Args:
         outcome: "completed", "diverged" or anything else, shape (...).
         periodicity: see `diagnostics.periodicity`, NaN for none, shape (...).
         strobes: displacement of the tips at the end of periods, shape (..., n_laminae, n) [m].
+        is_decided: see `diagnostics.is_decided`, shape (...); None: all are.
 
     Returns:
         Indices into `KINDS`, shape (...).
@@ -67,6 +75,8 @@ def kinds_of_motion(outcome: TextArray, periodicity: FloatArray, strobes: FloatA
     kinds[is_done] = np.where(has_lines[is_done], QUASI_PERIODIC, IRREGULAR)
     kinds[is_done & (periodicity > 1)] = HIGHER
     kinds[is_done & (periodicity == 1)] = PERIOD_1
+    if is_decided is not None:
+        kinds[is_done & ~is_decided] = UNDECIDED
     return kinds
 
 

@@ -1,19 +1,85 @@
 """The claims of the paper, and the table that compares them with the computation.
 
 A claim is one statement of the paper that a number can decide. It holds the paper's words, the
-computed result, and a verdict.
+computed result, and a verdict. A verdict follows from criteria, each a number and its bound, so
+that it states its margin. A number whose own uncertainty contains the bound decides nothing.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
-Verdict = Literal["holds", "does not hold", "open"]
-"""`open`: the paper's text does not allow a verdict."""
+Verdict = Literal["holds", "does not hold", "undecided", "open"]
+"""`undecided`: the uncertainty of a number contains its bound. `open`: the paper's text does not
+allow a verdict."""
 
-HEADING = ("figure", "the paper says", "where", "what came out", "verdict")
+HEADING = ("figure", "the paper says", "where", "what came out", "margin", "verdict")
+YES_OR_NO = "yes or no"
+IN_SHORT = ("figure", "the paper says", "what came out", "verdict")
+"""Columns of the short table."""
+
+
+@dataclass(frozen=True)
+class Criterion:
+    """A number that must keep a bound.
+
+    Attributes:
+        name: what the number is.
+        value: the number; NaN: there is none, and the criterion fails.
+        relation: how the number must lie to the bound.
+        bound: the bound.
+        unit: unit of both; "%": both are shares and are shown times 100; `YES_OR_NO`: 1 is yes.
+        within: smallest and largest value that the uncertainty of the number allows; None: its
+            uncertainty is unknown or negligible.
+    """
+
+    name: str
+    value: float
+    relation: Literal["<", ">", "="]
+    bound: float
+    unit: str = ""
+    within: tuple[float, float] | None = None
+
+    @property
+    def verdict(self) -> Verdict:
+        """Whether the number keeps the bound."""
+        if math.isnan(self.value):
+            return "does not hold"
+        found = {self._keeps(value) for value in (self.value, *(self.within or ()))}
+        if len(found) > 1:
+            return "undecided"
+        return "holds" if found == {True} else "does not hold"
+
+    def _keeps(self, value: float) -> bool:
+        if self.relation == "=":
+            return value == self.bound
+        return value < self.bound if self.relation == "<" else value > self.bound
+
+    def __str__(self) -> str:
+        """Return number, uncertainty and bound in words."""
+        if self.unit == YES_OR_NO:
+            return f"{self.name}: {'yes' if self.value == self.bound else 'no'}"
+        found = "none" if math.isnan(self.value) else self._shown(self.value)
+        if self.within is not None:
+            found += " ({} … {})".format(*map(self._shown, self.within))
+        return f"{self.name} {found}, needs {self.relation} {self._shown(self.bound)}{self._unit}"
+
+    @property
+    def _unit(self) -> str:
+        return f" {self.unit}" if self.unit else ""
+
+    def _shown(self, value: float) -> str:
+        if self.unit == "Hz":
+            return f"{value:.4g}"
+        return f"{100.0 * value if self.unit == '%' else value:.3g}"
+
+
+def yes(name: str, is_so: bool) -> Criterion:
+    """Return the criterion that something which is either so or not is so."""
+    return Criterion(name, float(is_so), "=", 1.0, YES_OR_NO)
 
 
 @dataclass(frozen=True)
@@ -26,6 +92,7 @@ class Claim:
         source: section of the paper that makes the statement.
         measured: the computed result, in words and numbers.
         verdict: whether the result agrees with the statement.
+        margin: how far the numbers are from the bounds that decide.
     """
 
     figure: str
@@ -33,21 +100,25 @@ class Claim:
     source: str
     measured: str
     verdict: Verdict
+    margin: str
 
     @property
-    def row(self) -> tuple[str, str, str, str, str]:
+    def row(self) -> tuple[str, str, str, str, str, str]:
         """The claim as a row below `HEADING`."""
-        return self.figure, self.text, self.source, self.measured, self.verdict
+        return self.figure, self.text, self.source, self.measured, self.margin, self.verdict
 
 
-def judged(is_true: bool) -> Verdict:
-    """Return the verdict "holds" or "does not hold"."""
-    return "holds" if is_true else "does not hold"
+def judged(*criteria: Criterion) -> tuple[Verdict, str]:
+    """Return the verdict on a statement that holds if all criteria do, and its margin in words."""
+    found = {criterion.verdict for criterion in criteria}
+    order: tuple[Verdict, ...] = ("does not hold", "undecided", "holds")
+    verdict: Verdict = next((worst for worst in order if worst in found), "holds")
+    return verdict, "; ".join(map(str, criteria))
 
 
-def markdown_table(claims: Iterable[Claim], *, with_source: bool = True) -> str:
-    """Return claims as a Markdown table."""
-    keep = [k for k in range(len(HEADING)) if with_source or HEADING[k] != "where"]
+def markdown_table(claims: Iterable[Claim], columns: tuple[str, ...] = HEADING) -> str:
+    """Return claims as a Markdown table with some of the columns of `HEADING`."""
+    keep = [HEADING.index(name) for name in columns]
     rows = [HEADING, *(claim.row for claim in claims)]
     lines = ["| " + " | ".join(row[k].replace("|", "\\|") for k in keep) + " |" for row in rows]
     return "\n".join([lines[0], "|" + "---|" * len(keep), *lines[1:]]) + "\n"

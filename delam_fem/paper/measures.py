@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from delam_fem.numerics.arrays import FloatArray
+from delam_fem.paper.claims import Criterion, yes
 from delam_fem.paper.motions import is_as_described, strikes
 from delam_fem.paper.piece import Numbers
 from delam_fem.results import diagnostics
@@ -99,7 +101,7 @@ def describe(result: Result) -> str:
     """Return the kind of a motion in a few words."""
     s = result.summary
     thick, thin = strikes(result).mean
-    period = "not periodic" if s["periodicity"] is None else f"period {s['periodicity']}"
+    period = s["periodicity_class"] or "not periodic"
     struck = "" if np.isnan(thick) else f", {thick:+.2f} / {thin:+.2f} m/s"
     return f"{period}, {s['tip_contacts_per_period']:.2g} contacts/T{struck}"
 
@@ -121,7 +123,7 @@ class MotionNumbers(Numbers):
     """The numbers that characterise a motion, and the positions of the tips in its last periods.
 
     Attributes:
-        periodicity, …, energy_residual: the same as in the summary of a run.
+        periodicity, periodicity_class, …, energy_residual: the same as in the summary of a run.
         kind: the motion in words.
         is_as_described: whether the motion is as the paper describes it for its frequency.
         strike_velocities: mean velocities of thick and thin tip before a strike [m/s].
@@ -131,6 +133,8 @@ class MotionNumbers(Numbers):
     """
 
     periodicity: int | None
+    periodicity_class: str | None
+    strobe_scatters: list[float] | None
     strobe_scatter: float | None
     tip_contacts_per_period: float
     impacts_per_period: float
@@ -147,12 +151,30 @@ class MotionNumbers(Numbers):
     t_over_T: FloatArray
     position_mm: FloatArray
 
+    def criteria(self, periodicity: int) -> tuple[Criterion, ...]:
+        """Return what must be so for this to be a motion of a period as the paper describes it.
+
+        The scatter of cycles counts as uncertain by the factor `diagnostics.PERIODIC_MARGIN`.
+        """
+        margin, bound = diagnostics.PERIODIC_MARGIN, diagnostics.PERIODIC_SCATTER
+        found = [yes("as described", self.is_as_described)]
+        for P in range(1, periodicity + 1):
+            scatter = (self.strobe_scatters or ())[P - 1 : P]
+            value = scatter[0] if scatter else math.nan
+            relation: Literal["<", ">"] = "<" if periodicity == P else ">"
+            if periodicity % P == 0:
+                within = (value / margin, value * margin)
+                name = f"scatter {P} period{'s' if P > 1 else ''} apart"
+                found.append(Criterion(name, value, relation, bound, "%", within))
+        return tuple(found)
+
 
 def motion_numbers(result: Result) -> MotionNumbers:
     """Return the numbers that characterise the motion of a result."""
     t, y = tip_positions(result, HISTORY_PERIODS)
     names = (
-        "periodicity", "strobe_scatter", "tip_contacts_per_period", "impacts_per_period",
+        "periodicity", "periodicity_class", "strobe_scatters", "strobe_scatter",
+        "tip_contacts_per_period", "impacts_per_period",
         "tip_min", "tip_max", "minimum_tip_gap", "distortion_factor", "thd", "energy_residual",
     )  # fmt: skip
     return MotionNumbers(

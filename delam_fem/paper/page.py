@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from delam_fem.case.atomic import atomic, write_text
-from delam_fem.paper.claims import HEADING, Claim, markdown_table
+from delam_fem.paper.claims import HEADING, IN_SHORT, Claim, markdown_table
 from delam_fem.results.pages import html
 from delam_fem.results.pages.html import Block, Figure, Link, Paragraph, Section, Table
 
@@ -23,7 +23,10 @@ PAPER = (
 ABOUT = (
     "The paper's text is available, its figures are not. Each figure here shows what the "
     "computation gives, and is compared with what the text says: a number, or a statement that a "
-    'number can decide. The verdict "open" means that the text does not allow one. Unless a row '
+    "number can decide. Each verdict states its margin: the numbers that decide, the range that "
+    "their own uncertainty allows (in brackets), and the bounds they need. It is "
+    '"undecided" where that range contains the bound, and "open" where the text does not allow a '
+    "verdict. Bounds on words such as significantly are ours. Unless a row "
     "says otherwise, all computations are with the preset paper: 20 elements, T/1000, Newmark, "
     "lumped impulses with the consistent mass matrix."
 )
@@ -41,7 +44,7 @@ _STYLE = """
 td:last-child { white-space: nowrap; font-weight: 600; }
 .holds td:last-child { color: var(--mark); } .no td:last-child { color: var(--bad); }
 """
-_ROW_CLASS = {"holds": "holds", "does not hold": "no", "open": "open"}
+_ROW_CLASS = {"holds": "holds", "does not hold": "no", "undecided": "open", "open": "open"}
 
 Entry = Mapping[str, Any]
 
@@ -88,7 +91,7 @@ def tally(claims: Sequence[Claim]) -> str:
     count = {verdict: sum(c.verdict == verdict for c in claims) for verdict in _ROW_CLASS}
     return (
         f"{len(claims)} statements: {count['holds']} hold, {count['does not hold']} do not, "
-        f"{count['open']} are open."
+        f"{count['undecided']} are undecided, {count['open']} are open."
     )
 
 
@@ -127,7 +130,7 @@ def write_docs(directory: Path, root: Path, figures: Sequence[Entry]) -> list[Pa
                 shutil.copyfile(directory / name, temporary)
             lines += [f"![{figure['title']}](figures/{paths[-1].name})", ""]
     readme = root / "README.md"
-    short = markdown_table(headlines(claims), with_source=False)
+    short = markdown_table(headlines(claims), IN_SHORT)
     text = between(
         readme.read_text("utf-8"), README_MARKS, f"\n{tally(claims)} Five of them:\n\n{short}"
     )

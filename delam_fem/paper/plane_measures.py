@@ -17,8 +17,13 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-KINDS = ("one-periodic", "higher order", "quasi-periodic", "irregular", "diverged", "failed")
+KINDS = (
+    "one-periodic", "higher order", "quasi-periodic", "irregular", "diverged", "failed",
+    "undecided",
+)  # fmt: skip
 """The paper's names for the kinds of motion, in the order of `attractors.KINDS`."""
+THRESHOLDS = (2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 15.0, 20.0, 30.0, 50.0)
+"""Largest scatters of a one-periodic motion that are tried [%]."""
 ONE_CONTACT = (0.95, 1.05)
 """A number of tip contacts per period in this range counts as one."""
 
@@ -47,6 +52,8 @@ class Plane(Numbers):
         kinds: names of these indices.
         share: share of the points by kind [-].
         scatter: rms difference of strobes one period apart, in half ranges, shape (m, n) [-].
+        one_periodic_by_threshold: share of the points whose scatter is below a threshold, by the
+            threshold [%] [-].
         tip_amplitude_m: half peak-to-peak of both tips, shape (m, n, 2).
         tip_contacts_per_period: tip contacts per period, shape (m, n).
         one_contact_share: share of the points with one tip contact per period [-].
@@ -61,6 +68,7 @@ class Plane(Numbers):
     kinds: dict[int, str]
     share: dict[str, float]
     scatter: FloatArray
+    one_periodic_by_threshold: dict[float, float]
     tip_amplitude_m: FloatArray
     tip_contacts_per_period: FloatArray
     one_contact_share: float
@@ -70,6 +78,12 @@ class Plane(Numbers):
     axes: tuple[str, str] = field(metadata=NOT_IN_JSON)
     first: FloatArray = field(metadata=NOT_IN_JSON)
     second: FloatArray = field(metadata=NOT_IN_JSON)
+
+    @property
+    def one_periodic_within(self) -> tuple[float, float]:
+        """Share of one-periodic points without and with the undecided ones [-]."""
+        share = self.share["one-periodic"]
+        return share, share + self.share.get("undecided", 0.0)
 
     def to_json(self) -> Mapping[str, Any]:
         """Return both parameters under their own names, and the other fields."""
@@ -83,16 +97,23 @@ def plane_of(data: xr.Dataset) -> Plane:
     data = data.transpose(first, second, "lamina", "strobe", ...)
     strobes, amplitude = data["strobe_displacement"].to_numpy(), data["tip_amplitude"].to_numpy()
     kind = attractors.kinds_of_motion(
-        data["outcome"].to_numpy(), data["periodicity"].to_numpy(), strobes
+        data["outcome"].to_numpy(),
+        data["periodicity"].to_numpy(),
+        strobes,
+        data["is_decided"].to_numpy() != 0.0,
     )
     contacts = data["tip_contacts_per_period"].to_numpy()
     n = max(kind.size, 1)
+    scatter = one_period_scatter(strobes, amplitude)
     completed = np.isfinite(amplitude).all(axis=-1)
     return Plane(
         kind=kind,
         kinds=dict(enumerate(KINDS)),
         share={name: float((kind == k).sum() / n) for k, name in enumerate(KINDS)},
-        scatter=one_period_scatter(strobes, amplitude),
+        scatter=scatter,
+        one_periodic_by_threshold={
+            percent: float((100.0 * scatter < percent).sum() / n) for percent in THRESHOLDS
+        },
         tip_amplitude_m=amplitude,
         tip_contacts_per_period=contacts,
         one_contact_share=float(
@@ -114,11 +135,13 @@ class Decade(Numbers):
     Attributes:
         begin: smallest damping c of the range [N s/m].
         one_periodic: share of one-periodic points in the range [-].
+        one_periodic_within: the same without and with the undecided points [-].
         amplitude_spread: standard deviation over mean of the amplitudes, shape (2,) [-].
     """
 
     begin: float
     one_periodic: float
+    one_periodic_within: tuple[float, float]
     amplitude_spread: FloatArray
 
     def to_json(self) -> Mapping[str, Any]:
@@ -142,7 +165,9 @@ def best_decade(damping: FloatArray, kind: IntArray, amplitude: FloatArray) -> D
         inside = (damping >= low) & (damping <= 10.0 * low * (1.0 + 1e-9))
         chosen = amplitude[inside].reshape(-1, 2)
         spread = np.nanstd(chosen, axis=0) / np.nanmean(chosen, axis=0)
-        decades.append(Decade(float(low), float((kind[inside] == 0).mean()), spread))
+        share = float((kind[inside] == attractors.PERIOD_1).mean())
+        unsure = float((kind[inside] == attractors.UNDECIDED).mean())
+        decades.append(Decade(float(low), share, (share, share + unsure), spread))
     return max(decades, key=lambda decade: decade.one_periodic)
 
 

@@ -32,8 +32,13 @@ STROBES = 40
 """Number of last periods by which the periodicity is judged."""
 PERIODIC_SCATTER = 0.10
 """Largest rms difference of strobes in half peak-to-peak amplitudes; cycles of clapping scatter."""
+<<<<<<< HEAD
 _ROUND_OFF = 1e-6
 """Part of a step that is round-off in the time of an impact."""
+=======
+PERIODIC_MARGIN = 1.2
+"""Factor on either side of `PERIODIC_SCATTER` within which the class of a motion is undecided."""
+>>>>>>> 9ff1117 (Claims with margins, classes with margins, errors of Lyapunov exponents)
 GROUP_PERIODS = 0.05
 """Closures at the probes less than so many periods apart are one contact."""
 
@@ -122,29 +127,67 @@ def probe_positions(history: xr.Dataset) -> FloatArray:
     return positions
 
 
-def periodicity(strobe: FloatArray, half_range: FloatArray) -> tuple[int | None, float | None]:
-    """Return the smallest number of excitation periods after which the motion repeats.
-
-    P qualifies when the rms of s_k - s_{k-P} within the last `STROBES` periods is below
-    `PERIODIC_SCATTER` half peak-to-peak amplitudes for every lamina.
+def scatters(strobe: FloatArray, half_range: FloatArray) -> FloatArray:
+    """Return by how much strobes P periods apart differ, for each P from 1 on.
 
     Args:
         strobe: displacements at the end of each period, shape (n_laminae, n_periods) [m].
         half_range: half peak-to-peak amplitudes, shape (n_laminae,) [m].
 
     Returns:
-        P and its largest relative scatter of all laminae [-]; (None, None) if none of
-        1…`LARGEST_PERIODICITY` qualifies or if there are fewer than 2 P periods.
+        The rms of s_k - s_{k-P} within the last `STROBES` periods in half peak-to-peak amplitudes,
+        the largest of all laminae, shape (at most `LARGEST_PERIODICITY`,) [-]; empty if a tip is at
+        rest or if there are fewer than 2 P periods.
     """
     last = strobe[:, -STROBES:]
     if not np.all(half_range > 0.0):
-        return None, None
-    for P in range(1, min(LARGEST_PERIODICITY, last.shape[1] // 2) + 1):
-        difference = last[:, P:] - last[:, :-P]
-        scatter = np.sqrt((difference**2).mean(axis=1)) / half_range
-        if np.all(scatter < PERIODIC_SCATTER):
-            return P, float(scatter.max())
+        return np.zeros(0)
+    n = min(LARGEST_PERIODICITY, last.shape[1] // 2)
+    changes = [last[:, P:] - last[:, :-P] for P in range(1, n + 1)]
+    found: FloatArray = np.array(
+        [(np.sqrt((change**2).mean(axis=1)) / half_range).max() for change in changes]
+    )
+    return found
+
+
+def periodicity(
+    strobe: FloatArray, half_range: FloatArray, *, threshold: float = PERIODIC_SCATTER
+) -> tuple[int | None, float | None]:
+    """Return the smallest number of excitation periods after which the motion repeats.
+
+    P qualifies when its scatter (see `scatters`) is below the threshold.
+
+    Args:
+        strobe: displacements at the end of each period, shape (n_laminae, n_periods) [m].
+        half_range: half peak-to-peak amplitudes, shape (n_laminae,) [m].
+        threshold: largest scatter of a motion that repeats [-].
+
+    Returns:
+        P and its scatter [-]; (None, None) if none of 1…`LARGEST_PERIODICITY` qualifies or if there
+        are fewer than 2 P periods.
+    """
+    for P, scatter in enumerate(scatters(strobe, half_range).tolist(), start=1):
+        if scatter < threshold:
+            return P, scatter
     return None, None
+
+
+def is_decided(strobe: FloatArray, half_range: FloatArray) -> bool:
+    """Return whether the periodicity is the same with thresholds apart by `PERIODIC_MARGIN`.
+
+    The cycles of clapping differ. Near the threshold it depends on chance whether a motion counts
+    as one of period 1, of a higher period or of none.
+    """
+    ends = (PERIODIC_SCATTER / PERIODIC_MARGIN, PERIODIC_SCATTER * PERIODIC_MARGIN)
+    low, high = (periodicity(strobe, half_range, threshold=end)[0] for end in ends)
+    return low == high
+
+
+def class_name(periodicity: int | None, *, is_decided: bool) -> str:
+    """Return the class of a motion in words: "period 2", "not periodic" or "undecided"."""
+    if not is_decided:
+        return "undecided"
+    return "not periodic" if periodicity is None else f"period {periodicity}"
 
 
 def count_contacts(is_closed: BoolArray, apart: float) -> int:
@@ -228,7 +271,7 @@ def summary_of(motion: ProbeMotion, case: Case) -> dict[str, Any]:
     n_periods = q.shape[1] / N
     is_harmonic = case.is_periodic
     amplitudes = _harmonics(motion.whole_periods(N), N) if is_harmonic else None
-    P, scatter = _periodicity_of(motion, N) if is_harmonic else (None, None)
+    repeats = _periodicity_of(motion, N) if is_harmonic else _NO_PERIODICITY
     contacts = None
     if case.contact.law != "none":
         is_closed = motion.is_closed.any(axis=0)
@@ -236,8 +279,7 @@ def summary_of(motion: ProbeMotion, case: Case) -> dict[str, Any]:
     return {
         "tip_min": q.min(axis=1).tolist(),
         "tip_max": q.max(axis=1).tolist(),
-        "periodicity": P,
-        "strobe_scatter": scatter,
+        **repeats,
         "tip_contacts_per_period": contacts,
         "impacts_per_period": motion.n_impacts / n_periods,
         "distortion_factor": None if amplitudes is None else distortion_factor(amplitudes).tolist(),
@@ -278,11 +320,26 @@ def _harmonics(whole: FloatArray, steps_per_period: int) -> FloatArray | None:
     return harmonic_amplitudes(whole, n_periods)
 
 
-def _periodicity_of(motion: ProbeMotion, N: int) -> tuple[int | None, float | None]:
+_NO_PERIODICITY: dict[str, Any] = {
+    "periodicity": None, "strobe_scatter": None, "periodicity_class": None, "strobe_scatters": None,
+}  # fmt: skip
+
+
+def _periodicity_of(motion: ProbeMotion, N: int) -> dict[str, Any]:
     """Return the periodicity; a last period that was not finished has no strobe."""
     q, strobe = motion.displacement, motion.strobe
     if q.shape[1] % N:
         strobe = strobe[:, :-1]
     if not (np.isfinite(strobe).all() and np.isfinite(q).all()):
-        return None, None
-    return periodicity(strobe, np.ptp(q, axis=1) / 2.0)
+        return _NO_PERIODICITY
+    half_range = np.ptp(q, axis=1) / 2.0
+    found = scatters(strobe, half_range)
+    if not found.size:
+        return _NO_PERIODICITY
+    P, scatter = periodicity(strobe, half_range)
+    return {
+        "periodicity": P,
+        "strobe_scatter": scatter,
+        "periodicity_class": class_name(P, is_decided=is_decided(strobe, half_range)),
+        "strobe_scatters": found.tolist(),
+    }

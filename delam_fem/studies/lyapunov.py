@@ -11,6 +11,9 @@ has no derivative there: two motions closer than the approach velocity times the
 hit in the same step. The result is then the exponent of the discrete map, so compare the results of
 several perturbations and time steps.
 
+The result has the statistical error of the mean, not the error of the map. In the chaos of an
+impact oscillator, results scatter about the exact exponent by more than that (docs/sweeps.md).
+
 Source: Benettin, Galgani, Giorgilli, Strelcyn, Meccanica 15 (1980) 9–20; for impacts Stefański,
 Chaos, Solitons & Fractals 11 (2000) 2443–2451.
 """
@@ -18,6 +21,7 @@ Chaos, Solitons & Fractals 11 (2000) 2443–2451.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -27,10 +31,28 @@ from delam_fem.numerics.arrays import FloatArray
 from delam_fem.simulation.loop import Engine, State, set_initial
 from delam_fem.simulation.recorder import Recorder
 
+BLOCKS = 10
+"""Number of blocks of successive periods whose means give the statistical error."""
 ALIGNING = 0.5
 """Share of the periods at the start that are not counted, because the second motion still turns
 into the direction that decays most slowly. If two decay rates differ by 0.1/s, this takes some tens
 of seconds."""
+
+
+@dataclass(frozen=True)
+class Exponent:
+    """A Lyapunov exponent.
+
+    Attributes:
+        value: the exponent [1/s].
+        error: standard error of the mean that it is [1/s]; NaN for fewer than `BLOCKS` periods.
+    """
+
+    value: float
+    error: float
+
+
+UNKNOWN = Exponent(math.nan, math.nan)
 
 
 def largest_exponent(
@@ -41,7 +63,7 @@ def largest_exponent(
     period: float,
     periods: int,
     perturbation: float,
-) -> float:
+) -> Exponent:
     """Continue a session and return the largest Lyapunov exponent of its motion.
 
     Args:
@@ -53,7 +75,7 @@ def largest_exponent(
         perturbation: d0 relative to the norm of the motion [-].
 
     Returns:
-        The exponent [1/s]; NaN if a motion diverges or the system is at rest.
+        The exponent with its error; NaN if a motion diverges or the system is at rest.
     """
     engine, recorder = session.engine, session.recorder
     one = engine.state()
@@ -62,21 +84,34 @@ def largest_exponent(
     step[0] = direction
     length = _norm(step, operators)
     if not (d0 > 0.0 and length > 0.0):
-        return math.nan
+        return UNKNOWN
     two = State(one.motion + d0 / length * step, one.resting)
     growth, aligning = [], int(ALIGNING * periods)
     for number in range(recorder.n_closed, recorder.n_closed + periods):
         base_states = session.motion(number)
         after = [_advanced(engine, recorder, state, base_states) for state in (one, two)]
         if after[0] is None or after[1] is None:
-            return math.nan
+            return UNKNOWN
         one, step = after[0], after[1].motion - after[0].motion
         d = _norm(step, operators)
         if not 0.0 < d < math.inf:
-            return math.nan
+            return UNKNOWN
         growth.append(math.log(d / d0))
         two = State(one.motion + d0 / d * step, one.resting)
-    return float(np.mean(growth[aligning:])) / period
+    return mean_growth(np.array(growth[aligning:]) / period)
+
+
+def mean_growth(rates: FloatArray) -> Exponent:
+    """Return the mean of the rates of successive periods and its statistical error.
+
+    Rates of neighbouring periods depend on one another; the means of `BLOCKS` blocks hardly do.
+
+    Args:
+        rates: ln(d/d0)/T of each period, shape (n,) [1/s].
+    """
+    means = [part.mean() for part in np.array_split(rates, BLOCKS) if part.size]
+    error = np.std(means, ddof=1) / math.sqrt(len(means)) if len(means) == BLOCKS else math.nan
+    return Exponent(float(rates.mean()), float(error))
 
 
 def _advanced(

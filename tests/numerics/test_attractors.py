@@ -56,6 +56,16 @@ def test_kinds(outcome: str, periodicity: float, strobe: np.ndarray, kind: int) 
     assert found.tolist() == [kind]
 
 
+def test_an_undecided_motion_has_no_other_kind() -> None:
+    found = at.kinds_of_motion(
+        np.array(["completed", "completed", "diverged"], dtype=object),
+        np.array([1.0, 2.0, np.nan]),
+        np.concatenate([both(np.ones(N))] * 3),
+        np.array([True, False, False]),
+    )
+    assert found.tolist() == [at.PERIOD_1, at.UNDECIDED, at.DIVERGED]
+
+
 def test_too_few_strobes_are_refused() -> None:
     with pytest.raises(
         ValueError, match=r"at least 64 strobes per point, given 40; .*strobes = 128"

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.integrate import trapezoid
+from scipy.optimize import brentq
 from scipy.special import gamma
 
 from delam_fem.numerics import struck_beam
@@ -47,6 +48,31 @@ def test_a_stiff_spring_gives_the_impulse_of_a_rigid_stop() -> None:
     t = np.linspace(0.0, 30e-6, 20_001)
     given = trapezoid(beam.spring_force(t, 6.0, 1e12), t)
     assert given == pytest.approx(beam.rigid_impulse(30e-6, 6.0), rel=0.005)
+
+
+def test_shear_and_rotary_inertia_slow_groups_down() -> None:
+    """The speed is dω/dk of the determinant of the Timoshenko beam; both ends are known."""
+    r2 = STRIP.thickness**2 / 12.0
+    kG = STRIP.flexural_rigidity / (2.6 / (5.0 / 6.0) * r2)  # κGA [N]
+
+    def determinant(omega: float, k: float) -> float:
+        m, EI = STRIP.mass_per_length, STRIP.flexural_rigidity
+        bending = EI * k**2 - m * r2 * omega**2 + kG
+        return bending * (kG * k**2 - m * omega**2) - (kG * k) ** 2
+
+    omega = 2.0 * np.pi * 25e3
+    k = brentq(lambda k: determinant(omega, k), 1e2, 1e3)
+    rise = 1e-4 * omega
+    near = [
+        brentq(lambda k, w=w: determinant(w, k), 1e2, 1e3) for w in (omega - rise, omega + rise)
+    ]
+    assert near[0] < k < near[1]
+    assert STRIP.timoshenko_group_speed(25e3) == pytest.approx(
+        2.0 * rise / (near[1] - near[0]), rel=1e-6
+    )
+    assert STRIP.timoshenko_group_speed(1.0) == pytest.approx(STRIP.group_speed(1.0), rel=1e-5)
+    fastest = np.sqrt(kG / STRIP.mass_per_length)
+    assert STRIP.timoshenko_group_speed(1e9) == pytest.approx(fastest, rel=1e-5)
 
 
 def test_strain_has_its_transform() -> None:

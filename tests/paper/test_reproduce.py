@@ -17,7 +17,7 @@ from delam_fem.case.toml import CaseError
 from delam_fem.cli.app import app
 from delam_fem.paper import page as page_module
 from delam_fem.paper import plane_measures, reproduce, swept_sine
-from delam_fem.paper.claims import HEADING, Claim, markdown_table
+from delam_fem.paper.claims import HEADING, IN_SHORT, Claim, markdown_table
 from delam_fem.paper.figures import chart, response, spectra, system
 from delam_fem.paper.figures import strikes as strike_figure
 from delam_fem.paper.lab import Laboratory, Plan, laboratory, motion_case
@@ -77,7 +77,7 @@ def test_figures_of_the_four_motions_are_written(
     assert picture.stat().st_size > 20_000
     content = json.loads(numbers.read_text("utf-8"))
     assert content["claims"] and content["numbers"] and content["caption"]
-    assert {c["verdict"] for c in content["claims"]} <= {"holds", "does not hold", "open"}
+    assert {c["verdict"] for c in content["claims"]} <= {"holds", "does not hold", "undecided"}
 
 
 @pytest.mark.parametrize("name", ["5", "14", "gamma"])
@@ -249,8 +249,8 @@ def test_a_motion_that_diverges_is_told() -> None:
 def folder(tmp_path: Path) -> Path:
     """A folder with two figures, without their computation."""
     claims = [
-        Claim("1", "a | b", "sec. 1", "1 < 2", "holds"),
-        Claim("1", "c", "sec. 2", "no", "does not hold"),
+        Claim("1", "a | b", "sec. 1", "1 < 2", "holds", "1"),
+        Claim("1", "c", "sec. 2", "no", "does not hold", "2"),
     ]
     for name, own in (("1", claims), ("2a", [])):
         stem = reproduce.file_stem(name)
@@ -272,7 +272,7 @@ def test_page_links_to_what_is_there(folder: Path) -> None:
     assert {t for t in targets if not t.startswith("#")} == {
         "fig01.png", "fig01.json", "fig02a.png", "fig02a.gif", "fig02a.json",
     }  # fmt: skip
-    assert "2 statements: 1 hold, 1 do not, 0 are open." in page
+    assert "2 statements: 1 hold, 1 do not, 0 are undecided, 0 are open." in page
     assert "1 &lt; 2" in page and "what &amp; what" in page
 
 
@@ -307,7 +307,7 @@ def test_readme_has_the_headlines_of_the_page() -> None:
     main = headlines(table)
     assert [(claim.figure, claim.text) for claim in main] == list(HEADLINES)
     assert tally(table) in page and tally(table) in readme
-    assert markdown_table(main, with_source=False) in readme
+    assert markdown_table(main, IN_SHORT) in readme
 
 
 def test_script_of_the_documentation_wants_all_figures(
@@ -325,9 +325,9 @@ def test_marks_must_be_there() -> None:
 
 
 def test_tables_count_and_columns() -> None:
-    claim = Claim("1", "t", "s", "m", "open")
-    assert tally([claim]) == "1 statements: 0 hold, 0 do not, 1 are open."
-    assert markdown_table([claim], with_source=False).splitlines()[2] == "| 1 | t | m | open |"
+    claim = Claim("1", "t", "s", "m", "open", "–")
+    assert tally([claim]) == "1 statements: 0 hold, 0 do not, 0 are undecided, 1 are open."
+    assert markdown_table([claim], IN_SHORT).splitlines()[2] == "| 1 | t | m | open |"
 
 
 def test_command_writes_figures_numbers_and_page(tmp_path: Path) -> None:

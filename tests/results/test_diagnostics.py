@@ -43,6 +43,7 @@ def test_summary_of_the_prescribed_motion() -> None:
     assert summary["minimum_tip_gap"] == pytest.approx((0.030 + q[1] - q[0]).min(), rel=1e-14)
     assert summary["periodicity"] == 1
     assert summary["strobe_scatter"] < ROUND_OFF
+    assert summary["periodicity_class"] == "period 1" and len(summary["strobe_scatters"]) == 3
     assert summary["tip_contacts_per_period"] == 1.0
     assert summary["impacts_per_period"] == 2.0
 
@@ -78,6 +79,36 @@ def test_threshold_of_the_rms_difference_of_either_tip(scatter: float, expected:
         P, found = diagnostics.periodicity(strobe, np.array([5.0, 5.0]))
         assert P == expected
         assert found == (pytest.approx(scatter, rel=1e-12) if expected else None)
+
+
+@pytest.mark.parametrize(
+    ("single", "double", "expected"),
+    [
+        (0.065, 0.065, "period 1"),
+        (0.09, 0.001, "undecided"),  # 1 or 2
+        (0.109, 0.081, "undecided"),  # 2, 1 or none
+        (0.13, 0.001, "period 2"),
+        (0.13, 0.09, "undecided"),  # 2 or none
+        (0.3, 0.3, "not periodic"),
+    ],
+)
+def test_a_class_needs_a_margin(single: float, double: float, expected: str) -> None:
+    """Strobes that alternate by `a` and wander by `b`: scatters are known for P = 1 and 2."""
+    found = np.full(8, double)
+    found[::2] = single
+    history = np.zeros((1, 60))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(diagnostics, "scatters", lambda strobe, half_range: found)
+        P, _ = diagnostics.periodicity(history, np.ones(1))
+        decided = diagnostics.is_decided(history, np.ones(1))
+    assert diagnostics.class_name(P, is_decided=decided) == expected
+
+
+def test_scatters_of_an_alternating_motion() -> None:
+    """An alternation of ± a has the scatter 2 a / half range for odd P and none for even P."""
+    strobe = 0.1 * (-1.0) ** np.arange(80)[None]
+    assert diagnostics.scatters(strobe, np.array([0.5])) == pytest.approx([0.4, 0.0] * 4)
+    assert diagnostics.scatters(strobe, np.zeros(1)).size == 0
 
 
 def test_only_the_last_periods_count() -> None:
@@ -157,7 +188,7 @@ def test_without_contact_law_no_contacts_but_the_gap() -> None:
 def test_swept_sine_has_no_harmonics_and_no_periodicity() -> None:
     case = small_case(**SWEEP)
     summary = diagnostics.summary(synthetic_history(case), case)
-    for name in ("distortion_factor", "thd", "periodicity", "strobe_scatter"):
+    for name in ("distortion_factor", "thd", "periodicity", "strobe_scatter", "periodicity_class"):
         assert summary[name] is None
     assert summary["tip_contacts_per_period"] == 1.0
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.paper.claims import Claim, judged
+from delam_fem.paper.claims import Claim, Criterion, judged
 from delam_fem.paper.lab import LAWS, Laboratory, PaperMethod, motion_case
 from delam_fem.paper.measures import CLEARLY, SMOOTH_HARMONICS, roughness, tip_positions
 from delam_fem.paper.motions import RESONANT, strikes
@@ -128,14 +128,14 @@ def judge_impacts(numbers: Impacts) -> tuple[Claim, ...]:
             "10", "permanent contact is captured by numerous single impacts", "sec. 3.1",
             f"{impacts[0]:.0f} impacts on all pairs per period at {RESONANT} Hz ({impacts[1]:.0f} "
             "by method 3.2)",
-            judged(impacts[0] > 1.0),
+            *judged(Criterion("impacts per period", impacts[0], ">", 1.0)),
         ),
         Claim(
             "10", "the time history is hardly affected by successive impacts", "sec. 3.1",
             f"share of the motion above harmonic {SMOOTH_HARMONICS} while the tips are near: "
             f"velocity {100 * v[0]:.0f} / {100 * v[1]:.0f} %, displacement {100 * q[0]:.1f} / "
             f"{100 * q[1]:.1f} % (thick / thin)",
-            judged(max(q) < 0.1 * max(v)),
+            *judged(Criterion("displacement over velocity", max(q) / max(v), "<", 0.1, "%")),
         ),
     )  # fmt: skip
 
@@ -192,7 +192,7 @@ def judge_contact(numbers: Contact) -> tuple[Claim, ...]:
             "13", "permanent contact makes the contact phase more realistic", "sec. 3.2",
             f"velocity above harmonic {SMOOTH_HARMONICS} while the tips are near, 3.2 over 3.1: "
             f"{ratio[0]:.2f} (thick), {ratio[1]:.2f} (thin)",
-            judged(bool(np.all(ratio < CLEARLY))),
+            *judged(Criterion("larger ratio", float(np.max(ratio)), "<", CLEARLY)),
         ),
     )  # fmt: skip
 

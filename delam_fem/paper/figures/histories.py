@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.paper.claims import Claim, judged
+from delam_fem.paper.claims import Claim, Criterion, judged
 from delam_fem.paper.lab import Laboratory, PaperMethod, both_methods
 from delam_fem.paper.measures import MotionNumbers, motion_numbers, tip_positions
-from delam_fem.paper.motions import FREQUENCIES, RESONANT, strikes
+from delam_fem.paper.motions import BEATS, FREQUENCIES, RESONANT, strikes
 from delam_fem.paper.piece import Numbers, Piece
 from delam_fem.results.figures.style import (
     GAP_COLOUR,
@@ -110,13 +110,21 @@ def _claims_without_tip_contact(numbers: Histories) -> tuple[Claim, Claim]:
             "3", "1.25 Hz: almost harmonic, no contact at the tip", "sec. 2.2",
             f"d = {100 * d[0]:.3f} / {100 * d[1]:.3f} %, {low.kind}, smallest tip gap "
             f"{1e3 * low.minimum_tip_gap:.1f} mm",
-            judged(low.is_as_described and max(d) < 0.01),
+            *judged(
+                *low.criteria(1),
+                Criterion("larger d", max(d), "<", 0.01, "%"),
+                Criterion("smallest tip gap", 1e3 * low.minimum_tip_gap, ">", 0.0, "mm"),
+            ),
         ),
         Claim(
             "3", "1.25 Hz: weak contacts near the clamp", "sec. 2.2",
             f"impacts up to x = {1e3 * reach:.0f} mm of {1e3 * length:.0f}, the strongest "
             f"{100 * weak / strong:.1f} % of that at 3.25 Hz",
-            judged(0.0 < reach < 0.5 * length and weak < 0.1 * strong),
+            *judged(
+                Criterion("farthest impact over length", reach / length, ">", 0.0, "%"),
+                Criterion("farthest impact over length", reach / length, "<", 0.5, "%"),
+                Criterion("strongest impulse over that at 3.25 Hz", weak / strong, "<", 0.1, "%"),
+            ),
         ),
     )  # fmt: skip
 
@@ -125,24 +133,31 @@ def _claims_on_strikes(numbers: Histories) -> tuple[Claim, ...]:
     """Judge the statements about the motions whose tips strike one another."""
     thin, thick, double = (numbers.motions[f, "3.2"] for f in FREQUENCIES[1:])
     speeds = numbers.approach
+    others = max(speed for f, speed in speeds.items() if f != RESONANT)
+    v = [motion.strike_velocities for motion in (thin, thick)]
+    beats = [Criterion("thin over thick speed", abs(v[0][1] / v[0][0]), ">", BEATS)]
+    opposite = [
+        Criterion("thick", v[1][0], ">", 0.0, "m/s"),
+        Criterion("thin", v[1][1], "<", 0.0, "m/s"),
+    ]
     return (
         Claim(
             "3", "1.60 Hz: the thin lamina beats the thick one", "sec. 2.2", thin.kind,
-            judged(thin.is_as_described),
+            *judged(*thin.criteria(1), *beats),
         ),
         Claim(
             "3", "3.25 Hz: the thick beats the thin, opposite velocities before contact",
-            "sec. 2.2", thick.kind, judged(thick.is_as_described),
+            "sec. 2.2", thick.kind, *judged(*thick.criteria(1), *opposite),
         ),
         Claim(
             "3", "3.25 Hz gives the maximum strike of all", "sec. 2.2",
             "speed of approach before the strike: "
             + ", ".join(f"{speeds[f]:.2f} m/s at {f:.2f} Hz" for f in FREQUENCIES[1:]),
-            judged(max(speeds, key=lambda f: speeds[f]) == RESONANT),
+            *judged(Criterion("3.25 Hz over the next", speeds[RESONANT] / others, ">", 1.0)),
         ),
         Claim(
             "3", "3.65 Hz: period doubling, one contact in two periods", "sec. 2.2",
-            double.kind, judged(double.is_as_described),
+            double.kind, *judged(*double.criteria(2)),
         ),
     )  # fmt: skip
 
@@ -155,7 +170,7 @@ def _claim_on_contact_phase(numbers: Histories) -> Claim:
         "the tips are less than 1 mm apart for "
         + ", ".join(f"{100 * s:.0f} %" for s in share)
         + " of the time; the tip pair itself is closed for a few steps at each strike",
-        judged(min(share) > LARGE),
+        *judged(Criterion("smallest share", min(share), ">", LARGE, "%")),
     )  # fmt: skip
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
@@ -10,7 +11,7 @@ import numpy as np
 
 from delam_fem.case.definition import Case
 from delam_fem.numerics.arrays import BoolArray, FloatArray
-from delam_fem.paper.claims import Claim, judged
+from delam_fem.paper.claims import Claim, Criterion, judged
 from delam_fem.paper.lab import Laboratory, motion_case
 from delam_fem.paper.measures import half_ranges
 from delam_fem.paper.motions import FREQUENCIES, RESONANT
@@ -43,6 +44,8 @@ DIFFERS = 0.15
 MANY = 3
 """A bifurcation scenario has at least this number of different periodicities, and of different
 numbers of contacts in two periods."""
+UNDECIDED = -1.0
+"""In place of a periodicity without a margin."""
 JUMP = 3.0
 """A jump of the amplitude is this factor larger than the changes beside it."""
 
@@ -54,7 +57,8 @@ class WithContact(Numbers):
     Attributes:
         frequency_hz: frequencies of the stepped sine, shape (n,).
         amplitude_up_m, amplitude_down_m: half peak-to-peak of the tips, shape (2, n).
-        periodicity_up, periodicity_down: periodicity, NaN if the motion has none, shape (n,).
+        periodicity_up, periodicity_down: periodicity, NaN if the motion has none, `UNDECIDED` if
+            it has no margin, shape (n,).
         tip_contacts_per_period: tip contacts per period, up and down, shape (2, n).
         hysteresis_hz: frequencies at which up and down differ.
         jumps_up_hz, jumps_down_hz: frequencies at which the amplitude of each tip jumps.
@@ -101,6 +105,8 @@ def measure(lab: Laboratory) -> WithContact:
         data[name].transpose("direction", "frequency").to_numpy()
         for name in ("periodicity", "tip_contacts_per_period")
     )
+    decided = data["is_decided"].transpose("direction", "frequency").to_numpy()
+    periodicity = np.where(decided == 0.0, UNDECIDED, periodicity)
     linear = np.stack([case.linear_amplitude(i, np.linspace(*BAND, 50001)) for i in range(2)])
     return WithContact(
         frequency_hz=f,
@@ -244,32 +250,44 @@ def judge(numbers: WithContact) -> tuple[Claim, ...]:
     all_jumps = sorted({at for one in numbers.jumps_up_hz + numbers.jumps_down_hz for at in one})
     periodicity = np.array([numbers.periodicity_up, numbers.periodicity_down], dtype=float)
     periods = np.unique(periodicity[np.isfinite(periodicity) & (periodicity > 0)])
-    irregular = numbers.frequency_hz[~(periodicity > 0).all(axis=0)]
+    irregular = numbers.frequency_hz[np.isnan(periodicity).any(axis=0)]
+    undecided = numbers.frequency_hz[(periodicity == UNDECIDED).any(axis=0)]
     contacts = numbers.tip_contacts_per_period
+    kinds = np.unique(np.round(2.0 * contacts)).size
+    step = float(np.diff(numbers.frequency_hz).min())
+    inside = min(3.65 - window[0], window[1] - 3.65) if window else math.nan
     return (
         Claim(
             "2b", "contact reduces the amplitudes at resonance significantly", "sec. 2.2",
             f"largest half peak-to-peak with contact {1e3 * largest[0]:.0f} mm (thick, {at[0]:.2f} "
             f"Hz) and {1e3 * largest[1]:.0f} mm (thin, {at[1]:.2f} Hz): {100 * reduced[0]:.0f} % "
             f"and {100 * reduced[1]:.0f} % of the linear peaks",
-            judged(bool(np.all(reduced < 0.5))),
+            *judged(Criterion("larger ratio", float(np.max(reduced)), "<", 0.5, "%")),
         ),
         Claim(
             "2b", "3.65 Hz lies within a window of bifurcated oscillations", "sec. 2.2",
             f"the motion has period 2 from {window[0]:.2f} to {window[1]:.2f} Hz, up and down"
             if window else "no period 2 beside 3.65 Hz",
-            judged(window is not None),
+            *judged(
+                Criterion(
+                    "distance to the nearer end", inside, ">", 0.0, "Hz", (inside, inside + step)
+                )
+            ),
         ),
         Claim(
             "2b", "a bifurcation scenario with different numbers of impacts in a period",
             "sec. 1, 4",
             f"periods {', '.join(f'{p:g}' for p in periods)}, "
             + (f"none up to 8 at {_listed(irregular)} Hz, " if irregular.size else "")
+            + (f"undecided at {_listed(undecided)} Hz, " if undecided.size else "")
             + f"{contacts.min():.2g} to {contacts.max():.2g} tip contacts per period; "
             + (f"up and down differ at {_listed(hysteresis)} Hz" if len(hysteresis)
                else "up and down agree everywhere")
             + (f"; jumps at {_listed(all_jumps)} Hz" if all_jumps else ""),
-            judged(len(periods) >= MANY and np.unique(np.round(2.0 * contacts)).size >= MANY),
+            *judged(
+                Criterion("decided periods", len(periods), ">", MANY - 1),
+                Criterion("numbers of contacts in two periods", kinds, ">", MANY - 1),
+            ),
         ),
     )  # fmt: skip
 

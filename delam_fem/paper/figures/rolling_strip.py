@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Self
 
-from delam_fem.paper.claims import Claim, judged
+from delam_fem.paper.claims import Claim, Criterion, judged
 from delam_fem.paper.figures.struck_tip import NO_REBOUND, struck_block
 from delam_fem.paper.lab import Laboratory
 from delam_fem.paper.lateral.rolling_figure import figure06
@@ -83,7 +83,7 @@ def _claim_on_contact_line(numbers: RollingStrip) -> Claim:
         f"{main['front_speed_m_s'] or float('inf'):.0f} m/s; so for heights of {reach} sags; "
         f"a stiff strip ({stiff['height_mm'] / stiff['sag_mm']:.0f} sags) lands tip first "
         f"({stiff['front_direction']:+.2f})",
-        judged(direction > FROM_CLAMP),
+        *judged(Criterion("rank correlation", direction, ">", FROM_CLAMP)),
     )  # fmt: skip
 
 
@@ -102,7 +102,7 @@ def _claim_on_dissipation(numbers: RollingStrip) -> Claim:
         "material damping of the waves that impacts make; over meshes and time steps, with and "
         f"without damping (newton@moreau-jean), impacts take {100 * min(taken):.0f} to "
         f"{100 * max(taken):.0f} %",
-        judged(shares["lost"] > NEARLY_ALL),
+        *judged(Criterion("lost", shares["lost"], ">", NEARLY_ALL, "%")),
     )  # fmt: skip
 
 
@@ -118,7 +118,9 @@ def _claim_on_lift(numbers: RollingStrip) -> Claim:
         f"{100 * max(rebounds):.1f} % of the height it fell from, any place of the strip to "
         f"{100 * max(lift_offs):.1f} % (three laws); the stiff strip's tip to "
         f"{100 * stiff['rebound_of_tip']:.0f} %",
-        judged(max(lift_offs) < NO_REBOUND),
+        *judged(
+            Criterion("highest rise of three laws", max(lift_offs), "<", NO_REBOUND, "%")
+        ),
     )  # fmt: skip
 
 

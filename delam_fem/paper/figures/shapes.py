@@ -10,7 +10,7 @@ import numpy as np
 
 from delam_fem.case.definition import Case
 from delam_fem.numerics.arrays import BoolArray, FloatArray, IntArray
-from delam_fem.paper.claims import Claim, judged
+from delam_fem.paper.claims import Claim, Criterion, judged
 from delam_fem.paper.lab import Laboratory, motion_case
 from delam_fem.paper.motions import RESONANT
 from delam_fem.paper.piece import NOT_IN_JSON, Numbers, Piece
@@ -213,7 +213,7 @@ def judge(numbers: Shapes) -> tuple[Claim, ...]:
             f"{touched.size} of {closed.size} pairs touch in a period, for "
             f"{100 * touched.min():.1f} to {100 * touched.max():.1f} % of it; within 0.1 mm: "
             f"{100 * near.min():.1f} to {100 * near.max():.1f} %",
-            judged(bool(touched.max() > 2.0 * touched.min())),
+            *judged(Criterion("longest over shortest", touched.max() / touched.min(), ">", 2.0)),
         ),
     )  # fmt: skip
 

@@ -12,7 +12,7 @@ from delam_fem.case.definition import Case
 from delam_fem.case.gap import initial_gap
 from delam_fem.case.sections import Gap
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.paper.claims import Claim, judged
+from delam_fem.paper.claims import Claim, Criterion, judged
 from delam_fem.paper.lab import Laboratory, motion_case
 from delam_fem.paper.motions import RESONANT
 from delam_fem.paper.piece import NOT_IN_JSON, Numbers, Piece
@@ -185,13 +185,13 @@ def judge(numbers: System) -> tuple[Claim, ...]:
         Claim(
             "1", "the ratio of masses is approximately m1/m2 = 1/2", "sec. 2.3",
             f"ρ₁A₁/ρ₂A₂ = {ratio:.3f}: the thick lamina is the heavier one (0.515 = m2/m1)",
-            judged(abs(ratio - 0.5) < NEAR),
+            *judged(Criterion("|m1/m2 − 1/2|", abs(ratio - 0.5), "<", NEAR)),
         ),
         Claim(
             "1", "E and the sections give EI = 1.51 and 0.16 N m²", "sec. 2.1, 3.1",
             f"EI given / (E b h³/12) − 1 = {100 * off[0]:+.1f} % and {100 * off[1]:+.1f} %; the "
             "given EI are used",
-            judged(max(map(abs, off)) < NEAR),
+            *judged(Criterion("largest deviation", max(map(abs, off)), "<", NEAR, "%")),
         ),
     )  # fmt: skip
 

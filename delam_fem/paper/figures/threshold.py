@@ -9,7 +9,7 @@ import numpy as np
 
 from delam_fem.model import closed_form, stability
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.paper.claims import Claim, judged
+from delam_fem.paper.claims import Claim, Criterion, judged
 from delam_fem.paper.lab import Laboratory, motion_case
 from delam_fem.paper.measures import half_ranges
 from delam_fem.paper.motions import FREQUENCIES, RESONANT
@@ -50,7 +50,7 @@ class Threshold(Numbers):
         gamma_m_s: values of γ, shape (n,).
         staying_share: share of the impacts that are followed by permanent contact [-].
         amplitude_mm: half peak-to-peak of both tips, each of shape (2,).
-        periodicity: periodicity, None if the motion has none.
+        periodicity: class of the motion in words.
         contacts: tip contacts per period.
         largest_tip_gap_rate_m_s: largest gap rate of the tips at 3.25 Hz with the paper's γ.
         central_difference_steps_per_period: smallest number of steps per period at which the
@@ -61,7 +61,7 @@ class Threshold(Numbers):
     gamma_m_s: FloatArray
     staying_share: dict[str, list[float]]
     amplitude_mm: dict[str, list[FloatArray]]
-    periodicity: dict[str, list[int | None]]
+    periodicity: dict[str, list[str | None]]
     contacts: dict[str, list[float]]
     largest_tip_gap_rate_m_s: float
     central_difference_steps_per_period: float
@@ -86,7 +86,7 @@ def measure(lab: Laboratory) -> Threshold:
             for f, results in found.items()
         },
         amplitude_mm={f: [1e3 * half_ranges(r) for r in rs] for f, rs in found.items()},
-        periodicity=over_gamma("periodicity"),
+        periodicity=over_gamma("periodicity_class"),
         contacts=over_gamma("tip_contacts_per_period"),
         largest_tip_gap_rate_m_s=float(np.abs(rate[1] - rate[0]).max()),
         central_difference_steps_per_period=float(case.period / limit),
@@ -157,29 +157,32 @@ def judge(numbers: Threshold) -> tuple[Claim, ...]:
             "gamma", "larger γ: most contacts are followed by permanent contact", "sec. 3.2",
             "share of impacts followed by it, γ = 1e-5 → 0.1 m/s: "
             + ", ".join(f"{100 * a:.0f} → {100 * b:.0f} % at {f} Hz" for f, (a, b) in ends),
-            judged(all(b > 0.5 for _, (_, b) in ends)),
+            *judged(Criterion("smallest share", min(b for _, (_, b) in ends), ">", 0.5, "%")),
         ),
         Claim(
             "gamma", "such a choice mostly induces slight differences", "sec. 3.2",
             "half peak-to-peak amplitudes vary by up to "
             + ", ".join(f"{100 * v:.0f} % at {f} Hz" for f, v in spread.items())
             + f" over four decades of γ, by up to {100 * max(moderate.values()):.0f} % below "
-            f"{MODERATE:g} m/s; periods "
+            f"{MODERATE:g} m/s; "
             + ", ".join(f"{' or '.join(p)} at {f} Hz" for f, p in periods.items()),
-            judged(sum(v < SLIGHT for v in spread.values()) >= 2),
+            *judged(Criterion("second smallest", sorted(spread.values())[1], "<", SLIGHT, "%")),
         ),
         Claim(
             "gamma", "γ is close to the thousandth part of the maximum relative velocity",
             "sec. 3.2",
             f"largest gap rate of the tips at 3.25 Hz: {rate:.2f} m/s; γ is 1/{rate / PRINTED:.0f} "
             "of it",
-            judged(1.0 / ORDER < rate / PRINTED / 1000.0 < ORDER),
+            *judged(
+                Criterion("rate/γ over 1000", rate / PRINTED / 1000.0, ">", 1.0 / ORDER),
+                Criterion("rate/γ over 1000", rate / PRINTED / 1000.0, "<", ORDER),
+            ),
         ),
         Claim(
             "gamma", "the central difference scheme may also be appropriate", "sec. 3.1",
             f"with the consistent mass it is stable from {np.ceil(steps):.0f} steps per period on, "
             "not with the paper's 1000",
-            judged(steps <= 1000.0),
+            *judged(Criterion("steps per period", steps, "<", 1001.0)),
         ),
     )  # fmt: skip
 

@@ -204,6 +204,9 @@ class TipBlock:
             "half_wave_Hz": frequency.tolist(),
             "half_wave_arrival_us": (1e6 * middle).tolist(),
             "half_wave_arrival_exact_us": (1e6 * distance / beam.group_speed(frequency)).tolist(),
+            "timoshenko_lowers_by": (
+                1.0 - beam.timoshenko_group_speed(frequency) / beam.group_speed(frequency)
+            ).tolist(),
             "mean_wave_speed_m_s": float(np.mean(distance / middle)),
             "longitudinal_speed_m_s": float(rod_speed),
         }

@@ -91,8 +91,10 @@ def _draw_dispersion(axes: Axes, block: TipBlock) -> None:
     distance = float(block.lamina.length - block.gauges[1])
     shown = np.geomspace(0.5 * frequency.min(), 1.3 * frequency.max(), 100)
     arrival = distance / exact_beam(block.lamina).group_speed(shown)
+    slower = distance / exact_beam(block.lamina).timoshenko_group_speed(shown)
     rod = distance / float(np.sqrt(block.lamina.young_modulus / block.lamina.density))
     axes.plot(1e6 * arrival, 1e-3 * shown, color=BLACK, label="distance / $c_g$ (bending)")
+    axes.plot(1e6 * slower, 1e-3 * shown, ":", color=BLACK, label="with shear (Timoshenko)")
     axes.axvline(1e6 * rod, color=PURPLE, linestyle="--", label="distance / $c_0$ (longitudinal)")
     axes.plot(
         1e6 * middle, 1e-3 * frequency, "o", color=GAUGE_COLOURS[1], label="half waves at [2]"

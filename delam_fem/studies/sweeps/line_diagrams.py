@@ -39,6 +39,8 @@ HEADROOM = 1.15
 """Upper end of the axis over the largest amplitude; linear resonances lie far above it."""
 STACK_POINTS = 200
 """Points of the linear response of a bonded stack, which takes a solution each."""
+BARS = 2.0
+"""Half the length of error bars, in standard errors."""
 LINEAR_POINTS = 2000
 
 
@@ -98,12 +100,13 @@ def lyapunov(data: xr.Dataset) -> Figure:
     panel = figure.subplots()
     panel.axhline(0.0, color=BLACK, linewidth=0.8)
     for label, part, (colour, marker, line) in _directions(data):
-        panel.plot(
-            axis.shown, part["lyapunov_exponent"].to_numpy(), line, color=colour, marker=marker,
-            markersize=3.0, linewidth=1.0, label=label,
+        errors = BARS * part["lyapunov_error"].to_numpy() if "lyapunov_error" in part else None
+        panel.errorbar(
+            axis.shown, part["lyapunov_exponent"].to_numpy(), yerr=errors, fmt=line, color=colour,
+            marker=marker, markersize=3.0, linewidth=1.0, elinewidth=0.8, capsize=2.0, label=label,
         )  # fmt: skip
     _mark_missing(panel, data, axis)
-    panel.set(ylabel="largest Lyapunov exponent [1/s]")
+    panel.set(ylabel=f"largest Lyapunov exponent [1/s]\nbars: ±{BARS:g} standard errors")
     legend_above(panel)
     _finish(figure, [panel], data, axis)
     return figure

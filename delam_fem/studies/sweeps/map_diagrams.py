@@ -14,7 +14,11 @@ from matplotlib.patches import Patch
 from delam_fem.case.toml import CaseError
 from delam_fem.numerics import attractors as at
 from delam_fem.numerics.arrays import FloatArray, IntArray
-from delam_fem.results.diagnostics import LARGEST_PERIODICITY, PERIODIC_SCATTER
+from delam_fem.results.diagnostics import (
+    LARGEST_PERIODICITY,
+    PERIODIC_MARGIN,
+    PERIODIC_SCATTER,
+)
 from delam_fem.results.figures.style import (
     BLACK,
     BLUE,
@@ -32,7 +36,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-KIND_COLOURS = (SKY, ORANGE, GREEN, "#bbbbbb", BLACK, "#ffffff")
+KIND_COLOURS = (SKY, ORANGE, GREEN, "#bbbbbb", BLACK, "#ffffff", "#cfe8f7")
 """Colours of the kinds of motion, in the order of `KINDS`."""
 ATTRACTOR_COLOURS = (BLUE, ORANGE, GREEN, SKY, VERMILLION, YELLOW, PURPLE)
 """Colours of the attractors, the most frequent first; all further attractors share a grey."""
@@ -53,6 +57,7 @@ def plane(data: xr.Dataset) -> Figure:
             _values(data, "outcome", x, y),
             _values(data, "periodicity", x, y),
             _values(data, "strobe_displacement", x, y),
+            _values(data, "is_decided", x, y) != 0.0 if "is_decided" in data else None,
         )
     except ValueError as error:
         raise CaseError(f"diagram plane: {error}") from None
@@ -61,7 +66,8 @@ def plane(data: xr.Dataset) -> Figure:
     panel.grid(False)
     _cells(panel, x, y, kinds, KIND_COLOURS)
     if kinds.size <= MOST_LABELS:
-        _write_periods(panel, x, y, _values(data, "periodicity", x, y))
+        periods = np.where(kinds == at.HIGHER, _values(data, "periodicity", x, y), np.nan)
+        _write_periods(panel, x, y, periods)
     present = [k for k in range(len(at.KINDS)) if (kinds == k).any()]
     shares = [f"{at.KINDS[k]} ({_percent(float((kinds == k).mean()))})" for k in present]
     _legend(panel, [KIND_COLOURS[k] for k in present], shares)
@@ -76,7 +82,9 @@ def _thresholds() -> str:
         f"period P: strobes P ≤ {LARGEST_PERIODICITY} periods apart differ by less than "
         f"{100 * PERIODIC_SCATTER:g} % of the half peak-to-peak amplitude (rms); "
         f"quasi-periodic: {100 * at.LINE_SHARE:g} % of the strobes' power\nin "
-        f"{at.LINES} spectral lines; irregular: none of these; numbers: P of higher order"
+        f"{at.LINES} spectral lines; irregular: none of these; undecided: the class changes with "
+        f"the {100 * PERIODIC_SCATTER:g} % times or over {PERIODIC_MARGIN:g}; numbers: P of higher "
+        "order"
     )
 
 

@@ -157,9 +157,9 @@ class PointRunner:
             if outcome != "completed":
                 return Point(index, outcome, _where(recorder, case), None), None
             state = opened.engine.state()
-            extra = {}
+            extra: dict[str, float] = {}
             if record.lyapunov:
-                extra["lyapunov_exponent"] = largest_exponent(
+                found = largest_exponent(
                     opened,
                     operators,
                     direction=np.sum(
@@ -169,6 +169,7 @@ class PointRunner:
                     periods=record.lyapunov,
                     perturbation=record.perturbation,
                 )
+                extra |= {"lyapunov_exponent": found.value, "lyapunov_error": found.error}
         wanted = self.quantities(layout)
         row = row_of(wanted, case, recorder, structure, extra)
         return Point(index, outcome, "", row), state

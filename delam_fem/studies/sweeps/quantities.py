@@ -28,6 +28,7 @@ _SUMMARY = (
     Variable("tip_amplitude", _LAMINA, "m", "half peak-to-peak tip displacement"),
     Variable("periodicity", (), "1", "periods of the excitation after which the motion repeats"),
     Variable("strobe_scatter", (), "1", "scatter of strobes for that periodicity, relative"),
+    Variable("is_decided", (), "1", "whether the periodicity has a margin to the threshold"),
     Variable("tip_contacts_per_period", (), "1", "contacts of the tips per period"),
     Variable("impacts_per_period", (), "1", "impulses on pairs per period"),
     Variable("distortion_factor", _LAMINA, "1", "distortion factor d of the tip"),
@@ -61,7 +62,10 @@ _ENERGIES = tuple(
     )
     for name in ENERGIES
 )
-_LYAPUNOV = (Variable("lyapunov_exponent", (), "1/s", "largest Lyapunov exponent"),)
+_LYAPUNOV = (
+    Variable("lyapunov_exponent", (), "1/s", "largest Lyapunov exponent"),
+    Variable("lyapunov_error", (), "1/s", "standard error of the largest Lyapunov exponent"),
+)
 _OF_POINTS = (
     Variable("outcome", (), "", "how the run of the point ended"),
     Variable("error", (), "", "why a point was not completed"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -49,6 +50,7 @@ def row_of(
     values: dict[str, npt.ArrayLike | None] = dict(extra)
     if "tip_min" in names:
         values |= diagnostics.summary_of(motion, case)
+        values["is_decided"] = _decided(values.pop("periodicity_class"))
         values["tip_amplitude"] = np.ptp(motion.displacement, axis=1) / 2.0
         values["energy_residual"] = recorder.energy_residual()
     values["strobe_displacement"] = recorder.strobe[:, 0, :n_laminae].T
@@ -114,6 +116,11 @@ def _node_distortion(recorder: Recorder, layout: Layout) -> dict[str, npt.ArrayL
         "node_distortion_factor": distortion_factor(amplitudes),
         "node_thd": total_harmonic_distortion(amplitudes),
     }
+
+
+def _decided(periodicity_class: object) -> float:
+    """Return 1 for a decided class, 0 for an undecided one, NaN where there is none."""
+    return math.nan if periodicity_class is None else float(periodicity_class != "undecided")
 
 
 def _fitted(quantity: Quantity, value: npt.ArrayLike | None) -> FloatArray:

@@ -126,7 +126,13 @@ def test_bifurcation_draws_every_strobe() -> None:
 
 def test_lyapunov_over_one_and_over_two_axes() -> None:
     one = diagram("lyapunov", lines())
-    assert "largest Lyapunov exponent [1/s]" == one.axes[0].get_ylabel()
+    assert one.axes[0].get_ylabel().startswith("largest Lyapunov exponent [1/s]")
+    data = lines()
+    data["lyapunov_error"] = 0.0 * data["lyapunov_exponent"] + 0.25
+    (up, _) = diagram("lyapunov", data).axes[0].containers
+    (bars,) = up.lines[2]
+    first = bars.get_segments()[0]
+    assert first[:, 1].tolist() == [-1.5, -0.5], "two standard errors on either side"
     two = diagram("lyapunov", plane())
     (mesh,) = [c for c in two.axes[0].collections if isinstance(c, QuadMesh)]
     assert mesh.get_array().ravel().tolist() == plane().lyapunov_exponent.T.values.ravel().tolist()
@@ -154,6 +160,17 @@ def test_basins_name_the_attractors() -> None:
     labels = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
     assert labels[0] == "period 1, 20.0 / 20.0 mm (50 %)"
     assert labels[-1] == "not completed (17 %)"
+
+
+def test_undecided_points_of_a_plane_are_a_kind_and_have_no_number() -> None:
+    data = plane()
+    decided = np.ones((2, 3))
+    decided[0, 1] = 0.0
+    data["is_decided"] = (("restitution", "penalty_stiffness"), decided)
+    figure = diagram("plane", data)
+    labels = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
+    assert labels[-1] == "undecided (17 %)"
+    assert not figure.axes[0].texts
 
 
 def test_a_cell_amid_others_is_no_attractor() -> None:
