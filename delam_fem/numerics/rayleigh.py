@@ -5,6 +5,7 @@ Mode k has the damping ratio D_k = (alpha / omega_k + beta omega_k) / 2.
 
 from __future__ import annotations
 
+import math
 from typing import Literal
 
 Kind = Literal["two-mode", "stiffness", "mass"]
@@ -31,3 +32,24 @@ def coefficients(
     if kind == "mass":
         return 2.0 * D * first, 0.0
     return 2.0 * D * first * second / (first + second), 2.0 * D / (first + second)
+
+
+def overdamped_from(alpha: float, beta: float) -> float:
+    """Return the angular frequency above which modes do not oscillate any more [rad/s].
+
+    D_k = 1 has the larger solution (1 + sqrt(1 - alpha beta)) / beta. Above it, a mode that is let
+    go creeps back with the rate 1/beta, whatever its stiffness.
+
+    >>> overdamped_from(0.0, 0.5)
+    4.0
+
+    Args:
+        alpha: of C = alpha M + beta K [1/s].
+        beta: likewise [s].
+
+    Returns:
+        The frequency; infinity without a term in K, 0 if every mode is overdamped.
+    """
+    if beta == 0.0:
+        return math.inf
+    return 0.0 if alpha * beta >= 1.0 else (1.0 + math.sqrt(1.0 - alpha * beta)) / beta

@@ -2,7 +2,7 @@
 
 import pytest
 
-from delam_fem.numerics.rayleigh import Kind, coefficients
+from delam_fem.numerics.rayleigh import Kind, coefficients, overdamped_from
 
 D, OMEGA = 0.008, (19.9, 124.6)
 ROUND_OFF = 1e-14
@@ -20,3 +20,16 @@ def test_named_modes_have_the_ratio(kind: Kind, damped: tuple[float, ...]) -> No
 
 def test_two_modes_are_the_default() -> None:
     assert coefficients(D, *OMEGA) == coefficients(D, *OMEGA, "two-mode")
+
+
+@pytest.mark.parametrize("kind", ["two-mode", "stiffness"])
+def test_the_last_mode_that_oscillates(kind: Kind) -> None:
+    alpha, beta = coefficients(D, *OMEGA, kind)
+    last = overdamped_from(alpha, beta)
+    assert 0.5 * (alpha / last + beta * last) == pytest.approx(1.0, rel=1e-12)
+    assert 0.5 * (alpha / (1.01 * last) + beta * 1.01 * last) > 1.0
+
+
+def test_modes_that_are_never_or_always_overdamped() -> None:
+    assert overdamped_from(0.3, 0.0) == float("inf")
+    assert overdamped_from(3.0, 0.5) == 0.0

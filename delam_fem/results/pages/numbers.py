@@ -16,7 +16,7 @@ UNITS = {
 SHOWN = {"m": ("mm", 1e3), "J": ("mJ", 1e3)}
 """Units that figures show in place of those of summary.json, and the factors."""
 
-PERCENT = ("distortion_factor", "thd", "strobe_scatter")
+PERCENT = ("distortion_factor", "thd", "strobe_scatter", "strobe_scatters")
 """Entries that are shown in percent."""
 
 MEANINGS = {
@@ -28,6 +28,8 @@ MEANINGS = {
     "tip_min": "smallest displacement of each tip over the last periods, base motion included",
     "tip_max": "largest displacement of each tip over the last periods",
     "periodicity": "periods of the base after which the motion repeats; – if it does not",
+    "periodicity_class": "the same with a margin; undecided: the cycles differ by about 10 %",
+    "strobe_scatters": "how much cycles 1, 2, … 8 periods apart differ",
     "strobe_scatter": "how much successive periods differ, in half peak-to-peak amplitudes",
     "settled": "whether the transient has died out",
     "tip_contacts_per_period": "how often the tips meet; closures within 0.05 periods count once",

@@ -66,6 +66,9 @@ def _periodicity(run: Run) -> str:
     if not run.case.is_periodic:
         return "not judged for periods, because the excitation has none"
     P = run.summary.get("periodicity")
+    if run.summary.get("periodicity_class") == "undecided":
+        single = 100.0 * run.summary["strobe_scatters"][0]
+        return f"of undecided period (cycles differ by {single:.2g} % of the amplitude)"
     if P is None:
         return f"no repetition within {WORDS[LARGEST_PERIODICITY]} periods"
     return f"{_word(P)}-periodic"

@@ -32,6 +32,9 @@ from delam_fem.studies.convergence.analysis import Convergence
 from delam_fem.studies.convergence.ladder import Ladder
 from delam_fem.studies.convergence.rung import RungResult, compute
 from delam_fem.studies.executors import ExecutorName
+from delam_fem.studies.short_waves import refinement_warnings
+
+_log = logging.getLogger(__name__)
 
 RESULT = "convergence.json"
 """Name of the file with the results in the folder of a ladder."""
@@ -82,6 +85,10 @@ def run_ladder(
             progress(len(rungs) - sum(r.key not in found.results for r in rungs), len(rungs))
 
     name: ExecutorName = "serial" if workers == 1 else executor
+    if ladder.case.is_apart:
+        points = (rung.elements * rung.case.contact.points_per_element for rung in rungs)
+        for text in refinement_warnings(ladder.case, points):
+            _log.warning(text)
     take_in(set())
     if missing:
         with stop_signals() as is_stopped, executors.pool(name, workers) as pool:

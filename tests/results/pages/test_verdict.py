@@ -75,6 +75,13 @@ def test_tips_that_never_meet_and_laminae_without_contact() -> None:
     assert through == "One-periodic, without contact: the laminae pass through one another."
 
 
+def test_a_period_without_a_margin_is_undecided() -> None:
+    history = struck(0.6, -0.45)
+    scatters = [0.109, 0.081, 0.1]
+    found = verdict(history, periodicity=2, periodicity_class="undecided", strobe_scatters=scatters)
+    assert found.startswith("Of undecided period (cycles differ by 11 % of the amplitude), one tip")
+
+
 def test_runs_that_did_not_end_say_so() -> None:
     found = verdict(struck(0.6, -0.45), small_case(time__periods=80), outcome="interrupted")
     assert found.startswith(f"Interrupted in period {PERIODS} of 80, one-periodic")
