@@ -74,7 +74,8 @@ class Criterion:
     def _shown(self, value: float) -> str:
         if self.unit == "Hz":
             return f"{value:.4g}"
-        return f"{100.0 * value if self.unit == '%' else value:.3g}"
+        value = 100.0 * value if self.unit == "%" else value
+        return f"{value:.0f}" if abs(value) >= 1000.0 else f"{value:.3g}"
 
 
 def yes(name: str, is_so: bool) -> Criterion:

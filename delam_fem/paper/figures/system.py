@@ -185,7 +185,7 @@ def judge(numbers: System) -> tuple[Claim, ...]:
         Claim(
             "1", "the ratio of masses is approximately m1/m2 = 1/2", "sec. 2.3",
             f"ρ₁A₁/ρ₂A₂ = {ratio:.3f}: the thick lamina is the heavier one (0.515 = m2/m1)",
-            *judged(Criterion("|m1/m2 − 1/2|", abs(ratio - 0.5), "<", NEAR)),
+            *judged(Criterion("away from 1/2 by", abs(ratio - 0.5), "<", NEAR)),
         ),
         Claim(
             "1", "E and the sections give EI = 1.51 and 0.16 N m²", "sec. 2.1, 3.1",
