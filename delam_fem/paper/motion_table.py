@@ -56,7 +56,8 @@ def row(motion: Motion, result: Result) -> tuple[str, ...]:
         f"{contacts(result):.2f}",
         "–" if np.isnan(thick) else f"{thick:+.2f} / {thin:+.2f}",
         f"{motion.periodicity}",
-        f"{s['periodicity'] or '–'}" + ("" if scatter is None else f" ({100 * scatter:.2g} %)"),
+        (s["periodicity_class"] or "–").removeprefix("period ")
+        + ("" if scatter is None else f" ({100 * scatter:.2g} %)"),
         f"{low[0]:.1f} … {high[0]:.1f}",
         f"{low[1]:.1f} … {high[1]:.1f}",
         f"{1e3 * s['minimum_tip_gap']:.2f}",

@@ -86,8 +86,7 @@ def run_ladder(
 
     name: ExecutorName = "serial" if workers == 1 else executor
     if ladder.case.is_apart:
-        points = (rung.elements * rung.case.contact.points_per_element for rung in rungs)
-        for text in refinement_warnings(ladder.case, points):
+        for text in refinement_warnings(ladder.case, (rung.points for rung in rungs)):
             _log.warning(text)
     take_in(set())
     if missing:
