@@ -32,13 +32,10 @@ STROBES = 40
 """Number of last periods by which the periodicity is judged."""
 PERIODIC_SCATTER = 0.10
 """Largest rms difference of strobes in half peak-to-peak amplitudes; cycles of clapping scatter."""
-<<<<<<< HEAD
 _ROUND_OFF = 1e-6
 """Part of a step that is round-off in the time of an impact."""
-=======
 PERIODIC_MARGIN = 1.2
 """Factor on either side of `PERIODIC_SCATTER` within which the class of a motion is undecided."""
->>>>>>> 9ff1117 (Claims with margins, classes with margins, errors of Lyapunov exponents)
 GROUP_PERIODS = 0.05
 """Closures at the probes less than so many periods apart are one contact."""
 

@@ -43,7 +43,7 @@ def test_summary_of_the_prescribed_motion() -> None:
     assert summary["minimum_tip_gap"] == pytest.approx((0.030 + q[1] - q[0]).min(), rel=1e-14)
     assert summary["periodicity"] == 1
     assert summary["strobe_scatter"] < ROUND_OFF
-    assert summary["periodicity_class"] == "period 1" and len(summary["strobe_scatters"]) == 3
+    assert summary["periodicity_class"] == "period 1" and len(summary["strobe_scatters"]) == 8
     assert summary["tip_contacts_per_period"] == 1.0
     assert summary["impacts_per_period"] == 2.0
 
