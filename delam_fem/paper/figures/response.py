@@ -246,14 +246,6 @@ def judge(numbers: WithContact) -> tuple[Claim, ...]:
     reduced = largest / numbers.linear_peak_m
     at = numbers.largest_amplitude_at_hz
     window = doubled_window(numbers, 3.65)
-    hysteresis = numbers.hysteresis_hz
-    all_jumps = sorted({at for one in numbers.jumps_up_hz + numbers.jumps_down_hz for at in one})
-    periodicity = np.array([numbers.periodicity_up, numbers.periodicity_down], dtype=float)
-    periods = np.unique(periodicity[np.isfinite(periodicity) & (periodicity > 0)])
-    irregular = numbers.frequency_hz[np.isnan(periodicity).any(axis=0)]
-    undecided = numbers.frequency_hz[(periodicity == UNDECIDED).any(axis=0)]
-    contacts = numbers.tip_contacts_per_period
-    kinds = np.unique(np.round(2.0 * contacts)).size
     step = float(np.diff(numbers.frequency_hz).min())
     inside = min(3.65 - window[0], window[1] - 3.65) if window else math.nan
     return (
@@ -274,20 +266,33 @@ def judge(numbers: WithContact) -> tuple[Claim, ...]:
                 )
             ),
         ),
-        Claim(
-            "2b", "a bifurcation scenario with different numbers of impacts in a period",
-            "sec. 1, 4",
-            f"periods {', '.join(f'{p:g}' for p in periods)}, "
-            + (f"none up to 8 at {_listed(irregular)} Hz, " if irregular.size else "")
-            + (f"undecided at {_listed(undecided)} Hz, " if undecided.size else "")
-            + f"{contacts.min():.2g} to {contacts.max():.2g} tip contacts per period; "
-            + (f"up and down differ at {_listed(hysteresis)} Hz" if len(hysteresis)
-               else "up and down agree everywhere")
-            + (f"; jumps at {_listed(all_jumps)} Hz" if all_jumps else ""),
-            *judged(
-                Criterion("decided periods", len(periods), ">", MANY - 1),
-                Criterion("numbers of contacts in two periods", kinds, ">", MANY - 1),
-            ),
+        _claim_on_scenario(numbers),
+    )  # fmt: skip
+
+
+def _claim_on_scenario(numbers: WithContact) -> Claim:
+    """Judge whether the motions have many periods and numbers of contacts."""
+    hysteresis = numbers.hysteresis_hz
+    all_jumps = sorted({at for one in numbers.jumps_up_hz + numbers.jumps_down_hz for at in one})
+    periodicity = np.array([numbers.periodicity_up, numbers.periodicity_down], dtype=float)
+    periods = np.unique(periodicity[np.isfinite(periodicity) & (periodicity > 0)])
+    irregular = numbers.frequency_hz[np.isnan(periodicity).any(axis=0)]
+    undecided = numbers.frequency_hz[(periodicity == UNDECIDED).any(axis=0)]
+    contacts = numbers.tip_contacts_per_period
+    kinds = np.unique(np.round(2.0 * contacts)).size
+    return Claim(
+        "2b", "a bifurcation scenario with different numbers of impacts in a period",
+        "sec. 1, 4",
+        f"periods {', '.join(f'{p:g}' for p in periods)}, "
+        + (f"none up to 8 at {_listed(irregular)} Hz, " if irregular.size else "")
+        + (f"undecided at {_listed(undecided)} Hz, " if undecided.size else "")
+        + f"{contacts.min():.2g} to {contacts.max():.2g} tip contacts per period; "
+        + (f"up and down differ at {_listed(hysteresis)} Hz" if len(hysteresis)
+           else "up and down agree everywhere")
+        + (f"; jumps at {_listed(all_jumps)} Hz" if all_jumps else ""),
+        *judged(
+            Criterion("decided periods", len(periods), ">", MANY - 1),
+            Criterion("numbers of contacts in two periods", kinds, ">", MANY - 1),
         ),
     )  # fmt: skip
 
