@@ -22,6 +22,7 @@ from delam_fem.engines.compiled.algebra import (
 )
 from delam_fem.engines.compiled.banded import row_product
 from delam_fem.engines.compiled.lane_kernels import R, Z
+from delam_fem.engines.compiled.points import measure
 from delam_fem.engines.compiled.springs import list_springs, renew_acceleration, spring_energy
 from delam_fem.engines.compiled.state import (
     IMPACT,
@@ -141,18 +142,36 @@ def _apply_impulses(system, law, memory, n):  # type: ignore[no-untyped-def]
     return energy
 
 
+@njit(forceinline=True)
+def _gap(system, memory, k):  # type: ignore[no-untyped-def]
+    """Return the gap of a pair, which `points.measure` has written if pairs are in elements."""
+    if system.is_within:
+        return memory.gap[k]
+    return system.gap0[k] + row_product(system.gap_rows, k, memory.X, 0)
+
+
+@njit(forceinline=True)
+def _rate(system, memory, k):  # type: ignore[no-untyped-def]
+    """Return the gap rate of a pair; see `_gap`."""
+    if system.is_within:
+        return memory.rate[k]
+    return row_product(system.gap_rows, k, memory.X, system.size)
+
+
 @njit
 def examine_impacts(system, law, memory, log, tick):  # type: ignore[no-untyped-def]
     """Release open springs, hit closed approaching pairs, rest slow pairs (newton.Impacts)."""
     X, resting = memory.X, memory.resting
     n, is_same = 0, True
+    if system.is_within:
+        measure(system.points, system.size, X, 0.0, False, memory.gap, memory.rate)
     for k in range(system.n_pairs):
-        gap = system.gap0[k] + row_product(system.gap_rows, k, X, 0)
+        gap = _gap(system, memory, k)
         if resting[k] and not gap <= 0.0:
             is_same = False
         memory.gap[k] = gap
         if gap <= 0.0 and not resting[k]:
-            rate = row_product(system.gap_rows, k, X, system.size)
+            rate = _rate(system, memory, k)
             if rate < 0.0:
                 memory.hit[n], memory.rate_pre[n] = k, rate
                 n += 1
@@ -190,8 +209,10 @@ def examine_impacts(system, law, memory, log, tick):  # type: ignore[no-untyped-
 def examine_penalty(system, law, memory):  # type: ignore[no-untyped-def]
     """Put springs on exactly the closed pairs (penalty.PenaltySprings)."""
     is_same = True
+    if system.is_within:
+        measure(system.points, system.size, memory.X, 0.0, False, memory.gap, memory.rate)
     for k in range(system.n_pairs):
-        memory.gap[k] = system.gap0[k] + row_product(system.gap_rows, k, memory.X, 0)
+        memory.gap[k] = _gap(system, memory, k)
         is_same &= (memory.gap[k] <= 0.0) == (memory.resting[k] != 0)
     if is_same:
         return

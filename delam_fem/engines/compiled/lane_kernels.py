@@ -171,7 +171,7 @@ def finish(X, size, c, solution, form, rest, held, keeps):  # type: ignore[no-un
         loss0, loss1 = fma(z0, flow0, loss0), fma(z1, flow1, loss1)
         z0_next, z1_next = z0, z1
         gap = smaller(swap_halves(u0) - u0 + load(rest, i // 2), gap)
-    return total(loss0 + loss1), _smallest(gap)
+    return total(loss0 + loss1), least_lane(gap)
 
 
 @njit(forceinline=True)
@@ -206,7 +206,7 @@ def base_rows(system, X, out, first):  # type: ignore[no-untyped-def]
 
 
 @njit(forceinline=True)
-def _smallest(gap):  # type: ignore[no-untyped-def]
+def least_lane(gap):  # type: ignore[no-untyped-def]
     """Return the smallest number of the four lanes."""
     gap = smaller(gap, swap_neighbours(gap))
     return lane(smaller(gap, swap_halves(gap)), 0)
@@ -235,7 +235,7 @@ def smallest_gap(X, size, rest, ahead):  # type: ignore[no-untyped-def]
     for i in range(0, size, 8):
         u = fma(time, load(X, size + i), load(X, i))
         gap = smaller(swap_halves(u) - u + load(rest, i // 2), gap)
-    return _smallest(gap)
+    return least_lane(gap)
 
 
 @njit
@@ -246,7 +246,7 @@ def smallest_approach(X, size, rest, ahead):  # type: ignore[no-untyped-def]
         u, v = load(X, i), load(X, size + i)
         shift = smaller(time * (swap_halves(v) - v), zero)
         gap = smaller(swap_halves(u) - u + load(rest, i // 2) + shift, gap)
-    return _smallest(gap)
+    return least_lane(gap)
 
 
 @njit

@@ -7,6 +7,7 @@ import numpy as np
 from delam_fem.caches.kernels import njit
 from delam_fem.engines.compiled import banded, contact
 from delam_fem.engines.compiled import lane_kernels as lk
+from delam_fem.engines.compiled import points as points
 from delam_fem.engines.compiled import springs as springs
 from delam_fem.engines.compiled import step as steps
 from delam_fem.engines.compiled.refined import run_refined
@@ -46,6 +47,8 @@ def _glide(system, law, memory, log, span, touch):  # type: ignore[no-untyped-de
         flow, smallest = lk.step(system, X, base_state, predicted <= touch)
         if law.kind == MOREAU:
             smallest = predicted
+        elif system.is_within:
+            smallest = points.see(system, memory, 0.0, touch)
         if smallest <= touch:
             return step, flow, smallest
         totals[DISSIPATED] += weight * flow

@@ -5,6 +5,7 @@ from __future__ import annotations
 from delam_fem.caches.kernels import njit
 from delam_fem.engines.compiled import contact, modes
 from delam_fem.engines.compiled import lane_kernels as lk
+from delam_fem.engines.compiled import points as points
 from delam_fem.engines.compiled import springs as springs
 from delam_fem.engines.compiled import step as steps
 from delam_fem.engines.compiled.banded import row_product
@@ -32,6 +33,8 @@ N_COARSE, N_MIDDLE, N_FINE, N_CONTACTS, N_UNFORESEEN = range(5)
 @njit
 def _mark_near(system, memory, ahead, level):  # type: ignore[no-untyped-def]
     """Mark the pairs whose gap is small up to a time ahead (F1); return whether there are any."""
+    if system.is_within:
+        return _mark_points(system, memory, ahead, level)
     X, near, first = memory.X, memory.near, level * system.n_pairs
     has_springs = memory.counts[N_SPRINGS] > 0
     if system.is_chained and not has_springs:
@@ -44,6 +47,25 @@ def _mark_near(system, memory, ahead, level):  # type: ignore[no-untyped-def]
         if has_springs and memory.resting[k]:
             gap, shift = -gap, -shift
         if gap + min(shift, 0.0) <= 0.0:
+            near[first + k] = 1
+            found = True
+    return found
+
+
+@njit
+def _mark_points(system, memory, ahead, level):  # type: ignore[no-untyped-def]
+    """Do the same as `_mark_near` for pairs inside the elements."""
+    X, near, first, found = memory.X, memory.near, level * system.n_pairs, False
+    n_springs = memory.counts[N_SPRINGS]
+    if points.see_approach(system, memory, ahead) <= 0.0:
+        for k in range(system.n_pairs):
+            if memory.gap[k] <= 0.0 and not (n_springs and memory.resting[k]):
+                near[first + k] = 1
+                found = True
+    for j in range(n_springs):
+        k = memory.pairs[j]
+        gap = system.gap0[k] + row_product(system.gap_rows, k, X, 0)
+        if gap + max(ahead * row_product(system.gap_rows, k, X, system.size), 0.0) >= 0.0:
             near[first + k] = 1
             found = True
     return found

@@ -8,6 +8,7 @@ from delam_fem.caches.kernels import njit
 from delam_fem.engines.compiled import banded, modes
 from delam_fem.engines.compiled import contact as contact
 from delam_fem.engines.compiled import lane_kernels as lk
+from delam_fem.engines.compiled import points as points
 from delam_fem.engines.compiled import springs as springs
 from delam_fem.engines.compiled.algebra import measure
 from delam_fem.engines.compiled.banded import row_product
@@ -69,7 +70,7 @@ def loss(system, X):  # type: ignore[no-untyped-def]
 @njit
 def smallest_gap(system, X, ahead):  # type: ignore[no-untyped-def]
     """Return the smallest gap at the displacements u + ahead v."""
-    if system.is_chained:
+    if system.is_chained and not system.is_within:
         return lk.smallest_gap(X, system.size, system.rest, ahead)
     smallest = np.inf
     for k in range(system.n_pairs):
@@ -93,6 +94,8 @@ def look_ahead(system, law, memory):  # type: ignore[no-untyped-def]
     ahead = system.scheme.gap_ahead
     if system.is_modal:
         return modes.measure(system, memory.X, ahead, memory.gap, memory.rate)
+    if system.is_within:
+        return points.see(system, memory, ahead, 0.0)
     smallest = smallest_gap(system, memory.X, ahead)
     if smallest <= 0.0 or system.is_touching:
         measure(system, memory.X, ahead, memory.gap, memory.rate)
@@ -182,6 +185,8 @@ def advance(system, law, memory, new_base):  # type: ignore[no-untyped-def]
         return loss(system, X), smallest_gap(system, X, 0.0)
     if law.kind == MOREAU:
         return flow, contact.widen_contact(system, memory) if system.is_touching else predicted
+    if system.is_within:
+        return flow, points.see(system, memory, 0.0, 0.0)
     return flow, smallest
 
 

@@ -28,6 +28,7 @@ from delam_fem.engines.compiled import banded, lanes
 from delam_fem.engines.compiled import lane_kernels as lk
 from delam_fem.engines.compiled.banded import Band, Rows
 from delam_fem.engines.compiled.modes import Coordinates, Modes, Places, in_modes
+from delam_fem.engines.compiled.points import NO_POINTS, Points, points_of
 from delam_fem.engines.compiled.simd import aligned_zeros
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.arrays import FloatArray, IntArray
@@ -99,6 +100,7 @@ class System(NamedTuple):
         n_pairs: number of contact pairs.
         n_probes: number of probes.
         is_chained: True: two laminae in lane order; False: sparse rows and bands.
+        is_within: whether, in lane order, some pairs are inside the elements (points.py).
         is_diagonal_load: whether the matrix B of L1 is diagonal (L4).
         scheme: the time integration.
         coefficients: coefficients of L1 and L2, shape (16,).
@@ -117,12 +119,14 @@ class System(NamedTuple):
         is_modal: whether the unknowns are the amplitudes of modes (modes.py).
         modal: diagonals of A⁻¹, C and K in modes, shape (3 size,); empty otherwise.
         is_touching: whether some pairs are closed at rest, so that contact lasts.
+        points: the pairs by cells; empty unless `is_within`.
     """
 
     size: int
     n_pairs: int
     n_probes: int
     is_chained: bool
+    is_within: bool
     is_diagonal_load: bool
     scheme: StepNumbers
     coefficients: FloatArray
@@ -148,6 +152,7 @@ class System(NamedTuple):
     is_modal: bool
     modal: FloatArray
     is_touching: bool
+    points: Points
 
 
 _KEPT: deque[tuple[Operators, StepNumbers, tuple[System, Coordinates]]] = deque(maxlen=8)
@@ -166,6 +171,10 @@ class _Tapes:
     mass_solution: FloatArray
     form: FloatArray
     rest: FloatArray
+    points: Points
+
+
+_NO_TAPES = _Tapes(False, _NOTHING, _NOTHING, _NOTHING, _NOTHING, _NOTHING, _NOTHING, NO_POINTS)
 
 
 def build(operators: Operators, scheme: StepNumbers) -> tuple[System, Coordinates]:
@@ -214,7 +223,7 @@ def _system(o: Operators, scheme: StepNumbers, places: Coordinates, tapes: _Tape
         band = banded.factorise(mass + scheme.p * damping + scheme.q * stiffness)
         mass_band = banded.factorise(mass)
     to_rows = banded.dense_rows if is_modal else banded.rows
-    kept = tapes or _Tapes(False, *[_NOTHING] * 6)
+    kept = tapes or _NO_TAPES
     inverse_lumped = np.zeros(o.n_dofs) if o.lumped_mass is None else 1.0 / o.lumped_mass
     probes, is_selecting = o.probes, _is_selecting(o)
     return System(
@@ -222,6 +231,7 @@ def _system(o: Operators, scheme: StepNumbers, places: Coordinates, tapes: _Tape
         n_pairs=o.n_pairs,
         n_probes=o.n_probes,
         is_chained=tapes is not None,
+        is_within=kept.points is not NO_POINTS,
         is_diagonal_load=kept.is_diagonal_load,
         scheme=scheme,
         coefficients=kept.coefficients,
@@ -247,6 +257,7 @@ def _system(o: Operators, scheme: StepNumbers, places: Coordinates, tapes: _Tape
         is_modal=is_modal,
         modal=_diagonals(mass, damping, stiffness, scheme) if is_modal else _NOTHING,
         is_touching=bool((o.gap0 <= 0.0).any()),
+        points=kept.points,
     )
 
 
@@ -267,7 +278,7 @@ def _is_selecting(o: Operators) -> bool:
 def _tapes(o: Operators, scheme: StepNumbers, order: IntArray) -> _Tapes | None:
     """Return the tapes of the lane kernels, or None if the operators do not fit the lane order."""
     M, C, K = (lanes.chains(matrix, order) for matrix in (o.mass, o.damping, o.stiffness))
-    damping, rest = lanes.rayleigh(o), _rest(o, order)
+    damping, (rest, points) = lanes.rayleigh(o), _gaps(o, order)
     is_at_clamp = all(
         (order[np.flatnonzero(column)] < lk.ROW).all()
         for column in (o.base.mass, o.base.damping, o.base.stiffness)
@@ -292,6 +303,7 @@ def _tapes(o: Operators, scheme: StepNumbers, order: IntArray) -> _Tapes | None:
         lanes.solution_tape(M),
         lanes.form_tape(C),
         rest,
+        points,
     )
 
 
@@ -308,14 +320,30 @@ def _prefers_mass(o: Operators, c_K: float) -> bool:
     return bool(c_K * largest >= 1.0)
 
 
-def _rest(o: Operators, order: IntArray) -> FloatArray | None:
+def _gaps(o: Operators, order: IntArray) -> tuple[FloatArray | None, Points]:
     """Return the gaps at rest in lane order, shape (4 m,), infinite where there is no pair.
 
-    Return None if the gaps are not those between opposite nodes of two laminae.
+    If there are pairs inside the elements, all of these are infinite, and `Points` has the pairs.
+    Return None if the gaps are not those between opposite points of two laminae.
+    """
+    result = aligned_zeros(lanes.LANES * -(-o.n_dofs // lk.ROW))
+    result[:] = np.inf
+    if o.n_dofs == 4 * o.n_pairs:
+        place = _opposite_nodes(o, order)
+        if place is None:
+            return None, NO_POINTS
+        result[place // lk.ROW * lanes.LANES + place % lanes.LANES] = o.gap0
+        return result, NO_POINTS
+    points = None if (o.gap0 <= 0.0).any() else points_of(o, order)
+    return (None, NO_POINTS) if points is None else (result, points)
+
+
+def _opposite_nodes(o: Operators, order: IntArray) -> IntArray | None:
+    """Return the place of the lower node of each pair, shape (n,).
+
+    Return None if the pairs are not the opposite nodes of two laminae.
     """
     n = o.n_pairs
-    if o.n_dofs != 4 * n:
-        return None
     pair = np.arange(n)
     columns = np.concatenate([2 * pair, 2 * (n + pair)])
     opposite = sp.csr_matrix(
@@ -323,8 +351,4 @@ def _rest(o: Operators, order: IntArray) -> FloatArray | None:
     )
     if abs(o.gap_matrix - opposite).max() != 0.0:
         return None
-    place = order[2 * pair]
-    result = aligned_zeros(lanes.LANES * -(-o.n_dofs // lk.ROW))
-    result[:] = np.inf
-    result[place // lk.ROW * lanes.LANES + place % lanes.LANES] = o.gap0
-    return result
+    return np.asarray(order[2 * pair])
