@@ -27,7 +27,7 @@ SHAPES: list[dict[str, object]] = [
 GRADED = np.array([0.0, 0.02, 0.1, 0.3, 0.35, 0.6, 0.685])
 AHEAD = 1e-3
 TOLD = 0.3
-"""Share of random, rough open states that control values must tell; the rest costs a look at the points."""
+"""Share of the open states, which are rough, that control values must tell without a look."""
 
 
 @numba.njit
