@@ -206,40 +206,38 @@ def _built(o: Operators, scheme: StepNumbers) -> tuple[System, Coordinates]:
     found = None if scheme.has_acceleration else in_modes(o)
     if found is not None:
         modal, modes = found
-        return _system(modal, scheme, modes, None), modes
+        return _system(modal, scheme, modes, _NO_TAPES), modes
     order = banded.band_order(sum(abs(matrix) for matrix in (o.mass, o.damping, o.stiffness)))
     places = Places(order, o.n_dofs)
-    return _system(o, scheme, places, None), places
+    return _system(o, scheme, places, _NO_TAPES), places
 
 
-def _system(o: Operators, scheme: StepNumbers, places: Coordinates, tapes: _Tapes | None) -> System:
+def _system(o: Operators, scheme: StepNumbers, places: Coordinates, tapes: _Tapes) -> System:
     is_modal, size = isinstance(places, Modes), places.size
     order = np.arange(size) if isinstance(places, Modes) else places.order
     to = sp.csr_matrix((np.ones(o.n_dofs), (order, np.arange(o.n_dofs))), (size, o.n_dofs))
     mass, damping, stiffness = (to @ A @ to.T for A in (o.mass, o.damping, o.stiffness))
     base = np.vstack([o.base.mass, o.base.damping, o.base.stiffness]) @ to.T
-    band = mass_band = _NO_BAND
-    if tapes is None:
-        band = banded.factorise(mass + scheme.p * damping + scheme.q * stiffness)
-        mass_band = banded.factorise(mass)
+    is_chained = tapes is not _NO_TAPES
+    step = mass + scheme.p * damping + scheme.q * stiffness
+    band, mass_band = (_NO_BAND if is_chained else banded.factorise(A) for A in (step, mass))
     to_rows = banded.dense_rows if is_modal else banded.rows
-    kept = tapes or _NO_TAPES
     inverse_lumped = np.zeros(o.n_dofs) if o.lumped_mass is None else 1.0 / o.lumped_mass
     probes, is_selecting = o.probes, _is_selecting(o)
     return System(
         size=size,
         n_pairs=o.n_pairs,
         n_probes=o.n_probes,
-        is_chained=tapes is not None,
-        is_within=kept.points is not NO_POINTS,
-        is_diagonal_load=kept.is_diagonal_load,
+        is_chained=is_chained,
+        is_within=tapes.points is not NO_POINTS,
+        is_diagonal_load=tapes.is_diagonal_load,
         scheme=scheme,
-        coefficients=kept.coefficients,
-        load_tape=kept.load,
-        solution=kept.solution,
-        mass_solution=kept.mass_solution,
-        form=kept.form,
-        rest=kept.rest,
+        coefficients=tapes.coefficients,
+        load_tape=tapes.load,
+        solution=tapes.solution,
+        mass_solution=tapes.mass_solution,
+        form=tapes.form,
+        rest=tapes.rest,
         band=band,
         mass_band=mass_band,
         mass=banded.rows(mass),
@@ -257,7 +255,7 @@ def _system(o: Operators, scheme: StepNumbers, places: Coordinates, tapes: _Tape
         is_modal=is_modal,
         modal=_diagonals(mass, damping, stiffness, scheme) if is_modal else _NOTHING,
         is_touching=bool((o.gap0 <= 0.0).any()),
-        points=kept.points,
+        points=tapes.points,
     )
 
 
