@@ -2,7 +2,8 @@
 
     .venv/bin/python scripts/convergence_study.py [--folder runs/convergence] [--workers 2]
 
-The folder keeps finished rungs, which are not computed again. The script replaces each table of the
+The folder keeps finished rungs, which are not computed again; `--only` computes some of the ladders
+and leaves the document as it is. The script replaces each table of the
 document between the lines `<!-- table NAME -->` and `<!-- end -->`.
 """
 
@@ -30,9 +31,13 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--folder", type=Path, default=ROOT / "runs" / "convergence")
     parser.add_argument("--workers", type=int, default=None)
+    parser.add_argument("--only", nargs="*", default=[""], help="ladders whose names begin so")
     given = parser.parse_args(arguments)
     console, found = Console(stderr=True), {}
-    for name, ladder in ladders().items():
+    chosen = {
+        name: ladder for name, ladder in ladders().items() if name.startswith(tuple(given.only))
+    }
+    for name, ladder in chosen.items():
         console.print(f"ladder {name}: {len(ladder.rungs())} rungs")
         with progress(console) as report:
             found[name] = run_ladder(
@@ -40,6 +45,8 @@ def main(arguments: list[str] | None = None) -> int:
             )
         if not found[name].is_complete:
             return 130
+    if len(chosen) < len(ladders()):
+        return 0
     shown = document(found)
     FIGURES.mkdir(parents=True, exist_ok=True)
     with styled():

@@ -34,6 +34,9 @@ EFFORT = ("coarse", "middle", "fine", "contacts", "unforeseen")
 """Columns of `Recorder.effort`: numbers of steps by size; divided steps with an impact, and those
 of them whose first impact hit a pair that the coarse step did not see approach."""
 
+N_SIZES = 3
+"""Number of leading columns of `EFFORT` that count steps."""
+
 OPEN, HIT, RESTING = range(3)
 """Contact states of a pair in the frames."""
 

@@ -17,7 +17,6 @@ from delam_fem.studies.convergence.analysis import Convergence
 from delam_fem.studies.convergence.document_tables import document_tables
 from delam_fem.studies.convergence.figures import (
     error_over_cost,
-    error_over_steps,
     free_over_elements,
     free_over_steps,
     limit_over_meshes,
@@ -43,12 +42,11 @@ def document(found: dict[str, Convergence]) -> Document:
     figures: dict[str, Callable[[], Figure]] = {"literal": literal_figure}
     for damping in DAMPINGS:
         name = damping.replace("-", "_")
-        figures[f"steps_{name}"] = partial(error_over_steps, found[damping])
-        figures[f"cost_{name}"] = partial(error_over_cost, found[damping])
-        figures[f"work_{name}"] = partial(work_over_steps, found[damping])
-        figures[f"meshes_{name}"] = partial(limit_over_meshes, found[damping])
-    figures["free_steps"] = partial(free_over_steps, found["two-mode"])
-    figures["free_elements"] = partial(free_over_elements, found["two-mode"])
+        figures[f"cost_{name}"] = partial(error_over_cost, found[f"errors {damping}"])
+        figures[f"work_{name}"] = partial(work_over_steps, found[f"uniform {damping}"])
+        figures[f"meshes_{name}"] = partial(limit_over_meshes, found[f"meshes {damping}"])
+    figures["free_steps"] = partial(free_over_steps, found["errors two-mode"])
+    figures["free_elements"] = partial(free_over_elements, found["meshes two-mode"])
     return Document(document_tables(found), figures)
 
 

@@ -2,46 +2,44 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
-import numpy as np
-
-from delam_fem.numerics.extrapolation import Limit
 from delam_fem.studies.convergence.analysis import Convergence
-from delam_fem.studies.convergence.ladder import Rung
+from delam_fem.studies.convergence.ladder import Method, PointMesh, Rung
 from delam_fem.studies.convergence.statistics import WORK, extrema
 from delam_fem.studies.convergence.study import (
     DAMPINGS,
+    DEFAULT,
+    DEFAULT_STEPS,
     FEW,
     FREQUENCIES,
-    LAWS,
     LITERAL,
     MESHES,
+    PLAIN,
+    POINTS,
     REFINED,
+    REFINEMENTS,
     RESTITUTIONS,
 )
 from delam_fem.studies.convergence.tables import Table, limit_text, number
 
-DEFAULT_STEPS = (1000, 2000, 4000)
-"""Steps per period of practical runs, at which the laws are compared."""
 EXTREMA = extrema(2)
 """The document is about two laminae."""
 Y1 = EXTREMA[0]
+Found = dict[str, Convergence]
+"""The computed ladders by name."""
 
 
-def document_tables(found: dict[str, Convergence]) -> dict[str, Table]:
-    """Return all tables of the document by name; `found` has the computed ladders by name."""
+def document_tables(found: Found) -> dict[str, Table]:
+    """Return all tables of the document by name."""
     tables = {
         "what converges": what_converges(found),
+        "refined": refined(found),
         "motions": motions(found),
-        "motion errors": motion_errors(found),
         "restitutions": restitutions(found),
+        "limits": limits(found),
         "literal": literal(found),
-        "default": default_errors(found),
     }
     for damping in DAMPINGS:
-        tables[f"errors {damping}"] = errors(found, damping)
-        tables[f"meshes {damping}"] = meshes(found, damping)
+        tables[f"errors {damping}"] = errors(found[f"errors {damping}"])
     return tables
 
 
@@ -52,24 +50,12 @@ def mm(found: Convergence, rung: Rung, digits: int = 2) -> str:
     return number(value, f".{digits}f") if result.outcome == "completed" else result.error
 
 
-def limit_row(found: Convergence, rungs: Sequence[Rung], others: Sequence[Rung]) -> list[str]:
-    """Return extremes and contact work of the last rung as text, with estimated errors.
-
-    The estimated error is the largest of three numbers. These are the change by the last
-    refinement, twice the standard error, and the difference from the last rung of `others` (another
-    law).
-    """
-    last, before = rungs[-1], rungs[-2]
-    cells = []
-    for q in (*EXTREMA, WORK):
-        value = found.value(last, q.name)
-        changes = [abs(value - found.value(rung, q.name)) for rung in (before, *others[-1:])]
-        error = max(*changes, 2.0 * found.standard_error(last, q.name))
-        cells.append(limit_text(Limit(np.zeros(0), value, error, ""), q))
-    return cells
+def per_cent(found: Convergence, rung: Rung) -> str:
+    """Return the error of a rung against the rigid limit of its mesh [%] as text."""
+    return number(100.0 * found.error(rung), ".1f")
 
 
-def what_converges(all_found: dict[str, Convergence]) -> Table:
+def what_converges(all_found: Found) -> Table:
     """Return the smallest y1 of every law over steps per period."""
     found = all_found["laws"]
     rows = []
@@ -79,73 +65,118 @@ def what_converges(all_found: dict[str, Convergence]) -> Table:
     return Table("", ("law", *(f"N = {n}" for n in FEW)), tuple(rows))
 
 
-def errors(all_found: dict[str, Convergence], damping: str) -> Table:
-    """Return errors against the limit, and costs, of every law over steps per period."""
-    found = all_found[damping]
+def refined(all_found: Found) -> Table:
+    """Return y1 and steps per period with refined steps beside y1 with uniform small steps."""
+    heading, columns = ["r"], [["1", *map(str, REFINEMENTS)]]
+    for damping in DAMPINGS:
+        names = (f"errors {damping}", f"petsc {damping}", f"uniform {damping}")
+        compiled, petsc, uniform = (all_found[name] for name in names)
+        rungs = [compiled.ladder.rung(m, 20, DEFAULT_STEPS) for m in (PLAIN, *REFINED.values())]
+        others = [petsc.ladder.rung(m, 20, DEFAULT_STEPS) for m in (PLAIN, *REFINED.values())]
+        heading += [f"{damping}: y1 [mm]", "PETSc", "uniform steps T/(1000 r)", "steps per period"]
+        columns.append([mm(compiled, rung) for rung in rungs])
+        columns.append([mm(petsc, rung) for rung in others])
+        columns.append([mm(uniform, rung) for rung in uniform.ladder.along_steps(PLAIN, 20)])
+        columns.append([number(compiled.value(rung, "steps"), ".0f") for rung in rungs])
+    return Table("", tuple(heading), tuple(zip(*columns, strict=True)))
+
+
+def errors(found: Convergence) -> Table:
+    """Return errors against the limit, and costs, of every method over steps per period."""
     heading = ["N"]
-    for entry in LAWS:
-        heading += [f"{entry.name} [%]", "µs/step"]
+    for entry in found.ladder.methods:
+        heading += [f"{entry.name} [%]", "ms"]
     rows = []
     for steps in found.ladder.steps:
         row = [str(steps)]
-        for entry in LAWS:
+        for entry in found.ladder.methods:
             rung = found.ladder.rung(entry, 20, steps)
-            cost = found.results[rung.key].microseconds_per_step
-            row += [number(100.0 * found.error(rung), ".1f"), number(cost, ".2f")]
+            row += [per_cent(found, rung), number(1e3 * found.cost(rung), ".2f")]
         rows.append(tuple(row))
     return Table("", tuple(heading), tuple(rows))
 
 
-def meshes(all_found: dict[str, Convergence], damping: str) -> Table:
-    """Return the rigid limit of each mesh."""
-    found = all_found[damping]
-    ladder, rigid, refined = found.ladder, LAWS[2], LAWS[3]
+def motions(all_found: Found) -> Table:
+    """Return the rigid limits of the four motions, and what the default makes of them."""
     rows = []
-    for mesh in MESHES:
-        rungs = [ladder.rung(rigid, mesh, ladder.steps[-1]), ladder.limit_of(mesh)]
-        others = [ladder.rung(refined, mesh, ladder.steps[-1])]
-        rows.append((str(mesh), *limit_row(found, rungs, others)))
-    return Table("", ("elements", *(q.heading for q in (*EXTREMA, WORK))), tuple(rows))
+    for damping in DAMPINGS:
+        for f in FREQUENCIES:
+            found = all_found[f"{f:.2f} Hz {damping}"]
+            last = found.ladder.limit_of(20)
+            shown = [number(q.factor * found.value(last, q.name), ".2f") for q in EXTREMA]
+            rows.append((damping, f"{f:.2f}", *shown, *_of_default(found)))
+    heading = ("damping", "f [Hz]", *(q.heading for q in EXTREMA), *DEFAULT_HEADING)
+    return Table("", heading, tuple(rows))
 
 
-def motions(all_found: dict[str, Convergence]) -> Table:
-    """Return the rigid limits of the four motions."""
+DEFAULT_HEADING = ("plain T/1000 [%]", "plain T/4000 [%]", "default [%]", "its steps", "its cost")
+
+
+def _of_default(found: Convergence) -> list[str]:
+    """Return errors of plain steps and of the default; its steps; its cost over that of T/4000."""
+    few, many = (found.ladder.rung(PLAIN, 20, n) for n in (DEFAULT_STEPS, 4000))
+    own = found.ladder.rung(DEFAULT, 20, DEFAULT_STEPS)
+    cells = [per_cent(found, rung) for rung in (few, many, own)]
+    cost = found.cost(own) / found.cost(many)
+    return [*cells, number(found.value(own, "steps"), ".0f"), number(cost, ".1f")]
+
+
+def restitutions(all_found: Found) -> Table:
+    """Return what the coefficient of restitution changes: limit, error of the default."""
     rows = []
-    for f in FREQUENCIES:
-        found = all_found[f"{f:.2f} Hz"]
-        rigid, refined = found.ladder.methods[0], found.ladder.methods[-1]
-        rungs, others = (found.ladder.along_steps(law, 20) for law in (rigid, refined))
-        rows.append((f"{f:.2f}", *limit_row(found, rungs, others)))
-    return Table("", ("f [Hz]", *(q.heading for q in (*EXTREMA, WORK))), tuple(rows))
+    for damping in DAMPINGS:
+        for e in RESTITUTIONS:
+            found = all_found[f"e = {e:g} {damping}"]
+            limit = mm(found, found.ladder.limit_of(20))
+            rows.append((damping, f"{e:g}", limit, *_of_default(found)))
+    return Table("", ("damping", "e", "limit y1 [mm]", *DEFAULT_HEADING), tuple(rows))
 
 
-def motion_errors(all_found: dict[str, Convergence]) -> Table:
-    """Return the errors of two laws at few steps for the four motions."""
-    chosen = [(law, n) for law in ("newton@moreau-jean e = 0.1", REFINED) for n in DEFAULT_STEPS]
+def limits(all_found: Found) -> Table:
+    """Return the limit in time of each mesh, and the extrapolated limit in the contact points."""
     rows = []
-    for f in FREQUENCIES:
-        found = all_found[f"{f:.2f} Hz"]
-        methods = {entry.name: entry for entry in found.ladder.methods}
-        rungs = [found.ladder.rung(methods[name], 20, steps) for name, steps in chosen]
-        rows.append((f"{f:.2f}", *(number(100.0 * found.error(rung), ".1f") for rung in rungs)))
-    heading = (f"{name.split()[0]}, N = {steps} [%]" for name, steps in chosen)
-    return Table("", ("f [Hz]", *heading), tuple(rows))
+    for damping in DAMPINGS:
+        for name in POINTS:
+            found = all_found[f"{name} {damping}"]
+            for mesh in found.ladder.meshes:
+                rungs = [found.ladder.rung(REFINED[r], mesh, 1000) for r in (64, 256)]
+                elements, per_element = _sizes(mesh)
+                points = str(elements * per_element)
+                rows.append((damping, str(elements), points, *_with_change(found, rungs)))
+            rows.append((damping, name, "→ ∞", *_limit_row(found, REFINED[256])))
+    heading = ("damping", "elements", "points", *(q.heading for q in (*EXTREMA, WORK)), "steps")
+    return Table("", heading, tuple(rows))
 
 
-def restitutions(all_found: dict[str, Convergence]) -> Table:
-    """Return the smallest y1 over steps for three coefficients of restitution."""
-    rows = []
-    for name, where in [("restitution", "3.25, stiffness")] + [
-        (f"{f:.2f} Hz", f"{f:.2f}, two-mode") for f in FREQUENCIES
-    ]:
-        found = all_found[name]
-        for entry in found.ladder.methods[: len(RESTITUTIONS)]:
-            rungs = [found.ladder.rung(entry, 20, steps) for steps in FEW]
-            rows.append((where, entry.name.split(" = ")[1], *(mm(found, r) for r in rungs)))
-    return Table("", ("f [Hz], damping", "e", *(f"N = {n}" for n in FEW)), tuple(rows))
+def _sizes(mesh: object) -> tuple[int, int]:
+    """Return the number of elements, and of contact points per element."""
+    if isinstance(mesh, PointMesh):
+        assert isinstance(mesh.mesh, int)
+        return mesh.mesh, mesh.per_element
+    assert isinstance(mesh, int)
+    return mesh, 1
 
 
-def literal(all_found: dict[str, Convergence]) -> Table:
+def _with_change(found: Convergence, rungs: list[Rung]) -> list[str]:
+    """Return the values of the last rung ± the change by the last refinement; and its steps."""
+    before, last = rungs
+    cells = []
+    for q in (*EXTREMA, WORK):
+        value, old = (q.factor * found.value(rung, q.name) for rung in (last, before))
+        change = max(abs(value - old), 2.0 * q.factor * found.standard_error(last, q.name))
+        cells.append(f"{number(value, '.4g')} ± {number(change, '.2g')}")
+    return [*cells, number(found.value(last, "steps"), ".0f")]
+
+
+def _limit_row(found: Convergence, method: Method) -> list[str]:
+    """Return the extrapolated limits over the meshes, or why there is none."""
+    rungs = [found.ladder.rung(method, mesh, 1000) for mesh in found.ladder.meshes]
+    by = found.ladder.refines
+    cells = [limit_text(found.limit(rungs, q.name, by=by), q) for q in (*EXTREMA, WORK)]
+    return [*cells, ""]
+
+
+def literal(all_found: Found) -> Table:
     """Return the energy that impacts of the literal scheme add, or when its motion diverges."""
     rows = []
     for damping in ("mass", *DAMPINGS):
@@ -165,16 +196,3 @@ def _literal_cell(found: Convergence, rung: Rung) -> str:
     gain, work = (found.value(rung, name) for name in ("impact_gain", WORK.name))
     text = f"{100.0 * gain / (work + gain):.2g} %"
     return f"**{text}, net gain**" if work < 0.0 else text
-
-
-def default_errors(all_found: dict[str, Convergence]) -> Table:
-    """Return the errors of two laws with few steps per period on all meshes."""
-    rows = []
-    for damping in DAMPINGS:
-        found = all_found[damping]
-        for entry in LAWS[2:]:
-            for steps in DEFAULT_STEPS:
-                rungs = found.ladder.along_meshes(entry, steps)
-                cells = (number(100.0 * found.error(rung), ".1f") for rung in rungs)
-                rows.append((damping, entry.name, str(steps), *cells))
-    return Table("", ("damping", "law", "N", *(f"{n} elements [%]" for n in MESHES)), tuple(rows))

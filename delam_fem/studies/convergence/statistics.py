@@ -16,7 +16,7 @@ import numpy.typing as npt
 from delam_fem.numerics import harmonics
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.results import diagnostics
-from delam_fem.simulation.recorder import LEDGER, N_BASE, Recorder
+from delam_fem.simulation.recorder import LEDGER, N_BASE, N_SIZES, Recorder
 
 Statistics: TypeAlias = dict[str, tuple[float, float]]
 """Mean and scatter (standard deviation between blocks) of each statistic by name."""
@@ -99,6 +99,7 @@ class PeriodRow:
         impacts: number of impulses on pairs.
         work: net energy lost in contact by impacts, springs and dampers [J].
         gain: energy added by the impacts that gain energy; `work` already contains it [J].
+        steps: number of steps of all sizes.
     """
 
     low: FloatArray
@@ -108,6 +109,7 @@ class PeriodRow:
     impacts: float
     work: float
     gain: float
+    steps: float
 
 
 def row_of(recorder: Recorder, n_laminae: int) -> PeriodRow:
@@ -130,6 +132,7 @@ def row_of(recorder: Recorder, n_laminae: int) -> PeriodRow:
         impacts=float(recorder.impulse[k, 1]),
         work=ledger["impact_loss"] + ledger["contact_damping_loss"] - ledger["spring_released"],
         gain=float(recorder.impulse[k, 2]),
+        steps=float(recorder.effort[k, :N_SIZES].sum()),
     )
 
 
@@ -171,5 +174,6 @@ def _of_block(rows: list[PeriodRow]) -> dict[str, float]:
     values["impulse"] = float(np.mean([row.impulse for row in rows]))
     values["impacts"] = float(np.mean([row.impacts for row in rows]))
     values["contact_work"] = float(np.mean([row.work for row in rows]))
+    values["steps"] = float(np.mean([row.steps for row in rows]))
     values["impact_gain"] = float(np.mean([row.gain for row in rows]))
     return values

@@ -4,24 +4,37 @@ from __future__ import annotations
 
 from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
-from delam_fem.studies.convergence.ladder import Ladder, Method, method
+from delam_fem.studies.convergence.ladder import Ladder, Method, PointMesh, method
 
 MESHES = (10, 20, 40, 80, 160)
+"""Meshes with contact at their nodes."""
+POINTS = {
+    "meshes": MESHES,
+    "points": tuple(PointMesh(20, p) for p in (1, 2, 4, 8, 16)),
+    "ten elements": tuple(PointMesh(10, p) for p in (1, 2, 4, 8)),
+}
+"""Meshes with contact at their nodes, and with contact points inside 20 and 10 elements."""
 FEW = (1000, 4000, 16000, 64000, 256000)
 """Numbers of steps per period, from practical to very small steps."""
 LAST = FEW[-1]
 """Steps per period of the rigid limit."""
 DAMPINGS = ("stiffness", "two-mode")
 FREQUENCIES = (1.25, 1.60, 3.25, 3.65)
-RESTITUTIONS = (0.1, 0.0, 0.5)
+RESTITUTIONS = (0.0, 0.1, 0.5, 0.9, 1.0)
 STIFFNESSES = (1e2, 1e3, 1e4, 1e5)
-REFINED = "newton@moreau-jean:64"
-"""Method of the preset `default`."""
-LAWS = tuple(method(law) for law in ("newton", "newton-penalty", "newton@moreau-jean", REFINED))
+PLAIN = method("newton@moreau-jean")
+REFINEMENTS = (4, 16, 64, 256)
+REFINED = {r: method(f"newton@moreau-jean:{r}") for r in REFINEMENTS}
+DEFAULT = REFINED[64]
+"""Method of the preset `default`, with DEFAULT_STEPS steps per period."""
+DEFAULT_STEPS = 1000
+LAWS = (method("newton@newmark"), method("newton-penalty@newmark"), PLAIN)
 LITERAL = tuple(method(f"{law}/lumped") for law in ("newton", "newton-penalty"))
 """Methods of the paper taken literally: Newmark with lumped impulses."""
 LITERAL_PERIODS = 300
 """Number of periods that suffice to show whether a motion grows."""
+PETSC_PERIODS = 20
+"""Number of periods in the statistics of the PETSc engine, which is slower."""
 
 
 def case(damping: str, **keys: object) -> Case:
@@ -30,33 +43,46 @@ def case(damping: str, **keys: object) -> Case:
 
 
 def varied(law: str, label: str, **keys: object) -> Method:
-    """Return the method of a law (with its scheme) with other contact parameters."""
-    return Method(
-        f"{law} {label}", (("contact.law", law), *((f"contact.{k}", v) for k, v in keys.items()))
-    )
+    """Return the method of a law (with its scheme) with other contact parameters, not refined."""
+    parameters = ((f"contact.{k}", v) for k, v in keys.items())
+    return Method(f"{law} {label}", (("contact.law", law), ("time.refine", 1), *parameters))
 
 
 def ladders() -> dict[str, Ladder]:
     """Return all ladders by name."""
-    steps = (250, 500, 1000, 2000, 4000, 8000, 16000, 64000)
-    found = {
-        damping: Ladder(case(damping), LAWS, MESHES, steps, limit_steps=LAST)
-        for damping in DAMPINGS
-    }
+    found = {}
+    refined = tuple(REFINED.values())
     springs = (
         varied(law, f"k = {k:g} N/m", penalty_stiffness=k)
         for law in ("newton-penalty@newmark", "penalty@newmark")
         for k in STIFFNESSES
     )
-    found["laws"] = Ladder(case("stiffness"), (*LAWS, *springs), (20,), FEW, limit_steps=LAST)
-    rigid = tuple(varied("newton@moreau-jean", f"e = {e:g}", restitution=e) for e in RESTITUTIONS)
-    both = (*rigid, method(REFINED))
-    for f in FREQUENCIES:
-        base = case("two-mode", **{"excitation.frequency": f})
-        found[f"{f:.2f} Hz"] = Ladder(base, both, (20,), (1000, 2000, *FEW[1:]), limit_steps=LAST)
-    found["restitution"] = Ladder(case("stiffness"), rigid, (20,), FEW, limit_steps=0)
+    found["laws"] = Ladder(case("stiffness"), (*LAWS, *springs), (20,), FEW, limit_steps=0)
+    for damping in DAMPINGS:
+        base = case(damping)
+        found[f"uniform {damping}"] = Ladder(base, (PLAIN,), (20,), FEW, limit_steps=0)
+        found[f"errors {damping}"] = Ladder(
+            base, (*LAWS, *refined), (20,), (250, 500, 1000, 2000, 4000), limit_steps=LAST
+        )
+        found[f"petsc {damping}"] = Ladder(
+            base, (PLAIN, *refined), (20,), (1000,), PETSC_PERIODS, limit_steps=0, engine="petsc"
+        )
+        for name, meshes in POINTS.items():
+            methods = (REFINED[16], REFINED[64], REFINED[256])
+            found[f"{name} {damping}"] = Ladder(base, methods, meshes, (1000,), limit_steps=0)
+        for f in FREQUENCIES:
+            moved = case(damping, **{"excitation.frequency": f})
+            found[f"{f:.2f} Hz {damping}"] = _with_default(moved)
+        for e in RESTITUTIONS:
+            bouncing = case(damping, **{"contact.restitution": e})
+            found[f"e = {e:g} {damping}"] = _with_default(bouncing)
     for damping in ("mass", *DAMPINGS):
         found[f"literal {damping}"] = Ladder(
             case(damping), LITERAL, MESHES, (1000, 4000), LITERAL_PERIODS, limit_steps=0
         )
     return found
+
+
+def _with_default(case: Case) -> Ladder:
+    """Return the ladder of the default and of plain steps, with the rigid limit."""
+    return Ladder(case, (PLAIN, DEFAULT), (20,), (DEFAULT_STEPS, 4000), limit_steps=LAST)
