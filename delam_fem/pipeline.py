@@ -29,7 +29,8 @@ from delam_fem.results.folder import Result, json_ready
 from delam_fem.simulation import checkpoint
 from delam_fem.simulation.interrupts import CHECKPOINT_SECONDS, Watch, stop_signals
 from delam_fem.simulation.loop import Outcome, State
-from delam_fem.simulation.recorder import Recorder
+from delam_fem.simulation.recorder import N_SIZES, Recorder
+from delam_fem.simulation.refinement import unforeseen_warning
 
 Progress = Callable[[int, int], None]
 
@@ -132,13 +133,16 @@ def _summary(
     engine: EngineName, outcome: Outcome, recorder: Recorder, n_new: int, seconds: float
 ) -> dict[str, Any]:
     """Return outcome, engine, number of steps and times; this call computed `n_new` periods."""
-    n_steps, last = recorder.steps_per_period, recorder.window[-1].n_steps
+    steps = recorder.effort[: recorder.n_closed, :N_SIZES].sum(axis=1)
+    contacts, unforeseen = recorder.effort[: recorder.n_closed, N_SIZES:].sum(axis=0).tolist()
+    new = int(steps[len(steps) - n_new :].sum())
     return {
         "outcome": outcome,
         "engine": engine,
-        "steps": (recorder.n_closed - 1) * n_steps + last,
+        "steps": int(steps.sum()),
         "wall_seconds": seconds,
-        "microseconds_per_step": 1e6 * seconds / max((n_new - 1) * n_steps + last, 1),
+        "microseconds_per_step": 1e6 * seconds / max(new, 1),
+        "unforeseen_contacts": unforeseen / contacts if contacts else 0.0,
     }
 
 
@@ -159,8 +163,9 @@ def _result(
     summary["energy_residual"] = recorder.energy_residual()
     summary["impact_energy_gain"] = energy_gain.gain_of(recorder)
     summary["unread_keys"] = list(case.unread)
-    warning = energy_gain.gain_warning(case, recorder)
-    warnings = [text for text in (warning, never_opens(case)) if text is not None]
+    gain = energy_gain.gain_warning(case, recorder)
+    unforeseen = unforeseen_warning(recorder.effort[: recorder.n_closed, N_SIZES:])
+    warnings = [text for text in (gain, unforeseen, never_opens(case)) if text is not None]
     summary["warnings"] = warnings
     for text in warnings:
         _log.warning(text)

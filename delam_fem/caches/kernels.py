@@ -7,10 +7,12 @@ resort is a temporary folder.
 
 from __future__ import annotations
 
+import hashlib
 import logging
 import os
 import pickle
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -41,6 +43,20 @@ def njit(function: Callable[..., Any] | None = None, **options: bool) -> Any:
         return dispatcher
 
     return compiled if function is None else compiled(function)
+
+
+@cache
+def _kernels_stamp() -> str:
+    """Return a text that changes with any module that has compiled functions.
+
+    Machine code contains that of the functions it calls, which may stand in other modules.
+    """
+    stamp = hashlib.sha256()
+    for path in sorted(Path(__file__).parents[1].rglob("*.py")):
+        content = path.read_bytes()
+        if b"@njit" in content:
+            stamp.update(content)
+    return stamp.hexdigest()
 
 
 class _TemporaryLocator(caching.UserWideCacheLocator):  # type: ignore[misc]
@@ -118,5 +134,5 @@ class _SealedCache(caching.FunctionCache):  # type: ignore[misc]
         self._cache_file = _SealedFile(
             cache_path=self._cache_path,
             filename_base=self._impl.filename_base,
-            source_stamp=self._impl.locator.get_source_stamp(),
+            source_stamp=(self._impl.locator.get_source_stamp(), _kernels_stamp()),
         )

@@ -42,6 +42,7 @@ class Law:
         spring: stiffness [N/m] and damping [N s/m] of a resting pair.
         threshold_velocity: γ of newton-penalty [m/s].
         theta: θ of Moreau–Jean [-].
+        refine: fine steps in a step near contact.
     """
 
     name: str
@@ -49,6 +50,7 @@ class Law:
     spring: tuple[float, float] = (0.0, 0.0)
     threshold_velocity: float = 0.0
     theta: float = 0.5
+    refine: int = 1
 
     @property
     def contact(self) -> laws.Law:
@@ -132,6 +134,7 @@ def simulate(
         time_step=time_step,
         steps_per_period=n_steps,
         periods=1,
+        refine=law.refine,
         frames_per_period=n_steps if keep_frames else 0,
         limit=UNBOUNDED,
         initial=State(
@@ -144,8 +147,8 @@ def simulate(
     recorder, times, state = found.recorder, found.time, found.state.motion[:2]
     (record,) = recorder.window
     hits = [
-        (times[step], pair, p, rate, energy)
-        for step, decision, energy in record.jumps
+        (tick * time_step / law.refine, pair, p, rate, energy)
+        for tick, decision, energy in record.jumps
         for pair, p, rate in zip(decision.hit, decision.impulses, decision.rate_pre, strict=True)
     ]
     table = np.array(hits, dtype=np.float64).reshape(-1, 5).T

@@ -22,9 +22,10 @@ PERCENT = ("distortion_factor", "thd", "strobe_scatter", "strobe_scatters")
 MEANINGS = {
     "outcome": "how the run ended",
     "engine": "what computed the steps",
-    "steps": "time steps of the whole run",
+    "steps": "time steps of the whole run, of all sizes",
     "wall_seconds": "duration of the computation",
     "microseconds_per_step": "duration per time step",
+    "unforeseen_contacts": "share of contacts that coarse steps did not see; 0 is good",
     "tip_min": "smallest displacement of each tip over the last periods, base motion included",
     "tip_max": "largest displacement of each tip over the last periods",
     "periodicity": "periods of the base after which the motion repeats; – if it does not",
@@ -48,7 +49,8 @@ MEANINGS = {
 
 ELSEWHERE = ("warnings", "message")
 """Entries that a page shows above its tables."""
-LAST = ("outcome", "engine", "steps", "wall_seconds", "microseconds_per_step", "unread_keys")
+LAST = ("outcome", "engine", "steps", "wall_seconds", "microseconds_per_step",
+        "unforeseen_contacts", "unread_keys")  # fmt: skip
 """Entries about the computation, which follow those about the motion."""
 
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
-from delam_fem.studies.convergence.ladder import Ladder, Method, PointMesh, method
+from delam_fem.studies.convergence.ladder import Ladder, MeshChoice, Method, PointMesh, method
 
 MESHES = (10, 20, 40, 80, 160)
 """Meshes with contact at their nodes."""
-POINTS = {
+POINTS: dict[str, tuple[MeshChoice, ...]] = {
     "meshes": MESHES,
     "points": tuple(PointMesh(20, p) for p in (1, 2, 4, 8, 16)),
     "ten elements": tuple(PointMesh(10, p) for p in (1, 2, 4, 8)),

@@ -1,0 +1,57 @@
+"""How steps divide, and how the base moves within a step."""
+
+import numpy as np
+import pytest
+
+from delam_fem.simulation.refinement import Refinement, base_within, unforeseen_warning
+
+
+@pytest.mark.parametrize(
+    ("factor", "divisions"),
+    [(1, (1,)), (2, (1, 2)), (7, (1, 7)), (12, (1, 3, 12)), (64, (1, 8, 64)), (256, (1, 16, 256))],
+)
+def test_steps_divide_into_middle_and_fine_steps(factor: int, divisions: tuple[int, ...]) -> None:
+    assert Refinement(factor).divisions == divisions
+    assert factor % Refinement(factor).middle == 0
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.5, 1.0])
+def test_cubic_motions_are_exact(share: float) -> None:
+    p = np.polynomial.Polynomial([0.3, -1.0, 2.0, 0.7])
+    dt, start = 0.5, 0.2
+
+    def state(t: float) -> tuple[float, float, float]:
+        return float(p(t)), float(p.deriv()(t)), float(p.deriv(2)(t))
+
+    found = base_within(state(start), state(start + dt), share, dt)
+    np.testing.assert_allclose(found, state(start + share * dt), rtol=1e-12)
+
+
+@pytest.mark.parametrize("n_steps", [100, 1000])
+def test_errors_of_a_harmonic_motion_are_those_of_its_degree(n_steps: int) -> None:
+    omega, angle = 20.0, 2.0 * np.pi / n_steps
+    dt, worst = angle / omega, np.zeros(3)
+
+    def state(t: float) -> tuple[float, float, float]:
+        sine, cosine = np.sin(omega * t), np.cos(omega * t)
+        return float(sine), float(omega * cosine), float(-(omega**2) * sine)
+
+    for start in np.linspace(0.0, 2.0 * np.pi / omega, 40):
+        found = base_within(state(start), state(start + dt), 0.5, dt)
+        exact = np.array(state(start + 0.5 * dt))
+        worst = np.maximum(worst, np.abs((found - exact) / (1.0, omega, omega**2)))
+    cubic, linear = angle**4 / 384.0, angle**2 / 8.0
+    np.testing.assert_allclose(worst, [cubic, cubic, linear], rtol=0.01, atol=1e-13)
+
+
+def test_a_load_that_is_constant_stays_constant() -> None:
+    """Gravity is given as q'' alone."""
+    assert base_within((0.0, 0.0, 9.81), (0.0, 0.0, 9.81), 0.3, 1e-3)[2] == pytest.approx(9.81)
+
+
+def test_unforeseen_contacts_warn_from_a_share_on() -> None:
+    assert unforeseen_warning(np.array([[10, 0], [10, 1]])) is None
+    assert unforeseen_warning(np.zeros((3, 2), dtype=np.int64)) is None
+    text = unforeseen_warning(np.array([[10, 1], [10, 1]]))
+    assert text is not None
+    assert text.startswith("2 of 20 contacts in refined steps were unforeseen")
