@@ -7,7 +7,9 @@ the next point starts.
 
 from __future__ import annotations
 
+import errno
 import logging
+import os
 import sqlite3
 import zlib
 from collections.abc import Iterable, Iterator
@@ -60,6 +62,7 @@ class Journal:
         Raises:
             CaseError: another process has locked the file; the file belongs to another sweep; or
                 it has finished points and `resume` is False.
+            OSError: the disk is full.
         """
         self.path = path
         self._connection = sqlite3.connect(path, timeout=patience, isolation_level=None)
@@ -74,6 +77,8 @@ class Journal:
                     f"{path}: {error}; is another process computing this sweep? Wait for it, or "
                     "choose another folder with -o DIR"
                 ) from None
+            if "full" in str(error):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path)) from None
             _log.debug("%s cannot be read", path, exc_info=True)
             raise CaseError(
                 f"{path}: expected the journal of a sweep; this file is damaged or another one. "

@@ -106,7 +106,7 @@ def run_sweep(
         }
         dataset.write(path, sweep, journal, wanted, x=layout.x, attributes=attributes)
     if has_all:
-        (directory / JOURNAL).unlink()
+        _remove_journal(directory)
     return open_result(path)
 
 
@@ -227,7 +227,13 @@ def _attributes(
 
 def remove_results(directory: Path) -> None:
     """Remove the result and the journal of a sweep, so that it is computed from the beginning."""
-    for path in (directory / RESULT, *directory.glob(f"{JOURNAL}*")):
+    _remove_journal(directory)
+    (directory / RESULT).unlink(missing_ok=True)
+
+
+def _remove_journal(directory: Path) -> None:
+    """Remove the journal, after what a killed process has left beside it."""
+    for path in sorted(directory.glob(f"{JOURNAL}*"), reverse=True):
         path.unlink(missing_ok=True)
 
 
