@@ -109,7 +109,7 @@ def test_a_run_on_a_full_disk_is_finished_later(
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize("size", [40, 100, 200, 400])
+@pytest.mark.parametrize("size", [8, 40, 100, 200, 400])
 def test_a_sweep_on_a_full_disk_is_finished_later(
     size: int, disk: tuple[Path, Resize], tmp_path: Path
 ) -> None:
