@@ -43,9 +43,13 @@ if TYPE_CHECKING:
     from delam_fem.model.operators import BaseCoupling, Operators
     from delam_fem.numerics.schemes import SCHEMES, Scheme
     from delam_fem.pipeline import run
-    from delam_fem.results.folder import Result
+    from delam_fem.reference.compare import compare
+    from delam_fem.results.folder import Result, load_result
     from delam_fem.simulation.loop import State
     from delam_fem.simulation.solution import Solution
+    from delam_fem.studies.convergence.run import converge
+    from delam_fem.studies.modes import modes
+    from delam_fem.studies.sweeps.diagrams import diagram
     from delam_fem.studies.sweeps.grid import Sweep, load_sweep
     from delam_fem.studies.sweeps.run import run_sweep
 
@@ -66,8 +70,13 @@ _HOMES = {
     "State": "simulation.loop",
     "Sweep": "studies.sweeps.grid",
     "SweptMotion": "case.excitation",
+    "compare": "reference.compare",
+    "converge": "studies.convergence.run",
+    "diagram": "studies.sweeps.diagrams",
     "load_case": "case.files",
+    "load_result": "results.folder",
     "load_sweep": "studies.sweeps.grid",
+    "modes": "studies.modes",
     "preset": "case.files",
     "run": "pipeline",
     "run_sweep": "studies.sweeps.run",
@@ -94,8 +103,13 @@ __all__ = [
     "Sweep",
     "SweptMotion",
     "__version__",
+    "compare",
+    "converge",
+    "diagram",
     "load_case",
+    "load_result",
     "load_sweep",
+    "modes",
     "preset",
     "run",
     "run_sweep",

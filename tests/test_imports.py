@@ -38,7 +38,7 @@ ALLOWED: dict[str, set[str]] = {
     "reference": BELOW_STUDIES | {"studies"},
     "paper": BELOW_STUDIES | {"studies"},
     "cli": BELOW_STUDIES | {"studies", "reference", "paper"},
-    "__init__": BELOW_STUDIES | {"studies"},
+    "__init__": BELOW_STUDIES | {"studies", "reference"},
     "__main__": {"cli"},
 }
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import tomllib
 from collections.abc import Mapping
+from html import escape
 from pathlib import Path
 from typing import Annotated, Self
 
@@ -257,6 +258,10 @@ class Case(Section):
             return np.full_like(H, np.nan, dtype=np.float64)
         each = [given.displacement_amplitude(f) for f in np.ravel(frequency)]
         return np.asarray(np.reshape(each, np.shape(frequency)) * np.abs(H))
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: the case file."""
+        return f"<pre>{escape(self.to_toml())}</pre>"
 
     def to_toml(self) -> str:
         """Return the complete case as TOML; reading the text gives an equal case.

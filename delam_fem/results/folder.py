@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import h5netcdf
 import numpy as np
@@ -18,6 +18,9 @@ from delam_fem.case.definition import Case
 from delam_fem.case.files import load_case, save_case
 from delam_fem.case.toml import CaseError
 from delam_fem.simulation.loop import State
+
+if TYPE_CHECKING:
+    from delam_fem.results.figures.run import Plots
 
 RESULT, SUMMARY = "result.nc", "summary.json"
 """Names of the files of a run with all its numbers and with a few."""
@@ -31,15 +34,35 @@ class Result:
         case: the case.
         history: all recorded quantities, each with units.
         summary: a few numbers; undefined ones are None.
-        state: state at the end, from which another run may start.
+        state: state at the end, from which another run may start; None if it was not kept.
         checkpoint: file that `save` removes when all results are on the disk; None: no such file.
     """
 
     case: Case
     history: xr.Dataset
     summary: dict[str, Any]
-    state: State
+    state: State | None
     checkpoint: Path | None = None
+
+    @property
+    def plot(self) -> Plots:
+        """The figures, as in `result.plot.spectra()`."""
+        from delam_fem.results.figures.run import Plots
+
+        return Plots(self.history, self.case)
+
+    @property
+    def groups(self) -> dict[str, xr.Dataset]:
+        """The history in groups that have a table each; see `groups.grouped`."""
+        from delam_fem.results.groups import grouped
+
+        return grouped(self.history)
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows."""
+        from delam_fem.results.pages.notebook import of_result
+
+        return of_result(self.history, self.summary, self.case)
 
     def save(self, directory: str | Path) -> list[Path]:
         """Write numbers, figures, fields and report to a folder.
@@ -126,6 +149,16 @@ def load_numbers(directory: str | Path) -> tuple[Case, xr.Dataset, dict[str, Any
     if "outcome" not in history.attrs or "tip_displacement" not in history:
         raise CaseError(f"{path}: expected the result of a run, found another dataset")
     return load_case(directory / "case.toml"), history, summary
+
+
+def load_result(directory: str | Path) -> Result:
+    """Read the result of a run from its folder; the state at the end is not kept there.
+
+    Raises:
+        CaseError: the folder has no result, or a damaged one.
+    """
+    case, history, summary = load_numbers(directory)
+    return Result(case, history, summary, None)
 
 
 def is_complete(directory: str | Path, case: Case) -> bool:

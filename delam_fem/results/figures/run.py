@@ -28,6 +28,33 @@ _METADATA: dict[str, dict[str, str | None]] = {".png": {}, ".svg": {"Date": None
 """What the files say of themselves; without a date, the same figure is the same file."""
 
 
+class Plots:
+    """The figures of one run as methods without arguments: `plots.tip_histories()`.
+
+    They return matplotlib's figures, which a notebook shows. `dir(plots)` lists them.
+    """
+
+    def __init__(self, history: xr.Dataset, case: Case) -> None:
+        """Keep what the figures are drawn from."""
+        self._history, self._case = history, case
+
+    def __dir__(self) -> list[str]:
+        """List the figures."""
+        return list(FIGURES)
+
+    def __getattr__(self, name: str) -> Callable[[], Figure]:
+        """Return the function that draws a figure."""
+        if name not in FIGURES:
+            raise AttributeError(f"no figure {name!r}; there are {', '.join(FIGURES)}")
+        draw, history, case = FIGURES[name], self._history, self._case
+
+        def drawn() -> Figure:
+            with styled():
+                return draw(history, case)
+
+        return drawn
+
+
 def save_figures(history: xr.Dataset, case: Case, directory: str | Path) -> list[Path]:
     """Draw all figures and write them as PNG and SVG.
 

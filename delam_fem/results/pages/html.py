@@ -211,6 +211,11 @@ def page(
     )
 
 
+def fragment(blocks: Iterable[Block]) -> str:
+    """Return blocks as a piece of HTML for another page, without style and scripts."""
+    return "\n".join(_block(block) for block in blocks)
+
+
 @cache
 def _resource(name: str) -> str:
     """Return a style sheet or a script of this folder."""

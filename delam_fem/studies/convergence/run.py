@@ -16,20 +16,29 @@ import json
 import logging
 import math
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from delam_fem.case.atomic import write_text
+from delam_fem.case.definition import Case
 from delam_fem.case.toml import CaseError
+from delam_fem.engines.choose import EngineName
 from delam_fem.results.folder import json_ready
 from delam_fem.results.provenance import provenance
 from delam_fem.simulation.interrupts import stop_signals
 from delam_fem.studies import executors
 from delam_fem.studies.convergence.analysis import Convergence
-from delam_fem.studies.convergence.ladder import Ladder
+from delam_fem.studies.convergence.ladder import (
+    LIMIT_STEPS,
+    METHODS,
+    PERIODS,
+    Ladder,
+    MeshChoice,
+    method,
+)
 from delam_fem.studies.convergence.rung import RungResult, compute
 from delam_fem.studies.executors import ExecutorName
 from delam_fem.studies.short_waves import refinement_warnings
@@ -99,6 +108,50 @@ def run_ladder(
                 take_in(done)
             take_in(wait(running).done)
     return found
+
+
+def converge(
+    case: Case,
+    directory: str | Path,
+    *,
+    laws: Sequence[str] = METHODS,
+    meshes: Sequence[MeshChoice] = (),
+    steps: Sequence[int] = (),
+    periods: int = PERIODS,
+    limit_steps: int = LIMIT_STEPS,
+    engine: EngineName = "compiled",
+    workers: int | None = None,
+    resume: bool = False,
+) -> Convergence:
+    """Refine a case: compute a ladder of runs with all methods side by side.
+
+    Args:
+        case: the case to refine.
+        directory: folder of the results.
+        laws: methods, as "newton@moreau-jean".
+        meshes: numbers of elements per lamina or mesh files, from coarse to fine; none: the mesh
+            of the case.
+        steps: numbers of steps per period, increasing; none: those of the case.
+        periods: number of periods in the statistics.
+        limit_steps: steps per period of the rigid limit; 0: no limit.
+        engine: name of the engine that computes the steps.
+        workers: number of processes; default: one per core.
+        resume: whether to continue with the runs in the folder.
+
+    Raises:
+        CaseError: the ladder is not valid, or the folder holds another one.
+    """
+    own = case.mesh.elements or Path(case.mesh.file or "")  # a case has one of them
+    ladder = Ladder(
+        case,
+        tuple(method(text) for text in laws),
+        tuple(meshes) or (own,),
+        tuple(steps) or (case.time.steps_per_period,),
+        periods,
+        limit_steps,
+        engine,
+    )
+    return run_ladder(ladder, directory, workers=workers, resume=resume)
 
 
 def load_results(directory: str | Path) -> dict[str, RungResult]:

@@ -8,6 +8,7 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from html import escape
 from pathlib import Path
 
 import numpy as np
@@ -100,6 +101,20 @@ class Sweep:
         if key == "excitation.amplitude" and self.base.excitation.acts_on == "force":
             return "N"
         return _UNITS.get(key.rsplit(".", 1)[-1], "1")
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: the axes, and the case that they vary."""
+        rows = "".join(
+            f"<tr><td>{escape(d.key)}</td><td>{len(d.values)}</td>"
+            f"<td>{escape(str(d.values[0]))} … {escape(str(d.values[-1]))}</td>"
+            f"<td>{escape(d.units)}</td></tr>"
+            for d in self.dimensions
+        )
+        heading = "<tr><th>key</th><th>values</th><th>from … to</th><th>unit</th></tr>"
+        return (
+            f"<p>sweep {escape(self.file.name)}: {self.n_points} points</p>"
+            f"<table>{heading}{rows}</table>{self.base._repr_html_()}"
+        )
 
     @cached_property
     def sizes(self) -> dict[str, int]:
