@@ -24,7 +24,7 @@ from delam_fem.model import _dolfinx, beam
 from delam_fem.model.layout import Structure
 from delam_fem.model.network import never_opens
 from delam_fem.mpi import MPI
-from delam_fem.results import dataset, diagnostics, energy_gain
+from delam_fem.results import dataset, diagnostics, energy_gain, quality
 from delam_fem.results.folder import Result, json_ready
 from delam_fem.simulation import checkpoint
 from delam_fem.simulation.interrupts import CHECKPOINT_SECONDS, Watch, stop_signals
@@ -34,6 +34,10 @@ from delam_fem.simulation.refinement import unforeseen_warning
 
 Progress = Callable[[int, int], None]
 
+LOST = (
+    "diverged: the energy balance does not close, so that this is not the motion of the case; the "
+    "warnings say why"
+)
 _log = logging.getLogger(__name__)
 
 
@@ -152,6 +156,9 @@ def _result(
     """Return the result: the dataset of a run with its summary and warnings."""
     from petsc4py import PETSc  # after MPI has started
 
+    residual = recorder.energy_residual()
+    is_lost = summary["outcome"] == "completed" and quality.is_lost(residual)
+    summary["outcome"] = "diverged" if is_lost else summary["outcome"]
     attributes = {
         "outcome": summary["outcome"],
         "engine": summary["engine"],
@@ -160,17 +167,18 @@ def _result(
     }
     history = dataset.history(recorder, structure, case, attributes)
     summary |= diagnostics.summary(history, case)
-    summary["energy_residual"] = recorder.energy_residual()
+    summary["energy_residual"] = residual
     summary["impact_energy_gain"] = energy_gain.gain_of(recorder)
     summary["unread_keys"] = list(case.unread)
     gain = energy_gain.gain_warning(case, recorder)
     unforeseen = unforeseen_warning(recorder.effort[: recorder.n_closed, N_SIZES:])
     warnings = [text for text in (gain, unforeseen, never_opens(case)) if text is not None]
+    warnings += quality.quality_warnings(case, structure, residual)
     summary["warnings"] = warnings
     for text in warnings:
         _log.warning(text)
     if summary["outcome"] == "diverged":
-        summary["message"] = _divergence(case, history)
+        summary["message"] = LOST if is_lost else _divergence(case, history)
         _log.error(summary["message"])
     return Result(case, history, json_ready(summary), state)
 

@@ -154,6 +154,8 @@ def _lamina_lines(path: Path, names: list[str]) -> list[tuple[FloatArray, IntArr
     x = np.asarray(mesh.points[:, 0], dtype=np.float64)
     if not np.all(np.isfinite(x)):
         raise CaseError(f"mesh.file: {path}: expected finite coordinates")
+    if lines.min(initial=0) < 0 or lines.max(initial=-1) >= len(x):
+        raise CaseError(f"mesh.file: {path}: a line ends at a node that does not exist")
     return [(x, np.asarray(lines[tag == number], dtype=np.int64)) for number in numbers]
 
 

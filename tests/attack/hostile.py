@@ -1,0 +1,412 @@
+"""Hostile inputs with a fixed seed, and what the package makes of them.
+
+`attempt` may accept an input or refuse it by a `CaseError` of a few lines. Anything else is a
+defect: another exception, a warning, a long message, or no end. Run as a program, this module
+attempts a number of inputs of one kind and prints the counts; a crash inside a library then ends
+only that process.
+"""
+
+from __future__ import annotations
+
+import json
+import random
+import signal
+import sqlite3
+import sys
+import tempfile
+import warnings
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from delam_fem.case.definition import Case
+from delam_fem.case.files import load_case, preset, preset_text
+from delam_fem.case.overrides import parse_override
+from delam_fem.case.toml import CaseError
+from delam_fem.engines.cost import require_affordable, run_cost
+
+SEED = 20261121
+SECONDS = 60
+"""Time after which an input counts as one without end; machines may be busy [s]."""
+MOST_LINES = 10
+"""Number of lines of a message."""
+ROOT = Path(__file__).parents[2]
+
+NUMBERS = (
+    "0", "-1", "1e-200", "1e200", "1e-30", "1e30", "1e-160", "1e6", "1e12", "nan", "inf", "-inf",
+    "1e400", "5e-324", "9" * 30, "1" * 5000, "0x" + "f" * 5000, "1_000_000_000", "1000000000",
+    "3", "0.5", "2.5e-3", "100000", "-0.0", "9223372036854775807",
+)  # fmt: skip
+WORDS = (
+    "", "true", "'x'", '"\\u0000"', "[" * 5000, "[" * 30 + "]" * 30, "[]", "{}", "{a=1}", "[1,2]",
+    "{" + ".".join("a" * 5000) + "=1}", "'newton'", "penalty", "none", "1979-05-27", "'a'\nb=1",
+    "/etc/passwd", "/dev/zero", "/", "'../../x'", "é", "\ud800", '"' + "a" * 5000 + '"', "=",
+    "\x1b[31m",
+)  # fmt: skip
+KEYS = (
+    "name", "lamina.thick.length", "lamina.thin.length", "lamina.1.width", "lamina.thick.thickness",
+    "lamina.thin.density", "lamina.2.young_modulus", "lamina.thick.bending_stiffness",
+    "lamina.thin.damping_ratio", "gap.tip", "gap.exponent", "gap.shape", "gap.file",
+    "mesh.elements", "mesh.file", "damping.rayleigh", "excitation.kind", "excitation.frequency",
+    "excitation.amplitude", "contact.law", "contact.impulse", "contact.restitution",
+    "contact.penalty_stiffness", "contact.penalty_damping", "contact.threshold_velocity",
+    "time.scheme", "time.mass", "time.steps_per_period", "time.periods", "time.refine",
+    "output.window_periods", "output.fields_per_period", "support.start", "support.end",
+    "contact.points_per_element", "lamina.3.length", "lamina", "lamina.thick", "x", ".", "..",
+    "a.b.c", "time", "time.periods.x", "lamina.thick.name", "é.ü", "=", "", " ", "a" * 5000,
+    ".".join("a" * 5000),
+)  # fmt: skip
+
+
+def damaged(rng: random.Random, content: bytes) -> bytes:
+    """Return a content with damage: cut, changed, repeated, moved, or replaced."""
+    text = bytearray(content)
+    for _ in range(rng.choice((1, 1, 1, 2, 5))):
+        if not text:
+            break
+        i = rng.randrange(len(text))
+        j = min(len(text), i + rng.choice((1, 4, 30, 400)))
+        way = rng.randrange(8)
+        if way == 0:
+            del text[i:]
+        elif way == 1:
+            del text[i:j]
+        elif way == 2:
+            text[i] = rng.randrange(256)
+        elif way == 3:
+            text[i] ^= 1 << rng.randrange(8)
+        elif way == 4:
+            text[i:i] = text[i:j] * rng.choice((1, 3, 50))
+        elif way == 5:
+            text[i:j] = bytes(j - i)
+        elif way == 6:
+            text[i:j] = rng.randbytes(j - i)
+        else:
+            text[i:i] = rng.choice((*NUMBERS, *WORDS)).encode("utf-8", "surrogatepass")
+    return bytes(text)
+
+
+def replaced_numbers(rng: random.Random, text: str) -> str:
+    """Return a text with one of its numbers or words replaced by a hostile one."""
+    lines = text.split("\n")
+    places = [k for k, line in enumerate(lines) if "=" in line or "," in line]
+    k = rng.choice(places)
+    separator = "=" if "=" in lines[k] else ","
+    head, _, _ = lines[k].partition(separator)
+    lines[k] = f"{head}{separator} {rng.choice((*NUMBERS, *WORDS))}"
+    return "\n".join(lines)
+
+
+def toml(rng: random.Random, text: str) -> bytes:
+    """Return a damaged TOML text, sometimes in the encodings of other systems."""
+    if rng.random() < 0.6:
+        for _ in range(rng.choice((1, 1, 2))):
+            text = replaced_numbers(rng, text)
+        content = text.encode("utf-8", "surrogatepass")
+    else:
+        content = damaged(rng, text.encode())
+    return rng.choice((b"", b"", b"", b"\xef\xbb\xbf", b"\xff\xfe")) + content
+
+
+def usable(case: Case) -> None:
+    """Go as far with a case as a command does before it computes."""
+    from delam_fem.model import closed_form
+    from delam_fem.model.mesh import node_coordinates
+
+    require_affordable(run_cost(case, "petsc"), "case", is_confirmed=False)
+    if case.mesh.file is not None:
+        node_coordinates(case)
+    elif (case.mesh.elements or 0) <= 50:
+        closed_form.assemble(case)
+
+
+def a_case(rng: random.Random, folder: Path) -> None:
+    """Read a damaged case file."""
+    path = folder / "case.toml"
+    path.write_bytes(toml(rng, preset_text(rng.choice(("paper", "default")))))
+    usable(load_case(path))
+
+
+def an_override(rng: random.Random, folder: Path) -> None:
+    """Override keys by hostile values, as `--set` does."""
+    texts = [
+        f"{rng.choice(KEYS)}{rng.choice(('=', '=', '=', '=', ''))}{rng.choice((*NUMBERS, *WORDS))}"
+        for _ in range(rng.choice((1, 1, 2)))
+    ]
+    usable(preset("paper", dict(parse_override(text) for text in texts)))
+
+
+SWEEP = """name = "s"
+base = "paper"
+order = "independent"
+[set]
+"time.periods" = 20
+[initial]
+thick.displacement = 0.001
+[[axis]]
+key = "excitation.frequency"
+start = 1.0
+stop = 4.0
+count = 7
+[[axis]]
+key = "contact.restitution"
+values = [0.0, 0.1]
+[record]
+strobes = 5
+harmonics = 3
+"""
+
+
+def a_sweep(rng: random.Random, folder: Path) -> None:
+    """Read a damaged sweep file."""
+    from delam_fem.studies.sweeps.grid import load_sweep
+    from delam_fem.studies.sweeps.run import require_computable
+
+    path = folder / "s.toml"
+    path.write_bytes(toml(rng, SWEEP))
+    sweep = load_sweep(path)
+    if (sweep.base.mesh.elements or 0) <= 50:
+        require_computable(sweep, "serial", 1, is_confirmed=False)
+
+
+def a_table(rng: random.Random, folder: Path) -> None:
+    """Read a damaged table of a gap or of an excitation."""
+    from delam_fem.case.gap import read_gap_table
+    from delam_fem.case.series import read_series
+
+    rows = [f"{0.685 * k / 9!r}, {0.012 * (k / 9) ** 2!r}" for k in range(10)]
+    content = ("x [m], gap [m]\n# measured\n" + "\n".join(rows)).encode()
+    if rng.random() < 0.4:
+        content = replaced_numbers(rng, content.decode()).encode("utf-8", "surrogatepass")
+    else:
+        content = damaged(rng, content)
+    path = folder / "gap.csv"
+    path.write_bytes(content.replace(b"\n", rng.choice((b"\n", b"\r\n"))))
+    if rng.random() < 0.7:
+        read_gap_table(path, 0.685)
+    else:
+        read_series(path, "base")
+
+
+def a_mesh(rng: random.Random, folder: Path) -> None:
+    """Read a damaged mesh."""
+    from delam_fem.model.mesh import node_coordinates
+
+    path = folder / f"mesh{rng.choice(('.msh', '.msh', '.vtk', '.vtu', '.xdmf', '.mdpa'))}"
+    path.write_bytes(damaged(rng, mesh_content(path.suffix)))
+    node_coordinates(preset("paper", {"mesh.file": str(path)}))
+
+
+_MESHES: dict[str, bytes] = {}
+
+
+def mesh_content(suffix: str) -> bytes:
+    """Return an intact mesh in a format."""
+    import meshio
+
+    if suffix not in _MESHES:
+        source = ROOT / "meshes" / "laminae_graded.msh"
+        content = source.read_bytes()
+        if suffix in (".vtk", ".vtu", ".xdmf"):
+            mesh = meshio.read(source, file_format="gmsh")
+            lines, tags = mesh.cells_dict["line"], mesh.cell_data_dict["gmsh:physical"]["line"]
+            with tempfile.TemporaryDirectory() as folder:
+                path = Path(folder) / f"m{suffix}"
+                options = {"data_format": "XML"} if suffix == ".xdmf" else {}
+                meshio.Mesh(mesh.points, [("line", lines)], cell_data={"lamina": [tags]}).write(
+                    path, **options
+                )
+                content = path.read_bytes()
+        _MESHES[suffix] = content
+    return _MESHES[suffix]
+
+
+_WHOLE: dict[str, bytes] = {}
+
+
+def a_journal(rng: random.Random, folder: Path) -> None:
+    """Go on from a damaged journal of a sweep; the points it gives are those that were kept."""
+    from delam_fem.simulation.loop import State
+    from delam_fem.studies.sweeps.journal import Journal
+    from delam_fem.studies.sweeps.point import Chunk, Done, Point
+
+    path = folder / "sweep.journal"
+    if "journal" not in _WHOLE:
+        with Journal(path, "sweep", resume=False) as journal:
+            points = tuple(Point(k, "completed", "", np.arange(5.0) + k) for k in range(200))
+            state = State(np.ones((3, 8)), np.ones(4, dtype=np.bool_))
+            journal.add([Done(Chunk(0, tuple(range(200))), points, state, 1.0, 0.0)])
+        _WHOLE["journal"] = path.read_bytes()
+    path.write_bytes(damaged(rng, _WHOLE["journal"]))
+    with Journal(path, "sweep", resume=True) as journal:
+        for point in journal.points(0, 10**6):
+            assert point.row is not None
+            assert np.array_equal(point.row, np.arange(5.0) + point.index)
+        state_found = journal.state(0)
+        assert state_found is None or np.array_equal(state_found.motion, np.ones((3, 8)))
+
+
+def a_ladder(rng: random.Random, folder: Path) -> None:
+    """Go on from the damaged file of a ladder; the rungs it gives are those that were kept."""
+    from delam_fem.studies.convergence.analysis import Convergence
+    from delam_fem.studies.convergence.ladder import Ladder, method
+    from delam_fem.studies.convergence.run import RESULT, _write, load_results
+    from delam_fem.studies.convergence.rung import RungResult
+
+    path = folder / RESULT
+    if "ladder" not in _WHOLE:
+        ladder = Ladder(preset("default"), (method("newton"),), (2, 4), (100, 200))
+        results = {
+            f"r{k}": RungResult(f"r{k}", "completed", "", {"tip": (0.5 * k, 0.1)}, 1.5, 20)
+            for k in range(12)
+        }
+        _write(path, Convergence(ladder, results))
+        _WHOLE["ladder"] = path.read_bytes()
+    path.write_bytes(damaged(rng, _WHOLE["ladder"]))
+    for key, result in load_results(folder).items():
+        assert result.statistics == {"tip": (0.5 * int(key[1:]), 0.1)}
+
+
+def a_sweep_result(rng: random.Random, folder: Path) -> None:
+    """Draw the diagram of a damaged result of a sweep, up to the picture."""
+    from delam_fem.studies.sweeps.grid import sweep_of
+    from delam_fem.studies.sweeps.reading import open_result
+    from delam_fem.studies.sweeps.run import is_complete, run_sweep
+
+    small = {"mesh.elements": 2, "time.steps_per_period": 20, "time.periods": 4}
+    small["output.fields_per_period"] = 0
+    axis = {"key": "excitation.frequency", "values": [3.0, 3.5]}
+    about = {"name": "s", "base": "paper", "engine": "petsc"}
+    sweep = sweep_of({**about, "set": small, "axis": [axis]})
+    path = folder / "sweep.nc"
+    if "sweep" not in _WHOLE:
+        run_sweep(sweep, folder, "serial").close()
+        _WHOLE["sweep"] = path.read_bytes()
+    path.write_bytes(damaged(rng, _WHOLE["sweep"]))
+    is_complete(folder, sweep)
+    open_result(path, is_loaded=True).close()
+
+
+def a_result(rng: random.Random, folder: Path) -> None:
+    """Read the damaged result of a run, as `report` does."""
+    from delam_fem.results.folder import is_complete, load_numbers
+
+    case = preset("paper", SMALL)
+    if "result" not in _WHOLE:
+        import delam_fem as df
+
+        df.run(case, "petsc").save_numbers(folder)
+        _WHOLE["result"] = (folder / "result.nc").read_bytes()
+        _WHOLE["summary"] = (folder / "summary.json").read_bytes()
+        _WHOLE["case"] = (folder / "case.toml").read_bytes()
+    whole = {name: _WHOLE[name] for name in ("result", "summary", "case")}
+    name = rng.choice(("result", "result", "result", "summary"))
+    whole[name] = damaged(rng, whole[name])
+    for key, file in (("result", "result.nc"), ("summary", "summary.json"), ("case", "case.toml")):
+        (folder / file).write_bytes(whole[key])
+    is_complete(folder, case)
+    load_numbers(folder)
+
+
+SMALL = {
+    "mesh.elements": 3, "time.periods": 2, "time.steps_per_period": 20,
+    "output.fields_per_period": 4, "output.window_periods": 2,
+}  # fmt: skip
+SIZES = (
+    "lamina.thick.length", "lamina.thick.width", "lamina.thick.thickness", "lamina.thin.density",
+    "lamina.thin.young_modulus", "lamina.thick.bending_stiffness", "gap.tip", "gap.exponent",
+    "excitation.frequency", "excitation.amplitude", "contact.penalty_stiffness",
+    "contact.penalty_damping", "contact.threshold_velocity",
+)  # fmt: skip
+LAWS = ("none", "newton", "newton-penalty", "penalty", "newton@moreau-jean", "recovery@moreau-jean")
+
+
+def a_run(rng: random.Random, folder: Path) -> None:
+    """Compute a small case with sizes far from those of any beam."""
+    import delam_fem as df
+    from delam_fem.model import closed_form
+
+    keys: dict[str, object] = {**SMALL, "contact.law": rng.choice(LAWS)}
+    for _ in range(rng.choice((1, 1, 2))):
+        key = rng.choice(SIZES)
+        keys[key] = 10.0 ** rng.uniform(*rng.choice(((-30, 30), (-8, 8))))
+        if key == "lamina.thick.length":
+            keys["lamina.thin.length"] = keys[key]
+    case = preset("paper", keys)
+    result = df.run(case, rng.choice(ENGINES), structure=closed_form.assemble(case))
+    residual = result.summary["energy_residual"]
+    if result.summary["outcome"] == "completed":
+        assert residual is not None and residual < 1e-2, f"completed with residual {residual}"
+        assert residual <= 1e-6 or result.summary["warnings"], "no warning"
+
+
+ENGINES = ["petsc"]
+"""Engines of the runs; the compiled one is compiled anew where the cache is empty."""
+
+KINDS: dict[str, tuple[Callable[[random.Random, Path], None], int]] = {
+    "case": (a_case, 400),
+    "set": (an_override, 500),
+    "sweep": (a_sweep, 250),
+    "table": (a_table, 250),
+    "mesh": (a_mesh, 250),
+    "journal": (a_journal, 150),
+    "ladder": (a_ladder, 150),
+    "sweep-result": (a_sweep_result, 100),
+    "result": (a_result, 100),
+    "run": (a_run, 60),
+}
+"""Functions that attempt an input, and how many of them the long form makes."""
+
+
+class Endless(BaseException):
+    """An input did not end in time; no handler of the package takes it for its own."""
+
+
+def _stop(number: int, frame: object) -> None:
+    raise Endless
+
+
+def attempt(kind: str, number: int, folder: Path) -> str:
+    """Attempt an input; return "accepted", "refused", or what went wrong."""
+    rng = random.Random(f"{SEED} {kind} {number}")
+    signal.alarm(SECONDS)
+    try:
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore")
+            KINDS[kind][0](rng, folder)
+    except CaseError as error:
+        lines = str(error).splitlines()
+        return "refused" if len(lines) <= MOST_LINES else f"{len(lines)} lines"
+    except Endless:
+        return f"no end within {SECONDS} s"
+    except (Exception, SystemExit) as error:
+        return f"{type(error).__name__}: {str(error)[:150]}"
+    finally:
+        signal.alarm(0)
+    return "accepted"
+
+
+def attack(kind: str, count: int) -> dict[str, object]:
+    """Attempt the first inputs of a kind; return counts and defects."""
+    signal.signal(signal.SIGALRM, _stop)
+    found: Counter[str] = Counter()
+    defects = []
+    for number in range(count):
+        with tempfile.TemporaryDirectory() as folder:
+            outcome = attempt(kind, number, Path(folder))
+        if outcome in ("accepted", "refused"):
+            found[outcome] += 1
+        else:
+            defects.append(f"{kind} {number}: {outcome}")
+    return {"accepted": found["accepted"], "refused": found["refused"], "defects": defects}
+
+
+if __name__ == "__main__":
+    sqlite3.enable_callback_tracebacks(False)
+    import logging
+
+    logging.getLogger("delam_fem").addHandler(logging.NullHandler())
+    logging.getLogger("delam_fem").propagate = False
+    print(json.dumps(attack(sys.argv[1], int(sys.argv[2]))))
