@@ -190,7 +190,7 @@ class Mesh(Section):
 
     Attributes:
         elements: number of equal elements per lamina.
-        file: mesh file that meshio can read; an absolute path.
+        file: mesh file (.msh, .vtk, .vtu or .xdmf); an absolute path.
     """
 
     elements: Elements | None = None

@@ -49,11 +49,11 @@ def test_a_motion_with_an_open_balance_is_not_completed(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(Recorder, "energy_residual", lambda _: 0.5)
-    case = preset("paper", {**SHORT, "contact.penalty_stiffness": 1e25})
+    case = preset("paper", {**SHORT, "contact.penalty_stiffness": 1e11})
     result = df.run(case, "petsc", structure=closed_form.assemble(case))
     assert result.summary["outcome"] == result.history.attrs["outcome"] == "diverged"
     assert "the energy balance does not close" in result.summary["message"]
-    (warning,) = result.summary["warnings"]
+    warning = result.summary["warnings"][-1]
     assert "open by 0.5 of what is exchanged" in warning
     assert "contact.penalty_stiffness" in warning and warning in caplog.text
 
