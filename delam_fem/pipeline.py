@@ -99,6 +99,7 @@ def run(
             report, save = _callbacks(case, engine, opened, kept, comm, progress)
             stop = Watch(save, report, is_stopped, comm, checkpoint_seconds)
             outcome = opened.run(stop) if before == "running" else before
+            _require_a_step(case, recorder)
             seconds = time.perf_counter() - begin
             if before == "running":
                 stop.leave(outcome)
@@ -107,6 +108,16 @@ def run(
     summary = _summary(engine, outcome, recorder, recorder.n_closed - first, seconds)
     result = _result(case, structure, recorder, state, summary)
     return result if outcome == "interrupted" else replace(result, checkpoint=kept)
+
+
+def _require_a_step(case: Case, recorder: Recorder) -> None:
+    """Raise a CaseError if not even the first step of a run stays within bounds."""
+    if recorder.n_closed == 1 and not recorder.window[-1].n_steps:
+        raise CaseError(
+            f"case {case.name}: the first step of {case.time_step:g} s already goes beyond "
+            f"{recorder.limit:g} m, or to no number at all; expected sizes that fit together, "
+            "for example a smaller excitation.amplitude"
+        )
 
 
 def _callbacks(

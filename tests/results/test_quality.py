@@ -6,6 +6,7 @@ import pytest
 import delam_fem as df
 from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
+from delam_fem.case.toml import CaseError
 from delam_fem.model import closed_form
 from delam_fem.results import quality
 from delam_fem.results.quality import is_lost, quality_warnings
@@ -73,3 +74,9 @@ def test_graded_meshes_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_lost(residual: float, lost: bool) -> None:
     assert is_lost(residual) == lost
     assert is_lost(float("nan"))
+
+
+def test_a_first_step_out_of_bounds_is_refused() -> None:
+    case = preset("paper", {**SHORT, "excitation.amplitude": 1e6})
+    with pytest.raises(CaseError, match=r"the first step of .* s already goes beyond"):
+        df.run(case, "petsc", structure=closed_form.assemble(case))
