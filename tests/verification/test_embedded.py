@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 from pathlib import Path
 
 import numpy as np
@@ -95,6 +97,20 @@ def test_engines_agree_over_the_first_impacts(clapping: df.Result) -> None:
     first = tips(clapping)[:, :100]
     assert np.abs(tips(compiled)[:, :100] - first).max() < 1e-5 * np.abs(first).max()
     assert np.abs(first).max() > 1e-8
+
+
+def test_an_interrupted_run_goes_on_bit_for_bit(tmp_path: Path, clapping: df.Result) -> None:
+    case = clapping.case
+    structure = closed_form.assemble(case)
+
+    def interrupt(period: int, n_periods: int) -> None:
+        if period == 3:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    first = df.run(case, directory=tmp_path, progress=interrupt, structure=structure)
+    assert first.history.attrs["outcome"] == "interrupted"
+    whole = df.run(case, directory=tmp_path, resume=True, structure=structure)
+    assert (tips(whole)[:, -200:] == tips(clapping)[:, -200:]).all()
 
 
 def amplitude(frequency: float, order: int = 1, **overrides: object) -> float:
