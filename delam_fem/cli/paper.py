@@ -40,13 +40,17 @@ def paper_command(
 ) -> None:
     """Reproduce the paper: figures, numbers, and its claims beside the computed results."""
     with reported(quiet):
+        from delam_fem.case.claim import claimed
         from delam_fem.paper.lab import FAST, FULL, laboratory
         from delam_fem.paper.page import claims_of, entries, tally, write_page
         from delam_fem.paper.reproduce import FIGURES, chosen, file_stem, reproduce
 
         names = chosen(figures or [])
         try:
-            with laboratory(FAST if fast else FULL, workers=workers, engine=engine) as lab:
+            with (
+                claimed(output, may_hold_results=True),
+                laboratory(FAST if fast else FULL, workers=workers, engine=engine) as lab,
+            ):
                 paths = reproduce(lab, output, names)
         except (RuntimeError, ArithmeticError) as error:
             fail(str(error), FAILED)

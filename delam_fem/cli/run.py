@@ -119,6 +119,9 @@ def _saved(result: Result, directory: Path) -> list[Path]:
 
     try:
         return result.save(directory)
+    except KeyboardInterrupt:
+        _log.warning("%s: the results are not complete; --resume writes them", directory)
+        raise
     except OSError as error:
         if path_in(directory).exists():
             raise OSError(
