@@ -16,8 +16,13 @@ from typing import Any
 LAUNCHED = ("OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_RANK", "PMI_SIZE", "MPI_LOCALNRANKS")
 """Variables that a launcher (mpirun, srun) sets for the processes it starts."""
 
-ALONE = {"OMPI_MCA_ess_singleton_isolated": "1", "OMPI_MCA_btl": "self,vader"}
-"""Variables that keep Open MPI from opening sockets in a process that is alone."""
+ALONE = {
+    "OMPI_MCA_ess_singleton_isolated": "1",
+    "OMPI_MCA_btl": "self,vader",
+    "OMPI_MCA_opal_signal": "",
+}
+"""Variables that keep Open MPI, in a process that is alone, from opening sockets and from answering
+a deadly signal with a page of text, in which it may hang."""
 
 NO_HANDLER = "-no_signal_handler"
 """Option of PETSc; its handlers would answer a closed terminal or pipe with a page of text."""

@@ -24,7 +24,7 @@ import delam_fem as df
 SIZES = (4, 40, 80, 120, 200, 300, 450, 600, 800, 1200)
 """Sizes of the disk [kB], from one that takes nothing to one that takes nearly all of a run."""
 ENOUGH = 100_000
-ROOM_FOR_THE_CHECKPOINT = 200
+ROOM_FOR_THE_CHECKPOINT = 300
 
 Resize = Callable[[int], None]
 """Function that gives the disk another size [kB]."""
@@ -93,7 +93,7 @@ def test_a_run_on_a_full_disk_is_finished_later(
     )
     status, errors = ended(line)
     assert status == 1, errors
-    require_few_lines(errors, most=40 if size < ROOM_FOR_THE_CHECKPOINT else 1)
+    require_few_lines(errors, most=40 if size < ROOM_FOR_THE_CHECKPOINT else 3)
     require_whole_files(folder)
     kept = periods_kept(folder / "run")
     assert kept == CASE["time.periods"] or size < ROOM_FOR_THE_CHECKPOINT
