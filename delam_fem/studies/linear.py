@@ -10,6 +10,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from delam_fem.case.definition import Case
+from delam_fem.case.drive import Excitation, ForceExcitation, HarmonicExcitation
 from delam_fem.model import closed_form
 from delam_fem.model.bonded import n_rigid
 from delam_fem.model.layout import Structure
@@ -22,21 +23,21 @@ FINE = 320
 
 
 def linear_amplitudes(case: Case, frequency: FloatArray) -> FloatArray:
-    """Return the amplitudes at the reference probes without contact on the moving base.
+    """Return the amplitudes at the reference probes without contact, under base or force.
 
-    Laminae pass through one another. NaN if the base does not move harmonically.
+    Laminae pass through one another. NaN if the excitation is not harmonic.
 
     Args:
         case: the case.
-        frequency: frequencies of the base, shape (k,) [Hz].
+        frequency: frequencies of the excitation, shape (k,) [Hz].
 
     Returns:
         Shape (n_laminae, k) [m].
     """
-    n = len(case.lamina)
-    if case.is_apart:
+    n, given = len(case.lamina), case.excitation
+    if case.is_apart and given.acts_on == "base":
         return np.stack([case.linear_amplitude(i, frequency) for i in range(n)])
-    if case.excitation.kind != "harmonic":
+    if not given.is_periodic:
         return np.full((n, frequency.size), np.nan)
     o = _fine(case.to_toml()).operators
     found = np.empty((n, frequency.size))
@@ -44,9 +45,16 @@ def linear_amplitudes(case: Case, frequency: FloatArray) -> FloatArray:
         omega = 2.0 * math.pi * f
         load = -(o.base.stiffness + 1j * omega * o.base.damping - omega**2 * o.base.mass)
         dynamic = o.stiffness + 1j * omega * o.damping - omega**2 * o.mass
-        per_metre = np.abs((o.probes @ splu(sp.csc_matrix(dynamic)).solve(load))[:n])
-        found[:, k] = case.excitation.displacement_amplitude(f) * per_metre
+        per_unit = np.abs((o.probes @ splu(sp.csc_matrix(dynamic)).solve(load))[:n])
+        found[:, k] = _size(given, f) * per_unit
     return found
+
+
+def _size(given: Excitation, frequency: float) -> float:
+    """Return the amplitude of a harmonic excitation: of the base [m], or of the force [N]."""
+    if isinstance(given, HarmonicExcitation):
+        return given.displacement_amplitude(frequency)
+    return given.amplitude if isinstance(given, ForceExcitation) else math.nan
 
 
 def first_frequencies(case: Case) -> list[float]:

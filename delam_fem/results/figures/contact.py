@@ -41,6 +41,7 @@ SMALLEST_MARK, LARGEST_MARK = 3.0, 90.0
 
 FLOWS = (
     ("base_work", 1.0, "work of the base", BLUE),
+    ("force_work", 1.0, "work of the force", BLUE),
     ("damping_loss", -1.0, "damping", SKY),
     ("contact_damping_loss", -1.0, "contact dampers", PURPLE),
     ("impact_loss", -1.0, "impacts", VERMILLION),

@@ -41,6 +41,20 @@ PORTRAIT_COLUMNS = 2
 """Phase portraits side by side."""
 
 
+def _drive(axes: Axes, t: FloatArray, last: xr.Dataset) -> None:
+    """Draw the motion of the base, or the force on an axis of its own."""
+    if "force" not in last:
+        base = 1e3 * finite(last["base_displacement"])
+        axes.plot(t, base, color=BASE_COLOUR, linewidth=0.9, linestyle="--", label="base")
+        return
+    beside = axes.twinx()
+    beside.plot(t, finite(last["force"]), color=BASE_COLOUR, linewidth=0.9, linestyle="--")
+    beside.set_ylabel("force [N]", color=BASE_COLOUR)
+    beside.tick_params(colors=BASE_COLOUR)
+    beside.grid(visible=False)
+    axes.plot([], [], color=BASE_COLOUR, linewidth=0.9, linestyle="--", label="force")
+
+
 def tip_histories(history: xr.Dataset, case: Case) -> Figure:
     """Draw the positions y_i of all laminae at their probes over the last periods.
 
@@ -52,9 +66,7 @@ def tip_histories(history: xr.Dataset, case: Case) -> Figure:
     y = 1e3 * finite(diagnostics.probe_positions(last))
     figure = Figure(figsize=(WIDTH, 4.2), layout="constrained")
     axes = figure.subplots()
-    if "force" not in last:  # otherwise the base rests
-        base = 1e3 * finite(last["base_displacement"])
-        axes.plot(t, base, color=BASE_COLOUR, linewidth=0.9, linestyle="--", label="base")
+    _drive(axes, t, last)
     for j, (low, high) in enumerate(pairwise(y)):
         axes.fill_between(
             t, low, high, where=high >= low, color=GAP_COLOUR, label=None if j else "gap"

@@ -28,7 +28,7 @@ MEANINGS = {
     "unforeseen_contacts": "share of contacts that coarse steps did not see; 0 is good",
     "tip_min": "smallest displacement of each tip over the last periods, base motion included",
     "tip_max": "largest displacement of each tip over the last periods",
-    "periodicity": "periods of the base after which the motion repeats; – if it does not",
+    "periodicity": "periods of the excitation after which the motion repeats; – if it does not",
     "periodicity_class": "the same with a margin; undecided: the cycles differ by about 10 %",
     "strobe_scatters": "how much cycles 1, 2, … 8 periods apart differ",
     "strobe_scatter": "how much successive periods differ, in half peak-to-peak amplitudes",

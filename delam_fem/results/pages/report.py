@@ -117,6 +117,8 @@ def energy_rows(history: xr.Dataset) -> list[tuple[str, str, str]]:
     """Return table rows [mJ]: what changed the stored energy, over the run and the last period."""
     rows = []
     for name, sign, label, _ in FLOWS:
+        if f"energy_{name}" not in history:
+            continue
         column = 1e3 * sign * history[f"energy_{name}"].to_numpy()
         if column.any():
             rows.append((label, _signed(column.sum(), ".4g"), _signed(column[-1], ".4g")))

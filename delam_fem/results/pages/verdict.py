@@ -62,7 +62,7 @@ def _settled(run: Run) -> str:
 
 
 def _periodicity(run: Run) -> str:
-    """Say after how many periods of the base the motion repeats."""
+    """Say after how many periods of the excitation the motion repeats."""
     if not run.case.is_periodic:
         return "not judged for periods, because the excitation has none"
     P = run.summary.get("periodicity")
