@@ -43,7 +43,7 @@ def test_the_command(tmp_path: Path) -> None:
     page = (tmp_path / "report.html").read_text("utf-8")
     assert "10 of 10 runs are there." in page
     assert page.count("<img") == len(list((tmp_path / "figures").iterdir()))
-    assert "<h2" in page and "relative errors without contact, 10 elements</h2>" in page
+    assert '<p class="title">Relative errors without contact, 10 elements</p>' in page
     status, _, output = invoke(*SMALL, *sizes, "-o", tmp_path)
     assert status == 2
     assert "go on with --resume" in output

@@ -43,7 +43,12 @@ def write_page(found: Convergence, figures: Sequence[Path], directory: str | Pat
     text = f"{len(found.results)} of {n} runs are there."
     if not ladder.has_limit:
         text += f" {NO_LIMIT}"
-    drawn = [Figure([embedded(p)], _words(p), f"{_words(p).capitalize()}.") for p in figures]
+    tables = [
+        block
+        for table in overview(found)
+        for block in (Paragraph(_capital(table.title), "title"), Table(table.heading, table.rows))
+    ]
+    drawn = [Figure([embedded(p)], _words(p), f"{_capital(_words(p))}.") for p in figures]
     files = [
         (Link(name, name), meaning)
         for name, meaning in (
@@ -53,13 +58,18 @@ def write_page(found: Convergence, figures: Sequence[Path], directory: str | Pat
     ]  # fmt: skip
     sections = [
         Section("", [Paragraph(text, "verdict")]),
-        *(Section(table.title, [Table(table.heading, table.rows)]) for table in overview(found)),
         Section("Figures", drawn),
+        Section("Tables", tables),
         Section("Files", [Table(("file", "content"), files)]),
         Section("Case", [Preformatted(ladder.case.to_toml())]),
     ]
     shown = [section for section in sections if section.blocks]
     return write_text(path, html.page(f"Convergence of {ladder.case.name}", shown, contents=True))
+
+
+def _capital(text: str) -> str:
+    """Return a text that begins with a capital letter."""
+    return text[:1].upper() + text[1:]
 
 
 def _words(path: Path) -> str:
