@@ -295,9 +295,8 @@ def measure(
         drawn = [m for m in drawn if m not in idle]  # after drawing: samples stay
         kept: dict[str, str] = {}
         if again and before is not None and before.digest == digest:
-            killed = {k: r for k, r in before.results.items() if r in ("killed", "timeout")}
-            kept = {m.key: killed[m.key] for m in drawn if m.key in killed}
-            drawn = [m for m in drawn if m.key not in kept]
+            kept = {m.key: before.results[m.key] for m in drawn if m.key in before.results}
+            drawn = [m for m in drawn if kept.get(m.key) not in ("killed", "timeout")]
         known[module] = Measured(module, digest, len(mutants) - len(idle), kept)
         todo += drawn
     with (
@@ -428,7 +427,7 @@ def main(arguments: list[str] | None = None) -> None:
         print(f"{m.module}: {n - survived} of {n} killed, {m.n_mutants} mutants in all")
     share, half = overall(measured)
     print(f"score {100 * share:.1f} % ± {100 * half:.1f} %")
-    if {m.module for m in measured} >= set(settings["tests"]):
+    if not chosen or {m.module for m in measured} >= set(settings["tests"]):
         given.page.write_text(page(measured, settings["equivalent"]), encoding="utf-8")
 
 
