@@ -359,22 +359,23 @@ def overall(measured: list[Measured]) -> tuple[float, float]:
     return share, 1.96 * math.sqrt(variance)
 
 
-def page(measured: list[Measured], reasons: dict[str, str]) -> str:
+def page(measured: list[Measured], reasons: dict[str, str], missing: Iterable[str] = ()) -> str:
     """Return docs/mutation.md.
 
     Args:
         measured: what was measured.
         reasons: why a mutant is equivalent, by its changed line as `change` writes it.
+        missing: modules that were not measured.
     """
+    names = ", ".join(f"`{_short(module)}`" for module in missing)
     share, half = overall(measured)
     drawn = sum(len(m.results) for m in measured)
     rows = []
     for m in measured:
         n, killed = len(m.results), len(m.results) - len(m.survivors)
         low, high = wilson(killed, n, m.n_mutants)
-        name = m.module.removeprefix("delam_fem/").removesuffix(".py")
         rows.append(
-            f"| `{name}` | {m.n_mutants} | {n} | {killed} | {100 * killed / n:.0f} "
+            f"| `{_short(m.module)}` | {m.n_mutants} | {n} | {killed} | {100 * killed / n:.0f} "
             f"| {100 * low:.0f} to {100 * high:.0f} |"
         )
     left = [
@@ -395,12 +396,18 @@ def page(measured: list[Measured], reasons: dict[str, str]) -> str:
             "|---|---|---|---|---|---|",
             *rows,
             "",
+            *([f"Not measured yet: {names}.", ""] if names else []),
             "## Survivors",
             "",
             *left,
             "",
         )
     )  # fmt: skip
+
+
+def _short(module: str) -> str:
+    """Return the name of a module in the page."""
+    return module.removeprefix("delam_fem/").removesuffix(".py")
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -427,8 +434,10 @@ def main(arguments: list[str] | None = None) -> None:
         print(f"{m.module}: {n - survived} of {n} killed, {m.n_mutants} mutants in all")
     share, half = overall(measured)
     print(f"score {100 * share:.1f} % ± {100 * half:.1f} %")
-    if not chosen or {m.module for m in measured} >= set(settings["tests"]):
-        given.page.write_text(page(measured, settings["equivalent"]), encoding="utf-8")
+    missing = sorted(set(settings["tests"]) - {m.module for m in measured})
+    if not chosen or not missing:
+        text = page(measured, settings["equivalent"], missing)
+        given.page.write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":
