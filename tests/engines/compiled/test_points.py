@@ -12,11 +12,11 @@ import pytest
 from delam_fem.case.files import preset
 from delam_fem.engines.compiled import points
 from delam_fem.engines.compiled.simd import pointers
-from delam_fem.engines.compiled.state import memory
+from delam_fem.engines.compiled.state import Memory, memory
 from delam_fem.engines.compiled.system import StepNumbers, System, build
 from delam_fem.model import closed_form
 from delam_fem.model.operators import Operators
-from delam_fem.numerics.arrays import FloatArray, IntArray
+from delam_fem.numerics.arrays import FloatArray
 
 SCHEME = StepNumbers.moreau_jean(1e-4)
 SHAPES: list[dict[str, object]] = [
@@ -63,11 +63,11 @@ def moving(o: Operators, size: float, seed: int) -> tuple[FloatArray, FloatArray
     )
 
 
-def loaded(o: Operators, motion: tuple[FloatArray, FloatArray]) -> tuple[System, object, IntArray]:
-    system, order = build(o, SCHEME)
+def loaded(o: Operators, motion: tuple[FloatArray, FloatArray]) -> tuple[System, Memory]:
+    system, places = build(o, SCHEME)
     state = memory(system.size, o.n_pairs)
-    state.X[order], state.X[system.size + order] = motion
-    return system, state, order
+    state.X[: 2 * system.size] = places.inward(np.stack(motion)).ravel()
+    return system, state
 
 
 @pytest.mark.parametrize("x", [None, GRADED], ids=["uniform", "graded"])
@@ -80,7 +80,7 @@ def test_no_gap_is_overlooked(
     n_open = n_told = n_closed = 0
     for seed, size in enumerate(np.geomspace(1e-4, 1.0, 40)):
         u, v = moving(o, size, seed)
-        system, state, _ = loaded(o, (u, v))
+        system, state = loaded(o, (u, v))
         assert system.is_chained and system.is_within
         gap, rate = o.gap_matrix @ u + o.gap0, o.gap_matrix @ v
         seen = (gap + AHEAD * rate, gap + np.minimum(AHEAD * rate, 0.0))
@@ -102,7 +102,7 @@ def test_no_gap_is_overlooked(
 def test_at_rest_the_bound_is_near_the_gap(tmp_path: Path) -> None:
     """A parabola is a cubic, so δ = 0: only the slope at the first node lowers the bound."""
     o = operators_of(4, {"gap.exponent": 2.0}, tmp_path, None)
-    system, state, _ = loaded(o, (np.zeros(o.n_dofs), np.zeros(o.n_dofs)))
+    system, state = loaded(o, (np.zeros(o.n_dofs), np.zeros(o.n_dofs)))
     least, _ = lowest(system, state, 0.0)
     X = 0.25  # the point with the largest t' of the first cell; h G' = 2 G at its node
     t = (1.0 - X) / (3.0 - 2.0 * X)
