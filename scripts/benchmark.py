@@ -54,6 +54,8 @@ COUPLED_UP_TO = 200
 """Largest number of elements with consistent impulses between two steps; beyond it, simultaneous
 impacts of hundreds of pairs would take all the time."""
 PLANE = Path(__file__).parents[1] / "docs" / "examples" / "plane.toml"
+POINTS = (1, 2, 4, 8)
+"""Numbers of contact points per element."""
 REPEATS = 3
 """Number of repeats of measurements that take seconds; the fastest counts."""
 PLAIN_UP_TO = 50
@@ -177,6 +179,21 @@ def lasting_contact(n: int, repeats: int) -> dict[str, Any]:
     }
 
 
+def contact_points(repeats: int, periods: int) -> list[dict[str, Any]]:
+    """Return the times of a step of 20 elements with contact points inside them [µs]."""
+    keys = {"contact.law": "newton@moreau-jean", "time.steps_per_period": 4000}
+    rows = []
+    for p in POINTS:
+        case = case_of(20, periods, **keys, **{"contact.points_per_element": p})
+        nodes = case_of(20 * p, periods, **keys)
+        times = {
+            "points": step(case, repeats, "compiled"),
+            "nodes": step(nodes, repeats, "compiled"),
+        }
+        rows.append({"per_element": p, **{key: found["run"] for key, found in times.items()}})
+    return rows
+
+
 def throughput(workers: int, periods: int) -> float:
     """Return steps per second of several processes, each with its own runs [1/s]."""
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
@@ -280,6 +297,7 @@ def measure(short: bool) -> dict[str, Any]:
     return {
         "rows": rows,
         "embedded": [lasting_contact(n, repeats) for n in ((20,) if short else LASTING)],
+        "points": contact_points(repeats, 2 if short else 40),
         "throughput": {str(n): throughput(n, 20 if short else 300) for n in workers},
         "plane": {str(n): plane_seconds(n, 3 if short else 200) for n in workers},
         "start": start_seconds(),
@@ -371,6 +389,27 @@ def embedded_section(rows: list[dict[str, Any]]) -> str:
     )
 
 
+def points_section(rows: list[dict[str, Any]]) -> str:
+    """Return the section on contact points inside the elements."""
+    headings = (
+        *("points per element", "20 elements", "ratio to 1 point"),
+        *("as many nodes instead", "nodes / points"),
+    )
+    lines = [headings, ("---",) * len(headings)]
+    for row in rows:
+        points, nodes = row["points"], row["nodes"]
+        ratios = f"{points / rows[0]['points']:.2f}", f"{nodes / points:.1f}"
+        lines.append(
+            (str(row["per_element"]), f"{points:.3f}", ratios[0], f"{nodes:.3f}", ratios[1])
+        )
+    return (
+        "## Contact points inside the elements\n\n"
+        "Compiled, newton@moreau-jean, 4000 steps per period. A step computes control values that "
+        "bound all gaps of an element from below, and looks at single points only where one of "
+        "them is closed.\n\n" + "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
+    )
+
+
 def markdown(figures: dict[str, Any]) -> str:
     """Return the text of docs/performance.md."""
     parts = [
@@ -390,6 +429,7 @@ def markdown(figures: dict[str, Any]) -> str:
         lines = [HEADINGS, ("---",) * len(HEADINGS), *rows]
         parts.append("\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n")
     parts.append(embedded_section(figures["embedded"]))
+    parts.append(points_section(figures["points"]))
     parts.append("## Cores and memory\n")
     parts.append("\n".join(f"- {line}" for line in closing_lines(figures)) + "\n")
     parts.append(
