@@ -251,6 +251,7 @@ class TimeStepping(Section):
         mass: "consistent" or "lumped" mass matrix.
         steps_per_period: N; in a sweep, a period is that of the highest frequency.
         refine: r; near contact a step is divided into up to r steps of Δt/r; 1: never.
+        refine_velocity: gap rate up to which a pair near contact does not divide a step [m/s].
         periods: number of periods of a harmonic run; a sweep runs for its duration instead.
     """
 
@@ -258,6 +259,7 @@ class TimeStepping(Section):
     mass: Literal["consistent", "lumped"] = "consistent"
     steps_per_period: Steps = 1000
     refine: Refine = 1
+    refine_velocity: NotNegative = 0.0
     periods: Count = 300
 
 

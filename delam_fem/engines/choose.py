@@ -29,7 +29,7 @@ def engine_of(
     scheme: Scheme,
     time_step: float,
     *,
-    refine: int = 1,
+    refinement: Refinement = NOT_REFINED,
     name: EngineName = "compiled",
     comm: MPI.Intracomm | None = None,
 ) -> Engine:
@@ -40,7 +40,7 @@ def engine_of(
         law: the contact law.
         scheme: the time integration.
         time_step: Δt [s].
-        refine: number of fine steps into which a step is divided near contact; 1: none.
+        refinement: how steps near contact are divided; nothing is divided without contact.
         name: "petsc" computes single steps and accepts every law; "compiled" computes whole
             periods.
         comm: communicator that shares the work of "petsc"; None: this process alone.
@@ -51,7 +51,8 @@ def engine_of(
     """
     if name not in ENGINES:
         raise CaseError(f"engine: expected {' or '.join(map(repr, ENGINES))}, given {name!r}")
-    refinement = Refinement(refine) if law.name != "none" else NOT_REFINED
+    if law.name == "none":
+        refinement = NOT_REFINED
     if scheme.is_explicit:
         require_stable(operators, time_step, law.spring[0])
     try:

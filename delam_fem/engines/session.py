@@ -20,6 +20,7 @@ from delam_fem.model.operators import Operators
 from delam_fem.numerics.schemes import Scheme
 from delam_fem.simulation.loop import Engine, Outcome, State, set_initial, simulate
 from delam_fem.simulation.recorder import Recorder
+from delam_fem.simulation.refinement import NOT_REFINED, Refinement
 from delam_fem.simulation.setup import (
     BaseStates,
     Prescribed,
@@ -89,7 +90,7 @@ def session(
         CaseError: see `engine_of`.
     """
     computing = engine_of(
-        operators, law, scheme, span.time_step, refine=span.refine, name=engine, comm=comm
+        operators, law, scheme, span.time_step, refinement=span.refinement, name=engine, comm=comm
     )
     try:
         set_initial(computing, initial, motion(0)[0])
@@ -134,7 +135,7 @@ def solve(
     *,
     steps_per_period: int,
     periods: int,
-    refine: int = 1,
+    refinement: Refinement = NOT_REFINED,
     time_step: float | None = None,
     window_periods: int | None = None,
     frames_per_period: int = 0,
@@ -153,7 +154,7 @@ def solve(
         motion: motion of the base; None: the base does not move.
         steps_per_period: N; a period is any stretch of N steps.
         periods: number of periods to compute.
-        refine: number of fine steps into which a step is divided near contact; 1: none.
+        refinement: how steps near contact are divided.
         time_step: Δt [s]; None: 1/(N f) of a harmonic motion.
         window_periods: number of last periods that are recorded at every step; None: all.
         frames_per_period: number of states of all dofs kept per period of the window.
@@ -178,7 +179,7 @@ def solve(
         window,
         frames_per_period,
         limit,
-        refine,
+        refinement,
     )
     states = at_rest(span) if motion is None else _states(motion, span)
     with session(

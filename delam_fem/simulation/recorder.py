@@ -171,7 +171,7 @@ class Recorder:
         self.is_forced = base.is_force
         self.steps_per_period, self.n_periods = span.steps_per_period, span.periods
         self.limit, self.n_closed, n = span.limit, 0, span.periods
-        self.refine = span.refine
+        self.refine = span.refinement.factor
         self.strobe = np.full((n, 2, n_probes), np.nan)
         self.envelope = np.full((n, 2, n_probes), np.nan)
         self.ledger = np.full((n, len(LEDGER)), np.nan)

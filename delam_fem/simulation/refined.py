@@ -37,8 +37,8 @@ class Refinable(Advancing, Protocol):
     def undo(self) -> None:
         """Return to the state of the last `keep`."""
 
-    def approach(self, ahead: float) -> FloatArray:
-        """Return the smallest gaps up to a time ahead, or back if it is negative, (n_pairs,)."""
+    def near(self, ahead: float) -> tuple[BoolArray, FloatArray]:
+        """Return which pairs may close within a time ahead, or back; and all gap rates [m/s]."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class RefinedSteps(StepByStep):
 
     Attributes:
         stepper: its sizes of steps are those of the refinement.
-        supervisor: contact law, asked after fine steps.
+        supervisor: contact law, asked after every step.
         refinement: how steps are divided.
         time_step: Δt of a coarse step [s].
     """
@@ -65,10 +65,11 @@ class RefinedSteps(StepByStep):
         s.observe()
         for step in range(1, len(rows)):
             self._seen[:] = s.seen_u[:N_BASE]
-            near = self._leap(COARSE, rows[step - 1], rows[step])
-            if near.any():
+            states = rows[step - 1], rows[step]
+            near = self._leap(COARSE, states, record, step * self.refinement.factor)
+            if near is not None:
                 record.is_divided[step] = 1
-                if not self._divide(record, step, (rows[step - 1], rows[step]), near, floor):
+                if not self._divide(record, step, states, near, floor):
                     return step - 1
             else:
                 record.effort[0] += 1
@@ -76,25 +77,34 @@ class RefinedSteps(StepByStep):
             record.keep(step, s)
         return len(rows) - 1
 
-    def _leap(self, level: int, before: BaseState, after: BaseState) -> BoolArray:
-        """Make a step without asking the law; undo it if a gap is small.
+    def _leap(
+        self, level: int, states: tuple[BaseState, BaseState], record: PeriodRecord, tick: int
+    ) -> BoolArray | None:
+        """Make a coarse or middle step that ends at a tick; undo it if a fast pair is near.
 
         Returns:
-            The pairs with a small gap, shape (n_pairs,); none if the step was made.
+            The near pairs, shape (n_pairs,); None if the step was made.
         """
         s = self.stepper
         s.use(level)
         reach = 0.5 * SAFETY * s.time_step
-        near = s.approach(reach) <= 0.0
-        if level != COARSE and near.any():
-            return np.asarray(near)
+        near, is_fast = self._near(reach)
+        if level != COARSE and is_fast:
+            return near
         s.keep()
-        s.begin_step(before, after)
-        s.advance()
-        near = np.asarray(near | (s.approach(-reach) <= 0.0))
-        if near.any():
+        s.begin_step(*states)
+        smallest_gap = s.advance()
+        near_after, is_fast_after = self._near(-reach)
+        if is_fast or is_fast_after:
             s.undo()
-        return near
+            return near | near_after
+        self._ask(record, tick, smallest_gap)
+        return None
+
+    def _near(self, ahead: float) -> tuple[BoolArray, bool]:
+        """Return which pairs may close, and whether one of them is fast enough to divide a step."""
+        near, rate = self.stepper.near(ahead)
+        return near, bool((np.abs(rate[near]) > self.refinement.slow).any())
 
     def _divide(
         self,
@@ -117,7 +127,8 @@ class RefinedSteps(StepByStep):
         first, is_first = (step - 1) * r, True
         for j in range(m):
             ends = j * (r // m), (j + 1) * (r // m)
-            if m > 1 and not self._leap(MIDDLE, *self._bases(states, *ends)).any():
+            own = self._bases(states, *ends)
+            if m > 1 and self._leap(MIDDLE, own, record, first + ends[1]) is None:
                 record.effort[1] += 1
                 self._account(record, states, *ends)
                 continue

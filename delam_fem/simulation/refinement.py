@@ -1,14 +1,16 @@
 """Refine steps near contact: the sizes of steps, and the motion of the base within a step.
 
 A coarse step Δt is made if no gap is small. Otherwise it is divided into middle steps, and a middle
-step near contact into fine steps of Δt/r. Contact laws are asked after fine steps only.
+step near contact into fine steps of Δt/r. Contact laws are asked after every step, as always.
 
 The gap of a pair is a parabola within a step of constant acceleration. It stays open if
 
     U + a min(U̇, 0) > 0 at the start,   U - a max(U̇, 0) > 0 at the end,   a = s Δt/2            (F1)
 
 with the safety s = 1. A larger s covers the difference between the coarse and the true motion. The
-signs are opposite for a pair that rests on a spring: it must stay closed.
+signs are opposite for a pair that rests on a spring: it must stay closed. A pair that moves slower
+than the threshold velocity γ does not divide a step: it rests, and a coarse step deals with it by
+the contact law as any step does.
 """
 
 from __future__ import annotations
@@ -31,9 +33,11 @@ class Refinement:
 
     Attributes:
         factor: r, number of fine steps in a coarse step; 1: all steps are equal.
+        slow: γ, gap rate up to which a pair does not divide a step [m/s].
     """
 
     factor: int = 1
+    slow: float = 0.0
 
     @property
     def middle(self) -> int:

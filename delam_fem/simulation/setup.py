@@ -13,6 +13,7 @@ import numpy as np
 from delam_fem.case.definition import Case
 from delam_fem.case.excitation import drive
 from delam_fem.numerics.arrays import FloatArray
+from delam_fem.simulation.refinement import Refinement
 from delam_fem.simulation.span import Span
 
 DIVERGED_LENGTHS = 10.0
@@ -39,7 +40,7 @@ def span_of(case: Case) -> Span:
         case.n_window_periods,
         case.output.fields_per_period,
         DIVERGED_LENGTHS * case.lamina[0].length,
-        case.time.refine,
+        Refinement(case.time.refine, case.time.refine_velocity),
     )
 
 

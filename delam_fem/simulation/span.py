@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from delam_fem.simulation.refinement import NOT_REFINED, Refinement
+
 
 @dataclass(frozen=True)
 class Span:
@@ -17,7 +19,7 @@ class Span:
         window_periods: number of last periods that are recorded at every step (the window).
         frames_per_period: number of states of all dofs recorded per period of the window.
         limit: gap or displacement beyond which a motion counts as diverged [m].
-        refine: r, the number of fine steps into which a step is divided near contact; 1: none.
+        refinement: how steps near contact are divided.
     """
 
     time_step: float
@@ -26,4 +28,4 @@ class Span:
     window_periods: int = 1
     frames_per_period: int = 0
     limit: float = math.inf
-    refine: int = 1
+    refinement: Refinement = NOT_REFINED

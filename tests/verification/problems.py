@@ -21,6 +21,7 @@ from delam_fem.numerics.arrays import FloatArray
 from delam_fem.numerics.schemes import SCHEMES, Scheme
 from delam_fem.simulation.loop import State
 from delam_fem.simulation.recorder import N_BASE
+from delam_fem.simulation.refinement import Refinement
 
 Motion = Callable[[FloatArray], FloatArray]
 """States (q, q', q'') of the base at times of shape (k,), shape (k, 3)."""
@@ -134,7 +135,7 @@ def simulate(
         time_step=time_step,
         steps_per_period=n_steps,
         periods=1,
-        refine=law.refine,
+        refinement=Refinement(law.refine),
         frames_per_period=n_steps if keep_frames else 0,
         limit=UNBOUNDED,
         initial=State(

@@ -21,6 +21,7 @@ from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.numerics.schemes import SCHEMES
 from delam_fem.simulation.loop import State
 from delam_fem.simulation.recorder import EFFORT, HIT, Recorder
+from delam_fem.simulation.refinement import Refinement
 
 SAME = 1e-9
 """m; round-off that some hundred impacts have amplified (seen: 1e-11 and less)."""
@@ -146,7 +147,7 @@ def test_a_contact_that_a_coarse_step_cannot_see_is_counted() -> None:
     for engine in ENGINES:
         found = solve(
             operators, laws.Law("newton"), SCHEMES["moreau-jean"], time_step=1.0,
-            steps_per_period=1, periods=1, refine=64, initial=start, engine=engine,
+            steps_per_period=1, periods=1, refinement=Refinement(64), initial=start, engine=engine,
         )  # fmt: skip
         assert found.recorder.effort[0, 3:].tolist() == [1, 1]
         assert found.impacts.pair[0] == 1

@@ -64,13 +64,14 @@ def measure(system, X, ahead, gap, rate):  # type: ignore[no-untyped-def]
 @njit(forceinline=True)
 def require_compliance(system, law, memory, pair):  # type: ignore[no-untyped-def]
     """Compute the column of W that belongs to a pair, unless it is known."""
-    if not memory.is_known[pair]:
+    if not memory.is_known[system.coarseness * system.n_pairs + pair]:
         _find_compliance(system, law, memory, pair)
 
 
 @njit
 def _find_compliance(system, law, memory, pair):  # type: ignore[no-untyped-def]
     X, n_pairs = memory.X, system.n_pairs
+    first = system.coarseness * n_pairs * n_pairs + pair
     clear(X, system.size, R)
     spread_one(system, X, pair, 1.0)
     if law.kind >= MOREAU:
@@ -78,17 +79,17 @@ def _find_compliance(system, law, memory, pair):  # type: ignore[no-untyped-def]
     else:
         solve_mass(system, X)
     for i in range(n_pairs):
-        memory.compliance[i * n_pairs + pair] = row_product(system.gap_rows, i, X, Z * system.size)
-    memory.is_known[pair] = 1
+        memory.compliance[first + i * n_pairs] = row_product(system.gap_rows, i, X, Z * system.size)
+    memory.is_known[system.coarseness * n_pairs + pair] = 1
 
 
 @njit
 def compliance_block(system, law, memory, n):  # type: ignore[no-untyped-def]
     """Return W = H B⁻¹ Hᵀ of the n hit pairs, with B = A for the θ-scheme and M otherwise."""
     W, hit, n_pairs = memory.compliance, memory.hit, system.n_pairs
-    block = np.empty((n, n))
+    first, block = system.coarseness * n_pairs * n_pairs, np.empty((n, n))
     for j in range(n):
         require_compliance(system, law, memory, hit[j])
         for i in range(n):
-            block[i, j] = W[hit[i] * n_pairs + hit[j]]
+            block[i, j] = W[first + hit[i] * n_pairs + hit[j]]
     return block

@@ -58,7 +58,9 @@ def _single_impulse(system, law, memory, lacking):  # type: ignore[no-untyped-de
     if not np.isfinite(lacking):
         return NOT_FINITE
     require_compliance(system, law, memory, memory.hit[0])
-    own = memory.compliance[memory.hit[0] * (system.n_pairs + 1)]
+    n_pairs = system.n_pairs
+    first = system.coarseness * n_pairs * n_pairs
+    own = memory.compliance[first + memory.hit[0] * (n_pairs + 1)]
     memory.impulse[0] = max(0.0, -lacking / own)
     memory.change[0] = own * memory.impulse[0]
     return DONE
@@ -69,7 +71,8 @@ def _coupled_impulses(system, law, memory, n, q):  # type: ignore[no-untyped-def
     """Solve 0 <= p ⊥ W p + q >= 0 on the n hit pairs; store p and W p."""
     if n == 1:
         return _single_impulse(system, law, memory, q[0])
-    if system.is_touching and law.kind == MOREAU and _lasting_impulses(system, law, memory, n, q):
+    lasts = system.is_touching and law.kind == MOREAU and system.coarseness == 0
+    if lasts and _lasting_impulses(system, law, memory, n, q):
         return DONE
     W = compliance_block(system, law, memory, n)
     right, p = np.empty(n), np.zeros(n)

@@ -171,6 +171,7 @@ class Compiled:
             n_steps=len(record.base_states) - 1,
             refine=self._refinement.factor,
             middle=self._refinement.middle,
+            slow=self._refinement.slow,
             n_frames=n_frames,
             n_events=self._events.ticks.size,
             n_hits=self._events.hit.size,

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from delam_fem.caches.kernels import njit
-from delam_fem.engines.compiled import contact, modes
+from delam_fem.engines.compiled import contact
 from delam_fem.engines.compiled import lane_kernels as lk
 from delam_fem.engines.compiled import points as points
-from delam_fem.engines.compiled import springs as springs
 from delam_fem.engines.compiled import step as steps
 from delam_fem.engines.compiled.banded import row_product
 from delam_fem.engines.compiled.state import (
@@ -18,7 +17,6 @@ from delam_fem.engines.compiled.state import (
     N_EVENTS,
     N_FRAMES,
     N_HITS,
-    N_RESTING,
     N_SPRINGS,
 )
 from delam_fem.simulation.energy import add_flows
@@ -26,15 +24,20 @@ from delam_fem.simulation.refinement import SAFETY, base_within
 
 COARSE, MIDDLE = 0, 1
 """Parts of `Memory.near`, one after the other."""
+NEAR = 3
+"""Result of a step that was undone, besides those of a loop."""
 N_COARSE, N_MIDDLE, N_FINE, N_CONTACTS, N_UNFORESEEN = range(5)
 """Indices into `Memory.effort`."""
 
 
 @njit
-def _mark_near(system, memory, ahead, level):  # type: ignore[no-untyped-def]
-    """Mark the pairs whose gap is small up to a time ahead (F1); return whether there are any."""
+def _mark_near(system, memory, ahead, level, slow):  # type: ignore[no-untyped-def]
+    """Mark the pairs whose gap is small up to a time ahead (F1).
+
+    Return whether there is one that moves faster than `slow`.
+    """
     if system.is_within:
-        return _mark_points(system, memory, ahead, level)
+        return _mark_points(system, memory, ahead, level, slow)
     X, near, first = memory.X, memory.near, level * system.n_pairs
     has_springs = memory.counts[N_SPRINGS] > 0
     if system.is_chained and not has_springs:
@@ -43,17 +46,17 @@ def _mark_near(system, memory, ahead, level):  # type: ignore[no-untyped-def]
     found = False
     for k in range(system.n_pairs):
         gap = system.gap0[k] + row_product(system.gap_rows, k, X, 0)
-        shift = ahead * row_product(system.gap_rows, k, X, system.size)
+        rate = row_product(system.gap_rows, k, X, system.size)
         if has_springs and memory.resting[k]:
-            gap, shift = -gap, -shift
-        if gap + min(shift, 0.0) <= 0.0:
+            gap, rate = -gap, -rate
+        if gap + min(ahead * rate, 0.0) <= 0.0:
             near[first + k] = 1
-            found = True
+            found |= abs(rate) > slow
     return found
 
 
 @njit
-def _mark_points(system, memory, ahead, level):  # type: ignore[no-untyped-def]
+def _mark_points(system, memory, ahead, level, slow):  # type: ignore[no-untyped-def]
     """Do the same as `_mark_near` for pairs inside the elements."""
     X, near, first, found = memory.X, memory.near, level * system.n_pairs, False
     n_springs = memory.counts[N_SPRINGS]
@@ -61,73 +64,63 @@ def _mark_points(system, memory, ahead, level):  # type: ignore[no-untyped-def]
         for k in range(system.n_pairs):
             if memory.gap[k] <= 0.0 and not (n_springs and memory.resting[k]):
                 near[first + k] = 1
-                found = True
+                found |= abs(row_product(system.gap_rows, k, X, system.size)) > slow
     for j in range(n_springs):
         k = memory.pairs[j]
         gap = system.gap0[k] + row_product(system.gap_rows, k, X, 0)
-        if gap + max(ahead * row_product(system.gap_rows, k, X, system.size), 0.0) >= 0.0:
+        rate = row_product(system.gap_rows, k, X, system.size)
+        if gap + max(ahead * rate, 0.0) >= 0.0:
             near[first + k] = 1
-            found = True
+            found |= abs(rate) > slow
     return found
 
 
 @njit
-def _free_step(system, law, memory, new_base):  # type: ignore[no-untyped-def]
-    """Compute a step without asking the law; return zᵀ C z."""
-    base_state = steps.mix_base(system, memory.base, new_base)
-    if system.is_chained:
-        keeps = memory.counts[N_SPRINGS] > 0
-        flow, _ = steps.advance_chained(system, memory.X, base_state, keeps)
-    elif system.is_modal:
-        flow = modes.advance(system, memory.X, base_state)
-    else:
-        flow, _ = steps.advance_banded(system, memory, base_state)
-    if memory.counts[N_SPRINGS]:
-        springs.push_springs(system, law, memory)
-        return steps.loss(system, memory.X)
-    return flow
-
-
-@njit
-def _leap(system, law, memory, new_base, level):  # type: ignore[no-untyped-def]
-    """Make a step without asking the law; undo it and return False if a gap is small.
+def _leap(system, law, memory, log, new_base, level, tick):  # type: ignore[no-untyped-def]
+    """Make a coarse or middle step that ends at a tick; undo it if a gap is small.
 
     `near` of the level tells the pairs whose gap is small.
+
+    Returns:
+        COMPLETED, NEAR if the step was undone, or a failure of the law.
     """
     X, base, totals = memory.X, memory.base, memory.totals
     n, reach = system.n_pairs, 0.5 * SAFETY * system.scheme.time_step
     for k in range(level * n, (level + 1) * n):
         memory.near[k] = 0
-    is_near = _mark_near(system, memory, reach, level)
+    is_near = _mark_near(system, memory, reach, level, log.slow)
     if is_near and level != COARSE:
-        return False
+        return NEAR
     for i in range(3 * system.size):
         memory.kept[i] = X[i]
     old_base, damped = (base[0], base[1], base[2]), totals[CONTACT_DAMPED]
-    flow = _free_step(system, law, memory, new_base)
-    if _mark_near(system, memory, -reach, level) or is_near:
+    flow, smallest = steps.advance(system, law, memory, new_base)
+    if _mark_near(system, memory, -reach, level, log.slow) or is_near:
         for i in range(3 * system.size):
             X[i] = memory.kept[i]
         base[0], base[1], base[2] = old_base
         totals[CONTACT_DAMPED] = damped
-        return False
-    totals[DISSIPATED] += system.scheme.weight * flow
-    if memory.counts[N_RESTING]:
-        steps.forget_resting(system, memory)
-    return True
+        return NEAR
+    return _end_step(system, law, memory, log, tick, flow, smallest)
+
+
+@njit(forceinline=True)
+def _end_step(system, law, memory, log, tick, flow, smallest):  # type: ignore[no-untyped-def]
+    """Ask the law about a candidate that touches; return COMPLETED or a failure of the law."""
+    if smallest <= 0.0 or memory.counts[N_SPRINGS] > 0:
+        status = steps.apply_law(system, law, memory, log, tick, flow)
+        return COMPLETED if status == contact.DONE else status
+    memory.totals[DISSIPATED] += system.scheme.weight * flow
+    return COMPLETED
 
 
 @njit(forceinline=True)
 def _fine_step(system, law, memory, log, new_base, tick, floor):  # type: ignore[no-untyped-def]
     """Make a fine step and ask the law; return COMPLETED, DIVERGED or a failure of the law."""
     flow, smallest = steps.advance(system, law, memory, new_base)
-    if smallest <= 0.0 or memory.counts[N_SPRINGS] > 0:
-        if smallest < floor:
-            return DIVERGED
-        status = steps.apply_law(system, law, memory, log, tick, flow)
-        return COMPLETED if status == contact.DONE else status
-    memory.totals[DISSIPATED] += system.scheme.weight * flow
-    return COMPLETED
+    if smallest < floor:
+        return DIVERGED
+    return _end_step(system, law, memory, log, tick, flow, smallest)
 
 
 @njit(forceinline=True)
@@ -165,11 +158,16 @@ def _divide(middle, fine, law, memory, log, step, floor):  # type: ignore[no-unt
     steps.see_base(fine, memory)
     for j in range(1, m + 1):
         after = _base_in(log.base_states, step, j / m, dt)
-        if m > 1 and _leap(middle, law, memory, after, MIDDLE):
-            effort[N_MIDDLE] += 1
-            _account(fine, memory, before, after, 1.0 / m)
-            before = after
-            continue
+        if m > 1:
+            ticks = (step - 1) * r + j * (r // m)
+            status = _leap(middle, law, memory, log, after, MIDDLE, ticks)
+            if status == COMPLETED:
+                effort[N_MIDDLE] += 1
+                _account(fine, memory, before, after, 1.0 / m)
+                before = after
+                continue
+            if status != NEAR:
+                return status
         for tick in range((j - 1) * (r // m) + 1, j * (r // m) + 1):
             after = _base_in(log.base_states, step, tick / r, dt)
             event = counts[N_EVENTS]
@@ -193,13 +191,15 @@ def run_refined(coarse, middle, fine, law, memory, log, first, floor):  # type: 
     for step in range(first, log.n_steps + 1):
         if counts[N_EVENTS] + r > log.n_events or counts[N_HITS] + r * fine.n_pairs > log.n_hits:
             return step - 1, FULL
-        if _leap(coarse, law, memory, steps.base_at(log.base_states, step), COARSE):
+        new_base = steps.base_at(log.base_states, step)
+        status = _leap(coarse, law, memory, log, new_base, COARSE, step * r)
+        if status == COMPLETED:
             memory.effort[N_COARSE] += 1
-        else:
+        elif status == NEAR:
             log.is_divided[step] = 1
             status = _divide(middle, fine, law, memory, log, step, floor)
-            if status != COMPLETED:
-                return step - 1, status
+        if status != COMPLETED:
+            return step - 1, status
         steps.observe_into(fine, memory.X, log.u, log.v, step)
         n_frames = counts[N_FRAMES]
         if n_frames < log.n_frames and log.frame_steps[n_frames] == step:

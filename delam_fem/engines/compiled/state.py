@@ -68,8 +68,9 @@ class Memory(NamedTuple):
             and of pairs at rest with the θ-scheme, shape (5,).
         resting: pairs at rest, shape (n_pairs,); they carry a spring, except with the θ-scheme.
         pairs: the first counts[N_SPRINGS] entries list the pairs with a spring, shape (n_pairs,).
-        compliance: W = H B⁻¹ Hᵀ, of which the known columns are filled, shape (n_pairs, n_pairs).
-        is_known: whether a column of W is known, shape (n_pairs,).
+        compliance: W = H B⁻¹ Hᵀ for fine, middle and coarse steps, of which the known columns are
+            filled, shape (3, n_pairs, n_pairs).
+        is_known: whether a column of W is known, for each size of steps, shape (3 n_pairs,).
         gap, rate: gaps and gap rates of all pairs at the examined instant, each shape (n_pairs,).
         hit: a list of the pairs that are hit now, shape (n_pairs,).
         impulse, rate_pre, rate_post: values of the hit pairs, each of shape (n_pairs,).
@@ -122,6 +123,7 @@ class Log(NamedTuple):
         n_steps: N.
         refine: r, the number of fine steps (ticks) in a step.
         middle: number of middle steps in a step.
+        slow: gap rate up to which a pair does not divide a step [m/s].
         n_frames: number of frames to keep.
         n_events, n_hits: sizes of the event buffers.
         base_states: q, q', q'' of the base at each step, shape (N + 1, 3).
@@ -140,6 +142,7 @@ class Log(NamedTuple):
     n_steps: int
     refine: int
     middle: int
+    slow: float
     n_frames: int
     n_events: int
     n_hits: int
@@ -174,8 +177,8 @@ def memory(size: int, n_pairs: int) -> Memory:
         counts=np.zeros(5, dtype=np.int64),
         resting=np.zeros(n_pairs, dtype=np.uint8),
         pairs=np.zeros(n_pairs, dtype=np.int64),
-        compliance=np.zeros((n_pairs, n_pairs)),
-        is_known=np.zeros(n_pairs, dtype=np.uint8),
+        compliance=np.zeros((3, n_pairs, n_pairs)),
+        is_known=np.zeros(3 * n_pairs, dtype=np.uint8),
         gap=np.zeros(n_pairs),
         rate=np.zeros(n_pairs),
         hit=np.zeros(n_pairs, dtype=np.int64),

@@ -39,8 +39,8 @@ class CompiledStepper:
         """
         self.law, self._has_acceleration = law, schemes[-1].has_acceleration
         built = [system.build(operators, scheme) for scheme in schemes]
-        self.systems = tuple(one for one, _ in built)
-        self.system, self.unknowns = built[-1]
+        self.systems = tuple(one._replace(coarseness=2 - k) for k, (one, _) in enumerate(built))
+        self.system, self.unknowns = self.systems[-1], built[-1][1]
         self.memory = state.memory(self.system.size, operators.n_pairs)
         self.seen_u: FloatArray = np.zeros(3 + operators.n_probes)
         self.seen_v: FloatArray = np.zeros(operators.n_probes)

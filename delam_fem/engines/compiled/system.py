@@ -103,6 +103,7 @@ class System(NamedTuple):
         is_within: whether, in lane order, some pairs are inside the elements (points.py).
         is_diagonal_load: whether the matrix B of L1 is diagonal (L4).
         scheme: the time integration.
+        coarseness: 0, 1, 2: fine, middle or coarse steps; W is kept for each.
         coefficients: coefficients of L1 and L2, shape (16,).
         load_tape, solution, mass_solution, form, rest: tapes of lane_kernels.py.
         band, mass_band: factors of A and M if not chained.
@@ -129,6 +130,7 @@ class System(NamedTuple):
     is_within: bool
     is_diagonal_load: bool
     scheme: StepNumbers
+    coarseness: int
     coefficients: FloatArray
     load_tape: FloatArray
     solution: FloatArray
@@ -232,6 +234,7 @@ def _system(o: Operators, scheme: StepNumbers, places: Coordinates, tapes: _Tape
         is_within=tapes.points is not NO_POINTS,
         is_diagonal_load=tapes.is_diagonal_load,
         scheme=scheme,
+        coarseness=0,
         coefficients=tapes.coefficients,
         load_tape=tapes.load,
         solution=tapes.solution,

@@ -98,19 +98,18 @@ class Dynamics:
             kept.copy(vector)
         self.dissipated, self.contact_damped = self._kept_losses
 
-    def approach(self, ahead: float) -> FloatArray:
-        """Return the smallest gaps up to a time ahead, or back if it is negative, (n_pairs,) [m].
+    def near(self, ahead: float) -> tuple[BoolArray, FloatArray]:
+        """Return which pairs may close (F1 of refinement.py), and gap rates, both (n_pairs,).
 
-        They are U + min(ahead U̇, 0) for open pairs. For pairs that rest on a spring the sign is
-        changed, because they must stay closed.
+        Args:
+            ahead: time over which gap rates are extrapolated; negative: backwards [s].
         """
         self._H.multAdd(self.u, self._gap0, self._gap.vector)
-        gap, shift = self._gap.gather(), ahead * self.gap_rate()
-        result = gap + np.minimum(shift, 0.0)
-        if self.is_resting and self.spring_stiffness:
-            on = self.resting
-            result[on] = -gap[on] - np.maximum(shift[on], 0.0)
-        return result
+        gap, rate = self._gap.gather(), self.gap_rate()
+        if self.is_resting and self.spring_stiffness:  # these must not open
+            sign = np.where(self.resting, -1.0, 1.0)
+            gap, rate = sign * gap, sign * rate
+        return np.asarray(gap + np.minimum(ahead * rate, 0.0) <= 0.0), rate
 
     def _make_observation(self) -> None:
         """Create the matrices and vectors of the recorded quantities."""

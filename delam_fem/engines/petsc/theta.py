@@ -21,15 +21,32 @@ from delam_fem.engines.petsc import linear_algebra
 from delam_fem.engines.petsc.compliance import LazyCompliance
 from delam_fem.engines.petsc.dynamics import Dynamics
 from delam_fem.model.operators import Operators
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.arrays import FloatArray, IntArray
 
 
 @dataclass(frozen=True)
 class _Size:
-    """A size of steps, with the factor of Â for it."""
+    """A size of steps, with the factor of Â for it, and W of that Â."""
 
     time_step: float
     A: linear_algebra.Factor
+    W: LazyCompliance
+
+
+class _PresentCompliance:
+    """W of the size of steps that a stepper uses at present."""
+
+    def __init__(self, stepper: MoreauJean) -> None:
+        """Store the stepper."""
+        self._stepper = stepper
+
+    def diagonal(self, pairs: IntArray) -> FloatArray:
+        """Return W_kk of some pairs, shape (k,) [1/kg]."""
+        return self._stepper.present_compliance.diagonal(pairs)
+
+    def block(self, pairs: IntArray) -> FloatArray:
+        """Return the rows and columns of W of some pairs, shape (k, k) [1/kg]."""
+        return self._stepper.present_compliance.block(pairs)
 
 
 class MoreauJean(Dynamics):
@@ -46,16 +63,19 @@ class MoreauJean(Dynamics):
 
         Args:
             operators: the semi-discrete problem.
-            time_steps: sizes of steps, from coarse to fine [s]; the last one is in use at first,
-                and impulses act through its Â.
+            time_steps: sizes of steps, from coarse to fine [s]; the last one is in use at first.
             theta: θ, from 1/2 (no numerical damping) to 1.
             comm: PETSc communicator.
         """
         super().__init__(operators, time_steps[-1], comm)
         self._theta = theta
-        self._sizes = [_Size(dt, self._factor(dt)) for dt in time_steps]
-        self._A = self._sizes[-1].A
-        self.compliance = LazyCompliance(self, self._A)
+        factors = [self._factor(dt) for dt in time_steps]
+        self._sizes = [
+            _Size(dt, factor, LazyCompliance(self, factor))
+            for dt, factor in zip(time_steps, factors, strict=True)
+        ]
+        self._now = self._sizes[-1]
+        self.compliance = _PresentCompliance(self)
         self._start, self._point = (self._M.createVecRight() for _ in range(2))
         self._is_touching = bool((operators.gap0 <= 0.0).any())
         self._none_resting = self.resting
@@ -71,8 +91,13 @@ class MoreauJean(Dynamics):
 
     def use(self, level: int) -> None:
         """Choose the size of the next steps by its number."""
-        size = self._sizes[level]
-        self.time_step, self._A = size.time_step, size.A
+        self._now = self._sizes[level]
+        self.time_step = self._now.time_step
+
+    @property
+    def present_compliance(self) -> LazyCompliance:
+        """W of the present size of steps."""
+        return self._now.W
 
     @property
     def gap(self) -> FloatArray:
@@ -107,7 +132,7 @@ class MoreauJean(Dynamics):
         columns = (self._base_stiffness, self._base_damping, self._base_mass)
         for column, old, new in zip(columns, before, after, strict=True):
             residual.axpy(theta * new + (1.0 - theta) * old, column)
-        self._A.solve(residual, self._response)
+        self._now.A.solve(residual, self._response)
         v.axpy(1.0, self._response)
         u.axpy(dt * (1.0 - theta), self._start)
         u.axpy(dt * theta, v)
@@ -126,8 +151,8 @@ class MoreauJean(Dynamics):
         self._impulse.values[decision.hit] = decision.impulses
         self._impulse.spread()
         self._H.multTranspose(self._impulse.vector, self._load)
-        self._A.solve(self._load, self._response)
-        self.v.axpy(self._A.scale, self._response)
+        self._now.A.solve(self._load, self._response)
+        self.v.axpy(self._now.A.scale, self._response)
         self.u.axpy(-self._theta, self._response)
         if decision.resting is not None:
             self.rest(decision.resting)
