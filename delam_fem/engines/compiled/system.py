@@ -103,7 +103,6 @@ class System(NamedTuple):
         is_within: whether, in lane order, some pairs are inside the elements (points.py).
         is_diagonal_load: whether the matrix B of L1 is diagonal (L4).
         scheme: the time integration.
-        coarseness: 0, 1, 2: fine, middle or coarse steps; W is kept for each.
         coefficients: coefficients of L1 and L2, shape (16,).
         load_tape, solution, mass_solution, form, rest: tapes of lane_kernels.py.
         band, mass_band: factors of A and M if not chained.
@@ -117,6 +116,7 @@ class System(NamedTuple):
         is_selecting: whether every probe picks a single dof.
         selected: places of these dofs; empty if the probes do not pick single dofs.
         probe_rows: the probes by rows; empty if they pick single dofs.
+        coarseness: 0, 1, 2: fine, middle or coarse steps; W is kept for each.
         is_modal: whether the unknowns are the amplitudes of modes (modes.py).
         modal: diagonals of A⁻¹, C and K in modes, shape (3 size,); empty otherwise.
         is_touching: whether some pairs are closed at rest, so that contact lasts.
@@ -130,7 +130,6 @@ class System(NamedTuple):
     is_within: bool
     is_diagonal_load: bool
     scheme: StepNumbers
-    coarseness: int
     coefficients: FloatArray
     load_tape: FloatArray
     solution: FloatArray
@@ -151,6 +150,7 @@ class System(NamedTuple):
     is_selecting: bool
     selected: IntArray
     probe_rows: Rows
+    coarseness: int = 0
     is_modal: bool
     modal: FloatArray
     is_touching: bool
@@ -234,7 +234,6 @@ def _system(o: Operators, scheme: StepNumbers, places: Coordinates, tapes: _Tape
         is_within=tapes.points is not NO_POINTS,
         is_diagonal_load=tapes.is_diagonal_load,
         scheme=scheme,
-        coarseness=0,
         coefficients=tapes.coefficients,
         load_tape=tapes.load,
         solution=tapes.solution,

@@ -10,6 +10,7 @@ from delam_fem.studies.convergence.study import (
     DEFAULT,
     DEFAULT_STEPS,
     FEW,
+    FINEST,
     FREQUENCIES,
     LITERAL,
     MESHES,
@@ -71,8 +72,9 @@ def refined(all_found: Found) -> Table:
     for damping in DAMPINGS:
         names = (f"errors {damping}", f"petsc {damping}", f"uniform {damping}")
         compiled, petsc, uniform = (all_found[name] for name in names)
-        rungs = [compiled.ladder.rung(m, 20, DEFAULT_STEPS) for m in (PLAIN, *REFINED.values())]
-        others = [petsc.ladder.rung(m, 20, DEFAULT_STEPS) for m in (PLAIN, *REFINED.values())]
+        methods = (PLAIN, *(REFINED[r] for r in REFINEMENTS))
+        rungs = [compiled.ladder.rung(m, 20, DEFAULT_STEPS) for m in methods]
+        others = [petsc.ladder.rung(m, 20, DEFAULT_STEPS) for m in methods]
         heading += [f"{damping}: y1 [mm]", "PETSc", "uniform steps T/(1000 r)", "steps per period"]
         columns.append([mm(compiled, rung) for rung in rungs])
         columns.append([mm(petsc, rung) for rung in others])
@@ -139,11 +141,11 @@ def limits(all_found: Found) -> Table:
         for name in POINTS:
             found = all_found[f"{name} {damping}"]
             for mesh in found.ladder.meshes:
-                rungs = [found.ladder.rung(REFINED[r], mesh, 1000) for r in (64, 256)]
+                rungs = [found.ladder.rung(REFINED[r], mesh, 1000) for r in FINEST[name]]
                 elements, per_element = _sizes(mesh)
                 points = str(elements * per_element)
                 rows.append((damping, str(elements), points, *_with_change(found, rungs)))
-            rows.append((damping, name, "→ ∞", *_limit_row(found, REFINED[256])))
+            rows.append((damping, name, "→ ∞", *_limit_row(found, REFINED[FINEST[name][-1]])))
     heading = ("damping", "elements", "points", *(q.heading for q in (*EXTREMA, WORK)), "steps")
     return Table("", heading, tuple(rows))
 

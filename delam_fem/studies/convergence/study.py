@@ -24,7 +24,9 @@ RESTITUTIONS = (0.0, 0.1, 0.5, 0.9, 1.0)
 STIFFNESSES = (1e2, 1e3, 1e4, 1e5)
 PLAIN = method("newton@moreau-jean")
 REFINEMENTS = (4, 16, 64, 256)
-REFINED = {r: method(f"newton@moreau-jean:{r}") for r in REFINEMENTS}
+REFINED = {r: method(f"newton@moreau-jean:{r}") for r in (*REFINEMENTS, 1024, 4096)}
+FINEST = {"meshes": (64, 256), "points": (1024, 4096), "ten elements": (64, 256)}
+"""Refinements of the ladders in the contact points, for the limit in time."""
 _OF_DEFAULT = {"time.refine": 64, "time.refine_velocity": 0.02}
 DEFAULT = Method("default", (*PLAIN.overrides, *_OF_DEFAULT.items()))
 """Method of the preset `default`, with DEFAULT_STEPS steps per period."""
@@ -55,7 +57,7 @@ def varied(law: str, label: str, **keys: object) -> Method:
 def ladders() -> dict[str, Ladder]:
     """Return all ladders by name."""
     found = {}
-    refined = tuple(REFINED.values())
+    refined = tuple(REFINED[r] for r in REFINEMENTS)
     springs = (
         varied(law, f"k = {k:g} N/m", penalty_stiffness=k)
         for law in ("newton-penalty@newmark", "penalty@newmark")
@@ -72,7 +74,7 @@ def ladders() -> dict[str, Ladder]:
             base, (PLAIN, *refined), (20,), (1000,), PETSC_PERIODS, limit_steps=0, engine="petsc"
         )
         for name, meshes in POINTS.items():
-            methods = (REFINED[16], REFINED[64], REFINED[256])
+            methods = tuple(REFINED[r] for r in FINEST[name])
             found[f"{name} {damping}"] = Ladder(base, methods, meshes, (1000,), limit_steps=0)
         for f in FREQUENCIES:
             moved = case(damping, **{"excitation.frequency": f})
