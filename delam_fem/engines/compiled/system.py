@@ -150,11 +150,11 @@ class System(NamedTuple):
     is_selecting: bool
     selected: IntArray
     probe_rows: Rows
-    coarseness: int = 0
     is_modal: bool
     modal: FloatArray
     is_touching: bool
     points: Points
+    coarseness: int = 0
 
 
 _KEPT: deque[tuple[Operators, StepNumbers, tuple[System, Coordinates]]] = deque(maxlen=8)

@@ -200,7 +200,7 @@ def ball() -> Operators:
 def drop(law: LawNumbers, scheme: StepNumbers, n_steps: int) -> Recorder:
     """Drop the ball from 1 m."""
     o = ball()
-    engine = Compiled(o, scheme, law)
+    engine = Compiled(o, [scheme] * 3, law)
     recorder = Recorder(o.base, Span(scheme.time_step, n_steps, 1, 1, 1, 10.0), n_probes=1)
     states = np.tile([0.0, 0.0, G], (n_steps + 1, 1))
     set_initial(engine, State(np.array([[1.0], [0.0], [0.0]]), np.zeros(1, dtype=bool)), states[0])
@@ -297,7 +297,7 @@ def test_full_buffers_lose_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     engine, recorder = start(case)
     simulate(engine, recorder, motion_of(case))
     monkeypatch.setattr(engine_module, "EVENTS", 2)
-    monkeypatch.setattr(engine_module, "HITS_PER_PAIR", 1)
+    monkeypatch.setattr(engine_module, "HITS", 1)
     small, same = start(case)
     simulate(small, same, motion_of(case))
     for a, b in zip(recorder.window, same.window, strict=True):
