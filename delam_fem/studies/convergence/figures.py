@@ -131,8 +131,15 @@ def free_over_elements(found: Convergence) -> Figure:
 
 
 def limit_over_meshes(found: Convergence) -> Figure:
-    """Draw the rigid limit over what meshes refine: extremes of the tips and contact work."""
-    rungs = found.ladder.along_meshes(LIMIT, found.ladder.limit_steps)
+    """Draw the rigid limit over what meshes refine: extremes of the tips and contact work.
+
+    Without limits the last method with the smallest steps stands for them.
+    """
+    ladder = found.ladder
+    method, steps = (
+        (LIMIT, ladder.limit_steps) if ladder.has_limit else (ladder.methods[-1], ladder.steps[-1])
+    )
+    rungs = ladder.along_meshes(method, steps)
     n = [rung.points for rung in rungs]
     name = {"elements": "elements per lamina", "points": "contact points per lamina"}
     figure = Figure(figsize=(WIDTH, 4.2), layout="constrained")
@@ -152,9 +159,8 @@ def limit_over_meshes(found: Convergence) -> Figure:
         axes.set_xscale("log")
         _plain(axes, n)
         axes.set_xlabel(name[found.ladder.refines])
-    figure.suptitle(
-        _title(found) + f", newton@moreau-jean, {found.ladder.limit_steps} steps per period"
-    )
+    name_of_limit = "newton@moreau-jean" if ladder.has_limit else method.name
+    figure.suptitle(f"{_title(found)}, {name_of_limit}, {steps} steps per period")
     return figure
 
 

@@ -36,7 +36,7 @@ def made_up(rung: Rung) -> RungResult:
     excess = 1.0 + 1.0 / math.sqrt(rung.steps)
     found = {name: (excess * value, 1e-9) for name, value in LIMITS.items()}
     found |= {"blocks": (30.0, 0.0), "periodicity": (1.0, 0.0), "impact_gain": (1e-5, 0.0)}
-    found |= {"contact_work": (9.9e-4, 1e-9)}
+    found |= {"contact_work": (9.9e-4, 1e-9), "steps": (1234.0, 0.0)}
     if rung.method == "newton@newmark/lumped" and rung.elements == 160:
         return RungResult(rung.key, "diverged", "diverged in period 77", {}, 0.3, 77)
     return RungResult(rung.key, "completed", "", found, 0.3, 60)
@@ -58,8 +58,10 @@ def test_tables_of_the_document(tables: dict[str, Table]) -> None:
     )
     assert "penalty@newmark k = 100000 N/m" in laws
     last = 1.0 + 1.0 / math.sqrt(256000)
-    change = 20.0 * (1.0 / math.sqrt(64000) - 1.0 / math.sqrt(256000))
-    assert tables["motions"].rows[2][:2] == ("3.25", f"{-20.0 * last:.4g} ± {change:.2g}")
+    shown = f"{-20.0 * last:.2f}"
+    assert tables["motions"].rows[2][:3] == ("stiffness", "3.25", shown)
+    assert tables["limits"].rows[0][:3] == ("stiffness", "10", "10")
+    assert tables["refined"].rows[1][0] == "4"
     literal = {row[:3]: row[3:] for row in tables["literal"].rows}
     assert literal["mass", "newton@newmark", "1000"][-2:] == ("1 %", "**diverged in period 77**")
     for table in tables.values():
@@ -67,14 +69,14 @@ def test_tables_of_the_document(tables: dict[str, Table]) -> None:
 
 
 def test_the_document_is_filled(tables: dict[str, Table]) -> None:
-    text = "before\n\n<!-- table default -->\nold\n<!-- end -->\n\nafter\n"
-    some = {"default": tables["default"]}
+    text = "before\n\n<!-- table refined -->\nold\n<!-- end -->\n\nafter\n"
+    some = {"refined": tables["refined"]}
     filled = fill(text, some)
     assert "old" not in filled
-    assert filled.startswith("before\n\n<!-- table default -->\n| damping | law | N | 10 elements")
+    assert filled.startswith("before\n\n<!-- table refined -->\n| r | stiffness: y1 [mm] | PETSc |")
     assert filled.endswith("<!-- end -->\n\nafter\n")
     assert fill(filled, some) == filled
-    with pytest.raises(KeyError, match="default: expected one place in the document, found 0"):
+    with pytest.raises(KeyError, match="refined: expected one place in the document, found 0"):
         fill("before\n", some)
 
 

@@ -15,7 +15,7 @@ def row(low: float, phase: float) -> PeriodRow:
     """Return a period of which low and the first amplitude depend on the cycle."""
     harmonics = np.array([[np.exp(1j * phase), 0.2], [2.0, 0.1]])
     both = np.array([low, -1.0]), np.array([1.0, 1.0])
-    return PeriodRow(*both, harmonics, impulse=-low, impacts=3.0, work=1.0, gain=0.0)
+    return PeriodRow(*both, harmonics, impulse=-low, impacts=3.0, work=1.0, gain=0.0, steps=900.0)
 
 
 def test_alternating_cycles_are_no_scatter() -> None:
@@ -58,6 +58,7 @@ def recorded(u: np.ndarray, ledger: dict[str, float]) -> SimpleNamespace:
         ledger=rows,
         envelope=envelope,
         impulse=np.array([[9.0, 9.0, 9.0], [0.5, 7.0, 0.25]]),
+        effort=np.array([[9, 9, 9, 9, 9], [40, 5, 3, 2, 1]]),
     )
 
 
@@ -71,6 +72,7 @@ def test_contact_takes_what_impacts_and_dampers_lose_less_what_springs_release()
     found = row_of(recorded(u, ledger), 2)  # type: ignore[arg-type]
     assert found.work == 4.0 + 2.0 - 1.0
     assert (found.impulse, found.impacts, found.gain) == (0.5, 7.0, 0.25)
+    assert found.steps == 40 + 5 + 3
     assert found.low.tolist() == u.min(axis=0).tolist()
     assert found.high.tolist() == u.max(axis=0).tolist()
     assert found.harmonics.shape == (2, 24)  # below Nyquist of 50 steps
@@ -87,7 +89,7 @@ def test_scatter_of_strobes_is_relative_to_half_the_range(scatter: float, expect
     ends = [(10.0, 12.0), (11.0, 13.0), (10.5, 12.0), (11.0, 12.5)] * 3
     harmonics = np.array([[1.0, 0.2], [2.0, 0.1]])
     rows = [
-        PeriodRow(np.array([low, low]), np.array([high, high]), harmonics, 1.0, 1.0, 1.0, 0.0)
+        PeriodRow(np.array([low, low]), np.array([high, high]), harmonics, 1.0, 1.0, 1.0, 0.0, 9.0)
         for low, high in ends
     ]
     drift = 1.5 * scatter * np.arange(12.0)
