@@ -148,7 +148,7 @@ def limit_over_meshes(found: Convergence) -> Figure:
     for k, q in enumerate(found.extrema):
         style = "o-" if q.name.startswith("tip_max") else "s--"
         _with_bars(left, found, rungs, q, fmt=style, color=colours[k // 2], label=f"|{q.symbol}|")
-    left.set(ylabel=f"rigid limit of the mesh [mm], bars: ±{BARS:g} standard errors")
+    left.set(ylabel="rigid limit of the mesh [mm]")
     left.set_ylim(0.0, None)
     legend_above(left)
     _with_bars(right, found, rungs, WORK, fmt="o-", color=BLACK)
@@ -160,7 +160,8 @@ def limit_over_meshes(found: Convergence) -> Figure:
         _plain(axes, n)
         axes.set_xlabel(name[found.ladder.refines])
     name_of_limit = "newton@moreau-jean" if ladder.has_limit else method.name
-    figure.suptitle(f"{_title(found)}, {name_of_limit}, {steps} steps per period")
+    text = f"{name_of_limit}, {steps} steps per period, bars: ±{BARS:g} standard errors"
+    figure.suptitle(f"{_title(found)}\n{text}")
     return figure
 
 
