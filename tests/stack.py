@@ -77,6 +77,7 @@ def three_laminae(**overrides: object) -> Recorded:
             window=window,
             steps_per_period=STEPS,
             refine=1,
+            is_forced=False,
             time_step=case.time_step,
             n_closed=PERIODS,
             strobe=strobe,
