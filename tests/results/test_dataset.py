@@ -14,6 +14,8 @@ from delam_fem.results.schema import DIMENSIONS, INTERFACE, VARIABLES
 
 NAMES = ("lamina", "interface", "probe")
 """Coordinates that hold names."""
+OF_A_FORCE = ("force",)
+"""Variables of runs that a force drives."""
 
 
 @pytest.fixture(scope="module")
@@ -38,16 +40,30 @@ def test_two_laminae_have_all_variables_without_the_dimension_of_interfaces(
     assert described(run) == [
         (row.name, tuple(d for d in row.dims if d != INTERFACE), row.units, row.long_name)
         for row in VARIABLES.values()
-        if row.name != "event_interface" and not row.name.startswith("probe_")
+        if row.name not in ("event_interface", *OF_A_FORCE) and not row.name.startswith("probe_")
     ]
     assert set(run.dims) == DIMENSIONS.keys() - {INTERFACE, "probe"}
     assert "interface" not in run.variables
 
 
+def test_a_run_under_a_force_has_the_force() -> None:
+    keys = {"excitation.kind": "force", "excitation.lamina": "thin", "excitation.position": 0.5}
+    few = {"time.periods": 1, "output.window_periods": 1, "output.fields_per_period": 0}
+    case = df.preset(
+        "paper", {**keys, **few, "excitation.amplitude": 0.01, "excitation.frequency": 3.0}
+    )
+    history = df.run(case, "compiled").history
+    expected = 0.01 * np.sin(2.0 * np.pi * case.excitation.frequency * history["time"].values)
+    np.testing.assert_allclose(history["force"], expected, atol=1e-9)
+    assert not history["base_displacement"].values.any()
+
+
 def test_three_laminae_have_all_variables() -> None:
     history = three_laminae().history()
     assert described(history) == [
-        (row.name, row.dims, row.units, row.long_name) for row in VARIABLES.values()
+        (row.name, row.dims, row.units, row.long_name)
+        for row in VARIABLES.values()
+        if row.name not in OF_A_FORCE
     ]
     assert set(history.dims) == set(DIMENSIONS)
     assert history["lamina"].values.tolist() == ["thick", "thin", "top"]
