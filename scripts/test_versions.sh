@@ -106,7 +106,7 @@ test_tree() {
     say "$release: $command" >&3
     within "$tree" timeout "$SETUP_SECONDS" "$command" || verdict failed "$command" </dev/null
     say "$release: tests" >&3
-    within "$tree" timeout "$TESTS_SECONDS" .venv/bin/python -m pytest -q -p no:cacheprovider -m "not once" | tee "$2/pytest" ||
+    within "$tree" timeout "$TESTS_SECONDS" .venv/bin/python -m pytest -q -p no:cacheprovider -m "not once and not nightly" | tee "$2/pytest" ||
         status=$?
     found="$(versions "$tree"); tests: $(tests_summary "$2/pytest" || printf 'no summary, exit status %s' "$status")"
     say "$release: short demo" >&3
