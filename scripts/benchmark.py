@@ -492,9 +492,7 @@ def figure(figures: dict[str, Any]) -> Figure:
     axes.plot(dofs, [row["bare"] for row in rows], "k:", label="MatSolve + 2 MatMult")
     plain = [row for row in rows if "plain" in row]
     axes.plot([r["dofs"] for r in plain], [r["plain"] for r in plain], "ks-", label="plain loop")
-    for name, colour in zip(
-        SCHEMES, ("#0072B2", "#D55E00", "#E69F00", "#009E73", "#CC79A7"), strict=True
-    ):
+    for name, colour in zip(SCHEMES, ("#0072B2", "#D55E00", "#E69F00", "#CC79A7"), strict=True):
         own = [row for row in rows if name in row]
         x = [row["dofs"] for row in own]
         for engine, line in (("petsc", "o-"), ("compiled", "^--")):

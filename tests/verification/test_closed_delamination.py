@@ -14,6 +14,7 @@ from delam_fem.model import closed_form
 from delam_fem.model.mesh import node_coordinates
 from delam_fem.model.operators import Operators
 from delam_fem.reference import stack as judge
+from delam_fem.simulation.refinement import Refinement
 from delam_fem.simulation.solution import Solution
 
 F = 63.7
@@ -84,7 +85,7 @@ def test_no_drift_over_2000_periods(operators: Operators) -> None:
 def test_refined_steps_follow_uniform_fine_steps(operators: Operators) -> None:
     """Contact fills most of the time; open phases are computed in coarse steps."""
     uniform = motion(operators, periods=4, steps_per_period=800)
-    refined = motion(operators, periods=4, refine=4)
+    refined = motion(operators, periods=4, refinement=Refinement(4))
     size = np.abs(uniform.displacement).max()
     assert np.abs(refined.displacement - uniform.displacement[::4]).max() < 5e-3 * size
     coarse, _, fine, *_ = refined.recorder.effort.sum(axis=0)

@@ -125,7 +125,6 @@ DISSIPATIVE: list[dict[str, object]] = [
     {"contact.law": "newton-penalty", "contact.impulse": "consistent", "time.mass": "consistent"},
     {"contact.law": "newton", "contact.impulse": "lumped", "time.mass": "lumped"},
     {"contact.law": "newton-penalty", "contact.impulse": "lumped", "time.mass": "lumped"},
-    {"contact.law": "newton@moreau-jean", "time.refine": 8},
 ]
 MESHES = [20, 50, 80, 160]
 

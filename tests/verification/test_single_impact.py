@@ -53,7 +53,7 @@ def test_energy_of_a_single_impact(impulse: str, e: float, pair: int) -> None:
     v = rng.normal(size=o.n_dofs)
     v -= o.gap_matrix[pair].toarray().ravel() * (abs(o.gap_matrix[pair] @ v) + 0.5)  # approaching
     stepper = Newmark(o, SHORT, coupled_impulses=impulse == "consistent")
-    setting = Setting(o.n_pairs, stepper.compliance, SHORT)
+    setting = Setting(o.n_pairs, stepper.compliance)
     law = Impacts(setting, restitution=e, coupled=impulse == "consistent")
     stepper.begin(np.zeros((2, 3)))
     stepper.restore(np.array([0.0 * v, v, 0.0 * v]))
@@ -84,7 +84,7 @@ def test_lumped_impulse_on_a_consistent_mass_does_not_lose_that() -> None:
         v = np.random.default_rng(seed).normal(scale=5.0, size=o.n_dofs)
         v[[4, 14]] = 1.0, -1.0  # u of node 3 of both laminae
         stepper = Newmark(o, SHORT)
-        setting = Setting(o.n_pairs, stepper.compliance, SHORT)
+        setting = Setting(o.n_pairs, stepper.compliance)
         law = Impacts(setting, restitution=0.1, coupled=False)
         stepper.begin(np.zeros((2, 3)))
         stepper.restore(np.array([0.0 * v, v, 0.0 * v]))

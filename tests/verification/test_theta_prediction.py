@@ -21,7 +21,7 @@ STEP = 0.125
     ("height", "hit_in_step"),
     [
         (0.25 + 0.0625, 3),  # U = STEP/2 after two steps: predicted to be closed in the middle
-        (0.25 + 0.0625 + 2.0**-20, 4),  # a little more: only after it has passed the floor
+        (0.25 + 0.0625 + 2.0**-12, 4),  # a little more: only after it has passed the floor
         (0.25 + 2.0**-20, 3),
         (0.25, 3),
     ],

@@ -219,4 +219,4 @@ def test_an_axis_of_laws_names_each_with_its_scheme() -> None:
         "contact.penalty_stiffness",
     )  # of the base; given, not refused
     with pytest.raises(CaseError, match='the law "penalty" goes with the scheme "newmark"'):
-        sweep({"key": "contact.law", "values": ["none", "penalty"]})
+        sweep({"key": "contact.law", "values": ["none", "penalty@moreau-jean"]})
