@@ -34,8 +34,8 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from delam_fem.case.definition import Case
-    from delam_fem.case.excitation import HarmonicMotion, SweptMotion
     from delam_fem.case.files import PRESETS, load_case, preset, save_case
+    from delam_fem.case.motion.excitation import HarmonicMotion, SweptMotion
     from delam_fem.case.toml import CaseError
     from delam_fem.contact.decision import Decision
     from delam_fem.contact.laws import LAWS, Law
@@ -61,7 +61,7 @@ _HOMES = {
     "Case": "case.definition",
     "CaseError": "case.toml",
     "Decision": "contact.decision",
-    "HarmonicMotion": "case.excitation",
+    "HarmonicMotion": "case.motion.excitation",
     "Law": "contact.laws",
     "Operators": "model.operators",
     "Result": "results.folder",
@@ -69,7 +69,7 @@ _HOMES = {
     "Solution": "simulation.solution",
     "State": "simulation.loop",
     "Sweep": "studies.sweeps.grid",
-    "SweptMotion": "case.excitation",
+    "SweptMotion": "case.motion.excitation",
     "compare": "reference.compare",
     "converge": "studies.convergence.run",
     "diagram": "studies.sweeps.diagrams",

@@ -20,9 +20,10 @@ from delam_fem.case.definition import Case
 from delam_fem.case.toml import CaseError
 from delam_fem.engines.choose import EngineName
 from delam_fem.engines.session import Session, session_of
-from delam_fem.model import _dolfinx, beam
+from delam_fem.model import _dolfinx
+from delam_fem.model.beams import bending
+from delam_fem.model.beams.network import never_opens
 from delam_fem.model.layout import Structure
-from delam_fem.model.network import never_opens
 from delam_fem.mpi import MPI
 from delam_fem.results import dataset, diagnostics, energy_gain, quality
 from delam_fem.results.folder import Result, json_ready
@@ -88,7 +89,7 @@ def run(
             "with --overwrite"
         )
     mpi.hold(comm)
-    structure = beam.assemble(case, comm=comm) if structure is None else structure
+    structure = bending.assemble(case, comm=comm) if structure is None else structure
     with session_of(case, structure.operators, initial=initial, engine=engine, comm=comm) as opened:
         recorder = opened.recorder
         before: checkpoint.Progress = "running"

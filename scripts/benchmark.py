@@ -36,7 +36,7 @@ import delam_fem as df
 from delam_fem.engines.choose import EngineName
 from delam_fem.engines.petsc import linear_algebra
 from delam_fem.engines.session import session_of
-from delam_fem.model import closed_form
+from delam_fem.model.beams import closed_form
 from delam_fem.reference.loop import simulate_reference
 
 COMM = PETSc.COMM_SELF
@@ -273,7 +273,7 @@ def plane_seconds(workers: int, periods: int) -> float:
 
 FIRST_STEPS = """
 from delam_fem import preset, run
-from delam_fem.model import closed_form
+from delam_fem.model.beams import closed_form
 case = preset("default", {"time.periods": 1})
 run(case, "compiled", structure=closed_form.assemble(case))
 """

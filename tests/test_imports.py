@@ -48,10 +48,7 @@ JUDGE = {
     "reference.contact", "reference.loop", "reference.matrices", "reference.split_beam",
     "reference.stack",
 }  # fmt: skip
-ASSEMBLERS = {
-    "model.beam", "model.bonded", "model.closed_form", "model.ground", "model.hermite",
-    "model.layout", "model.network", "model.stack", "model.vibration",
-}  # fmt: skip
+ASSEMBLERS = {"model.beams", "model.layout", "model.vibration"}
 DECIDING = {"contact.impulses", "contact.complementarity", "contact.newton", "contact.moreau"}
 STRANGERS = [
     (JUDGE, {*DECIDING, "engines", "simulation", "case.gap", *ASSEMBLERS}),
@@ -60,7 +57,7 @@ STRANGERS = [
     ({"simulation.loop", "simulation.recorder"}, {"case"}),
 ]
 INPUTS = {
-    "case.definition", "case.excitation", "case.sections", "case.toml", "model.operators",
+    "case.definition", "case.motion.excitation", "case.sections", "case.toml", "model.operators",
     "numerics.arrays",
 }  # fmt: skip
 """What the judge shares with what it judges. Case sections import the exact cantilever."""
@@ -70,8 +67,8 @@ COMPUTED_BY_THE_CASE = {
 }  # fmt: skip
 """Numbers derived by the case, besides `rayleigh`; the judge derives them by itself."""
 ABOVE_DOLFINX = {
-    "model._dolfinx", "model.hermite", "model.beam", "model.stack", "results.fields.vtx",
-    "pipeline",
+    "model._dolfinx", "model.beams.hermite", "model.beams.bending", "model.beams.stack",
+    "results.fields.vtx", "pipeline",
 }  # fmt: skip
 ABOVE_PETSC = {"engines.petsc", "mpi", *ABOVE_DOLFINX}
 FROM_THE_DISTRIBUTION = {"basix", "dolfinx", "ffcx", "mpi4py", "petsc4py", "slepc4py", "ufl"}

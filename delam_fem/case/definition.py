@@ -13,9 +13,15 @@ import numpy as np
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
-from delam_fem.case.drive import Excitation, HarmonicExcitation, SweepExcitation, TableExcitation
 from delam_fem.case.fields import Section, expected, inconsistent
 from delam_fem.case.layers import Delamination, Support, require_fitting
+from delam_fem.case.motion.drive import (
+    Excitation,
+    HarmonicExcitation,
+    SweepExcitation,
+    TableExcitation,
+)
+from delam_fem.case.motion.series import read_series
 from delam_fem.case.overrides import apply_overrides
 from delam_fem.case.sections import (
     Contact,
@@ -26,7 +32,6 @@ from delam_fem.case.sections import (
     Output,
     TimeStepping,
 )
-from delam_fem.case.series import read_series
 from delam_fem.case.toml import CaseError, Data, message, toml_text
 from delam_fem.contact.laws import combination
 from delam_fem.numerics import rayleigh
@@ -220,7 +225,7 @@ class Case(Section):
         """Return the damping coefficients of one lamina, C = alpha M + beta K.
 
         The coefficients are those of a cantilever of its own; a bonded stack has those of its
-        modes, see `model.network`.
+        modes, see `model.beams.network`.
 
         Args:
             i: index of the lamina from 0.

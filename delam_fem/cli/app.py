@@ -156,7 +156,7 @@ def modes_command(
     with reported(quiet):
         case = case_of(case_name, overrides)
         from delam_fem.case.claim import claimed
-        from delam_fem.model.network import never_opens
+        from delam_fem.model.beams.network import never_opens
         from delam_fem.studies.modes import Modes, modes
 
         folder = output or Path("runs") / f"{case.name}-modes"

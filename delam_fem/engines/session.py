@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from delam_fem.case.definition import Case
-from delam_fem.case.excitation import HarmonicMotion
+from delam_fem.case.motion.excitation import HarmonicMotion
 from delam_fem.case.toml import CaseError
 from delam_fem.contact.laws import ContactLaw
 from delam_fem.engines.choose import EngineName, engine_of, law_of, scheme_of

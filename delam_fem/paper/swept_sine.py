@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from delam_fem.case.definition import Case
-from delam_fem.case.excitation import base_motion
 from delam_fem.case.files import preset
+from delam_fem.case.motion.excitation import base_motion
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.results.folder import Result
 

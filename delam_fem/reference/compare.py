@@ -148,13 +148,13 @@ def compare(case: Case, *, impacts: int = 20, periods: int = 3) -> Comparison:
             or a number is below 1.
     """
     _check(case, impacts, periods)
-    from delam_fem.model import beam  # imported here, because it imports dolfinx
+    from delam_fem.model.beams import bending  # imported here, because it imports dolfinx
     from delam_fem.pipeline import run
 
     short = case.with_overrides(
         {"time.periods": periods, "output.window_periods": periods, "output.fields_per_period": 0}
     )
-    structure = beam.assemble(short)
+    structure = bending.assemble(short)
     x, observed = structure.layout.x, structure.layout.probes[0].point
     independent = (
         matrices.assemble(short, x) if case.is_apart else stack.assemble(short, x, observed)

@@ -14,7 +14,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from delam_fem.case.definition import Case
-from delam_fem.case.excitation import base_motion
+from delam_fem.case.motion.excitation import base_motion
 from delam_fem.case.toml import CaseError
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.arrays import BoolArray, FloatArray

@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 
 from delam_fem.case.definition import Case
-from delam_fem.case.excitation import drive
+from delam_fem.case.motion.excitation import drive
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.simulation.refinement import Refinement
 from delam_fem.simulation.span import Span

@@ -10,9 +10,9 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from delam_fem.case.definition import Case
-from delam_fem.case.drive import Excitation, ForceExcitation, HarmonicExcitation
-from delam_fem.model import closed_form
-from delam_fem.model.bonded import n_rigid
+from delam_fem.case.motion.drive import Excitation, ForceExcitation, HarmonicExcitation
+from delam_fem.model.beams import closed_form
+from delam_fem.model.beams.bonded import n_rigid
 from delam_fem.model.layout import Structure
 from delam_fem.model.vibration import lowest
 from delam_fem.numerics.arrays import FloatArray

@@ -120,9 +120,9 @@ def modes(case: Case, n: int = 6, *, delaminations: Kind = "free") -> Modes | St
     Raises:
         CaseError: n is below 1 or above the number of dofs.
     """
-    from delam_fem.model import beam  # dolfinx is imported when its matrices are asked for
+    from delam_fem.model.beams import bending  # dolfinx is imported when its matrices are asked for
 
-    structure = beam.assemble(case)
+    structure = bending.assemble(case)
     if not case.is_apart:
         return structure_modes(structure, case, n, kind=delaminations)
     whole = structure_modes(structure, case, n, kind=delaminations)

@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 from delam_fem.case.definition import Case
 from delam_fem.case.toml import CaseError
 from delam_fem.model import fields
-from delam_fem.model.bonded import n_rigid
+from delam_fem.model.beams.bonded import n_rigid
 from delam_fem.model.layout import Structure
 from delam_fem.model.vibration import kept_closed, lowest
 from delam_fem.numerics.arrays import FloatArray, IntArray

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 import delam_fem as df
-from delam_fem.model import closed_form
+from delam_fem.model.beams import closed_form
 from delam_fem.simulation.initial import initial_state
 
 D = 0.008  # damping ratio of the first mode in the preset

@@ -8,7 +8,7 @@ W = H M⁻¹ Hᵀ is the compliance of the pair, and 1/W is the mass that takes 
 import numpy as np
 
 import delam_fem as df
-from delam_fem.model import closed_form
+from delam_fem.model.beams import closed_form
 
 e = 0.3
 case = df.preset(

@@ -112,7 +112,7 @@ def toml(rng: random.Random, text: str) -> bytes:
 
 def usable(case: Case) -> None:
     """Go as far with a case as a command does before it computes."""
-    from delam_fem.model import closed_form
+    from delam_fem.model.beams import closed_form
     from delam_fem.model.mesh import node_coordinates
 
     require_affordable(run_cost(case, "petsc"), "case", is_confirmed=False)
@@ -174,7 +174,7 @@ def a_sweep(rng: random.Random, folder: Path) -> None:
 def a_table(rng: random.Random, folder: Path) -> None:
     """Read a damaged table of a gap or of an excitation."""
     from delam_fem.case.gap import read_gap_table
-    from delam_fem.case.series import read_series
+    from delam_fem.case.motion.series import read_series
 
     rows = [f"{0.685 * k / 9!r}, {0.012 * (k / 9) ** 2!r}" for k in range(10)]
     content = ("x [m], gap [m]\n# measured\n" + "\n".join(rows)).encode()
@@ -326,7 +326,7 @@ LAWS = ("none", "newton", "newton-penalty", "penalty", "newton@moreau-jean", "re
 def a_run(rng: random.Random, folder: Path) -> None:
     """Compute a small case with sizes far from those of any beam."""
     import delam_fem as df
-    from delam_fem.model import closed_form
+    from delam_fem.model.beams import closed_form
 
     keys: dict[str, object] = {**SMALL, "contact.law": rng.choice(LAWS)}
     for _ in range(rng.choice((1, 1, 2))):

@@ -13,7 +13,7 @@ from delam_fem.case.gap import opening_at_rest
 from delam_fem.case.layers import Delamination
 from delam_fem.case.materials import MATERIALS
 from delam_fem.case.toml import CaseError
-from delam_fem.model import closed_form
+from delam_fem.model.beams import closed_form
 
 EDGES = {"between": ("lower", "upper"), "start": 0.1, "end": 0.3}
 

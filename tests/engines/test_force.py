@@ -7,9 +7,9 @@ import pytest
 from scipy.sparse.linalg import spsolve
 
 import delam_fem as df
-from delam_fem.case.force import HalfSine
-from delam_fem.model import closed_form
-from delam_fem.model.laminae import point_load
+from delam_fem.case.motion.force import HalfSine
+from delam_fem.model.beams import closed_form
+from delam_fem.model.beams.laminae import point_load
 from delam_fem.pipeline import run
 
 ENGINES = ("petsc", "compiled")

@@ -9,7 +9,7 @@ import pytest
 import scipy.sparse as sp
 
 from delam_fem.case.files import preset
-from delam_fem.model import closed_form
+from delam_fem.model.beams import closed_form
 from delam_fem.model.layout import BASE, FIXED, Interface, Layout, Part, Probe, Structure
 
 X = np.array([0.0, 0.1, 0.3])

@@ -11,7 +11,8 @@ from scipy.interpolate import CubicHermiteSpline
 from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
 from delam_fem.case.toml import CaseError
-from delam_fem.model import beam, closed_form, fields
+from delam_fem.model import fields
+from delam_fem.model.beams import bending, closed_form
 from delam_fem.model.layout import BASE, DISPLACEMENT, FIXED, SLOPE, Interface, Part
 from delam_fem.model.pairing import gap_matrix, interpolation_rows, opposite, tributary_lengths
 
@@ -88,7 +89,7 @@ def test_a_pair_lies_within_its_cell(wrong: float) -> None:
 @pytest.mark.parametrize("p", [1, 3, 4])
 def test_both_discretisations_have_the_same_pairs(p: int) -> None:
     case = case_of(p, 5)
-    given, expected = (module.assemble(case).operators for module in (beam, closed_form))
+    given, expected = (module.assemble(case).operators for module in (bending, closed_form))
     assert given.n_pairs == 5 * p
     assert abs(given.gap_matrix - expected.gap_matrix).max() == 0.0
     np.testing.assert_array_equal(given.gap0, expected.gap0)

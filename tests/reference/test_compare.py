@@ -9,7 +9,7 @@ import pytest
 
 from delam_fem.case.files import preset
 from delam_fem.case.toml import CaseError
-from delam_fem.model.closed_form import assemble
+from delam_fem.model.beams.closed_form import assemble
 from delam_fem.model.operators import Operators
 from delam_fem.reference import matrices
 from delam_fem.reference.compare import Comparison, compare, operator_differences

@@ -8,7 +8,7 @@ from scipy.sparse.linalg import splu
 from delam_fem.case.files import preset
 from delam_fem.case.sections import Contact
 from delam_fem.contact import complementarity
-from delam_fem.model.closed_form import assemble
+from delam_fem.model.beams.closed_form import assemble
 from delam_fem.model.layout import Structure
 from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.reference.contact import MassSolver, consistent_impact, decide, lumped_impact

@@ -6,7 +6,7 @@ import pytest
 from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
 from delam_fem.case.toml import CaseError
-from delam_fem.model.closed_form import assemble
+from delam_fem.model.beams.closed_form import assemble
 from delam_fem.reference.loop import Standing, simulate_reference
 
 ENERGY = 1e-10  # average acceleration conserves exactly; 200 steps of round-off on stiff modes

@@ -9,7 +9,7 @@ import pytest
 from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
 from delam_fem.case.gap import initial_gap
-from delam_fem.model import closed_form
+from delam_fem.model.beams import closed_form
 from delam_fem.model.operators import Operators
 from delam_fem.reference import matrices
 from delam_fem.reference.compare import operator_differences
@@ -142,12 +142,12 @@ def test_closed_form_is_the_same(x: np.ndarray, tmp_path: Path) -> None:
 @pytest.mark.parametrize("mesh", [{"mesh.elements": 7}, {"mesh.file": "graded"}])
 def test_dolfinx_is_the_same(mesh: dict[str, object], tmp_path: Path) -> None:
     pytest.importorskip("dolfinx")
-    from delam_fem.model import beam
+    from delam_fem.model.beams import bending
 
     if "mesh.file" in mesh:
         mesh = {"mesh.file": str(Path(__file__).parents[2] / "meshes" / "laminae_graded.msh")}
     for case in cases(tmp_path):
-        model = beam.assemble(case.with_overrides(mesh))
+        model = bending.assemble(case.with_overrides(mesh))
         found = operator_differences(model.operators, matrices.assemble(case, model.layout.x))
         assert max(found.values()) < ROUND_OFF, found
 

@@ -10,7 +10,7 @@ import pytest
 from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
 from delam_fem.case.toml import CaseError
-from delam_fem.model import closed_form
+from delam_fem.model.beams import closed_form
 from delam_fem.reference import stack
 from delam_fem.reference.compare import compare, operator_differences
 

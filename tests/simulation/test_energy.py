@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from delam_fem.case.excitation import SweptMotion
+from delam_fem.case.motion.excitation import SweptMotion
 from delam_fem.model.operators import BaseCoupling
 from delam_fem.simulation.energy import Energies, Flows, base_flows
 

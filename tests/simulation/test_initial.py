@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from delam_fem.case.files import preset
-from delam_fem.model import closed_form
+from delam_fem.model.beams import closed_form
 from delam_fem.numerics.cantilever import cantilever_mode
 from delam_fem.simulation.initial import first_mode, initial_state
 

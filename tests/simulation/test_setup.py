@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from delam_fem.case.excitation import HarmonicMotion, SweptMotion
 from delam_fem.case.files import preset
+from delam_fem.case.motion.excitation import HarmonicMotion, SweptMotion
 from delam_fem.simulation.setup import at_rest, by_period, span_of
 from delam_fem.simulation.span import Span
 

@@ -10,7 +10,7 @@ from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
 from delam_fem.case.toml import CaseError
 from delam_fem.model import vibration
-from delam_fem.model.closed_form import assemble
+from delam_fem.model.beams.closed_form import assemble
 from delam_fem.model.layout import Structure
 from delam_fem.numerics.cantilever import cantilever_mode
 from delam_fem.studies.modes import Modes, modes, modes_of

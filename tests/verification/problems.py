@@ -15,7 +15,7 @@ import scipy.sparse as sp
 
 from delam_fem.contact import laws
 from delam_fem.engines.session import solve
-from delam_fem.model.closed_form import element_mass, element_stiffness, sum_elements
+from delam_fem.model.beams.closed_form import element_mass, element_stiffness, sum_elements
 from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.numerics.schemes import SCHEMES, Scheme

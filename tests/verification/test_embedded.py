@@ -12,7 +12,7 @@ import pytest
 import delam_fem as df
 from delam_fem.engines.choose import EngineName
 from delam_fem.engines.session import session_of
-from delam_fem.model import closed_form
+from delam_fem.model.beams import closed_form
 from delam_fem.numerics.harmonics import harmonic_amplitudes
 from delam_fem.simulation.recorder import N_BASE
 from delam_fem.studies.structure_modes import structure_modes

@@ -14,7 +14,7 @@ from delam_fem.case.files import preset
 from delam_fem.contact.laws import COMBINATIONS
 from delam_fem.engines.choose import ENGINES, EngineName
 from delam_fem.engines.session import session_of
-from delam_fem.model import closed_form
+from delam_fem.model.beams import closed_form
 from delam_fem.model.pairing import tributary_lengths
 from delam_fem.pipeline import run
 from delam_fem.simulation.loop import State

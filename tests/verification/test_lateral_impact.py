@@ -7,7 +7,7 @@ from mpi4py import MPI
 from problems import Law, simulate
 from scipy.optimize import brentq
 
-from delam_fem.model import ground, hermite
+from delam_fem.model.beams import ground, hermite
 from delam_fem.numerics.cantilever import cantilever_roots
 from delam_fem.numerics.schemes import SchemeName
 from delam_fem.paper.lateral import ground_run, studies

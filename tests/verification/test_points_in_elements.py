@@ -13,7 +13,7 @@ from delam_fem.case.files import preset
 from delam_fem.contact.laws import COMBINATIONS
 from delam_fem.engines.choose import ENGINES, EngineName
 from delam_fem.engines.session import session_of
-from delam_fem.model import closed_form
+from delam_fem.model.beams import closed_form
 from delam_fem.simulation.recorder import Recorder
 
 SAME = 1e-10

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from delam_fem.case.files import preset
-from delam_fem.model.closed_form import assemble
+from delam_fem.model.beams.closed_form import assemble
 from delam_fem.studies.modes import modes_of
 
 ORDER, WINDOW = 4.0, 0.2

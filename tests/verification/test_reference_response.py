@@ -6,7 +6,7 @@ from scipy.sparse.linalg import spsolve
 
 from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
-from delam_fem.model.closed_form import assemble
+from delam_fem.model.beams.closed_form import assemble
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.cantilever import transmissibility
 from delam_fem.reference.loop import Standing, simulate_reference

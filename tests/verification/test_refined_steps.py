@@ -16,7 +16,7 @@ from delam_fem.case.files import preset
 from delam_fem.contact import laws
 from delam_fem.engines.choose import ENGINES, EngineName
 from delam_fem.engines.session import session_of, solve
-from delam_fem.model import closed_form
+from delam_fem.model.beams import closed_form
 from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.numerics.schemes import SCHEMES
 from delam_fem.simulation.loop import State

@@ -13,7 +13,7 @@ from test_impact_oscillator import forcing, impact_phase, orbit
 from delam_fem.case.files import preset
 from delam_fem.contact.laws import COMBINATIONS, combined_name
 from delam_fem.engines.session import session_of
-from delam_fem.model import closed_form
+from delam_fem.model.beams import closed_form
 from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.simulation.recorder import LEDGER
 

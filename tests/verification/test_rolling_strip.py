@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from delam_fem.model import ground
+from delam_fem.model.beams import ground
 from delam_fem.paper.lateral.rolling import FRONT_FROM, FRONT_WITHIN, rolling
 
 E_MODULUS, DENSITY, WIDTH, G = 2.1e11, 7850.0, 0.040, 9.81

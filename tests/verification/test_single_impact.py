@@ -14,7 +14,7 @@ from delam_fem.case.files import preset
 from delam_fem.contact.decision import Setting
 from delam_fem.contact.newton import Impacts
 from delam_fem.engines.petsc.newmark import Newmark
-from delam_fem.model import closed_form
+from delam_fem.model.beams import closed_form
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.pipeline import run

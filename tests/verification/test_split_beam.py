@@ -12,7 +12,7 @@ import pytest
 
 from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
-from delam_fem.model import beam, closed_form
+from delam_fem.model.beams import bending, closed_form
 from delam_fem.model.vibration import kept_closed, lowest
 from delam_fem.reference.split_beam import SplitBeam
 
@@ -62,7 +62,7 @@ def case(share: float, upper: float = 0.5, *, center: float = 0.5, elements: int
 
 
 def computed(given: Case, n: int, *, closed: bool = False, weak: bool = False) -> np.ndarray:
-    structure = (beam if weak else closed_form).assemble(given)
+    structure = (bending if weak else closed_form).assemble(given)
     o = structure.operators
     S = kept_closed(structure.layout, o.n_dofs)
     K, M = (S.T @ m @ S if closed else m for m in (o.stiffness, o.mass))

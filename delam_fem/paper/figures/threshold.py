@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from delam_fem.model import closed_form, stability
+from delam_fem.model import stability
+from delam_fem.model.beams import closed_form
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.paper.claims import Claim, Criterion, judged
 from delam_fem.paper.lab import Laboratory, motion_case

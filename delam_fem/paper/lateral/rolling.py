@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from delam_fem.case.sections import Lamina
-from delam_fem.model import ground
+from delam_fem.model.beams import ground
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.paper.lateral import ground_run
 from delam_fem.paper.lateral.ground_run import LIFT, Energy, GroundLaw

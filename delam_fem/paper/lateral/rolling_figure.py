@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from delam_fem.model import ground
+from delam_fem.model.beams import ground
 from delam_fem.paper.lateral.ground_run import LIFT
 from delam_fem.paper.lateral.rolling import Rolling
 from delam_fem.paper.lateral.studies import RollingStudy

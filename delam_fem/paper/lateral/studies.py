@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from delam_fem.model import ground
+from delam_fem.model.beams import ground
 from delam_fem.paper.lateral.ground_run import GroundLaw
 from delam_fem.paper.lateral.rolling import Rolling, rolling, thin_strip
 from delam_fem.paper.lateral.tip_block import TipBlock

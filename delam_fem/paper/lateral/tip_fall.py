@@ -9,7 +9,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import eigsh
 
 from delam_fem.case.sections import Lamina
-from delam_fem.model import ground
+from delam_fem.model.beams import ground
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.paper.lateral import ground_run

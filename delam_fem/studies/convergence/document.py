@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from delam_fem.case.files import preset
-from delam_fem.model import closed_form
+from delam_fem.model.beams import closed_form
 from delam_fem.results.figures.style import BLACK, BLUE, GREEN, VERMILLION, WIDTH
 from delam_fem.studies.convergence.analysis import Convergence
 from delam_fem.studies.convergence.document_tables import document_tables

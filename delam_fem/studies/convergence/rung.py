@@ -20,10 +20,10 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from delam_fem.case.definition import Case
-from delam_fem.case.excitation import drive
+from delam_fem.case.motion.excitation import drive
 from delam_fem.engines.choose import EngineName
 from delam_fem.engines.session import session_of
-from delam_fem.model import closed_form
+from delam_fem.model.beams import closed_form
 from delam_fem.model.layout import Structure
 from delam_fem.model.mesh import node_coordinates
 from delam_fem.model.operators import Operators

@@ -14,7 +14,7 @@ from matplotlib.ticker import NullLocator
 
 from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
-from delam_fem.model import closed_form
+from delam_fem.model.beams import closed_form
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.results.figures.style import (
     BLACK,

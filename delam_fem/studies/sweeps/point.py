@@ -21,7 +21,7 @@ from delam_fem.case.sections import Contact
 from delam_fem.case.toml import CaseError
 from delam_fem.engines.choose import initialise_petsc_alone
 from delam_fem.engines.session import session_of
-from delam_fem.model import closed_form
+from delam_fem.model.beams import closed_form
 from delam_fem.model.layout import Layout, Structure
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.simulation.initial import first_mode, initial_state
@@ -215,9 +215,9 @@ def _assemble(case: Case, operators: str) -> Structure:
     if operators == "closed-form":
         return closed_form.assemble(case)
     initialise_petsc_alone()
-    from delam_fem.model import beam
+    from delam_fem.model.beams import bending
 
-    return beam.assemble(case)
+    return bending.assemble(case)
 
 
 def _where(recorder: Recorder, case: Case) -> str:

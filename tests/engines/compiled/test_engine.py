@@ -18,7 +18,7 @@ from delam_fem.engines.compiled import engine as engine_module
 from delam_fem.engines.compiled.engine import Compiled, compiled_engine
 from delam_fem.engines.compiled.state import IMPACTS, MOREAU, PENALTY, LawNumbers
 from delam_fem.engines.compiled.system import StepNumbers, build
-from delam_fem.model import closed_form
+from delam_fem.model.beams import closed_form
 from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.simulation.loop import State, set_initial, simulate
 from delam_fem.simulation.recorder import Recorder

@@ -14,7 +14,7 @@ from delam_fem.engines.compiled import points
 from delam_fem.engines.compiled.simd import pointers
 from delam_fem.engines.compiled.state import Memory, memory
 from delam_fem.engines.compiled.system import StepNumbers, System, build
-from delam_fem.model import closed_form
+from delam_fem.model.beams import closed_form
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.arrays import FloatArray
 

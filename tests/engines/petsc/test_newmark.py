@@ -12,7 +12,7 @@ from delam_fem.contact.decision import NO_PAIRS, NO_VALUES, Decision
 from delam_fem.engines.petsc import newmark
 from delam_fem.engines.petsc.newmark import Newmark
 from delam_fem.engines.petsc.theta import MoreauJean
-from delam_fem.model import closed_form
+from delam_fem.model.beams import closed_form
 from delam_fem.model.operators import Operators
 
 ROUND_OFF = 1e-9

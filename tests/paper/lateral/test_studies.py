@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import trapezoid
 from scipy.sparse.linalg import spsolve
 
-from delam_fem.model import ground
+from delam_fem.model.beams import ground
 from delam_fem.numerics.cantilever import cantilever_roots
 from delam_fem.paper.figures import rolling_strip
 from delam_fem.paper.lateral import ground_run, rolling_figure, studies, tip_figure

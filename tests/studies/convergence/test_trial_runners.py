@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from delam_fem.model import closed_form
+from delam_fem.model.beams import closed_form
 from delam_fem.simulation.setup import motion_of
 from delam_fem.studies.convergence import trial_schemes as ts
 from delam_fem.studies.convergence import trial_steps as steps

@@ -19,7 +19,7 @@ import xarray as xr
 
 import delam_fem as df
 from delam_fem.case.toml import CaseError
-from delam_fem.model import closed_form
+from delam_fem.model.beams import closed_form
 from delam_fem.studies.executors import Serial
 from delam_fem.studies.sweeps.grid import Sweep, sweep_of
 from delam_fem.studies.sweeps.journal import Journal

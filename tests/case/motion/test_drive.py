@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from delam_fem.case.definition import Case
-from delam_fem.case.excitation import HarmonicMotion, SweptMotion, TabulatedMotion, drive
 from delam_fem.case.files import preset, save_case
-from delam_fem.case.force import HalfSine
+from delam_fem.case.motion.excitation import HarmonicMotion, SweptMotion, TabulatedMotion, drive
+from delam_fem.case.motion.force import HalfSine
 from delam_fem.case.toml import CaseError
 
 FORCE = {"kind": "force", "lamina": "thin", "position": 0.3, "amplitude": 2.0, "frequency": 5.0}

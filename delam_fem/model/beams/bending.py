@@ -20,9 +20,9 @@ import ufl
 
 from delam_fem.case.definition import Case
 from delam_fem.case.toml import CaseError
-from delam_fem.model import stack
-from delam_fem.model.hermite import BENDING_DEGREE, MASS_DEGREE, Hermite
-from delam_fem.model.laminae import clamped_laminae, driven, gap_at_rest, pair_weights
+from delam_fem.model.beams import stack
+from delam_fem.model.beams.hermite import BENDING_DEGREE, MASS_DEGREE, Hermite
+from delam_fem.model.beams.laminae import clamped_laminae, driven, gap_at_rest, pair_weights
 from delam_fem.model.layout import BASE, Layout, Structure
 from delam_fem.model.mesh import node_coordinates
 from delam_fem.model.operators import BaseCoupling, Operators

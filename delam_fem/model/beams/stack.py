@@ -19,10 +19,10 @@ import scipy.sparse as sp
 import ufl
 
 from delam_fem.case.definition import Case
-from delam_fem.model import bonded
-from delam_fem.model.hermite import BENDING_DEGREE, MASS_DEGREE, Hermite
+from delam_fem.model.beams import bonded
+from delam_fem.model.beams.hermite import BENDING_DEGREE, MASS_DEGREE, Hermite
+from delam_fem.model.beams.network import Group, Network, Segment, network
 from delam_fem.model.layout import Structure
-from delam_fem.model.network import Group, Network, Segment, network
 from delam_fem.mpi import MPI
 from delam_fem.numerics.arrays import FloatArray, IntArray
 

@@ -12,7 +12,7 @@ import pytest
 import ufl
 from mpi4py import MPI
 
-from delam_fem.model.hermite import BENDING_DEGREE, MASS_DEGREE, Hermite
+from delam_fem.model.beams.hermite import BENDING_DEGREE, MASS_DEGREE, Hermite
 
 ROUND_OFF = 1e-13
 """Relative: sums of a few dozen products."""
@@ -72,11 +72,11 @@ def test_coefficient_knows_cell_and_place() -> None:
 PARALLEL = """
 import sys, numpy as np
 from mpi4py import MPI
-from delam_fem.model import beam
+from delam_fem.model.beams import bending
 from delam_fem.case.files import preset
 case = preset("paper")
-one = beam.assemble(case, comm=MPI.COMM_SELF).operators
-all_ = beam.assemble(case, comm=MPI.COMM_WORLD).operators
+one = bending.assemble(case, comm=MPI.COMM_SELF).operators
+all_ = bending.assemble(case, comm=MPI.COMM_WORLD).operators
 for name in ("mass", "damping", "stiffness"):
     a, b = getattr(one, name), getattr(all_, name)
     assert abs(a - b).max() <= 1e-14 * abs(a).max(), name

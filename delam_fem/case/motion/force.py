@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import PchipInterpolator
 
-from delam_fem.case.series import Series
+from delam_fem.case.motion.series import Series
 from delam_fem.numerics.arrays import FloatArray
 
 _LAST = 1e-9

@@ -11,9 +11,9 @@ import scipy.sparse as sp
 
 from delam_fem.case.definition import Case
 from delam_fem.case.layers import Delamination, open_ends
-from delam_fem.model.laminae import driven, gap_at_rest, pair_weights
+from delam_fem.model.beams.laminae import driven, gap_at_rest, pair_weights
+from delam_fem.model.beams.network import Network, eliminated
 from delam_fem.model.layout import Interface, Layout, Part, Probe, Structure, Support
-from delam_fem.model.network import Network, eliminated
 from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.model.pairing import gap_matrix, opposite, probe_rows
 from delam_fem.model.vibration import kept_closed, lowest

@@ -15,15 +15,15 @@ import numpy.typing as npt
 from scipy.interpolate import BSpline, make_interp_spline
 
 from delam_fem.case.definition import Case
-from delam_fem.case.drive import (
+from delam_fem.case.motion.drive import (
     ForceExcitation,
     HammerExcitation,
     HarmonicExcitation,
     SweepExcitation,
     TableExcitation,
 )
-from delam_fem.case.force import HalfSine, TabulatedForce
-from delam_fem.case.series import Series, read_series
+from delam_fem.case.motion.force import HalfSine, TabulatedForce
+from delam_fem.case.motion.series import Series, read_series
 from delam_fem.case.toml import CaseError
 from delam_fem.numerics.arrays import FloatArray
 

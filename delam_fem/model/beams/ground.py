@@ -19,7 +19,7 @@ import numpy.typing as npt
 import scipy.sparse as sp
 
 from delam_fem.case.sections import Lamina
-from delam_fem.model.closed_form import Beam
+from delam_fem.model.beams.closed_form import Beam
 from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.model.pairing import selection
 from delam_fem.numerics import rayleigh

@@ -15,11 +15,11 @@ import scipy.sparse as sp
 from delam_fem.case.definition import Case
 from delam_fem.case.sections import Lamina
 from delam_fem.case.toml import CaseError
-from delam_fem.model.bonded import structure
-from delam_fem.model.laminae import clamped_laminae, driven, gap_at_rest, pair_weights
+from delam_fem.model.beams.bonded import structure
+from delam_fem.model.beams.laminae import clamped_laminae, driven, gap_at_rest, pair_weights
+from delam_fem.model.beams.network import Group, Network, Segment, network
 from delam_fem.model.layout import Structure
 from delam_fem.model.mesh import node_coordinates, require_edges
-from delam_fem.model.network import Group, Network, Segment, network
 from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.model.pairing import gap_matrix, probe_rows
 from delam_fem.numerics.arrays import FloatArray, IntArray

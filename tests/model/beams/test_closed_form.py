@@ -9,7 +9,7 @@ from numpy.polynomial import Polynomial
 from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
 from delam_fem.case.toml import CaseError
-from delam_fem.model.closed_form import (
+from delam_fem.model.beams.closed_form import (
     assemble,
     element_lumped_mass,
     element_mass,

@@ -1,0 +1,1 @@
+"""What moves a structure: its base or a force, and how it follows in time."""

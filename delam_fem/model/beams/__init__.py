@@ -1,0 +1,1 @@
+"""Laminae as beams: separate, bonded in layers, or one over ground."""
