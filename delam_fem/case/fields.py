@@ -5,20 +5,21 @@ from __future__ import annotations
 import difflib
 import os
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from pydantic import (
     AfterValidator,
     BaseModel,
     ConfigDict,
     Field,
+    GetCoreSchemaHandler,
     ValidationError,
     ValidatorFunctionWrapHandler,
-    WrapValidator,
     model_validator,
 )
-from pydantic_core import PydanticCustomError
+from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 LEAST, MOST = 1e-30, 1e30
 """Smallest and largest sizes; their products and powers still are doubles."""
@@ -26,16 +27,38 @@ MOST_COUNTED = 10**15
 """Largest number of periods, points or the like."""
 
 
-def expected(what: str) -> WrapValidator:
-    """Return a validator that replaces any inner error by "expected …" with the given words."""
+@dataclass(frozen=True)
+class Expected:
+    """A validator that replaces any inner error by "expected …" with the given words.
 
-    def check(value: object, inner: ValidatorFunctionWrapHandler) -> object:
+    Attributes:
+        words: what is expected, as in "a positive number".
+    """
+
+    words: str
+
+    def __get_pydantic_core_schema__(
+        self, source: object, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        """Return the schema of the field with this validator around it."""
+        return core_schema.no_info_wrap_validator_function(self._check, handler(source))
+
+    def _check(self, value: object, inner: ValidatorFunctionWrapHandler) -> object:
+        """Validate a value.
+
+        Raises:
+            PydanticCustomError: the value is not what is expected.
+        """
         try:
             return inner(value)
         except ValidationError:
-            raise PydanticCustomError("unexpected", "expected {what}", {"what": what}) from None
+            what = {"what": self.words}
+            raise PydanticCustomError("unexpected", "expected {what}", what) from None
 
-    return WrapValidator(check)
+
+def expected(what: str) -> Expected:
+    """Return a validator that replaces any inner error by "expected …" with the given words."""
+    return Expected(what)
 
 
 def inconsistent(key: str, text: str) -> PydanticCustomError:
@@ -114,9 +137,14 @@ Label = Annotated[
 
 
 class Section(BaseModel):
-    """A table of a case file."""
+    """A table of a case file.
+
+    Attributes:
+        also_written: keys of the file, positive numbers, that become other fields when it is read.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
+    also_written: ClassVar[tuple[str, ...]] = ()
 
     @model_validator(mode="before")
     @classmethod

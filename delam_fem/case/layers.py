@@ -31,8 +31,8 @@ class Support(Section):
     """The supports of the structure; held points move with the base.
 
     Attributes:
-        start: at x = 0: "clamped", "pinned" or "free".
-        end: at x = length.
+        start: support at x = 0: "clamped", "pinned" or "free".
+        end: support at x = length: the same words.
     """
 
     start: SupportKind = "clamped"
@@ -48,9 +48,10 @@ class Delamination(Section):
         end: where it ends [m].
         opening: largest gap at rest [m]; 0: closed.
         shape: "half-cosine" (zero at both ends) or "power" (zero at the bonded end, largest at the
-            end that is open); None: "half-cosine", or the file.
-        exponent: exponent of the shape "power" [-]; None: 2.
-        file: CSV table with the columns x [m], gap [m] over the delamination; an absolute path.
+            end that is open); "half-cosine" if neither shape nor file is given.
+        exponent: exponent of the shape "power" [-]; 2 if it is not given.
+        file: CSV table with the columns x [m], gap [m] over the delamination; a relative name
+            counts from the case file.
     """
 
     between: Neighbours

@@ -7,7 +7,7 @@ Numbers are SI and float64. A whole number is accepted for a float; no other con
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Literal, Self
+from typing import ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import model_validator
@@ -40,20 +40,24 @@ from delam_fem.numerics.schemes import SchemeName
 class Lamina(Section):
     """One lamina of the delaminated beam: uniform along its length.
 
-    A case file may give `material`, or `mass_per_length` [kg/m] instead of the density; without a
-    modulus, `bending_stiffness` gives it. The lamina then has the numbers that follow.
+    A case file may give `material`, or `mass_per_length` instead of the density; without a modulus,
+    `bending_stiffness` gives it. The lamina then has the numbers that follow.
 
     Attributes:
         name: name of the lamina in results.
-        length: L [m].
-        width: b [m].
-        thickness: h [m].
-        material: name of a row of `materials.MATERIALS`, whose density and modulus these are.
-        density: rho [kg/m3].
-        young_modulus: E [Pa].
-        bending_stiffness: EI [N m2]; if given, it replaces E b h^3/12.
-        damping_ratio: D at the modes that the damping model names [-].
+        length: length L [m].
+        width: width b [m].
+        thickness: thickness h [m].
+        material: name of a material, whose density and modulus the lamina then has, as "aluminium";
+            see docs/layered.md.
+        density: density rho [kg/m3]; a material or mass_per_length gives it too.
+        young_modulus: Young's modulus E [Pa]; a material or bending_stiffness gives it too.
+        bending_stiffness: bending stiffness EI [N m2]; if given, it replaces E b h^3/12.
+        damping_ratio: damping ratio D at the modes that the damping model names [-].
+        mass_per_length: mass per length rho b h [kg/m]; in a case file instead of density.
     """
+
+    also_written: ClassVar[tuple[str, ...]] = ("mass_per_length",)
 
     name: Label
     length: Positive
@@ -152,7 +156,7 @@ class Gap(Section):
         tip: gap at the free end [m]; not given with a table.
         exponent: p in the gap tip (x/L)^p [-]; 2 if no exponent, shape or file is given.
         shape: "mode": the first cantilever mode, scaled to the gap at the tip.
-        file: CSV table with the columns x [m], gap [m]; an absolute path.
+        file: CSV table with the columns x [m], gap [m]; a relative name counts from the case file.
     """
 
     tip: Positive | None = None
@@ -190,7 +194,7 @@ class Mesh(Section):
 
     Attributes:
         elements: number of equal elements per lamina.
-        file: mesh file (.msh, .vtk, .vtu or .xdmf); an absolute path.
+        file: mesh file (.msh, .vtk, .vtu or .xdmf); a relative name counts from the case file.
     """
 
     elements: Elements | None = None
@@ -222,13 +226,15 @@ class Contact(Section):
     """The contact law and its parameters.
 
     Attributes:
-        law: "none", "newton", "newton-penalty" or "penalty"; see contact/laws.py.
+        law: "none", "newton", "newton-penalty" or "penalty"; see docs/method.md.
         impulse: "lumped" (acts on the hit nodes alone) or "consistent" (acts through the mass
             matrix).
-        restitution: e [-].
-        penalty_stiffness: k_con [N/m per node pair].
-        penalty_damping: c [N s/m per node pair]; only the law "penalty" reads it.
-        threshold_velocity: gamma [m/s]; a pair that separates more slowly than this stays at rest.
+        restitution: coefficient of restitution e [-].
+        penalty_stiffness: stiffness of a contact spring [N/m per node pair].
+        penalty_damping: damping of a contact spring [N s/m per node pair]; only the law "penalty"
+            reads it.
+        threshold_velocity: velocity gamma [m/s]; a pair that separates more slowly than this stays
+            at rest.
         points_per_element: number of contact points per element, at equal distances; 1: the nodes,
             as in the paper. Inside the elements the gap follows from the Hermite interpolants. A
             penalty spring then has its share of the stiffness and damping, which hold per element.
@@ -249,8 +255,10 @@ class TimeStepping(Section):
     Attributes:
         scheme: "newmark" (average acceleration), "central-difference" or "moreau-jean".
         mass: "consistent" or "lumped" mass matrix.
-        steps_per_period: N; in a sweep, a period is that of the highest frequency.
-        refine: r; near contact a step is divided into up to r steps of Δt/r; 1: never.
+        steps_per_period: time steps per period, N; in a sweep, a period is that of the
+            highest frequency.
+        refine: largest division r; near contact a step is divided into up to r steps of Δt/r; 1:
+            never.
         refine_velocity: gap rate up to which a pair near contact does not divide a step [m/s].
         periods: number of periods of a harmonic run; a sweep runs for its duration instead.
     """

@@ -21,7 +21,7 @@ class _OfBase(Section):
     """A motion of the base with a given amplitude of its displacement or of its acceleration.
 
     Attributes:
-        amplitude: A, amplitude of the displacement [m].
+        amplitude: amplitude A of the displacement [m].
         acceleration: amplitude of the acceleration [m/s2], as shakers are set.
     """
 
@@ -65,7 +65,7 @@ class HarmonicExcitation(_OfBase):
 
     Attributes:
         kind: "harmonic".
-        frequency: f [Hz].
+        frequency: frequency f [Hz].
     """
 
     kind: Literal["harmonic"] = "harmonic"
@@ -159,9 +159,11 @@ class ForceExcitation(_AtPoint):
 
     Attributes:
         kind: "force".
-        frequency: f of a harmonic force [Hz].
-        start_frequency, end_frequency, duration, spacing: of a swept force, as in
-            `SweepExcitation`.
+        frequency: frequency f of a harmonic force [Hz].
+        start_frequency: frequency of a swept force at t = 0 [Hz].
+        end_frequency: frequency of a swept force at t = duration [Hz].
+        duration: length of the sweep [s].
+        spacing: "linear" or "logarithmic" change of the frequency in time.
     """
 
     kind: Literal["force"] = "force"
@@ -259,9 +261,11 @@ class TableExcitation(Section):
 
     Attributes:
         kind: "table".
-        file: CSV table with the columns time [s] and value; an absolute path. See `series.py`.
+        file: CSV table with the columns time [s] and value; a relative name counts from the
+            case file.
         acts_on: "base" (displacement [m] or acceleration [m/s2]) or "force" [N].
-        lamina, position: point at which a force acts, as in `ForceExcitation`.
+        lamina: name of the lamina on which a force acts.
+        position: x of the point at which a force acts [m].
         period: length of the N steps of one period [s]; if it is not given, `time.periods` periods
             cover the table.
     """

@@ -1,0 +1,67 @@
+"""The list of keys follows the models: nothing is missing, nothing is undocumented."""
+
+import pytest
+
+from delam_fem.case.files import PRESETS, preset
+from delam_fem.case.keys.reference import Table, tables
+
+
+def table(name: str, kind: str = "") -> Table:
+    (found,) = (t for t in tables() if (t.name, t.kind) == (name, kind))
+    return found
+
+
+def test_every_key_has_a_meaning_and_every_number_a_unit() -> None:
+    for own in tables():
+        assert own.meaning.endswith("."), own.name
+        for key in own.keys:
+            assert key.meaning, f"{own.heading} {key.name}: no row in Attributes"
+            assert key.type != "a value", f"{own.heading} {key.name}: no words for its type"
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_every_key_of_a_preset_is_listed(name: str) -> None:
+    case = preset(name)
+    for key, value in case.model_dump(exclude_none=True).items():
+        entries = value if isinstance(value, tuple | list) else [value]
+        for entry in entries:
+            if isinstance(entry, dict):
+                listed = table(key, entry.get("kind", ""))
+                assert set(entry) <= {own.name for own in listed.keys}
+            else:
+                assert key in {own.name for own in table("").keys}
+
+
+def test_numbers_have_type_unit_and_default() -> None:
+    keys = {key.name: key for key in table("contact").keys}
+    spring = keys["penalty_stiffness"]
+    assert (spring.type, spring.unit) == ("a number of at least 0", "N/m per node pair")
+    assert (spring.default, spring.is_required) == (100.0, False)
+    assert keys["points_per_element"].unit == "-"
+    assert keys["law"].is_required and keys["law"].default is None
+
+
+def test_words_are_listed() -> None:
+    spacing = next(key for key in table("excitation", "sweep").keys if key.name == "spacing")
+    assert spacing.choices == ("linear", "logarithmic")
+    assert (spacing.type, spacing.unit, spacing.default) == (
+        '"linear" or "logarithmic"',
+        "",
+        "linear",
+    )
+
+
+def test_a_force_and_a_motion_of_the_base_differ_in_the_unit_of_their_amplitude() -> None:
+    def unit(kind: str) -> str:
+        return next(k.unit for k in table("excitation", kind).keys if k.name == "amplitude")
+
+    assert (unit("harmonic"), unit("force")) == ("m", "N")
+
+
+def test_tables_say_how_they_are_written() -> None:
+    assert table("lamina").heading == "[[lamina]]" and table("lamina").is_required
+    assert table("gap").heading == "[gap]" and not table("gap").is_required
+    assert table("").heading == ""
+    kinds = [own.kind for own in tables() if own.name == "excitation"]
+    assert kinds == ["harmonic", "sweep", "force", "hammer", "table"]
+    assert "mass_per_length" in {key.name for key in table("lamina").keys}
