@@ -1,0 +1,1 @@
+"""Periodic orbits: find them, judge their stability, follow them through bifurcations."""

@@ -1,0 +1,91 @@
+"""What a map of one period must offer, so that orbits of it can be found and followed.
+
+A state is z = (u, v), shape (2 n,), at the beginning of a period of the drive. The map Φ(z, λ)
+leads to the state one period later; λ is any number that the map depends on, such as a frequency.
+Nothing here knows what computes the map: an engine, a reduced model or a formula.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from delam_fem.numerics.arrays import FloatArray
+
+
+@dataclass(frozen=True)
+class Slow:
+    """The few coordinates in which an orbit is solved by Newton's method, and the scale of kicks.
+
+        y = dual z,   z = basis y + rest,   dual basis = 1
+
+    Attributes:
+        basis: directions of the coordinates, shape (2 n, m).
+        dual: rows that read the coordinates of a state, shape (m, 2 n).
+        shares: largest value of each coordinate relative to that of the orbit, for kicks of equal
+            energy; shape (m,).
+    """
+
+    basis: FloatArray
+    dual: FloatArray
+
+    @property
+    def size(self) -> int:
+        """Number of coordinates."""
+        return int(self.basis.shape[1])
+
+    def of(self, states: FloatArray) -> FloatArray:
+        """Return the coordinates of states, shape (…, m)."""
+        return np.asarray(states @ self.dual.T)
+
+    def lifted(self, coordinates: FloatArray) -> FloatArray:
+        """Return the states with given coordinates and no rest, shape (…, 2 n)."""
+        return np.asarray(coordinates @ self.basis.T)
+
+
+@dataclass(frozen=True)
+class Passage:
+    """What is seen on the way through some periods.
+
+    Attributes:
+        states: state at the end of each period, shape (k, 2 n).
+        strobes: displacement of the observed points at the end of each period, shape (k, n_seen).
+        low, high: smallest and largest displacement of these points, shape (n_seen,) [m].
+        smallest_gap: smallest gap between the tips [m]; it reaches 0 where they touch.
+    """
+
+    states: FloatArray
+    strobes: FloatArray
+    low: FloatArray
+    high: FloatArray
+    smallest_gap: float
+
+
+class PeriodMap(Protocol):
+    """A map from one period to the next.
+
+    Attributes:
+        slow: coordinates for Newton's method. They are fixed: they do not depend on the parameter.
+    """
+
+    slow: Slow
+
+    def after(
+        self, states: FloatArray, parameter: float, shifts: FloatArray | None = None
+    ) -> FloatArray:
+        """Return the states one period later.
+
+        Args:
+            states: shape (k, 2 n).
+            parameter: λ.
+            shifts: by which share of a time step the grid of each state is shifted, for maps that
+                are stepped in time and see contact only at steps, shape (k,); others ignore it.
+
+        Returns:
+            Shape (k, 2 n); NaN in the rows of motions that diverge.
+        """
+
+    def watched(self, state: FloatArray, parameter: float, periods: int) -> Passage:
+        """Return what is seen in some periods from a state."""
