@@ -44,6 +44,15 @@ def opposite(
     return Interface(name, (lower, upper), both[0], first_pair, both[1])
 
 
+def neighbours(parts: Sequence[Part], per_element: int) -> tuple[Interface, ...]:
+    """Pair each part with the next one; see `opposite`."""
+    interfaces: list[Interface] = []
+    for lower in range(len(parts) - 1):
+        first_pair = sum(len(interface.points) for interface in interfaces)
+        interfaces.append(opposite(parts, lower, lower + 1, first_pair, per_element=per_element))
+    return tuple(interfaces)
+
+
 def interpolation_rows(
     part: Part, places: FloatArray, n_dofs: int, component: int = DISPLACEMENT
 ) -> sp.csr_matrix:

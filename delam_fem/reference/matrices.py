@@ -149,7 +149,18 @@ def rayleigh(case: Case, lamina: Lamina) -> tuple[float, float]:
     D = lamina.damping_ratio
     rhoA, EI = section(lamina)
     omega = np.array([(B / lamina.length) ** 2 * np.sqrt(EI / rhoA) for B in wave_numbers(2)])
-    ratios = np.column_stack([0.5 / omega, 0.5 * omega])  # of modes 1 and 2 per alpha and beta
+    return coefficients(case, D, omega)
+
+
+def coefficients(case: Case, D: float, omega: FloatArray) -> tuple[float, float]:
+    """Return alpha [1/s] and beta [s] that give two modes the damping ratio D.
+
+    Args:
+        case: says which terms there are; with one term, the first mode has the ratio.
+        D: damping ratio [-].
+        omega: angular frequencies of the modes, shape (2,) [1/s].
+    """
+    ratios = np.column_stack([0.5 / omega, 0.5 * omega])  # of both modes per alpha and beta
     if case.damping.rayleigh == "stiffness":
         return 0.0, float(D / ratios[0, 1])
     if case.damping.rayleigh == "mass":

@@ -262,11 +262,4 @@ def _rayleigh(
     kinds = (case.support.start, case.support.end)
     rigid = 0 if "clamped" in kinds else 2 - kinds.count("pinned")
     squares = eigh(small[1], small[0], eigvals_only=True)[rigid : rigid + 2]
-    omega = np.sqrt(squares)
-    ratios = np.column_stack([0.5 / omega, 0.5 * omega])
-    if case.damping.rayleigh == "stiffness":
-        return 0.0, float(D / ratios[0, 1])
-    if case.damping.rayleigh == "mass":
-        return float(D / ratios[0, 0]), 0.0
-    alpha, beta = np.linalg.solve(ratios, [D, D])
-    return float(alpha), float(beta)
+    return elements.coefficients(case, D, np.sqrt(squares))

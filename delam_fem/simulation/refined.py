@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -55,8 +55,6 @@ class RefinedSteps(StepByStep):
     stepper: Refinable
     refinement: Refinement
     time_step: float
-    _seen: FloatArray = field(default_factory=lambda: np.zeros(N_BASE))
-    """m_b·u, c_b·u, k_b·u at the end of the last step, for the work of the base."""
 
     def run_period(self, record: PeriodRecord, floor: float) -> int:
         """Compute the steps of a period and write them into its record; see `Engine`."""
@@ -64,7 +62,6 @@ class RefinedSteps(StepByStep):
         s.begin(record.base_states[:1])
         s.observe()
         for step in range(1, len(rows)):
-            self._seen[:] = s.seen_u[:N_BASE]
             states = rows[step - 1], rows[step]
             near = self._leap(COARSE, states, record, step * self.refinement.factor)
             if near is not None:
@@ -124,16 +121,17 @@ class RefinedSteps(StepByStep):
             floor: gap below which the motion counts as diverged [m].
         """
         r, m = self.refinement.factor, self.refinement.middle
-        first, is_first = (step - 1) * r, True
-        for j in range(m):
-            ends = j * (r // m), (j + 1) * (r // m)
-            own = self._bases(states, *ends)
-            if m > 1 and self._leap(MIDDLE, own, record, first + ends[1]) is None:
+        first, before, is_first = (step - 1) * r, states[0], True
+        for j in range(1, m + 1):
+            after, last = self._base_in(states, j / m), j * (r // m)
+            if m > 1 and self._leap(MIDDLE, (before, after), record, first + last) is None:
                 record.effort[1] += 1
-                self._account(record, states, *ends)
+                self._account(record, before, after, 1.0 / m)
+                before = after
                 continue
-            for tick in range(ends[0] + 1, ends[1] + 1):
-                smallest_gap = self._fine_step(self._bases(states, tick - 1, tick))
+            for tick in range(last - r // m + 1, last + 1):
+                after = self._base_in(states, tick / r)
+                smallest_gap = self._fine_step((before, after))
                 if smallest_gap < floor:
                     return False
                 record.effort[2] += 1
@@ -142,7 +140,8 @@ class RefinedSteps(StepByStep):
                     is_first = False
                     record.effort[3] += 1
                     record.effort[4] += not near[hit].all()
-                self._account(record, states, tick - 1, tick)
+                self._account(record, before, after, 1.0 / r)
+                before = after
         return True
 
     def _fine_step(self, states: tuple[BaseState, BaseState]) -> float:
@@ -162,21 +161,18 @@ class RefinedSteps(StepByStep):
                 return decision.hit
         return NO_PAIRS
 
-    def _bases(
-        self, states: tuple[BaseState, BaseState], first: int, last: int
-    ) -> tuple[BaseState, BaseState]:
-        """Return (q, q', q'') of the base at two ticks of a coarse step."""
-        r, dt = self.refinement.factor, self.time_step
-        begin = states[0] if first == 0 else base_within(*states, first / r, dt)
-        end = states[1] if last == r else base_within(*states, last / r, dt)
-        return begin, end
+    def _base_in(self, states: tuple[BaseState, BaseState], share: float) -> BaseState:
+        """Return (q, q', q'') of the base within a coarse step; share 1 is its end."""
+        if share == 1.0:
+            return states[1]
+        within: BaseState = base_within(*states, share, self.time_step)
+        return within
 
     def _account(
-        self, record: PeriodRecord, states: tuple[BaseState, BaseState], first: int, last: int
+        self, record: PeriodRecord, before: BaseState, after: BaseState, share: float
     ) -> None:
-        """Add the work of the base over a divided step, between two ticks, to the record."""
+        """Add the work of the base over a small step, a share of a coarse one, to the record."""
         s = self.stepper
+        seen_before = s.seen_u[:N_BASE].copy()
         s.observe()
-        seen, bases = s.seen_u[:N_BASE], self._bases(states, first, last)
-        add_flows(record.flows, self._seen, seen, *bases, (last - first) / self.refinement.factor)
-        self._seen[:] = seen
+        add_flows(record.flows, seen_before, s.seen_u[:N_BASE], before, after, share)

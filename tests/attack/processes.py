@@ -43,6 +43,26 @@ WHOLE = {
 """Functions that fail if a file is not whole, by its name or suffix."""
 
 
+def sweep_text(*, periods: int, count: int) -> str:
+    """Return the file of a sweep over the frequency with single steps that take a while."""
+    return f"""
+name = "s"
+base = "paper"
+engine = "petsc"
+[set]
+"mesh.elements" = 3
+"time.steps_per_period" = 40
+"time.periods" = {periods}
+"output.window_periods" = 4
+"output.fields_per_period" = 0
+[[axis]]
+key = "excitation.frequency"
+start = 3.0
+stop = 4.0
+count = {count}
+"""
+
+
 def command(*arguments: object, keys: dict[str, object] | None = None) -> list[str]:
     """Return the command line of `delam-fem` with overrides."""
     sets = [f"--set={key}={value}" for key, value in (keys or {}).items()]

@@ -17,6 +17,7 @@ from attack.processes import (
     require_none_left,
     require_whole_files,
     start,
+    sweep_text,
 )
 
 import delam_fem as df
@@ -28,23 +29,6 @@ ROOM_FOR_THE_CHECKPOINT = 300
 
 Resize = Callable[[int], None]
 """Function that gives the disk another size [kB]."""
-
-SWEEP = """
-name = "s"
-base = "paper"
-engine = "petsc"
-[set]
-"mesh.elements" = 3
-"time.steps_per_period" = 40
-"time.periods" = 8
-"output.window_periods" = 4
-"output.fields_per_period" = 0
-[[axis]]
-key = "excitation.frequency"
-start = 3.0
-stop = 4.0
-count = 100
-"""
 
 
 @pytest.fixture
@@ -115,7 +99,7 @@ def test_a_sweep_on_a_full_disk_is_finished_later(
 ) -> None:
     folder, resize = disk
     resize(size)
-    (tmp_path / "s.toml").write_text(SWEEP)
+    (tmp_path / "s.toml").write_text(sweep_text(periods=8, count=100))
     sweep = tmp_path / "s.toml"
     line = command("sweep", sweep, "-o", folder / "s", "-j", 2, "-q")
     process = start(line)

@@ -101,10 +101,10 @@ class SweptMotion:
         turns = turns + self.end_frequency * beyond
         rate = np.where(beyond > 0.0, 0.0, rate)
         rotation = 2.0 * math.pi * self.instantaneous_frequency(t)
-        states = _states(self.amplitude, 2.0 * math.pi * turns, rotation, 2.0 * math.pi * rate)
+        amplitude = self.amplitude if self.acceleration is None else 1.0
+        sine = _states(amplitude, 2.0 * math.pi * turns, rotation, 2.0 * math.pi * rate)
         if self.acceleration is None:
-            return states
-        sine = _states(1.0, 2.0 * math.pi * turns, rotation, 2.0 * math.pi * rate)
+            return sine
         return _product(self._amplitudes(rotation, 2.0 * math.pi * rate), sine)
 
     def _amplitudes(self, omega: FloatArray, rate: FloatArray) -> FloatArray:

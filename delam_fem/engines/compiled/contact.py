@@ -25,6 +25,7 @@ from delam_fem.engines.compiled.lane_kernels import R, Z
 from delam_fem.engines.compiled.points import measure
 from delam_fem.engines.compiled.springs import list_springs, renew_acceleration, spring_energy
 from delam_fem.engines.compiled.state import (
+    COMPLETED,
     IMPACT,
     IMPACTS,
     MOREAU,
@@ -35,8 +36,8 @@ from delam_fem.engines.compiled.state import (
     RELEASED,
 )
 
-DONE, NOT_FINITE, UNSOLVED = 0, -1, -2
-"""Results of a law: success, velocities that are not finite, or impulses that were not found."""
+NOT_FINITE, UNSOLVED = -1, -2
+"""Failures of a law: velocities that are not finite, impulses that were not found."""
 
 
 @njit
@@ -54,7 +55,7 @@ def _note(memory, log, tick, n, energy):  # type: ignore[no-untyped-def]
 
 @njit
 def _single_impulse(system, law, memory, lacking):  # type: ignore[no-untyped-def]
-    """Store p = max(0, -q/W) and W p of the only hit pair; return DONE or NOT_FINITE."""
+    """Store p = max(0, -q/W) and W p of the only hit pair; return COMPLETED or NOT_FINITE."""
     if not np.isfinite(lacking):
         return NOT_FINITE
     require_compliance(system, law, memory, memory.hit[0])
@@ -63,7 +64,7 @@ def _single_impulse(system, law, memory, lacking):  # type: ignore[no-untyped-de
     own = memory.compliance[first + memory.hit[0] * (n_pairs + 1)]
     memory.impulse[0] = max(0.0, -lacking / own)
     memory.change[0] = own * memory.impulse[0]
-    return DONE
+    return COMPLETED
 
 
 @njit
@@ -73,7 +74,7 @@ def _coupled_impulses(system, law, memory, n, q):  # type: ignore[no-untyped-def
         return _single_impulse(system, law, memory, q[0])
     lasts = system.is_touching and law.kind == MOREAU and system.coarseness == 0
     if lasts and _lasting_impulses(system, law, memory, n, q):
-        return DONE
+        return COMPLETED
     W = compliance_block(system, law, memory, n)
     right, p = np.empty(n), np.zeros(n)
     for j in range(n):
@@ -87,7 +88,7 @@ def _coupled_impulses(system, law, memory, n, q):  # type: ignore[no-untyped-def
         for j in range(n):
             change += W[i, j] * p[j]
         memory.impulse[i], memory.change[i] = p[i], change
-    return DONE
+    return COMPLETED
 
 
 @njit
@@ -179,13 +180,13 @@ def examine_impacts(system, law, memory, log, tick):  # type: ignore[no-untyped-
                 memory.hit[n], memory.rate_pre[n] = k, rate
                 n += 1
     if n == 0 and is_same:
-        return DONE
+        return COMPLETED
     if n:
         if law.is_coupled:
             for j in range(n):
                 memory.residual[j] = memory.rate_pre[j] + law.restitution * memory.rate_pre[j]
             status = _coupled_impulses(system, law, memory, n, memory.residual)
-            if status != DONE:
+            if status != COMPLETED:
                 return status
             for j in range(n):
                 memory.rate_post[j] = memory.rate_pre[j] + memory.change[j]
@@ -205,7 +206,7 @@ def examine_impacts(system, law, memory, log, tick):  # type: ignore[no-untyped-
         memory.totals[RELEASED] += spring_energy(system, law, memory)
     if not system.is_chained:
         renew_acceleration(system, law, memory)
-    return DONE
+    return COMPLETED
 
 
 @njit
@@ -295,9 +296,9 @@ def examine_moreau(system, law, memory, log, tick):  # type: ignore[no-untyped-d
             is_done &= lacking[n] >= 0.0
             n += 1
     if is_done:
-        return DONE
+        return COMPLETED
     status = _coupled_impulses(system, law, memory, n, lacking)
-    if status == DONE:
+    if status == COMPLETED:
         for j in range(n):
             memory.rate_post[j] += memory.change[j]
         _push_within_step(system, law, memory, log, tick, n)
@@ -306,11 +307,11 @@ def examine_moreau(system, law, memory, log, tick):  # type: ignore[no-untyped-d
 
 @njit(forceinline=True)
 def examine(system, law, memory, log, tick):  # type: ignore[no-untyped-def]
-    """Apply the law at the end of a step, at a tick; return DONE, NOT_FINITE or UNSOLVED."""
+    """Apply the law at the end of a step, at a tick; return COMPLETED, NOT_FINITE or UNSOLVED."""
     if law.kind == IMPACTS:
         return examine_impacts(system, law, memory, log, tick)
     if law.kind == PENALTY:
         examine_penalty(system, law, memory)
     elif law.kind == MOREAU:
         return examine_moreau(system, law, memory, log, tick)
-    return DONE
+    return COMPLETED

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from delam_fem.caches.kernels import njit
-from delam_fem.engines.compiled import banded, contact
+from delam_fem.engines.compiled import banded
 from delam_fem.engines.compiled import lane_kernels as lk
 from delam_fem.engines.compiled import points as points
 from delam_fem.engines.compiled import springs as springs
@@ -73,14 +73,11 @@ def _run_steps(system, law, memory, log, first, floor):  # type: ignore[no-untyp
                 system, law, memory, steps.base_at(log.base_states, step)
             )
         if step <= last:
-            if smallest <= 0.0 or counts[N_SPRINGS] > 0:
-                if smallest < floor:
-                    return step - 1, DIVERGED
-                status = steps.apply_law(system, law, memory, log, step, flow)
-                if status != contact.DONE:
-                    return step - 1, status
-            else:
-                memory.totals[DISSIPATED] += system.scheme.weight * flow
+            if smallest < floor:
+                return step - 1, DIVERGED
+            status = steps.end_step(system, law, memory, log, step, flow, smallest)
+            if status != COMPLETED:
+                return step - 1, status
             steps.observe_into(system, memory.X, log.u, log.v, step)
             step += 1
         if step > last and n_frames < log.n_frames and log.frame_steps[n_frames] == last:

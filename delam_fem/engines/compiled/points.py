@@ -41,8 +41,6 @@ WHOLE = 1e-12
 GUARD = 1e-12
 """Allowance for round-off, relative to the largest gap at rest."""
 
-"""Places of the upper lamina's u and of the slope, counted from the place of the lower one's u."""
-
 
 class Points(NamedTuple):
     """The contact points by cells; cell k ends at the free node k.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from delam_fem.caches.kernels import njit
-from delam_fem.engines.compiled import contact
 from delam_fem.engines.compiled import lane_kernels as lk
 from delam_fem.engines.compiled import points as points
 from delam_fem.engines.compiled import step as steps
@@ -11,7 +10,6 @@ from delam_fem.engines.compiled.banded import row_product
 from delam_fem.engines.compiled.state import (
     COMPLETED,
     CONTACT_DAMPED,
-    DISSIPATED,
     DIVERGED,
     FULL,
     N_EVENTS,
@@ -101,17 +99,7 @@ def _leap(system, law, memory, log, new_base, level, tick):  # type: ignore[no-u
         base[0], base[1], base[2] = old_base
         totals[CONTACT_DAMPED] = damped
         return NEAR
-    return _end_step(system, law, memory, log, tick, flow, smallest)
-
-
-@njit(forceinline=True)
-def _end_step(system, law, memory, log, tick, flow, smallest):  # type: ignore[no-untyped-def]
-    """Ask the law about a candidate that touches; return COMPLETED or a failure of the law."""
-    if smallest <= 0.0 or memory.counts[N_SPRINGS] > 0:
-        status = steps.apply_law(system, law, memory, log, tick, flow)
-        return COMPLETED if status == contact.DONE else status
-    memory.totals[DISSIPATED] += system.scheme.weight * flow
-    return COMPLETED
+    return steps.end_step(system, law, memory, log, tick, flow, smallest)
 
 
 @njit(forceinline=True)
@@ -120,7 +108,7 @@ def _fine_step(system, law, memory, log, new_base, tick, floor):  # type: ignore
     flow, smallest = steps.advance(system, law, memory, new_base)
     if smallest < floor:
         return DIVERGED
-    return _end_step(system, law, memory, log, tick, flow, smallest)
+    return steps.end_step(system, law, memory, log, tick, flow, smallest)
 
 
 @njit(forceinline=True)

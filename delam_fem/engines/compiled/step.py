@@ -13,6 +13,7 @@ from delam_fem.engines.compiled import springs as springs
 from delam_fem.engines.compiled.algebra import measure
 from delam_fem.engines.compiled.banded import row_product
 from delam_fem.engines.compiled.state import (
+    COMPLETED,
     DISSIPATED,
     MOREAU,
     N_EVENTS,
@@ -49,12 +50,6 @@ def advance_banded(system, memory, base_state):  # type: ignore[no-untyped-def]
         X[size + i] += scheme.d2 * a
         X[lk.P * size + i] += scheme.d2 * a
     return loss(system, X), smallest_gap(system, X, 0.0)
-
-
-@njit
-def advance_chained(system, X, base_state, keeps):  # type: ignore[no-untyped-def]
-    """Compute the candidate state in lane order; see `lane_kernels.step`."""
-    return lk.step(system, X, base_state, keeps)
 
 
 @njit
@@ -173,7 +168,7 @@ def advance(system, law, memory, new_base):  # type: ignore[no-untyped-def]
     X, predicted = memory.X, look_ahead(system, law, memory)
     base_state = mix_base(system, memory.base, new_base)
     if system.is_chained:
-        flow, smallest = advance_chained(system, X, base_state, True)
+        flow, smallest = lk.step(system, X, base_state, True)
     elif system.is_modal:
         flow, smallest = modes.advance(system, X, base_state), np.inf
         if law.kind != MOREAU:
@@ -211,11 +206,25 @@ def keep_frame(system, memory, log, step):  # type: ignore[no-untyped-def]
 
 
 @njit(forceinline=True)
-def apply_law(system, law, memory, log, tick, flow):  # type: ignore[no-untyped-def]
-    """Account for the damping of a candidate and apply the law; return the result of the law."""
-    if law.kind < MOREAU:
-        memory.totals[DISSIPATED] += system.scheme.weight * flow
-        return contact.examine(system, law, memory, log, tick)
-    status = contact.examine(system, law, memory, log, tick)
-    memory.totals[DISSIPATED] += system.scheme.weight * loss(system, memory.X)
+def end_step(system, law, memory, log, tick, flow, smallest):  # type: ignore[no-untyped-def]
+    """Apply the law to a candidate that touches, and account for damping.
+
+    Args:
+        system: of the step.
+        law: contact law.
+        memory: state.
+        log: record of the period.
+        tick: instant of the end of the step.
+        flow: zᵀ C z of the candidate.
+        smallest: its smallest gap [m].
+
+    Returns:
+        COMPLETED, or a failure of the law, see contact.py.
+    """
+    status = COMPLETED
+    if smallest <= 0.0 or memory.counts[N_SPRINGS] > 0:
+        status = contact.examine(system, law, memory, log, tick)
+        if law.kind >= MOREAU:
+            flow = loss(system, memory.X)
+    memory.totals[DISSIPATED] += system.scheme.weight * flow
     return status

@@ -13,9 +13,9 @@ from delam_fem.case.definition import Case
 from delam_fem.case.layers import Delamination, open_ends
 from delam_fem.model.beams.laminae import driven, gap_at_rest, pair_weights
 from delam_fem.model.beams.network import Network, eliminated
-from delam_fem.model.layout import Interface, Layout, Part, Probe, Structure, Support
+from delam_fem.model.layout import Layout, Part, Probe, Structure, Support
 from delam_fem.model.operators import BaseCoupling, Operators
-from delam_fem.model.pairing import gap_matrix, opposite, probe_rows
+from delam_fem.model.pairing import gap_matrix, neighbours, probe_rows
 from delam_fem.model.vibration import kept_closed, lowest
 from delam_fem.numerics import rayleigh
 from delam_fem.numerics.arrays import FloatArray
@@ -73,16 +73,12 @@ def layout_of(case: Case, network: Network) -> Layout:
         )
         for i, lamina in enumerate(case.lamina)
     )
-    interfaces: list[Interface] = []
-    for lower in range(len(parts) - 1):
-        first_pair = sum(len(interface.points) for interface in interfaces)
-        per_element = case.contact.points_per_element
-        interfaces.append(opposite(parts, lower, lower + 1, first_pair, per_element=per_element))
+    interfaces = neighbours(parts, case.contact.points_per_element)
     held = ((0, case.support.start), (cells, case.support.end))
     supports = tuple(
         Support(i, node, kind) for i in range(len(parts)) for node, kind in held if kind != "free"
     )
-    return Layout(parts, tuple(interfaces), probes_of(case, x), supports)
+    return Layout(parts, interfaces, probes_of(case, x), supports)
 
 
 def probes_of(case: Case, x: FloatArray) -> tuple[Probe, ...]:

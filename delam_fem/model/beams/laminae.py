@@ -15,9 +15,9 @@ from delam_fem.case.definition import Case
 from delam_fem.case.gap import initial_gap, opening_at_rest
 from delam_fem.case.layers import EDGE_TOLERANCE, open_ends
 from delam_fem.case.toml import CaseError
-from delam_fem.model.layout import BASE, FIXED, Interface, Layout, Part, Probe, Structure, Support
+from delam_fem.model.layout import BASE, FIXED, Layout, Part, Probe, Structure, Support
 from delam_fem.model.operators import BaseCoupling
-from delam_fem.model.pairing import interpolation_rows, opposite, tributary_lengths
+from delam_fem.model.pairing import interpolation_rows, neighbours, tributary_lengths
 from delam_fem.numerics.arrays import FloatArray, IntArray
 
 CLAMP, TIP = 0, -1
@@ -40,14 +40,10 @@ def clamped_laminae(
         Part(lamina.name, x, _dofs(i, n), flexural_rigidity[i], mass_per_length[i])
         for i, lamina in enumerate(case.lamina)
     )
-    interfaces: list[Interface] = []
-    for lower in range(len(parts) - 1):
-        first_pair = sum(len(interface.points) for interface in interfaces)
-        per_element = case.contact.points_per_element
-        interfaces.append(opposite(parts, lower, lower + 1, first_pair, per_element=per_element))
+    interfaces = neighbours(parts, case.contact.points_per_element)
     return Layout(
         parts,
-        tuple(interfaces),
+        interfaces,
         tuple(Probe("tip", i, n) for i in range(len(parts))),
         tuple(Support(i, CLAMP) for i in range(len(parts))),
     )

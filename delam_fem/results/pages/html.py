@@ -211,6 +211,13 @@ def page(
     )
 
 
+def files(folder: Path, meanings: Mapping[str, str]) -> Table:
+    """Return links to the files of a folder, each with what it is; missing ones are left out."""
+    found = {name: meaning for name, meaning in meanings.items() if (folder / name).exists()}
+    rows = [(Link(name, name), meaning) for name, meaning in found.items()]
+    return Table(("file", "content"), rows)
+
+
 def fragment(blocks: Iterable[Block]) -> str:
     """Return blocks as a piece of HTML for another page, without style and scripts."""
     return "\n".join(_block(block) for block in blocks)

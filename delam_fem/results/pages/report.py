@@ -17,7 +17,6 @@ from delam_fem.results.pages.film import film
 from delam_fem.results.pages.html import (
     Block,
     Figure,
-    Link,
     Paragraph,
     Preformatted,
     Section,
@@ -103,7 +102,7 @@ def page(history: xr.Dataset, summary: Mapping[str, Any], case: Case, directory:
         Section("Numbers", [Paragraph(about, "about"), table]),
         Section("Figures", _figures(directory / "figures")),
         Section("Energy", [Paragraph(flows, "about"), energy]),
-        Section("Files", [_files(directory)]),
+        Section("Files", [html.files(directory, FILES)]),
         Section("Case", [Preformatted(case.to_toml())]),
         Section("Made by", [Table(("", "version"), origin)]),
     ]
@@ -152,13 +151,3 @@ def _figures(directory: Path) -> list[Figure]:
                 size += own
                 break
     return found
-
-
-def _files(directory: Path) -> Table:
-    """Return links to the files beside the page."""
-    rows = [
-        (Link(name, name), meaning)
-        for name, meaning in FILES.items()
-        if (directory / name).exists()
-    ]
-    return Table(("file", "content"), rows)

@@ -98,7 +98,7 @@ def write_page(data: xr.Dataset, directory: str | Path) -> Path:
         Section("", [Paragraph(sentence(data), "verdict")]),
         Section("Diagrams", [*_diagrams(directory)]),
         Section("Points", [*_points(data, directory)]),
-        Section("Files", [_files(directory)]),
+        Section("Files", [html.files(directory, FILES)]),
         Section("Sweep", [Preformatted(str(about["sweep"]))]),
         Section("Case", [Preformatted(str(about["case"]))]),
     ]
@@ -235,13 +235,3 @@ def _number(data: xr.Dataset, name: str, point: Point) -> float:
         return float("nan")
     values: FloatArray = data[name].to_numpy()
     return float(values[point.place])
-
-
-def _files(directory: Path) -> Table:
-    """Return links to the files of the sweep."""
-    rows = [
-        (Link(name, name), meaning)
-        for name, meaning in FILES.items()
-        if (directory / name).exists()
-    ]
-    return Table(("file", "content"), rows)
