@@ -1,0 +1,1 @@
+"""Identify a rig: bending stiffness, damping, gap and restitution from measured motions."""

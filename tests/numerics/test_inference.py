@@ -1,0 +1,55 @@
+import numpy as np
+import pytest
+
+from delam_fem.numerics.inference import Table, coverage
+
+NOISE = 0.05
+BOX = np.array([[-1.0, 1.0], [-1.0, 1.0]])
+
+
+def table(n: int = 3000, *, noise: float = NOISE) -> Table:
+    """Return simulations whose posterior is known: sum and difference of two parameters."""
+    rng = np.random.default_rng(1)
+    parameters = rng.uniform(-1.0, 1.0, (n, 2))
+    exact = np.stack([parameters.sum(axis=1), parameters[:, 0] - parameters[:, 1]], axis=1)
+    return Table(parameters, exact + noise * rng.standard_normal((n, 2)), BOX)
+
+
+def test_the_posterior_of_a_linear_model_is_the_normal_distribution() -> None:
+    posterior = table().posterior(np.array([0.3, 0.1]))
+    deviation = NOISE / np.sqrt(2.0)
+    np.testing.assert_allclose(posterior.quantile(0.5), [0.2, 0.1], atol=0.4 * deviation)
+    width = np.diff(posterior.interval(0.9), axis=1)[:, 0]
+    np.testing.assert_allclose(width, 2.0 * 1.645 * deviation, rtol=0.25)
+    assert abs(posterior.correlation()[0, 1]) < 0.25
+
+
+def test_parameters_that_one_statistic_cannot_separate_are_correlated() -> None:
+    both = table()
+    one = Table(both.parameters, both.statistics[:, :1], BOX)
+    posterior = one.posterior(np.array([0.3]))
+    assert posterior.correlation()[0, 1] < -0.8
+    assert np.all(np.diff(posterior.interval(0.9), axis=1) > 0.8)
+
+
+def test_intervals_cover_the_truth_as_often_as_they_say() -> None:
+    rng = np.random.default_rng(2)
+    parameters = rng.uniform(0.0, 1.0, (3000, 2))
+    a, b = parameters.T
+    exact = np.stack([np.sin(3.0 * a) + b**2, a * b, np.exp(b) * a], axis=1)
+    bent = Table(
+        parameters, exact + NOISE * rng.standard_normal(exact.shape), np.array([[0.0, 1.0]] * 2)
+    )
+    found = coverage(bent, np.arange(200))
+    assert np.all((found > 0.84) & (found < 0.96))  # 0.90 ± 2.8 standard errors
+    assert np.all(coverage(bent, np.arange(200), level=0.5) < 0.65)
+
+
+def test_samples_stay_within_the_prior() -> None:
+    posterior = table().posterior(np.array([2.0, 0.0]))
+    assert np.abs(posterior.samples).max() <= 1.0
+
+
+def test_few_simulations_are_refused() -> None:
+    with pytest.raises(ValueError, match="at least 100 simulations, given 20"):
+        table(20).posterior(np.zeros(2))
