@@ -19,6 +19,7 @@ from delam_fem.case.toml import CaseError
 OUTPUTS = frozenset({
     "case.toml", "checkpoint.npz", "result.nc", "summary.json", "report.html", "figures", "fields",
     "sweep.toml", "sweep.nc", "sweep.journal", "convergence.json", "tables.md",
+    "detection.json",
 })  # fmt: skip
 """Names that runs, sweeps and ladders give to what they write."""
 

@@ -12,6 +12,7 @@ import typer
 
 from delam_fem.cli.animate import register as register_films
 from delam_fem.cli.converge import register as register_convergence
+from delam_fem.cli.detect import register as register_detection
 from delam_fem.cli.inputs import CaseArgument, Overwrite, Quiet, Yes, case_of
 from delam_fem.cli.paper import register as register_paper
 from delam_fem.cli.run import report_in_folder, run_in_folder
@@ -194,6 +195,7 @@ register_sweeps(app)
 register_paper(app)
 register_convergence(app)
 register_films(app)
+register_detection(app)
 
 if __name__ == "__main__":
     app()

@@ -14,9 +14,10 @@ from delam_fem.case.motion.drive import Excitation, ForceExcitation, HarmonicExc
 from delam_fem.model.beams import closed_form
 from delam_fem.model.beams.bonded import n_rigid
 from delam_fem.model.layout import Structure
-from delam_fem.model.vibration import lowest
+from delam_fem.model.vibration import kept_closed, lowest
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.simulation.initial import first_mode
+from delam_fem.simulation.loop import State
 
 FINE = 320
 """Elements of the mesh whose motion stands for the exact one of a bonded stack."""
@@ -48,6 +49,30 @@ def linear_amplitudes(case: Case, frequency: FloatArray) -> FloatArray:
         per_unit = np.abs((o.probes @ splu(sp.csc_matrix(dynamic)).solve(load))[:n])
         found[:, k] = _size(given, f) * per_unit
     return found
+
+
+def closed_motion(case: Case, structure: Structure) -> State | None:
+    """Return the state at t = 0 of the steady motion with delaminations kept as they are at rest.
+
+    It is linear. A motion with contact that starts from it settles far sooner than from rest. None
+    if the excitation is not harmonic, or the laminae are cantilevers of their own.
+
+    Args:
+        case: the case.
+        structure: the discretised case.
+    """
+    given = case.excitation
+    if case.is_apart or not given.is_periodic:
+        return None
+    o, f = structure.operators, given.top_frequency
+    S = kept_closed(structure.layout, o.n_dofs)
+    M, C, K = (S.T @ matrix @ S for matrix in (o.mass, o.damping, o.stiffness))
+    omega = 2.0 * math.pi * f
+    load = -(o.base.stiffness + 1j * omega * o.base.damping - omega**2 * o.base.mass)
+    dynamic = sp.csc_matrix(K + 1j * omega * C - omega**2 * M)
+    U = _size(given, f) * (S @ splu(dynamic).solve(S.T @ load))  # u = Im(U exp(iωt)), as the base
+    motion = np.stack([U.imag, omega * U.real, -(omega**2) * U.imag])
+    return State(motion, np.zeros(o.n_pairs, dtype=np.bool_))
 
 
 def _size(given: Excitation, frequency: float) -> float:

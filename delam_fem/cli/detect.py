@@ -1,0 +1,127 @@
+"""Define the command `delam-fem detect`: is there a delamination, and where?"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from delam_fem.cli.inputs import CaseArgument, Overwrite, Quiet, case_of, inputs_of
+from delam_fem.cli.terminal import reported, say_files, table
+
+if TYPE_CHECKING:
+    from delam_fem.case.definition import Case
+    from delam_fem.studies.detection.measurement import Scan
+
+Folder = Annotated[
+    Path | None,
+    typer.Option(
+        "-o", "--output", metavar="DIR", help="Folder of the results (default: runs/NAME-detect)."
+    ),
+]
+Overrides = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="Override a key of the case; repeatable."),
+]
+IndexName = Annotated[
+    Literal["curvature", "V2", "V3", "V1/2", "distortion", "thd"],
+    typer.Option("--index", help="Index that calls and locates."),
+]
+Lamina = Annotated[
+    str | None,
+    typer.Option(metavar="NAME", help="Lamina whose surface is measured (default: the thinner)."),
+]
+Spacing = Annotated[float, typer.Option(metavar="M", help="Distance of the points [m].")]
+First = Annotated[float, typer.Option(metavar="M", help="Position of the first point [m].")]
+QuantityName = Annotated[
+    Literal["velocity", "displacement"],
+    typer.Option(help="What the sensor measures, in the fixed frame."),
+]
+Rate = Annotated[
+    float | None,
+    typer.Option("--sampling-rate", metavar="HZ", help="Rate of samples (default: 50 per period)."),
+]
+Periods = Annotated[int, typer.Option(min=4, help="Periods of the record of a point.")]
+Averages = Annotated[int, typer.Option(min=1, help="Records that are averaged.")]
+Noise = Annotated[
+    float,
+    typer.Option("--noise-db", metavar="DB", help="Overall rms of the signal over the noise."),
+]
+Density = Annotated[
+    float | None,
+    typer.Option(
+        "--noise-density", metavar="D", help="Noise of the sensor instead [m/s/√Hz or m/√Hz]."
+    ),
+]
+Seed = Annotated[int, typer.Option(min=0, help="Seed of the noise.")]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the application."""
+    app.command("detect")(detect_command)
+
+
+def detect_command(
+    case_name: CaseArgument,
+    output: Folder = None,
+    overrides: Overrides = None,
+    *,
+    index: IndexName = "curvature",
+    lamina: Lamina = None,
+    spacing: Spacing = 0.01,
+    first: First = 0.0,
+    quantity: QuantityName = "velocity",
+    sampling_rate: Rate = None,
+    periods: Periods = 16,
+    averages: Averages = 1,
+    noise_db: Noise = 40.0,
+    noise_density: Density = None,
+    seed: Seed = 1,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+) -> None:
+    """Measure a case with and without its delaminations, and mark them by what clapping adds."""
+    with reported(quiet):
+        from delam_fem.studies.detection.measurement import Scan
+
+        case = case_of(case_name, overrides)
+        scan = Scan(
+            lamina=lamina,
+            spacing=spacing,
+            first=first,
+            quantity=quantity,
+            sampling_rate=sampling_rate,
+            periods=periods,
+            averages=averages,
+            noise_db=noise_db,
+            noise_density=noise_density,
+            seed=seed,
+        )
+        _detect(case, scan, index, output, overwrite=overwrite, quiet=quiet)
+
+
+def _detect(
+    case: Case, scan: Scan, index: str, output: Path | None, *, overwrite: bool, quiet: bool
+) -> None:
+    """Detect, write the results and show them."""
+    from delam_fem.case.claim import claimed
+    from delam_fem.case.files import save_case
+    from delam_fem.model.beams.network import never_opens
+    from delam_fem.studies.detection.detect import HEADING, detect
+    from delam_fem.studies.detection.figures import save_figures
+    from delam_fem.studies.detection.page import verdict, write_page
+
+    folder = output or Path("runs") / f"{case.name}-detect"
+    with claimed(folder, inputs=inputs_of(case), may_hold_results=overwrite) as directory:
+        found = detect(case, scan, index=index)
+        save_case(case, directory)
+        written = [found.save(directory)]
+        figures = save_figures(found, directory / "figures")
+        written += [*figures, write_page(found, figures, directory)]
+    if message := never_opens(case):
+        typer.echo(message, err=True)
+    if not quiet:
+        table(f"indices of case {case.name}", HEADING, found.rows())
+        typer.echo(verdict(found))
+        say_files(written)

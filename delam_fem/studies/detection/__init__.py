@@ -1,0 +1,1 @@
+"""Find delaminations by what clapping adds to the motion: measure, mark, recommend, judge."""

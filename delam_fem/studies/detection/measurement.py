@@ -1,0 +1,180 @@
+"""Simulate the measurement of a structure: a scan of one surface, with the noise of the sensor."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from delam_fem.case.definition import Case
+from delam_fem.case.toml import CaseError
+from delam_fem.engines.session import session_of
+from delam_fem.model.beams import closed_form
+from delam_fem.model.beams.bonded import n_rigid
+from delam_fem.model.vibration import lowest
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.results.scan import scan_field, scan_positions
+from delam_fem.studies.linear import closed_motion
+
+SAMPLES = 50
+"""Samples per period, unless a sampling rate is given."""
+LEAST_STEPS = 100
+"""Steps per period below which contact is not resolved."""
+SETTLED = 0.001
+"""Share of a free motion of the lowest mode that may be left when the record begins."""
+
+Quantity = Literal["velocity", "displacement"]
+
+
+@dataclass(frozen=True)
+class Scan:
+    """How a structure is measured. The points are measured at once, or one by one with a trigger.
+
+    Attributes:
+        lamina: name of the lamina whose surface is measured; None: the thinner outermost one.
+        spacing: distance of the points [m].
+        first: position of the first point [m].
+        quantity: absolute velocity, or displacement, both in the fixed frame.
+        sampling_rate: rate [Hz], rounded to a whole number of samples per period of the excitation;
+            None: 50 per period.
+        periods: length of the record of a point.
+        averages: number of records that are averaged.
+        noise_db: ratio of the overall root mean square of the signal to that of the noise [dB].
+        noise_density: of the sensor, instead [m/s/√Hz or m/√Hz]; white up to half the sampling
+            rate.
+        seed: of the noise.
+    """
+
+    lamina: str | None = None
+    spacing: float = 0.01
+    first: float = 0.0
+    quantity: Quantity = "velocity"
+    sampling_rate: float | None = None
+    periods: int = 16
+    averages: int = 1
+    noise_db: float = 40.0
+    noise_density: float | None = None
+    seed: int = 1
+
+    def surface(self, case: Case) -> str:
+        """Return the name of the lamina that is measured."""
+        first, *_, last = case.lamina
+        return self.lamina or min(last, first, key=lambda lamina: lamina.thickness or 0.0).name
+
+    def samples(self, frequency: float) -> int:
+        """Return the number of samples per period.
+
+        Raises:
+            CaseError: fewer than five, so that the second harmonic is not seen.
+        """
+        if self.sampling_rate is None:
+            return SAMPLES
+        n = round(self.sampling_rate / frequency)
+        if n < 5:
+            raise CaseError(
+                f"sampling rate: expected at least 5 samples per period of {frequency:g} Hz, given "
+                f"{self.sampling_rate:g} Hz"
+            )
+        return n
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """A measured field.
+
+    Attributes:
+        times: shape (k,) [s].
+        x: positions, shape (n,) [m].
+        field: velocity or displacement, shape (k, n) [m/s or m].
+        frequency: of the excitation [Hz].
+        noise: root mean square of the noise in a sample, where it is known, in the same unit.
+    """
+
+    times: FloatArray
+    x: FloatArray
+    field: FloatArray
+    frequency: float
+    noise: float = 0.0
+
+    @property
+    def rms(self) -> float:
+        """Root mean square over all times and points."""
+        return float(np.sqrt(np.mean(self.field**2)))
+
+    def noise_of(self, scan: Scan) -> float:
+        """Return the root mean square of the noise in an averaged sample of this field."""
+        if scan.noise_density is None:
+            single = self.rms * 10.0 ** (-scan.noise_db / 20.0)
+        else:
+            single = scan.noise_density * math.sqrt(
+                0.5 * scan.samples(self.frequency) * self.frequency
+            )
+        return float(single / math.sqrt(scan.averages))
+
+    def noisy(self, noise: float, seed: int) -> Measurement:
+        """Return the measurement with white noise of the given root mean square."""
+        added = np.random.default_rng(seed).normal(scale=noise, size=self.field.shape)
+        return Measurement(self.times, self.x, self.field + added, self.frequency, noise)
+
+
+def simulated(case: Case, scan: Scan) -> Measurement:
+    """Compute the motion of a case and return the field that a sensor without noise would measure.
+
+    The run begins with the linear motion of the closed structure, and its record begins when 0.1 %
+    of a free motion of the lowest mode would be left, or after the periods of the case if these are
+    more. The record has whole steps: the number of steps per period is raised to a multiple of the
+    samples per period.
+
+    Args:
+        case: with a harmonic excitation.
+        scan: how to measure.
+
+    Raises:
+        CaseError: the excitation is not harmonic, the lamina does not exist, the scan has no
+            points, or the motion diverges.
+    """
+    if not case.is_periodic or case.excitation.length is not None:
+        raise CaseError('detect: expected a harmonic excitation, given another "excitation.kind"')
+    f = case.excitation.top_frequency
+    samples, x = scan.samples(f), scan_positions(case.length, scan.spacing, scan.first)
+    N = samples * math.ceil(max(case.time.steps_per_period, LEAST_STEPS) / samples)
+    structure = closed_form.assemble(case)
+    periods = max(case.time.periods, settling_periods(case) + scan.periods)
+    changed = case.model_copy(
+        update={
+            "time": case.time.model_copy(update={"steps_per_period": N, "periods": periods}),
+            "output": case.output.model_copy(
+                update={"window_periods": scan.periods, "fields_per_period": samples}
+            ),
+        }
+    )
+    start = closed_motion(changed, structure)
+    with session_of(changed, structure.operators, initial=start) as opened:
+        outcome = opened.run()
+        if outcome != "completed":
+            raise CaseError(f"detect: the motion of case {case.name} has {outcome}")
+        times, u, v = scan_field(opened.recorder, structure, scan.surface(case), x)
+    return Measurement(times, x, v if scan.quantity == "velocity" else u, f)
+
+
+def settling_periods(case: Case) -> int:
+    """Return after how many periods 0.1 % of a free motion of the lowest mode is left."""
+    structure = closed_form.assemble(case)
+    o = structure.operators
+    rigid = 0 if case.is_apart else n_rigid(case)
+    found, _ = lowest(o.stiffness, o.mass, rigid + 1, is_floating=rigid > 0)
+    D = min(lamina.damping_ratio for lamina in case.lamina)
+    decay = 2.0 * math.pi * D * float(found[rigid])
+    return math.ceil(-math.log(SETTLED) / decay * case.excitation.top_frequency) if decay else 0
+
+
+def intact(case: Case) -> Case:
+    """Return the case without its delaminations: one bonded beam on the same supports."""
+    data = tomllib.loads(case.to_toml())
+    for key in ("delamination", "gap"):
+        data.pop(key, None)
+    data["support"] = {"start": case.support.start, "end": case.support.end}
+    return Case.checked(data, f"case {case.name} without delaminations")

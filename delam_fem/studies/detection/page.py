@@ -1,0 +1,60 @@
+"""A detection as one page: what was called, the indices, the figures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from delam_fem.case.atomic import write_text
+from delam_fem.results.pages import html
+from delam_fem.results.pages.html import (
+    Figure,
+    Link,
+    Paragraph,
+    Preformatted,
+    Section,
+    Table,
+    embedded,
+)
+from delam_fem.studies.detection.detect import HEADING, RESULT, Detection
+from delam_fem.studies.detection.locate import CONFIDENCE
+
+PAGE = "report.html"
+"""Name of the page in the folder of a detection."""
+_CAPTIONS = {
+    "detection": "The index that calls, with its limit of noise and 30 % of its largest value. "
+    "Grey: the delamination of the case. Red bars above: bounds of the ends over repeated noise.",
+    "indices": "All indices. The limit is what noise alone exceeds anywhere in 1 of 100 beams.",
+    "shapes": "Complex shapes at the excitation and at twice its frequency.",
+}
+
+
+def write_page(found: Detection, figures: Sequence[Path], directory: Path) -> Path:
+    """Write the page of a detection into its folder and return its path."""
+    drawn = [Figure([embedded(p)], _CAPTIONS[p.stem], _CAPTIONS[p.stem]) for p in figures]
+    sections = [
+        Section("", [Paragraph(verdict(found), "verdict")]),
+        Section("Figures", drawn),
+        Section("Indices", [Table(HEADING, found.rows())]),
+        Section("Files", [Table(("file", "content"), [(Link(RESULT, RESULT), "all numbers")])]),
+        Section("Case", [Preformatted(found.case.to_toml())]),
+    ]
+    title = f"Detection in {found.case.name}"
+    return write_text(directory / PAGE, html.page(title, sections, contents=True))
+
+
+def verdict(found: Detection) -> str:
+    """Return in words what was called, where, and with what uncertainty."""
+    main, again = found.mark, found.repeated
+    at = f"At {found.shapes.frequency:g} Hz the index {found.name}"
+    if not main.is_detected:
+        return (
+            f"{at} calls nothing; it does so in {100.0 * (1.0 - again.calls):.0f} % of repetitions."
+        )
+    intact = "is called, too" if found.intact_marks[found.name].is_detected else "is not called"
+    return (
+        f"{at} marks {main.start:.4g} to {main.end:.4g} m. Over repeated noise it calls "
+        f"{100.0 * again.calls:.0f} %, and {100.0 * CONFIDENCE:.0f} % of the ends lie within "
+        f"{again.start[0]:.4g}…{again.start[1]:.4g} m and {again.end[0]:.4g}…{again.end[1]:.4g} m. "
+        f"The same structure without delamination {intact}."
+    )

@@ -1,0 +1,119 @@
+"""Split a measured motion into its complex shapes at multiples of the excitation, and its noise.
+
+A field v has shape (time, point). Its shape of order k is V_k in
+
+    v(t, x) = c(x) + Σ_k Re( V_k(x) exp(2πi k f t) ) + noise                                   (D1)
+
+for k = ½, 1, 2, …; it follows by least squares. With whole periods that is the Fourier sum. Noise
+adds to each V a complex normal number; its mean square E|δV|² is measured between the harmonics.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from delam_fem.numerics.arrays import FloatArray
+
+ComplexArray = npt.NDArray[np.complex128]
+
+ORDERS = (0.5, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
+"""Orders of the shapes: half the excitation, the excitation, its harmonics."""
+LEAST_PERIODS = 4
+"""Periods that are needed to tell noise from harmonics."""
+_BAND = (1.5, 2.5)
+"""Orders between which the noise is measured."""
+
+
+@dataclass(frozen=True)
+class Shapes:
+    """The shapes of a motion along a row of points.
+
+    Attributes:
+        x: positions of the points, increasing, shape (n,) [m].
+        frequency: f of the excitation [Hz].
+        orders: k of each shape.
+        values: V_k in the unit of the field, complex, shape (n_orders, n).
+        noise: root mean square of |δV|, the same for all orders and points, in the same unit.
+    """
+
+    x: FloatArray
+    frequency: float
+    orders: tuple[float, ...]
+    values: ComplexArray
+    noise: float = 0.0
+
+    def order(self, k: float) -> ComplexArray:
+        """Return V_k, shape (n,).
+
+        Raises:
+            ValueError: there is no such order.
+        """
+        return np.asarray(self.values[self.orders.index(k)])
+
+    def noisy(self, noise: float, rng: np.random.Generator) -> Shapes:
+        """Return these shapes with noise of the given root mean square added to them."""
+        parts = rng.normal(scale=noise / math.sqrt(2.0), size=(2, *self.values.shape))
+        values = self.values + parts[0] + 1j * parts[1]
+        return replace(self, values=values, noise=math.hypot(self.noise, noise))
+
+
+def amplitudes(field: FloatArray, times: FloatArray, frequencies: Sequence[float]) -> ComplexArray:
+    """Return the complex amplitudes of a field at given frequencies, by least squares (D1).
+
+    Args:
+        field: shape (time, point).
+        times: shape (time,), in any spacing [s].
+        frequencies: above 0 and different from one another [Hz].
+
+    Returns:
+        Shape (n_frequencies, point).
+    """
+    phases = 2.0 * math.pi * np.outer(times, frequencies)
+    columns = np.concatenate([np.ones((len(times), 1)), np.cos(phases), np.sin(phases)], axis=1)
+    found = np.linalg.lstsq(columns, field, rcond=None)[0]
+    n = len(frequencies)
+    return np.asarray(found[1 : n + 1] - 1j * found[n + 1 :])
+
+
+def shapes_of(
+    field: FloatArray,
+    times: FloatArray,
+    frequency: float,
+    x: FloatArray,
+    orders: tuple[float, ...] = ORDERS,
+) -> Shapes:
+    """Return the shapes of a field and the noise on them.
+
+    The noise is that at frequencies between 1.5 f and 2.5 f which belong to no order.
+
+    Args:
+        field: displacement or velocity, shape (time, point).
+        times: shape (time,) [s].
+        frequency: f of the excitation [Hz].
+        x: positions of the points, shape (point,) [m].
+        orders: of the shapes; those above half the sampling rate are left out.
+
+    Raises:
+        ValueError: the record is shorter than four periods.
+    """
+    step = float(np.median(np.diff(times)))
+    n_periods = math.floor((times[-1] - times[0] + 1.001 * step) * frequency)
+    if n_periods < LEAST_PERIODS:
+        raise ValueError(
+            f"shapes: expected a record of at least {LEAST_PERIODS} periods of {frequency:g} Hz, "
+            f"given {n_periods}"
+        )
+    kept = tuple(k for k in orders if k * frequency < 0.5 / step)
+    between = [
+        j / n_periods
+        for j in range(1, 4 * n_periods)
+        if _BAND[0] < j / n_periods < _BAND[1] and j != 2 * n_periods
+    ]
+    found = amplitudes(field, times, [k * frequency for k in (*kept, *between)])
+    values, rest = found[: len(kept)], found[len(kept) :]
+    return Shapes(x, frequency, kept, values, float(np.sqrt(np.mean(np.abs(rest) ** 2))))

@@ -1,0 +1,38 @@
+"""The command `delam-fem detect`: what it writes, says and refuses."""
+
+import json
+from pathlib import Path
+
+from typer.testing import CliRunner
+
+from delam_fem.cli.app import app
+
+FAST = ("--set", "mesh.elements=20", "--set", "time.steps_per_period=100")
+
+
+def invoke(*arguments: str | Path) -> tuple[int, str]:
+    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    return result.exit_code, result.output
+
+
+def test_the_command(tmp_path: Path) -> None:
+    status, output = invoke("detect", "embedded", *FAST, "-o", tmp_path)
+    assert status == 0, output
+    assert "marks 0.12 to 0.28 m" in output
+    numbers = json.loads((tmp_path / "detection.json").read_text("utf-8"))
+    assert numbers["detected"] and not numbers["intact_called"]
+    pictures = sorted(path.name for path in (tmp_path / "figures").iterdir())
+    assert pictures == ["detection.png", "indices.png", "shapes.png"]
+    page = (tmp_path / "report.html").read_text("utf-8")
+    assert page.count("<img") == 3
+    assert (tmp_path / "case.toml").is_file()
+    status, output = invoke("detect", "embedded", *FAST, "-o", tmp_path)
+    assert status == 2
+    assert "is not empty" in output
+
+
+def test_a_bad_scan_leaves_no_folder_behind(tmp_path: Path) -> None:
+    status, output = invoke("detect", "embedded", "--spacing", "1", "-o", tmp_path / "d")
+    assert status == 2
+    assert "at least 5 points" in output
+    assert not (tmp_path / "d").exists()

@@ -1,0 +1,119 @@
+"""Each index on a synthetic field with a known answer, and what noise alone makes of it."""
+
+import math
+
+import numpy as np
+import pytest
+
+from delam_fem.studies.detection.indices import (
+    FALSE_CALLS,
+    INDICES,
+    curvature,
+    frequency_drift,
+    index_of,
+    sideband_ratio,
+)
+from delam_fem.studies.detection.shapes import Shapes, shapes_of
+
+F = 5.0
+X = np.linspace(0.0, 0.4, 41)
+TIMES = np.arange(16 * 40) / (40 * F)
+
+
+def field_of(known: dict[float, np.ndarray], x: np.ndarray = X) -> np.ndarray:
+    """Return Σ Re(V_k exp(2πi k f t)), shape (time, point)."""
+    phases = {k: np.exp(2j * math.pi * k * F * TIMES)[:, None] for k in known}
+    return np.asarray(sum((phases[k] * (V + 0.0 * x)).real for k, V in known.items()))
+
+
+@pytest.mark.parametrize("x", [X, np.array([0.0, 0.1, 0.12, 0.2, 0.31, 0.4])])
+def test_the_curvature_of_a_parabola_is_its_second_derivative(x: np.ndarray) -> None:
+    V2 = (3.0 - 4.0j) * (x**2 - 0.3 * x + 1.0)  # V'' = 2 (3 - 4i), of magnitude 10
+    found = index_of("curvature", field_of({1.0: 1.0, 2.0: V2}, x), TIMES, F, x)
+    np.testing.assert_array_equal(found.x, x[1:-1])
+    np.testing.assert_allclose(found.values, 10.0, rtol=1e-8)
+
+
+def test_phase_matters_to_the_curvature() -> None:
+    """A kink in the phase alone is a kink of the complex shape; |V2| is flat there."""
+    V2 = np.where(X < 0.2, 1.0, 1j)
+    found = index_of("curvature", field_of({1.0: 1.0, 2.0: V2}), TIMES, F, X)
+    assert np.flatnonzero(found.values > 1.0).tolist() == [18, 19]  # beside 0.2 m
+    assert found.values[18] == pytest.approx(math.sqrt(2.0) / 0.01**2)
+
+
+@pytest.mark.parametrize(("name", "order"), [("V2", 2.0), ("V3", 3.0), ("V1/2", 0.5)])
+def test_magnitudes_are_those_of_their_order(name: str, order: float) -> None:
+    V = (0.6 + 0.8j) * X
+    found = index_of(name, field_of({1.0: 1.0, order: V}), TIMES, F, X)
+    np.testing.assert_allclose(found.values, X, atol=1e-12)
+
+
+def test_distortion_and_thd_are_the_paper_s() -> None:
+    field = field_of({0.5: 9.0, 1.0: 2.0 + X, 2.0: 0.3 * (2.0 + X), 3.0: 0.4j * (2.0 + X)})
+    thd = index_of("thd", field, TIMES, F, X)
+    np.testing.assert_allclose(thd.values, 0.5, rtol=1e-10)  # sqrt(0.3² + 0.4²)
+    d = index_of("distortion", field, TIMES, F, X)
+    np.testing.assert_allclose(d.values, math.sqrt(1.25) - 1.0, rtol=1e-9)
+
+
+def test_the_sideband_ratio_of_a_modulated_tone_is_its_depth() -> None:
+    pump, probe, depth = 5.0, 61.3, np.array([0.0, 0.1, 0.4])
+    wt, Wt = 2 * math.pi * pump * TIMES, 2 * math.pi * probe * TIMES
+    field = (1.0 + depth * np.cos(wt)[:, None]) * np.cos(Wt)[:, None] + 3.0 * np.sin(wt)[:, None]
+    np.testing.assert_allclose(sideband_ratio(field, TIMES, pump, probe), depth, atol=1e-10)
+
+
+def test_a_linear_decay_has_no_drift_and_a_hardening_one_has_its_own() -> None:
+    times = np.linspace(0.0, 4.0, 40_001)
+    decay = np.exp(-times)
+    linear = decay * np.sin(2 * math.pi * 20.0 * times)
+    frequency = 20.0 * (1.0 + 0.1 * decay)  # 10 % higher at the start
+    phase = 2 * math.pi * np.concatenate([[0.0], np.cumsum(frequency[:-1] * np.diff(times))])
+    field = np.column_stack([linear, decay * np.sin(phase)])
+    found = frequency_drift(field, times)
+    assert abs(found[0]) < 1e-5
+    middle = 0.5 * (decay.max() + decay.min())
+    upper, lower = decay[decay > middle].mean(), decay[decay < middle].mean()
+    assert found[1] == pytest.approx((1.0 + 0.1 * upper) / (1.0 + 0.1 * lower) - 1.0, rel=0.1)
+
+
+def test_the_drift_of_a_few_cycles_is_not_a_number() -> None:
+    times = np.linspace(0.0, 1.0, 500)
+    assert np.isnan(frequency_drift(np.sin(15.0 * times)[:, None], times)[0])
+
+
+@pytest.mark.parametrize("name", list(INDICES))
+def test_noise_alone_exceeds_the_limits_as_rarely_as_promised(name: str) -> None:
+    """4000 intact beams: a linear fundamental with noise on all orders."""
+    n, rng = 4000, np.random.default_rng(5)
+    orders = (0.5, 1.0, 2.0, 3.0, 4.0)
+    values = np.zeros((len(orders), X.size), dtype=complex)
+    values[1] = 1.0 + np.sin(math.pi * X / 0.4)
+    clean = Shapes(X, F, orders, values)
+    called = 0
+    for _ in range(n):
+        found = INDICES[name](clean.noisy(1e-3, rng), FALSE_CALLS)
+        called += bool((found.values > found.limits).any())
+    spread = 3.0 * math.sqrt(FALSE_CALLS / n)
+    assert called / n < FALSE_CALLS + spread
+    assert called / n > 0.5 * FALSE_CALLS - spread  # and the limit is not needlessly high
+
+
+def test_the_limit_grows_with_the_noise_and_falls_with_the_spacing() -> None:
+    orders, values = (1.0, 2.0), np.zeros((2, X.size), dtype=complex)
+    limit = curvature(Shapes(X, F, orders, values, 1.0)).limits[0]
+    assert curvature(Shapes(X, F, orders, values, 2.0)).limits[0] == pytest.approx(2.0 * limit)
+    assert curvature(Shapes(2.0 * X, F, orders, values, 1.0)).limits[0] == pytest.approx(limit / 4)
+    per_point = 1.0 - (1.0 - FALSE_CALLS) ** (1.0 / 39.0)
+    spread = math.sqrt(6.0) / 0.01**2  # weights 1, -2, 1
+    assert limit == pytest.approx(spread * math.sqrt(-math.log(per_point)), rel=1e-6)
+
+
+def test_noise_is_measured_on_the_field_itself() -> None:
+    rng = np.random.default_rng(2)
+    field = field_of({1.0: 1.0 + X}) + rng.normal(scale=0.01, size=(TIMES.size, X.size))
+    found = index_of("curvature", field, TIMES, F, X)
+    again = curvature(shapes_of(field, TIMES, F, X))
+    np.testing.assert_array_equal(found.limits, again.limits)
+    assert not (found.values > found.limits).any()

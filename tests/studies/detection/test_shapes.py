@@ -1,0 +1,72 @@
+"""Complex shapes of synthetic fields with known amplitudes, phases and noise."""
+
+import math
+
+import numpy as np
+import pytest
+
+from delam_fem.studies.detection.shapes import amplitudes, shapes_of
+
+F = 7.0
+X = np.linspace(0.0, 1.0, 11)
+KNOWN = {0.5: 0.3 * X, 1.0: np.exp(2j * X), 2.0: (0.2 - 0.1j) * X**2, 3.0: 0.05j * (1.0 - X)}
+
+
+def field_of(times: np.ndarray, known: dict[float, np.ndarray]) -> np.ndarray:
+    phases = {k: np.exp(2j * math.pi * k * F * times)[:, None] for k in known}
+    return 0.7 + sum((phases[k] * V).real for k, V in known.items())
+
+
+def test_known_shapes_come_back_with_their_phases() -> None:
+    times = np.arange(16 * 20) / (20 * F)
+    found = shapes_of(field_of(times, KNOWN), times, F, X)
+    for k, V in KNOWN.items():
+        np.testing.assert_allclose(found.order(k), V, atol=1e-12)
+    np.testing.assert_allclose(found.order(4.0), 0.0, atol=1e-12)
+    assert found.noise < 1e-12
+
+
+def test_samples_that_are_not_locked_to_the_excitation_give_the_same() -> None:
+    times = 0.013 + np.arange(300) / 133.7  # 15.7 periods
+    found = shapes_of(field_of(times, KNOWN), times, F, X, orders=tuple(KNOWN))
+    for k, V in KNOWN.items():
+        np.testing.assert_allclose(found.order(k), V, atol=1e-10)
+
+
+def test_the_noise_between_the_harmonics_is_that_of_the_shapes() -> None:
+    times = np.arange(16 * 50) / (50 * F)
+    noise = np.random.default_rng(3).normal(scale=0.1, size=(times.size, 200))
+    x = np.linspace(0.0, 1.0, 200)
+    still = {k: np.interp(x, X, V.real) for k, V in KNOWN.items()}
+    found = shapes_of(field_of(times, still) + noise, times, F, x)
+    expected = 2.0 * 0.1 / math.sqrt(times.size)  # E|δV|² = 4 σ²/n
+    assert found.noise == pytest.approx(expected, rel=0.03)
+    error = found.order(2.0) - still[2.0]
+    assert np.sqrt(np.mean(np.abs(error) ** 2)) == pytest.approx(expected, rel=0.1)
+
+
+def test_orders_above_half_the_sampling_rate_are_left_out() -> None:
+    times = np.arange(8 * 6) / (6 * F)
+    assert shapes_of(field_of(times, KNOWN)[:, :2], times, F, X[:2]).orders == (0.5, 1.0, 2.0)
+
+
+def test_a_short_record_is_refused() -> None:
+    times = np.arange(3 * 20) / (20 * F)
+    with pytest.raises(ValueError, match=r"at least 4 periods of 7 Hz, given 3"):
+        shapes_of(field_of(times, KNOWN), times, F, X)
+
+
+def test_amplitudes_at_any_frequencies() -> None:
+    times = np.arange(400) / 100.0
+    signal = 2.0 * np.cos(2 * math.pi * 3.0 * times) - 0.5 * np.sin(2 * math.pi * 4.1 * times)
+    found = amplitudes(signal[:, None], times, [3.0, 4.1])
+    np.testing.assert_allclose(found[:, 0], [2.0, 0.5j], atol=1e-12)
+
+
+def test_added_noise_has_its_root_mean_square() -> None:
+    times = np.arange(16 * 20) / (20 * F)
+    found = shapes_of(field_of(times, KNOWN), times, F, X)
+    rng = np.random.default_rng(1)
+    many = np.stack([found.noisy(0.2, rng).order(2.0) - found.order(2.0) for _ in range(500)])
+    assert np.sqrt(np.mean(np.abs(many) ** 2)) == pytest.approx(0.2, rel=0.05)
+    assert abs(np.mean(many)) < 0.02
