@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from delam_fem.pipeline import run
     from delam_fem.reference.compare import compare
     from delam_fem.results.folder import Result, load_result
+    from delam_fem.results.measured.reading import read_measured
     from delam_fem.simulation.loop import State
     from delam_fem.simulation.solution import Solution
     from delam_fem.studies.convergence.run import converge
@@ -78,6 +79,7 @@ _HOMES = {
     "load_sweep": "studies.sweeps.grid",
     "modes": "studies.modes",
     "preset": "case.files",
+    "read_measured": "results.measured.reading",
     "run": "pipeline",
     "run_sweep": "studies.sweeps.run",
     "save_case": "case.files",
@@ -111,6 +113,7 @@ __all__ = [
     "load_sweep",
     "modes",
     "preset",
+    "read_measured",
     "run",
     "run_sweep",
     "save_case",

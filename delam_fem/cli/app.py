@@ -14,6 +14,7 @@ from delam_fem.cli.animate import register as register_films
 from delam_fem.cli.converge import register as register_convergence
 from delam_fem.cli.detect import register as register_detection
 from delam_fem.cli.inputs import CaseArgument, Overwrite, Quiet, Yes, case_of
+from delam_fem.cli.measured import register as register_measurements
 from delam_fem.cli.paper import register as register_paper
 from delam_fem.cli.run import report_in_folder, run_in_folder
 from delam_fem.cli.sweep import register as register_sweeps
@@ -196,6 +197,7 @@ register_paper(app)
 register_convergence(app)
 register_films(app)
 register_detection(app)
+register_measurements(app)
 
 if __name__ == "__main__":
     app()

@@ -89,7 +89,7 @@ class Result:
         """Write case.toml, result.nc and summary.json only."""
         directory = Path(directory)
         written = [save_case(self.case, directory)]
-        written.append(_write_history(self.history, directory / RESULT))
+        written.append(write_dataset(self.history, directory / RESULT))
         text = json.dumps(self.summary, indent=2, allow_nan=False) + "\n"
         return [*written, write_text(directory / SUMMARY, text)]
 
@@ -171,7 +171,7 @@ def is_complete(directory: str | Path, case: Case) -> bool:
         return False
 
 
-def _write_history(history: xr.Dataset, path: Path) -> Path:
+def write_dataset(history: xr.Dataset, path: Path) -> Path:
     """Write a dataset as NetCDF-4."""
     with atomic_file(path) as temporary:
         store: Any = xr.backends.H5NetCDFStore(h5netcdf.File(temporary, "w"))  # type: ignore[no-untyped-call]

@@ -1,0 +1,88 @@
+"""Define `delam-fem measure`, `overlay` and `export`: measured data in, runs out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from delam_fem.cli.inputs import Overwrite, Quiet
+from delam_fem.cli.terminal import reported, say_files, table
+
+Files = Annotated[
+    list[Path],
+    typer.Argument(metavar="FILE…", help="Files of measurements: CSV, UFF, MATLAB, NetCDF."),
+]
+Channels = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--channel",
+        metavar="NAME=SOURCE[:UNIT][@X[/LAMINA]]",
+        help="What a column is, e.g. 'tip thick=col2:mm' or "
+        "'mid=Laser 3:mm/s@0.2/upper'; repeatable.",
+    ),
+]
+Units = Annotated[
+    str | None,
+    typer.Option(metavar="UNIT", help="Unit of columns that name none, e.g. mm; SI: SI units."),
+]
+Rate = Annotated[
+    float | None, typer.Option(metavar="HZ", help="Samples per second of files without times.")
+]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to the application."""
+    app.command("measure")(measure_command)
+
+
+def assigned(channels: list[str] | None) -> dict[str, str]:
+    """Return the assignments of the option --channel by name."""
+    from delam_fem.case.toml import CaseError, shown
+
+    found: dict[str, str] = {}
+    for text in channels or []:
+        name, sign, source = text.partition("=")
+        if not sign or not name.strip() or not source.strip():
+            raise CaseError(f"--channel: expected NAME=SOURCE, given {shown(text)}")
+        if name.strip() in found:
+            raise CaseError(f"--channel: expected different names, given {name.strip()!r} twice")
+        found[name.strip()] = source.strip()
+    return found
+
+
+def measure_command(
+    files: Files,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="DIR",
+            help="Folder of the dataset (default: runs/NAME-measured).",
+        ),
+    ] = None,
+    channels: Channels = None,
+    units: Units = None,
+    rate: Rate = None,
+    *,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+) -> None:
+    """Read measurements into one dataset in SI, DIR/measured.nc, and show what was found."""
+    with reported(quiet):
+        from delam_fem.case.claim import claimed
+        from delam_fem.results.measured.listing import HEADING, lines, rows, write_all
+        from delam_fem.results.measured.reading import read_measured
+
+        data = read_measured(*files, channels=assigned(channels), units=units, rate=rate)
+        folder = output or Path("runs") / f"{files[0].stem}-measured"
+        with claimed(folder, inputs=files, may_hold_results=overwrite) as directory:
+            paths = write_all(data, directory)
+        if not quiet:
+            names = ", ".join(dict.fromkeys(path.name for path in files))
+            table(f"measured: {names}", HEADING, list(rows(data)))
+            for line in lines(data):
+                typer.echo(line)
+            say_files(paths)

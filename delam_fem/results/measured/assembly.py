@@ -1,0 +1,240 @@
+"""Put measured channels into one dataset whose names are those of a run's dataset.
+
+`tip_displacement(lamina, time)`, `tip_velocity`, `base_displacement(time)`, `force(time)`,
+`sensor_NAME(time)` and `gap0(node)` with `x(node)` mean what they mean there. Besides:
+
+    response(frequency, output)    frequency responses, complex
+    coherence(frequency, output)   their coherence, NaN where it was not measured
+    channel_…(channel)             of every channel: variable, units, quantity, position [m],
+                                   lamina, where it comes from
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+import numpy as np
+import xarray as xr
+from scipy.interpolate import CubicSpline
+
+from delam_fem.case.toml import CaseError
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.results.measured.channels import Channel
+from delam_fem.results.measured.columns import Values
+from delam_fem.results.schema import VARIABLES, add
+
+SCHEMA = "delam_fem measurement"
+"""What the attribute `schema` of the dataset says."""
+TIP = re.compile(
+    r"tip[ _](?:(?:displacement|velocity|acceleration)[ _])?(?P<lamina>.+)", re.IGNORECASE
+)
+"""The name of a channel at the tip of a lamina."""
+OF_TIPS = {"displacement": "tip_displacement", "velocity": "tip_velocity"}
+OF_DRIVE = {("base", "displacement"): "base_displacement",
+            ("base_displacement", "displacement"): "base_displacement",
+            ("force", "force"): "force"}  # fmt: skip
+EQUAL = 1e-6
+"""Axes that differ by less of a step are the same."""
+TABLE = {
+    "variable": "variable that holds the channel",
+    "units": "unit",
+    "quantity": "what was measured",
+    "position": "where it was measured",
+    "lamina": "on which lamina it was measured",
+    "source": "file and column, with the unit there",
+}
+"""Variables `channel_…` with their meaning."""
+
+
+def dataset(channels: Sequence[Channel], notes: Sequence[str] = ()) -> xr.Dataset:
+    """Return channels as one dataset.
+
+    Histories over other times than the first are interpolated to the finest step over the time
+    that all have; a note says so.
+
+    Args:
+        channels: in SI.
+        notes: what was put right when the files were read.
+
+    Raises:
+        CaseError: two channels have the same name, or their times have nothing in common.
+    """
+    notes, data = list(notes), xr.Dataset()
+    _refuse_doubles(channels)
+    histories = [channel for channel in channels if channel.axis == "time"]
+    if histories:
+        time, values = _on_one_axis(histories, notes)
+        data = _with_histories(data, histories, time, values)
+    spectra = [channel for channel in channels if channel.axis == "frequency"]
+    if spectra:
+        data = _with_responses(data, spectra, notes)
+    gaps = [channel for channel in channels if channel.axis == "x"]
+    if gaps:
+        data = _with_gaps(data, gaps, notes)
+    data = _with_table(data, channels)
+    data.attrs = {"title": "measurement", "schema": SCHEMA, "notes": "\n".join(notes)}
+    return data
+
+
+def variable_of(channel: Channel) -> str:
+    """Return the name of the variable that holds a channel."""
+    if channel.axis == "frequency":
+        return "coherence" if channel.column.kind == "coherence" else "response"
+    if channel.axis == "x":
+        return "gap0"
+    found, quantity = TIP.fullmatch(channel.name), channel.unit.quantity
+    if found and quantity in OF_TIPS:
+        return OF_TIPS[quantity]
+    if own := OF_DRIVE.get((channel.name.lower(), quantity)):
+        return own
+    word = re.sub(r"[^\w.@-]+", "_", channel.name.strip())
+    return word if word.startswith("sensor_") else f"sensor_{word}"
+
+
+def _refuse_doubles(channels: Sequence[Channel]) -> None:
+    """Refuse two channels with one name."""
+    seen: dict[tuple[str, str], str] = {}
+    for channel in channels:
+        key = (channel.name, channel.column.kind)
+        if key in seen:
+            raise CaseError(
+                f"channel {channel.name!r}: expected different names, given it twice: "
+                f"{seen[key]} and {channel.source}; --channel NAME=… renames one"
+            )
+        seen[key] = channel.source
+
+
+def _on_one_axis(channels: Sequence[Channel], notes: list[str]) -> tuple[FloatArray, list[Values]]:
+    """Return a common axis and the values of all channels there."""
+    first = channels[0].points
+    step = min(float(np.median(np.diff(channel.points))) for channel in channels)
+    if all(_is_same(channel.points, first, step) for channel in channels):
+        return first, [channel.values for channel in channels]
+    start = max(float(channel.points[0]) for channel in channels)
+    end = min(float(channel.points[-1]) for channel in channels)
+    if end - start < step:
+        raise CaseError(
+            f"{channels[0].source} and other channels: expected a common range of "
+            f"{channels[0].axis}, given none"
+        )
+    finest = min(channels, key=lambda channel: float(np.median(np.diff(channel.points))))
+    margin = EQUAL * step
+    axis = finest.points[(finest.points >= start - margin) & (finest.points <= end + margin)]
+    values = []
+    for channel in channels:
+        inside = np.clip(axis, channel.points[0], channel.points[-1])
+        values.append(CubicSpline(channel.points, channel.values)(inside))
+    notes.append(
+        f"channels over different values of {channels[0].axis}: interpolated to a step of "
+        f"{step:.6g} from {start:.6g} to {end:.6g}"
+    )
+    return axis, values
+
+
+def _is_same(points: FloatArray, others: FloatArray, step: float) -> bool:
+    """Return whether two axes are the same."""
+    return points.size == others.size and bool(np.all(np.abs(points - others) <= EQUAL * step))
+
+
+def _with_histories(
+    data: xr.Dataset, channels: Sequence[Channel], time: FloatArray, values: Sequence[Values]
+) -> xr.Dataset:
+    """Return the dataset with tips by lamina, drive and sensors over the time."""
+    tips: dict[str, dict[str, Values]] = {}
+    add(data, "time", time)
+    rest = []
+    for channel, own in zip(channels, values, strict=True):
+        name, found = variable_of(channel), TIP.fullmatch(channel.name)
+        if found and name in OF_TIPS.values():
+            tips.setdefault(name, {})[found["lamina"]] = own
+        else:
+            rest.append((name, channel, own))
+    laminae = list(dict.fromkeys(lamina for own in tips.values() for lamina in own))
+    if laminae:
+        data = data.assign_coords(lamina=laminae)
+    none = np.full(time.size, np.nan)
+    for name, of_laminae in tips.items():
+        add(data, name, [of_laminae.get(lamina, none) for lamina in laminae])
+    for name, channel, own in rest:
+        if name in VARIABLES:
+            add(data, name, own)
+        else:
+            quantity = channel.unit.quantity or "signal"
+            about = {"units": channel.unit.units, "long_name": f"{quantity}: {channel.name}"}
+            data[name] = (("time",), own, about)
+    return data
+
+
+def _with_responses(data: xr.Dataset, channels: Sequence[Channel], notes: list[str]) -> xr.Dataset:
+    """Return the dataset with frequency responses and coherences."""
+    frequency, values = _on_one_axis(channels, notes)
+    by_kind: dict[str, dict[str, Values]] = {"response": {}, "coherence": {}}
+    units: dict[str, str] = {}
+    for channel, own in zip(channels, values, strict=True):
+        by_kind[variable_of(channel)][channel.name] = own
+        if variable_of(channel) == "response":
+            units[channel.name] = channel.unit.units
+    names = list(dict.fromkeys([*by_kind["response"], *by_kind["coherence"]]))
+    data = data.assign_coords(
+        frequency=("frequency", frequency, {"units": "Hz", "long_name": "frequency"}),
+        output=names,
+    )
+    none = np.full(frequency.size, np.nan)
+    common = set(units.values())
+    about = {
+        "units": common.pop() if len(common) == 1 else "see channel_units",
+        "long_name": "frequency response",
+    }
+    for kind, long in (
+        ("response", about),
+        ("coherence", {"units": "1", "long_name": "coherence"}),
+    ):
+        if by_kind[kind]:
+            table = np.array([by_kind[kind].get(name, none) for name in names]).T
+            data[kind] = (("frequency", "output"), table, long)
+    return data
+
+
+def _with_gaps(data: xr.Dataset, channels: Sequence[Channel], notes: list[str]) -> xr.Dataset:
+    """Return the dataset with the gaps at rest."""
+    wrong = [channel for channel in channels if channel.unit.quantity != "displacement"]
+    if wrong:
+        raise CaseError(
+            f"{wrong[0].source}: expected a gap in a unit of length over x, given a "
+            f"{wrong[0].unit.quantity or 'quantity in ' + wrong[0].unit.units}"
+        )
+    x, values = _on_one_axis(channels, notes)
+    if len(channels) > 1:
+        data = data.assign_coords(interface=[channel.name for channel in channels])
+    add(data, "x", x)
+    data = data.set_coords("x")
+    add(data, "gap0", values[0] if len(values) == 1 else np.array(values))
+    return data
+
+
+def _with_table(data: xr.Dataset, channels: Sequence[Channel]) -> xr.Dataset:
+    """Return the dataset with the table of the channels."""
+    rows = [channel for channel in channels if channel.column.kind != "coherence"]
+    columns = {
+        "variable": [variable_of(own) for own in rows],
+        "units": [own.unit.units for own in rows],
+        "quantity": [own.unit.quantity for own in rows],
+        "position": [
+            np.nan if own.column.position is None else own.column.position for own in rows
+        ],
+        "lamina": [own.column.lamina or _lamina_of(own) for own in rows],
+        "source": [own.source for own in rows],
+    }
+    data = data.assign_coords(channel=[own.name for own in rows])
+    for name, values in columns.items():
+        units = "m" if name == "position" else "1"
+        about = {"units": units, "long_name": TABLE[name]}
+        data[f"channel_{name}"] = (("channel",), np.array(values), about)
+    return data
+
+
+def _lamina_of(channel: Channel) -> str:
+    """Return the lamina that the name of a tip's channel says; empty for others."""
+    found = TIP.fullmatch(channel.name)
+    return found["lamina"] if found and channel.axis == "time" else ""

@@ -1,0 +1,62 @@
+"""The commands `measure`, `overlay` and `export`: what they write, show and refuse."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from typer.testing import CliRunner
+
+from delam_fem.cli.app import app
+
+
+def call(*arguments: str | Path) -> tuple[int, str]:
+    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    return result.exit_code, " ".join(result.output.split())
+
+
+@pytest.fixture
+def table(tmp_path: Path) -> Path:
+    """Write a table of two tips in mm, 100 samples per second."""
+    t = np.arange(200) / 100.0
+    rows = zip(t, 3.0 * np.sin(t), 4.0 * np.cos(t), strict=True)
+    path = tmp_path / "tips.csv"
+    path.write_text("time [s],a,b\n" + "\n".join(",".join(map(str, row)) for row in rows))
+    return path
+
+
+def test_measure_writes_a_dataset_and_says_what_it_holds(table: Path, tmp_path: Path) -> None:
+    status, output = call(
+        "measure", table, "-o", tmp_path / "out", "--units", "mm",
+        "--channel", "tip thick=a", "--channel", "tip thin=col3:um",
+    )  # fmt: skip
+    assert status == 0, output
+    assert "200 samples, 100 per second, 1.99 s" in output and "displacement" in output
+    data = xr.load_dataset(tmp_path / "out" / "measured.nc", engine="h5netcdf")
+    assert float(data["tip_displacement"].sel(lamina="thick").max()) == pytest.approx(
+        3e-3, rel=1e-3
+    )
+    assert float(data["tip_displacement"].sel(lamina="thin").max()) == pytest.approx(4e-6)
+    status, output = call("measure", table, "-o", tmp_path / "out", "--units", "mm")
+    assert status == 2 and "not empty" in output
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((), "no unit; expected one in the heading"),
+        (("--units", "mmm"), "expected a unit such as mm"),
+        (("--units", "mm", "--channel", "tip thick"), "expected NAME=SOURCE"),
+        (("--units", "mm", "--channel", "c=d"), "there is no column 'd'"),
+        (("--units", "mm", "--channel", "c=a", "--channel", "c=b"), "given 'c' twice"),
+        (("--units", "mm", "--channel", "c=a:mm@here"), "expected a position such as 0.12"),
+    ],
+)
+def test_measure_refuses_what_is_not_clear(
+    table: Path, tmp_path: Path, arguments: tuple[str, ...], message: str
+) -> None:
+    status, output = call("measure", table, "-o", tmp_path / "out", *arguments)
+    assert status == 2 and message in output
+    assert not (tmp_path / "out").exists()

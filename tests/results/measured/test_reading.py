@@ -1,0 +1,391 @@
+"""Measured files of every format: what is written is read back in SI, bad files are refused."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import pyuff
+import xarray as xr
+from scipy.io import savemat
+from synthetic import small_case, synthetic_history
+
+import delam_fem as df
+from delam_fem.case.gap import read_gap_table
+from delam_fem.case.toml import CaseError
+from delam_fem.results.measured.listing import lines, rows, write_all
+from delam_fem.results.measured.reading import read_measured, scan, write_measured
+
+RATE, N = 512.0, 301
+"""Samples per second and samples: no multiple of 4 or 6, the numbers in a line of a UFF."""
+TIME = np.arange(N) / RATE
+THICK = 0.011 * np.sin(2.0 * np.pi * 3.25 * TIME)
+THIN = 0.014 * np.cos(2.0 * np.pi * 3.25 * TIME) + 0.002
+TEXT_DIGITS = 6e-6
+"""Tolerance of values that are written with six digits, relative to the largest."""
+
+
+def is_close(found: object, wanted: np.ndarray, tolerance: float = 1e-12) -> bool:
+    return bool(np.all(np.abs(np.asarray(found) - wanted) <= tolerance * np.abs(wanted).max()))
+
+
+def table(path: Path, heading: str, *columns: np.ndarray, separator: str = ",") -> Path:
+    body = "\n".join(
+        separator.join(repr(float(v)) for v in row) for row in zip(*columns, strict=True)
+    )
+    path.write_text(f"{heading}\n{body}\n" if heading else f"{body}\n", encoding="utf-8")
+    return path
+
+
+def uff_set(name: str, values: np.ndarray, **about: object) -> dict[str, object]:
+    own: dict[str, object] = {
+        "type": 58, "binary": 0, "func_type": 1, "id1": name, "rsp_node": 1, "rsp_dir": 3,
+        "ref_node": 0, "ref_dir": 0, "data": values, "x": TIME, "abscissa_spacing": 1,
+        "abscissa_inc": 1.0 / RATE, "abscissa_spec_data_type": 17, "ordinate_spec_data_type": 8,
+        "ordinate_axis_units_lab": "mm", "orddenom_spec_data_type": 0,
+    }  # fmt: skip
+    return own | about
+
+
+def write_uff(path: Path, *sets: dict[str, object], double: bool = True) -> Path:
+    file = pyuff.UFF(str(path))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        for own in sets:
+            if not double:
+                own["ord_data_type"] = 5 if np.iscomplexobj(own["data"]) else 2
+            file.write_sets([own], "add", force_double=double)
+    return path
+
+
+# ---- text
+
+
+def test_a_table_in_mm_becomes_tips_in_metres(tmp_path: Path) -> None:
+    path = table(tmp_path / "m.csv", "time [s],tip thick [mm],tip thin (um)", TIME, 1e3 * THICK,
+                 1e6 * THIN)  # fmt: skip
+    data = df.read_measured(path)
+    assert data["lamina"].to_numpy().tolist() == ["thick", "thin"]
+    assert is_close(data["tip_displacement"], np.array([THICK, THIN]))
+    assert is_close(data["time"], TIME)
+    assert data["tip_displacement"].attrs["units"] == "m"
+    assert data["channel_source"][0].item().endswith("[mm]")
+
+
+@pytest.mark.parametrize(
+    ("unit", "factor", "quantity", "si"),
+    [
+        ("mm/s", 1e-3, "velocity", "m/s"), ("m/s²", 1.0, "acceleration", "m/s2"),
+        ("m/s2", 1.0, "acceleration", "m/s2"), ("g", 9.80665, "acceleration", "m/s2"),
+        ("N", 1.0, "force", "N"), ("µm/m", 1e-6, "strain", "1"), ("mV", 1e-3, "voltage", "V"),
+        ("in", 0.0254, "displacement", "m"),
+    ],
+)  # fmt: skip
+def test_units_of_sensors(tmp_path: Path, unit: str, factor: float, quantity: str, si: str) -> None:
+    data = read_measured(table(tmp_path / "m.csv", f"t,mid [{unit}]", TIME, THIN))
+    assert is_close(data["sensor_mid"], factor * THIN)
+    assert data["channel_quantity"].item() == quantity
+    assert data["sensor_mid"].attrs["units"] == si
+
+
+def test_columns_without_names_are_assigned(tmp_path: Path) -> None:
+    path = table(tmp_path / "m.csv", "", TIME, 1e3 * THICK, THIN)
+    data = read_measured(
+        path, channels={"tip thick": "col2", "mid": "col3:m/s@120mm/thin"}, units="mm"
+    )
+    assert is_close(data["tip_displacement"].sel(lamina="thick"), THICK)
+    assert is_close(data["sensor_mid"], THIN)
+    assert float(data["channel_position"].sel(channel="mid")) == pytest.approx(0.12)
+    assert data["channel_lamina"].sel(channel="mid").item() == "thin"
+
+
+def test_a_table_without_times_takes_the_rate(tmp_path: Path) -> None:
+    path = table(tmp_path / "m.csv", "thick [mm],thin [mm]", 1e3 * THICK, 1e3 * THIN)
+    data = read_measured(path, rate=RATE)
+    assert is_close(data["time"], TIME) and is_close(data["sensor_thick"], THICK)
+
+
+def test_lines_above_the_table_and_a_line_of_units(tmp_path: Path) -> None:
+    path = tmp_path / "m.csv"
+    table(path, "Recorder XY\nSerial,17\ntime,tip thin\n[s],[mm]", TIME, 1e3 * THIN)
+    assert is_close(read_measured(path)["tip_displacement"][0], THIN)
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "message"),
+    [
+        ("t,thick\n0,1\n1,2\n", {}, "no unit; expected one in the heading, as in 'thick [mm]'"),
+        ("t,thick [mmm]\n0,1\n1,2\n", {}, "expected a unit such as mm"),
+        ("t,thick [mm]\n0,1\n0,2\n", {}, "expected the time to increase, given 0 after 0"),
+        ("t,thick [mm]\n0,1\n1\n", {}, "line 3: expected 2 columns as above, given 1"),
+        ("t,thick [mm]\n0,1\n1,x\n", {}, "line 3: expected numbers, found none in column 2"),
+        ("t,thick [mm]\n0,1\n1,nan\n", {}, "expected finite numbers, given none at sample 2"),
+        ("t,a [mm]\n0,x\n1,2\n2,3\n", {}, "line 2: expected numbers or names, found both"),
+        ("t,thick [mm]\n", {}, "at least two rows of numbers"),
+        ("t,a [mm]\n0,1\n1,2\n", {"channels": {"tip thin": "b"}}, "there is no column"),
+        ("t,a [mm]\n0,1\n1,2\n", {"rate": -1.0}, "expected a positive number of samples"),
+        ("x [mm],a [N]\n0,1\n1,2\n", {}, "expected a gap in a unit of length over x"),
+        ("t,a [mm],a [mm]\n0,1,1\n1,2,1\n", {}, "expected different names"),
+    ],
+)  # fmt: skip
+def test_bad_tables_are_refused(
+    tmp_path: Path, text: str, options: dict[str, object], message: str
+) -> None:
+    path = tmp_path / "m.csv"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(CaseError, match=message.replace("[", r"\[")):
+        read_measured(path, **options)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("suffix", [".uff", ".mat", ".nc", ".csv"])
+def test_files_of_noise_are_refused(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"m{suffix}"
+    path.write_bytes(np.random.default_rng(1).bytes(2000))
+    with pytest.raises(CaseError, match="m" + suffix):
+        read_measured(path)
+
+
+def test_missing_and_unknown_files_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(CaseError, match="there is no such file"):
+        read_measured(tmp_path / "none.csv")
+    (tmp_path / "m.xyz").write_text("1")
+    with pytest.raises(CaseError, match=r"expected a file that ends in .csv"):
+        read_measured(tmp_path / "m.xyz")
+
+
+def test_a_gap_in_mm_is_one_that_a_case_reads(tmp_path: Path) -> None:
+    x = np.linspace(0.0, 0.685, 30)
+    gap = 0.012 * (x / 0.685) ** 2
+    data = read_measured(table(tmp_path / "g.csv", "x [mm],gap [mm]", 1e3 * x, 1e3 * gap))
+    assert is_close(data["gap0"], gap) and is_close(data["x"], x)
+    written = write_all(data, tmp_path)
+    assert [path.name for path in written] == ["measured.nc", "gap.csv"]
+    assert is_close(read_gap_table(tmp_path / "gap.csv", 0.685)[1], gap)
+
+
+def test_amplitude_and_phase_become_a_complex_response(tmp_path: Path) -> None:
+    f, h = np.linspace(1.0, 20.0, 40), np.linspace(1.0, 20.0, 40) * np.exp(0.3j)
+    heading = "frequency [Hz],tip amplitude [mm/N],tip phase [deg],tip coherence [1]"
+    columns = f, abs(h), np.degrees(np.angle(h)), 0.0 * f + 0.9
+    path = table(tmp_path / "h.csv", heading, *columns)
+    data = read_measured(path)
+    assert is_close(data["response"].sel(output="tip"), 1e-3 * h)
+    assert is_close(data["coherence"].sel(output="tip"), np.full(f.size, 0.9))
+    again = read_measured(write_measured(data, tmp_path / "measured.nc"))
+    xr.testing.assert_allclose(again, data)
+    assert again["response"].dtype.kind == "c"
+
+
+# ---- universal files
+
+
+@pytest.mark.parametrize("binary", [0, 1])
+@pytest.mark.parametrize("double", [True, False])
+def test_universal_files(tmp_path: Path, binary: int, double: bool) -> None:
+    if binary and not double:
+        pytest.skip("pyuff writes binary data in double precision only")
+    path = write_uff(
+        tmp_path / "m.uff",
+        uff_set("tip thick", 1e3 * THICK, binary=binary),
+        uff_set("tip thin", 1e3 * THIN, binary=binary, rsp_node=2),
+        double=double,
+    )
+    data = read_measured(path)
+    assert data.sizes["time"] == N
+    assert is_close(data["time"], TIME, 1e-5)  # the format has six digits for the step
+    assert is_close(
+        data["tip_displacement"], np.array([THICK, THIN]), 1e-10 if double else TEXT_DIGITS
+    )
+
+
+def trailing_blanks(content: bytes) -> bytes:
+    return b"".join(line.ljust(90) + b"\n" for line in content.splitlines())
+
+
+def windows_lines(content: bytes) -> bytes:
+    return content.replace(b"\n", b"\r\n")
+
+
+def fortran_exponents(content: bytes) -> bytes:
+    head, body = content.split(b"\n")[:13], content.split(b"\n")[13:]
+    return b"\n".join(head + [line.replace(b"e", b"D") for line in body])
+
+
+def empty_lines(content: bytes) -> bytes:
+    return content[:-7] + b"\n\n" + content[-7:] + b"\n"
+
+
+@pytest.mark.parametrize("damage", [trailing_blanks, windows_lines, fortran_exponents, empty_lines])
+@pytest.mark.parametrize("double", [True, False])
+def test_what_text_sets_of_real_files_contain(
+    tmp_path: Path, damage: Callable[[bytes], bytes], double: bool
+) -> None:
+    path = write_uff(tmp_path / "m.uff", uff_set("tip thin", 1e3 * THIN), double=double)
+    path.write_bytes(damage(path.read_bytes()))
+    assert is_close(read_measured(path)["tip_displacement"][0], THIN, TEXT_DIGITS)
+
+
+@pytest.mark.parametrize("stray", [b"\n", b"\r\n"])
+@pytest.mark.parametrize("is_before", [True, False])
+@pytest.mark.parametrize("last", [0.001, np.frombuffer(b"\x00\x00\x00\x00\n\n\n?", "<f8")[0]])
+def test_stray_line_ends_about_binary_data(
+    tmp_path: Path, stray: bytes, is_before: bool, last: float
+) -> None:
+    values = 1e3 * np.r_[THIN[:-1], last]
+    values[0] = np.frombuffer(b"\n\x00\x00\x00\x00\x00\xf0?", "<f8")[0]  # begins like a line end
+    path = write_uff(tmp_path / "m.uff", uff_set("a", values, binary=1), uff_set("b", 1e3 * THICK))
+    content, data = path.read_bytes(), values.astype("<f8").tobytes()
+    assert data in content
+    path.write_bytes(content.replace(data, stray + data if is_before else data + stray))
+    found = read_measured(path)
+    assert is_close(found["sensor_a"], 1e-3 * values) and is_close(found["sensor_b"], THICK, 1e-9)
+    assert "stray" in found.attrs["notes"]
+
+
+def test_binary_data_that_looks_like_the_end_of_a_set(tmp_path: Path) -> None:
+    values = THIN.copy()
+    values[100] = np.frombuffer(b"\n    -1\n", "<f8")[0]
+    path = write_uff(tmp_path / "m.uff", uff_set("a", values, binary=1), uff_set("b", 1e3 * THICK))
+    with pytest.raises(CaseError, match="set 1"):
+        read_measured(path)
+
+
+def test_units_and_positions_from_other_sets(tmp_path: Path) -> None:
+    none = {"ordinate_axis_units_lab": "NONE"}
+    path = tmp_path / "m.uff"
+    write_uff(
+        path,
+        pyuff.prepare_151(model_name="m", description="d", db_app="a", program="p",
+                          return_full_dict=True) | {"type": 151},
+        pyuff.prepare_164(units_code=5, units_description="mm", temp_mode=1, length=1000.0,
+                          force=1.0, temp=1.0, temp_offset=0.0),
+        pyuff.prepare_15(node_nums=[1, 2], def_cs=[0, 0], disp_cs=[0, 0], color=[0, 0],
+                         x=[120.0, 240.0], y=[0.0, 0.0], z=[0.0, 0.0]),
+        uff_set("v2", 1e3 * THIN, rsp_node=2, ordinate_spec_data_type=11, **none),
+        uff_set("v1", 1e3 * THICK, rsp_node=1, ordinate_spec_data_type=11, **none),
+    )  # fmt: skip
+    data = read_measured(path)
+    assert is_close(data["sensor_v2"], THIN, 1e-9)
+    assert data["channel_position"].to_numpy() == pytest.approx([0.24, 0.12])
+    field = scan(data, "velocity")
+    assert field.dims == ("time", "point")
+    assert field["position"].to_numpy() == pytest.approx([0.12, 0.24])
+    assert is_close(field[:, 0], THICK, 1e-9) and field.attrs["units"] == "m/s"
+    with pytest.raises(CaseError, match="expected channels of strain"):
+        scan(data, "strain")
+
+
+def test_a_universal_file_without_units_asks_for_them(tmp_path: Path) -> None:
+    own = uff_set("a", THIN, ordinate_axis_units_lab="NONE", ordinate_spec_data_type=12)
+    path = write_uff(tmp_path / "m.uff", own)
+    with pytest.raises(CaseError, match="no unit"):
+        read_measured(path)
+    data = read_measured(path, units="SI")
+    assert is_close(data["sensor_a"], THIN, 1e-9) and data["sensor_a"].attrs["units"] == "m/s2"
+
+
+def test_a_frequency_response_and_its_coherence(tmp_path: Path) -> None:
+    f = np.arange(N) * 0.25
+    h = (1.0 + 0.5j) * np.exp(0.01j * f)
+    about = {"x": f, "abscissa_inc": 0.25, "abscissa_spec_data_type": 18}
+    path = write_uff(
+        tmp_path / "m.uff",
+        uff_set("h", h, func_type=4, ordinate_axis_units_lab="mm", orddenom_axis_units_lab="N",
+                orddenom_spec_data_type=13, **about),
+        uff_set("h", 0.0 * f + 0.75, func_type=6, **about),
+    )  # fmt: skip
+    data = read_measured(path)
+    assert is_close(data["response"].sel(output="h"), 1e-3 * h, 1e-9)
+    assert is_close(data["coherence"].sel(output="h"), np.full(N, 0.75))
+    assert is_close(data["frequency"], f) and data["response"].attrs["units"] == "m/N"
+
+
+def test_sets_at_other_rates_are_interpolated_and_said_so(tmp_path: Path) -> None:
+    slow = uff_set("slow", 1e3 * THIN[::2], x=TIME[::2], abscissa_inc=2.0 / RATE, rsp_node=2)
+    data = read_measured(write_uff(tmp_path / "m.uff", uff_set("fast", 1e3 * THICK), slow))
+    assert is_close(data["sensor_slow"], THIN, 1e-4)
+    assert "interpolated" in "\n".join(lines(data))
+
+
+@pytest.mark.parametrize("keep", [0.4, 0.9])
+@pytest.mark.parametrize("binary", [0, 1])
+def test_files_that_are_cut_off_are_refused(tmp_path: Path, keep: float, binary: int) -> None:
+    path = write_uff(tmp_path / "m.uff", uff_set("a", THIN, binary=binary))
+    path.write_bytes(path.read_bytes()[: int(keep * path.stat().st_size)])
+    with pytest.raises(CaseError, match=r"set 1 .*cut off"):
+        read_measured(path)
+
+
+# ---- MATLAB and NetCDF
+
+
+def test_matlab_files(tmp_path: Path) -> None:
+    savemat(
+        tmp_path / "m.mat",
+        {"t": TIME, "tip_thick": 1e3 * THICK, "laser": np.array([THICK, THIN]).T,
+         "units": {"tip_thick": "mm", "laser": "m/s"}, "comment": "a test"},
+    )  # fmt: skip
+    data = read_measured(tmp_path / "m.mat")
+    assert is_close(data["tip_displacement"].sel(lamina="thick"), THICK)
+    assert is_close(data["sensor_laser_2"], THIN)
+
+
+def test_matlab_structures_with_a_rate(tmp_path: Path) -> None:
+    savemat(tmp_path / "m.mat", {"scope": {"fs": RATE, "thin": 1e3 * THIN}})
+    data = read_measured(tmp_path / "m.mat", channels={"tip thin": "thin"}, units="mm")
+    assert is_close(data["tip_displacement"][0], THIN) and is_close(data["time"], TIME)
+
+
+def test_matlab_files_of_version_7_3(tmp_path: Path) -> None:
+    path = tmp_path / "m.mat"
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name, values in {"t": TIME[None, :], "thin": 1e3 * THIN[None, :]}.items():
+            file.create_dataset(name, data=values).attrs["MATLAB_class"] = np.bytes_("double")
+        scan_data = file.create_dataset("laser", data=np.array([THICK, THIN]))  # (n, 2) in MATLAB
+        scan_data.attrs["MATLAB_class"] = np.bytes_("double")
+        group = file.create_group("units")
+        text = group.create_dataset("thin", data=np.array([[109], [109]], np.uint16))
+        text.attrs["MATLAB_class"] = np.bytes_("char")
+    with path.open("r+b") as raw:
+        raw.write(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM")
+    data = read_measured(path, units="m")
+    assert is_close(data["sensor_thin"], THIN)
+    assert is_close(data["sensor_laser_1"], THICK)
+
+
+def test_a_matlab_file_without_times_says_what_it_has(tmp_path: Path) -> None:
+    savemat(tmp_path / "m.mat", {"y": THIN})
+    with pytest.raises(CaseError, match=r"expected vectors beside a vector t or time.*found y"):
+        read_measured(tmp_path / "m.mat")
+
+
+def test_the_result_of_a_run_is_read_under_its_own_names(tmp_path: Path) -> None:
+    history = synthetic_history(small_case())
+    history.to_netcdf(tmp_path / "result.nc", engine="h5netcdf")
+    data = read_measured(tmp_path / "result.nc")
+    for name in ("tip_displacement", "tip_velocity", "base_displacement", "gap0"):
+        np.testing.assert_array_equal(data[name], history[name])
+        assert data[name].dims == history[name].dims
+
+
+def test_other_netcdf_files(tmp_path: Path) -> None:
+    own = xr.Dataset(
+        {"w": (("time",), 1e3 * THIN, {"units": "mm"})}, {"time": ("time", TIME, {"units": "s"})}
+    )
+    own.to_netcdf(tmp_path / "m.nc", engine="scipy")
+    data = read_measured(tmp_path / "m.nc", channels={"tip thin": "w"})
+    assert is_close(data["tip_displacement"][0], THIN)
+
+
+def test_several_files_become_one_dataset(tmp_path: Path) -> None:
+    a = table(tmp_path / "a.csv", "t,tip thick [mm]", TIME, 1e3 * THICK)
+    b = table(tmp_path / "b.csv", "t,tip thin [mm]", TIME, 1e3 * THIN)
+    data = read_measured(a, b)
+    assert is_close(data["tip_displacement"], np.array([THICK, THIN]))
+    assert [row[0] for row in rows(data)] == ["tip thick", "tip thin"]
+    again = read_measured(write_measured(data, tmp_path / "measured.nc"))
+    xr.testing.assert_identical(again, data)
