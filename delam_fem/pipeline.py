@@ -111,6 +111,23 @@ def run(
     return result if outcome == "interrupted" else replace(result, checkpoint=kept)
 
 
+def checked(case: Case, engine: EngineName = "petsc") -> tuple[Structure, list[str]]:
+    """Assemble a case and set its engine up as `run` does, but compute no step.
+
+    Returns:
+        The structure, and what may be wrong with the numbers of a run.
+
+    Raises:
+        CaseError: the case cannot be computed.
+    """
+    structure = bending.assemble(case)
+    with session_of(case, structure.operators, engine=engine):
+        pass
+    opening = never_opens(case)
+    warnings = [] if opening is None else [opening]
+    return structure, warnings + quality.quality_warnings(case, structure, residual=0.0)
+
+
 def _require_a_step(case: Case, recorder: Recorder) -> None:
     """Raise a CaseError if not even the first step of a run stays within bounds."""
     if recorder.n_closed == 1 and not recorder.window[-1].n_steps:

@@ -95,6 +95,7 @@ class _Place:
         if module is not None:
             return [getattr(module.lib, wanted) for wanted in objects], module
         self.name = name
+        _announce()
         (self.private / f"{name}.c").touch()  # FFCx renames it where the compiler fails
         return None, None
 
@@ -129,6 +130,12 @@ class _Place:
         except OSError as error:  # the library is loaded and stays so
             _log.debug("%s: not kept (%s)", self.name, error)
         _clear_out(self.shared)
+
+
+@functools.cache
+def _announce() -> None:
+    """Say, once a process, why nothing seems to happen now."""
+    _log.info("compiling the weak forms, once, some seconds")
 
 
 def _library(folder: Path, name: str) -> Path | None:

@@ -136,3 +136,16 @@ class _SealedCache(caching.FunctionCache):  # type: ignore[misc]
             filename_base=self._impl.filename_base,
             source_stamp=(self._impl.locator.get_source_stamp(), _kernels_stamp()),
         )
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Return the machine code of a function for these types; None: it is compiled next."""
+        found = super().load_overload(sig, target_context)
+        if found is None:
+            _announce()
+        return found
+
+
+@cache
+def _announce() -> None:
+    """Say, once a process, why nothing seems to happen now."""
+    _log.info("compiling for this machine, once, about a minute")

@@ -137,16 +137,16 @@ def _is_tables(value: object) -> TypeGuard[Sequence[Mapping[str, object]]]:
 def _key_lines(table: Mapping[str, object]) -> str:
     """Return the lines `key = value` for the scalars and lists of scalars of a table."""
     return "".join(
-        f"{key if _BARE_KEY.fullmatch(key) else json.dumps(key)} = {_toml_value(value)}\n"
+        f"{key if _BARE_KEY.fullmatch(key) else json.dumps(key)} = {toml_value(value)}\n"
         for key, value in table.items()
         if not isinstance(value, Mapping) and not _is_tables(value)
     )
 
 
-def _toml_value(value: object) -> str:
+def toml_value(value: object) -> str:
     """Return a scalar, or a list of scalars, as TOML writes it."""
     if isinstance(value, list | tuple):
-        return f"[{', '.join(_toml_value(entry) for entry in value)}]"
+        return f"[{', '.join(toml_value(entry) for entry in value)}]"
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, float):

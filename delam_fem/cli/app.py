@@ -11,10 +11,13 @@ from typing import Annotated, Any, Literal
 import typer
 
 from delam_fem.cli.animate import register as register_films
+from delam_fem.cli.cases import register as register_cases
+from delam_fem.cli.cases import show_case
 from delam_fem.cli.converge import register as register_convergence
 from delam_fem.cli.detect import register as register_detection
-from delam_fem.cli.inputs import CaseArgument, Overwrite, Quiet, Yes, case_of
+from delam_fem.cli.inputs import CaseArgument, DryRun, Overwrite, Quiet, Yes, case_of
 from delam_fem.cli.measured import register as register_measurements
+from delam_fem.cli.messages import tell, with_messages
 from delam_fem.cli.paper import register as register_paper
 from delam_fem.cli.run import report_in_folder, run_in_folder
 from delam_fem.cli.sweep import register as register_sweeps
@@ -23,7 +26,6 @@ from delam_fem.cli.terminal import reported, say_files, table
 app = typer.Typer(
     no_args_is_help=True,
     invoke_without_command=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
@@ -37,12 +39,15 @@ Overrides = Annotated[
         "KEY= without a value removes an optional key.",
     ),
 ]
+Figures = Annotated[
+    bool,
+    typer.Option(
+        "--figures/--no-figures",
+        help="Draw figures, fields and page, or write the numbers alone; `report` draws later.",
+    ),
+]
 Folder = Annotated[
     Path | None, typer.Option("-o", "--output", metavar="DIR", help="Folder of the results.")
-]
-Verbose = Annotated[
-    bool,
-    typer.Option("-v", "--verbose", help="Show more messages, e.g. keys that nothing reads."),
 ]
 
 
@@ -78,12 +83,13 @@ def run_command(
             help="Least time between two checkpoints (default: 30).",
         ),
     ] = None,
+    figures: Figures = True,
+    dry_run: DryRun = False,
     yes: Yes = False,
     quiet: Quiet = False,
-    verbose: Verbose = False,
 ) -> None:
     """Compute a case and write the results to DIR (default: runs/NAME)."""
-    with reported(quiet, verbose):
+    with reported(quiet):
         case = case_of(case_name, overrides)
         from delam_fem.engines.cost import require_affordable, run_cost
 
@@ -91,12 +97,16 @@ def run_command(
         options: dict[str, Any] = {"engine": engine, "resume": resume}
         if seconds is not None:
             options["checkpoint_seconds"] = seconds
+        if dry_run:
+            show_case(case, engine)
         run_in_folder(
             case,
             Path(case_name),
             output or Path("runs") / case.name,
             quiet=quiet,
             overwrite=overwrite,
+            figures=figures,
+            dry_run=dry_run,
             **options,
         )
 
@@ -175,7 +185,7 @@ def modes_command(
             title = f"modes of the structure, delaminations {delaminations}"
             table(title, whole.heading, whole.rows())
         if message := never_opens(case):
-            typer.echo(message, err=True)
+            tell(f"warning: {message}")
         say_files(paths)
 
 
@@ -192,12 +202,16 @@ def presets_command(
         typer.echo("\n".join(PRESETS) if show is None else preset_text(show), nl=show is None)
 
 
+register_cases(app)
 register_sweeps(app)
 register_paper(app)
 register_convergence(app)
 register_films(app)
 register_detection(app)
 register_measurements(app)
+for command in app.registered_commands:
+    assert command.callback is not None
+    command.callback = with_messages(command.callback)
 
 if __name__ == "__main__":
     app()

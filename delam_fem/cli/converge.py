@@ -7,8 +7,18 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from delam_fem.cli.inputs import CaseArgument, Overwrite, Quiet, Workers, case_of, inputs_of
-from delam_fem.cli.terminal import INTERRUPTED, fail, reported, say_files, table
+from delam_fem.cli.inputs import (
+    CaseArgument,
+    DryRun,
+    Overwrite,
+    Quiet,
+    Workers,
+    Yes,
+    case_of,
+    inputs_of,
+)
+from delam_fem.cli.messages import tell
+from delam_fem.cli.terminal import INTERRUPTED, error_console, fail, reported, say_files, table
 
 if TYPE_CHECKING:
     from delam_fem.case.definition import Case
@@ -90,6 +100,8 @@ def converge_command(
     workers: Workers = None,
     resume: Resume = False,
     overwrite: Overwrite = False,
+    dry_run: DryRun = False,
+    yes: Yes = False,
     quiet: Quiet = False,
 ) -> None:
     """Refine a case, and show to which limit, how fast and at what cost each method converges."""
@@ -108,13 +120,13 @@ def converge_command(
             LIMIT_STEPS if limit_steps is None else limit_steps,
             engine,
         )
+        needed = _affordable(ladder, workers, yes)
         directory = output or Path("runs") / f"{case.name}-converge"
-        claim = claimed(
-            directory,
-            inputs=inputs_of(case),
-            may_hold_results=resume or overwrite,
-        )
-        with claim:
+        may_hold = resume or overwrite
+        with claimed(directory, inputs=inputs_of(case), may_hold_results=may_hold):
+            if dry_run:
+                table(f"ladder of case {case.name}", ("", ""), needed)
+                return
             if overwrite:
                 (directory / RESULT).unlink(missing_ok=True)
             _tell(_computed(ladder, directory, workers, resume, quiet), directory, quiet)
@@ -124,13 +136,25 @@ def _computed(
     ladder: Ladder, directory: Path, workers: int | None, resume: bool, quiet: bool
 ) -> Convergence:
     """Compute a ladder and show the progress."""
-    from rich.console import Console
-
     from delam_fem.cli.progress import progress
     from delam_fem.studies.convergence.run import run_ladder
 
-    with progress(Console(stderr=True, quiet=quiet)) as report:
+    with progress(error_console(quiet)) as report:
         return run_ladder(ladder, directory, workers=workers, resume=resume, progress=report)
+
+
+def _affordable(ladder: Ladder, workers: int | None, yes: bool) -> list[tuple[str, str]]:
+    """Return rows that say what a ladder needs.
+
+    Raises:
+        CaseError: that is much, and not confirmed.
+    """
+    from delam_fem.engines.cost import require_affordable
+    from delam_fem.studies.convergence.run import ladder_cost
+
+    cost, n_rungs = ladder_cost(ladder, workers), len(ladder.rungs())
+    require_affordable(cost, f"ladder of {n_rungs} runs", is_confirmed=yes)
+    return [("runs", str(n_rungs)), ("needs", str(cost))]
 
 
 def _methods(laws: str | None) -> tuple[Method, ...]:
@@ -201,7 +225,7 @@ def _tell(found: Convergence, directory: Path, quiet: bool) -> None:
         for entry in overview(found):
             table(escape(entry.title), [escape(text) for text in entry.heading], entry.rows)
         if not found.ladder.has_limit:
-            typer.echo(NO_LIMIT, err=True)
+            tell(NO_LIMIT)
         say_files(written)
     if not found.is_complete:
         left = sum(rung.key not in found.results for rung in found.ladder.rungs())

@@ -23,6 +23,12 @@ Overwrite = Annotated[
 Yes = Annotated[
     bool, typer.Option("--yes", help="Compute also what needs many hours or much space.")
 ]
+DryRun = Annotated[
+    bool,
+    typer.Option(
+        "--dry-run", help="Check everything and tell what it needs; compute and write nothing."
+    ),
+]
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Show no progress, no table.")]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -28,6 +29,8 @@ LINES = 10
 SILENCE = 10.0
 """Longest time between two plain lines [s]."""
 
+_log = logging.getLogger(__name__)
+
 
 @contextmanager
 def progress(console: Console, steps_per_period: int = 0) -> Iterator[Report]:
@@ -41,8 +44,14 @@ def progress(console: Console, steps_per_period: int = 0) -> Iterator[Report]:
     Yields:
         The function to call with the numbers of finished and of all periods (or points).
     """
+    logged = PlainProgress(_log.debug, steps_per_period)
     if not console.is_terminal:
-        yield PlainProgress(lambda line: console.print(line, soft_wrap=True), steps_per_period)
+
+        def say(line: str) -> None:
+            console.print(line, soft_wrap=True)
+            _log.debug(line)
+
+        yield PlainProgress(say, steps_per_period)
         return
     columns = (
         TextColumn(_unit(steps_per_period) + " {task.completed:.0f} of {task.total:.0f}"),
@@ -56,6 +65,7 @@ def progress(console: Console, steps_per_period: int = 0) -> Iterator[Report]:
             if not bar.tasks:  # a resumed run does not start at 0
                 bar.add_task("run", total=total, completed=done)
             bar.update(bar.tasks[0].id, completed=done)
+            logged(done, total)
 
         yield report
 

@@ -9,13 +9,13 @@ from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import typer
-
 from delam_fem.cli.inputs import inputs_of
+from delam_fem.cli.messages import tell
 from delam_fem.cli.terminal import (
     DONE,
     FAILED,
     INTERRUPTED,
+    error_console,
     explained,
     fail,
     let_the_first_speak,
@@ -48,6 +48,8 @@ def run_in_folder(
     *,
     quiet: bool,
     overwrite: bool,
+    figures: bool = True,
+    dry_run: bool = False,
     **options: Any,
 ) -> None:
     """Compute a case, write the results and show the summary; exit unless it was completed.
@@ -58,6 +60,8 @@ def run_in_folder(
         directory: folder of the results.
         quiet: whether to show no progress and no table.
         overwrite: whether results in the folder may be replaced.
+        figures: whether to draw figures, fields and page too.
+        dry_run: whether only to check that the folder can be used.
         options: further arguments of `pipeline.run`.
     """
     from delam_fem.case.claim import claimed
@@ -75,13 +79,17 @@ def run_in_folder(
             may_hold_results=resume or overwrite,
         )
         with claim if is_first else nullcontext():
+            if dry_run:
+                return
             if resume and _has_nothing_left(case, directory):
                 outcome = "completed"
                 _log.info("%s has the complete result: nothing is left to do", directory)
             else:
                 if overwrite:
                     options["overwrite"] = True
-                outcome = _computed(case, directory, comm, quiet or not is_first, options)
+                outcome = _computed(
+                    case, directory, comm, quiet or not is_first, figures=figures, **options
+                )
             _wait_for_all(comm)
     if outcome != "completed":
         fail(f"{outcome}; the results so far are in {directory}{HINT[outcome]}", STATUS[outcome])
@@ -96,29 +104,33 @@ def _has_nothing_left(case: Case, directory: Path) -> bool:
 
 
 def _computed(
-    case: Case, directory: Path, comm: MPI.Intracomm, quiet: bool, options: dict[str, Any]
+    case: Case,
+    directory: Path,
+    comm: MPI.Intracomm,
+    quiet: bool,
+    *,
+    figures: bool,
+    **options: Any,
 ) -> str:
     """Compute a case and let the first rank write the results; return the outcome."""
-    from rich.console import Console
-
     from delam_fem.cli.progress import progress
     from delam_fem.pipeline import run
 
-    with progress(Console(stderr=True, quiet=quiet), case.time.steps_per_period) as report:
+    with progress(error_console(quiet), case.time.steps_per_period) as report:
         result = run(case, directory=directory, progress=report, comm=comm, **options)
-    paths = _saved(result, directory) if comm.rank == 0 else []
+    paths = _saved(result, directory, figures) if comm.rank == 0 else []
     if not quiet:
         table(f"case {case.name}", ("", "value"), summary_rows(result.summary))
         say_files(paths)
     return str(result.history.attrs["outcome"])
 
 
-def _saved(result: Result, directory: Path) -> list[Path]:
+def _saved(result: Result, directory: Path, figures: bool) -> list[Path]:
     """Write the results; if that fails, say what is left to go on with."""
     from delam_fem.simulation.checkpoint import path_in
 
     try:
-        return result.save(directory)
+        return result.save(directory, figures=figures)
     except KeyboardInterrupt:
         _log.warning("%s: the results are not complete; --resume writes them", directory)
         raise
@@ -150,7 +162,7 @@ def ended_together(comm: MPI.Intracomm) -> Iterator[None]:
                 _log.exception("process %d failed", comm.rank)
             else:
                 let_the_first_speak()
-                typer.echo(f"delam-fem: {found[0]}", err=True)
+                tell(f"delam-fem: {found[0]}")
             comm.Abort(FAILED if found is None else found[1])
         raise
 

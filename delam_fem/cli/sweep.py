@@ -2,13 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from delam_fem.cli.inputs import Overwrite, Quiet, Workers, Yes, inputs_of
-from delam_fem.cli.terminal import FAILED, INTERRUPTED, fail, reported, say_files, table
+from delam_fem.cli.cases import show_sweep
+from delam_fem.cli.inputs import DryRun, Overwrite, Quiet, Workers, Yes, inputs_of
+from delam_fem.cli.messages import tell
+from delam_fem.cli.terminal import (
+    DONE,
+    FAILED,
+    INTERRUPTED,
+    error_console,
+    fail,
+    reported,
+    say_files,
+    table,
+)
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -67,14 +80,30 @@ def sweep_command(
     overwrite: Overwrite = False,
     workers: Workers = None,
     executor: ExecutorOption = None,
+    dry_run: DryRun = False,
     yes: Yes = False,
     quiet: Quiet = False,
 ) -> None:
     """Compute a case at many points and write all results to DIR/sweep.nc."""
     with reported(quiet):
         going_on = resume, overwrite
+
+        def shown_only(sweep: Sweep) -> None:
+            from delam_fem.studies.sweeps.run import require_computable
+
+            show_sweep(sweep, workers)
+            require_computable(sweep, executor, workers, is_confirmed=yes)
+            raise typer.Exit(DONE)
+
         data, directory = _computed(
-            sweep_file, output, overrides, going_on, (workers, executor), quiet, yes=yes
+            sweep_file,
+            output,
+            overrides,
+            going_on,
+            (workers, executor),
+            quiet,
+            yes=yes,
+            check=shown_only if dry_run else None,
         )
         from delam_fem.studies.sweeps.page import write_page
 
@@ -99,7 +128,7 @@ def diagram_command(
 ) -> None:
     """Draw a diagram of a sweep; compute the sweep first if its result does not exist."""
     with reported(quiet):
-        from delam_fem.studies.sweeps.diagrams import save_diagram
+        from delam_fem.studies.sweeps.diagrams import require_drawable, save_diagram
         from delam_fem.studies.sweeps.page import write_page
 
         if source.suffix == ".toml":
@@ -113,9 +142,16 @@ def diagram_command(
                 quiet,
                 yes=yes,
                 again=False,
+                check=partial(require_drawable, kind),
             )
         else:
             data, directory = _read(source, output)
+            if left := data.attrs["n_missing"]:
+                n_points = data.attrs["n_points"]
+                tell(
+                    f"warning: the sweep is not finished: the diagram shows {n_points - left} of "
+                    f"{n_points} points; {_go_on(directory)} computes the others"
+                )
         paths = [save_diagram(kind, data, directory / f"{kind}.png")]
         if (directory / "sweep.nc").is_file():
             paths.append(write_page(data, directory))
@@ -134,29 +170,21 @@ def _computed(
     *,
     yes: bool,
     again: bool = True,
+    check: Callable[[Sweep], None] | None = None,
 ) -> tuple[xr.Dataset, Path]:
     """Compute a sweep and show its table; exit with a message if it is not complete.
 
-    `going_on` says whether to resume and whether to overwrite.
+    `going_on` says whether to resume and whether to overwrite; `check` looks at the sweep before
+    anything is computed.
     """
-    from rich.console import Console
-
     from delam_fem.case.claim import claimed
-    from delam_fem.case.overrides import parse_override
     from delam_fem.cli.progress import progress
-    from delam_fem.studies.sweeps.grid import load_sweep
-    from delam_fem.studies.sweeps.run import (
-        is_complete,
-        remove_results,
-        require_computable,
-        run_sweep,
-    )
+    from delam_fem.studies.sweeps import run
 
-    keys = dict(parse_override(text) for text in overrides or [])
-    sweep = load_sweep(sweep_file, keys)
+    sweep = _sweep_of(sweep_file, overrides)
     directory = output or Path("runs") / sweep.file.name
     resume, overwrite = going_on
-    if not again and not overwrite and is_complete(directory, sweep):
+    if not again and not overwrite and run.is_complete(directory, sweep):
         resume = True
     workers, executor = where
     claim = claimed(
@@ -164,14 +192,25 @@ def _computed(
         inputs=_inputs(sweep_file, sweep),
         may_hold_results=resume or overwrite,
     )
-    with claim, progress(Console(stderr=True, quiet=quiet)) as report:
+    options: dict[str, Any] = {"workers": workers, "resume": resume, "is_confirmed": yes}
+    with claim:
+        if check is not None:
+            check(sweep)
         if overwrite:
-            require_computable(sweep, executor, workers, is_confirmed=yes)
-            remove_results(directory)
-        options: dict[str, Any] = {"workers": workers, "resume": resume, "is_confirmed": yes}
-        data = run_sweep(sweep, directory, executor, progress=report, **options)
+            run.require_computable(sweep, executor, workers, is_confirmed=yes)
+            run.remove_results(directory)
+        with progress(error_console(quiet)) as report:
+            data = run.run_sweep(sweep, directory, executor, progress=report, **options)
     _tell(data, sweep, quiet)
     return data, directory
+
+
+def _sweep_of(sweep_file: Path, overrides: list[str] | None) -> Sweep:
+    """Return the sweep in a file, with the overrides of the command line."""
+    from delam_fem.case.overrides import parse_override
+    from delam_fem.studies.sweeps.grid import load_sweep
+
+    return load_sweep(sweep_file, dict(parse_override(text) for text in overrides or []))
 
 
 def _tell(data: xr.Dataset, sweep: Sweep, quiet: bool) -> None:
@@ -211,12 +250,32 @@ def _rows(data: xr.Dataset) -> list[tuple[str, str]]:
     ]
 
 
+def _go_on(directory: Path) -> str:
+    """Return the command that goes on with a sweep."""
+    return f"delam-fem sweep {directory / 'sweep.toml'} -o {directory} --resume"
+
+
+def _points_in(directory: Path) -> str:
+    """Return in words how many points the journal of a sweep has."""
+    from delam_fem.studies.sweeps.grid import load_sweep
+    from delam_fem.studies.sweeps.journal import Journal
+
+    sweep = load_sweep(directory / "sweep.toml")
+    with Journal(directory / "sweep.journal", sweep.identity, resume=True) as journal:
+        return f"it has {journal.n_points} of {sweep.n_points} points"
+
+
 def _read(source: Path, output: Path | None) -> tuple[xr.Dataset, Path]:
     """Open the result of a sweep."""
     from delam_fem.case.toml import CaseError
     from delam_fem.studies.sweeps.reading import open_result
 
     path = source / "sweep.nc" if source.is_dir() else source
+    if not path.is_file() and (source / "sweep.journal").is_file():
+        raise CaseError(
+            f"diagram: the sweep in {source} is not finished, {_points_in(source)}; "
+            f"{_go_on(source)} goes on with it"
+        )
     if not path.is_file():
         raise CaseError(
             f"diagram: no such file: {path}; expected a sweep file (.toml) or a result of one"

@@ -8,11 +8,15 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 import typer
 
+from delam_fem.cli.messages import LogFileError, command_log, shown, tell
 from delam_fem.cli.streams import lasting_streams
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 """Exit statuses of the command."""
@@ -23,34 +27,41 @@ PATIENCE = 3.0
 LONGEST = 1000
 """Longest line of a message, in characters."""
 
+_log = logging.getLogger(__name__)
+
 
 @contextmanager
-def reported(quiet: bool = False, verbose: bool = False) -> Iterator[None]:
+def reported(quiet: bool = False) -> Iterator[None]:
     """Show the log of the package, and turn errors into a message and an exit status.
 
     Ctrl-C, SIGTERM and a closed terminal end the command; output that nobody reads does not.
     """
     from delam_fem.simulation.interrupts import interruptible
 
-    log = logging.getLogger("delam_fem")
-    handler = _EchoHandler()
-    with lasting_streams():
-        log.addHandler(handler)
-        propagates, log.propagate = log.propagate, False  # FFCx gives the root logger a handler
-        log.setLevel(logging.DEBUG if verbose else logging.WARNING if quiet else logging.INFO)
+    with lasting_streams(), _messages(quiet):
         try:
             with interruptible():
                 yield
+        except typer.Exit:
+            raise
         except (Exception, KeyboardInterrupt) as error:
             found = explained(error)
             if found is None:
+                _log.exception("this is a defect of the program")
                 raise
             if isinstance(error, OSError):
-                log.debug("an input or output failed here", exc_info=True)
+                _log.debug("an input or output failed here", exc_info=True)
             fail(*found)
-        finally:
-            log.propagate = propagates
-            log.removeHandler(handler)
+
+
+@contextmanager
+def _messages(quiet: bool) -> Iterator[None]:
+    """Show messages; exit if the file for them cannot be written."""
+    try:
+        with shown(quiet=quiet, is_first=_rank() == 0):
+            yield
+    except LogFileError as error:
+        fail(str(error), BAD_INPUT)
 
 
 def explained(error: BaseException) -> tuple[str, int] | None:
@@ -67,19 +78,12 @@ def explained(error: BaseException) -> tuple[str, int] | None:
     return ("interrupted", INTERRUPTED) if isinstance(error, KeyboardInterrupt) else None
 
 
-class _EchoHandler(logging.Handler):
-    """Log handler that writes to stderr, also if stderr has been replaced meanwhile."""
-
-    def emit(self, record: logging.LogRecord) -> None:
-        """Write one record of the log."""
-        typer.echo(self.format(record), err=True)
-
-
 def fail(text: str, status: int) -> NoReturn:
     """Print a message to stderr and exit with a status."""
     let_the_first_speak()
-    lines = f"delam-fem: {text}".splitlines()
-    typer.echo("\n".join(_shortened(line) for line in lines), err=True)
+    lines = [_shortened(line) for line in f"delam-fem: {text}".splitlines()]
+    tell("\n".join(lines))
+    command_log().info("exit status %d: %s", status, " ".join(lines))
     raise typer.Exit(status)
 
 
@@ -95,8 +99,20 @@ def let_the_first_speak() -> None:
 
     An error that all processes have is therefore told once.
     """
-    if int(os.environ.get("OMPI_COMM_WORLD_RANK", os.environ.get("PMI_RANK", "0"))):
+    if _rank():
         time.sleep(PATIENCE)
+
+
+def _rank() -> int:
+    """Return the number of this process under mpirun; 0 without."""
+    return int(os.environ.get("OMPI_COMM_WORLD_RANK", os.environ.get("PMI_RANK", "0")))
+
+
+def error_console(quiet: bool) -> Console:
+    """Return the console of stderr, for progress."""
+    from rich.console import Console
+
+    return Console(stderr=True, quiet=quiet)
 
 
 def table(title: str, heading: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
@@ -114,7 +130,10 @@ def table(title: str, heading: Sequence[str], rows: Sequence[Sequence[str]]) -> 
 
 def summary_rows(summary: Mapping[str, object]) -> list[tuple[str, str]]:
     """Return the summary of a run as rows of a table."""
-    return [(key.replace("_", " "), _shown(value)) for key, value in summary.items()]
+    told = ("warnings", "message")  # on stderr
+    return [
+        (key.replace("_", " "), _shown(value)) for key, value in summary.items() if key not in told
+    ]
 
 
 def _shown(value: object) -> str:

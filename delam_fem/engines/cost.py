@@ -20,6 +20,8 @@ _STEP_MICROSECONDS: dict[EngineName, tuple[float, float]] = {
     "compiled": (0.2, 0.005),
 }
 """Time of a step, and of each of its dofs [µs]; see docs/performance.md."""
+FILE_BYTES = 5e6
+"""Size of figures and pages, whatever is computed [bytes]."""
 _DOUBLE = 8
 _ROW_NUMBERS = 24
 """Numbers that a run keeps of each period."""
@@ -52,8 +54,8 @@ class Cost:
     def __str__(self) -> str:
         """Return the cost in words."""
         return (
-            f"about {self.hours:.3g} h, {self.memory / _GIGA:.3g} GB of memory and "
-            f"{self.disk / _GIGA:.3g} GB of files"
+            f"about {_duration(self.hours)}, {_size(self.memory)} of memory and "
+            f"{_size(self.disk)} of files"
         )
 
 
@@ -94,6 +96,19 @@ def require_affordable(cost: Cost, what: str, *, is_confirmed: bool) -> None:
             f"{what}: needs {cost}; more than {MOST_HOURS:g} h or {MOST_BYTES / _GIGA:g} GB must "
             "be confirmed by --yes"
         )
+
+
+def _duration(hours: float) -> str:
+    """Return a time in the unit that suits it."""
+    seconds = 3600.0 * hours
+    if seconds < 100.0:
+        return f"{max(seconds, 1.0):.0f} s"
+    return f"{seconds / 60.0:.0f} min" if hours < 2.0 else f"{hours:.3g} h"
+
+
+def _size(number: float) -> str:
+    """Return a number of bytes in the unit that suits it."""
+    return f"{number / 1e6:.0f} MB" if number < _GIGA else f"{number / _GIGA:.3g} GB"
 
 
 def _n_dofs(case: Case) -> float:

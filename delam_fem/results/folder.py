@@ -64,7 +64,7 @@ class Result:
 
         return of_result(self.history, self.summary, self.case)
 
-    def save(self, directory: str | Path) -> list[Path]:
+    def save(self, directory: str | Path, *, figures: bool = True) -> list[Path]:
         """Write numbers, figures, fields and report to a folder.
 
         Everything is written under a temporary name and renamed when complete. The checkpoint of
@@ -72,6 +72,7 @@ class Result:
 
         Args:
             directory: made where it does not exist.
+            figures: whether to write figures, fields and report too, not the numbers alone.
 
         Returns:
             The files and folders written.
@@ -80,7 +81,8 @@ class Result:
             OSError: the folder cannot be written or the disk is full.
         """
         written = self.save_numbers(directory)
-        written += save_views(self.history, self.summary, self.case, Path(directory))
+        if figures:
+            written += save_views(self.history, self.summary, self.case, Path(directory))
         if self.checkpoint is not None:
             self.checkpoint.unlink(missing_ok=True)
         return written

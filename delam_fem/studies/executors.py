@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import multiprocessing
 import multiprocessing.connection
 import os
@@ -11,6 +12,7 @@ import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
+from logging.handlers import QueueHandler, QueueListener
 from typing import Any, Literal, ParamSpec, TypeVar
 
 from delam_fem.case.toml import CaseError
@@ -18,6 +20,8 @@ from delam_fem.simulation.interrupts import STOPPING
 
 ExecutorName = Literal["process", "mpi", "serial"]
 
+_PACKAGE = __name__.partition(".")[0]
+_log = logging.getLogger(_PACKAGE)
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
 
@@ -135,15 +139,52 @@ def _process_pool(workers: int) -> ProcessPoolExecutor:
     for name in _ONE_THREAD:  # workers read them when they import numpy
         os.environ.setdefault(name, "1")
     context = multiprocessing.get_context("spawn")
-    return ProcessPoolExecutor(workers, mp_context=context, initializer=_prepare_worker)
+    messages = context.Queue()
+    level = _log.getEffectiveLevel()
+    executor = _ListeningPool(
+        workers, mp_context=context, initializer=_prepare_worker, initargs=(messages, level)
+    )
+    executor.listen(messages)
+    return executor
 
 
-def _prepare_worker() -> None:
-    """Ignore the signals that the parent handles, and exit when the parent dies.
+class _ListeningPool(ProcessPoolExecutor):
+    """A process pool whose workers' messages appear in the log of this process."""
+
+    _listener: QueueListener | None = None
+
+    def listen(self, messages: Any) -> None:
+        """Take in the messages in a queue, until the pool is shut down."""
+        self._listener = QueueListener(messages, _Here())
+        self._listener.start()
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """Shut the pool down, and show the last messages."""
+        super().shutdown(wait, cancel_futures=cancel_futures)
+        listener, self._listener = self._listener, None
+        if listener is not None:
+            listener.stop()
+
+
+class _Here(logging.Handler):
+    """Handler that gives a message of a worker to the log of this process."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Handle one record as if it came from here."""
+        logging.getLogger(record.name).handle(record)
+
+
+def _prepare_worker(messages: Any, level: int) -> None:
+    """Send messages to the parent, ignore the signals that it handles, and exit when it dies.
 
     A terminal and a batch system send them to all processes; a worker that obeyed would lose the
     points it is computing.
     """
+    messages.cancel_join_thread()  # a worker that ends does not wait for its messages to arrive
+    log = logging.getLogger(_PACKAGE)
+    log.addHandler(QueueHandler(messages))
+    log.propagate = False
+    log.setLevel(level)
     for number in STOPPING:
         signal.signal(number, signal.SIG_IGN)
     parent = multiprocessing.parent_process()

@@ -40,6 +40,7 @@ class FakeRun:
         self.save_error: OSError | None = None
         self.calls: list[tuple[Case, str, Path | None, bool]] = []
         self.overwrites: list[bool] = []
+        self.figures: list[bool] = []
 
     def __call__(
         self,
@@ -65,7 +66,8 @@ class FakeRun:
         summary = {"outcome": self.outcome, "tip_min": [-0.0213, -0.011], "periodicity": None}
         history = SimpleNamespace(attrs={"outcome": self.outcome})
 
-        def save(target: Path) -> list[Path]:
+        def save(target: Path, *, figures: bool = True) -> list[Path]:
+            self.figures.append(figures)
             if self.save_error is not None:
                 raise self.save_error
             return [save_case(case, target)]

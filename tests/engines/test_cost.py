@@ -30,7 +30,9 @@ def test_cost_counts_steps_and_records() -> None:
 )
 def test_a_zero_too_many_must_be_confirmed(keys: dict[str, object]) -> None:
     cost = run_cost(preset("paper", keys), "petsc")
-    with pytest.raises(CaseError, match=r"^case x: needs about .* h, .* GB .*by --yes$") as caught:
+    with pytest.raises(
+        CaseError, match=r"^case x: needs about .* of memory and .* by --yes$"
+    ) as caught:
         require_affordable(cost, "case x", is_confirmed=False)
     assert "\n" not in str(caught.value)
     require_affordable(cost, "case x", is_confirmed=True)

@@ -122,11 +122,12 @@ def _key(model: type[Section], name: str, meanings: dict[str, str]) -> Key:
     field = model.model_fields[name]
     annotation: Any = field.annotation
     words = next((m.words for m in field.metadata if isinstance(m, Expected)), "")
-    default = None if field.default is PydanticUndefined else field.default
+    is_required = field.is_required() or name == "kind"  # the kind says which table it is
+    default = None if is_required or field.default is PydanticUndefined else field.default
     unit = (found[1] if found else "-") if _is_number(annotation) else ""
     choices = tuple(_choices(annotation))
     type_ = words or _type(annotation, choices)
-    return Key(name, type_, choices, unit, field.is_required(), default, meaning)
+    return Key(name, type_, choices, unit, is_required, default, meaning)
 
 
 def _meanings(model: type[Section]) -> dict[str, str]:

@@ -26,6 +26,7 @@ from delam_fem.case.atomic import write_text
 from delam_fem.case.definition import Case
 from delam_fem.case.toml import CaseError
 from delam_fem.engines.choose import EngineName
+from delam_fem.engines.cost import FILE_BYTES, Cost, run_cost
 from delam_fem.results.folder import json_ready
 from delam_fem.results.provenance import provenance
 from delam_fem.simulation.interrupts import stop_signals
@@ -39,7 +40,7 @@ from delam_fem.studies.convergence.ladder import (
     MeshChoice,
     method,
 )
-from delam_fem.studies.convergence.rung import RungResult, compute
+from delam_fem.studies.convergence.rung import RungResult, compute, rung_hours
 from delam_fem.studies.executors import ExecutorName
 from delam_fem.studies.short_waves import refinement_warnings
 
@@ -47,8 +48,8 @@ _log = logging.getLogger(__name__)
 
 RESULT = "convergence.json"
 """Name of the file with the results in the folder of a ladder."""
-
-_log = logging.getLogger(__name__)
+RUNG_BYTES = 3000
+"""Bytes of a rung in that file."""
 
 
 def run_ladder(
@@ -152,6 +153,15 @@ def converge(
         engine,
     )
     return run_ladder(ladder, directory, workers=workers, resume=resume)
+
+
+def ladder_cost(ladder: Ladder, workers: int | None = None) -> Cost:
+    """Return the cost of a ladder whose workers share its rungs evenly."""
+    rungs = ladder.rungs()
+    n_workers = min(workers or executors.n_cores(), len(rungs))
+    hours = sum(rung_hours(rung, ladder.engine) for rung in rungs) / n_workers
+    memory = max(run_cost(rung.case, ladder.engine).memory for rung in rungs)
+    return Cost(hours, n_workers * memory, FILE_BYTES + RUNG_BYTES * len(rungs))
 
 
 def load_results(directory: str | Path) -> dict[str, RungResult]:

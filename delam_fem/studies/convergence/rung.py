@@ -22,6 +22,7 @@ from scipy.sparse.linalg import splu
 from delam_fem.case.definition import Case
 from delam_fem.case.motion.excitation import drive
 from delam_fem.engines.choose import EngineName
+from delam_fem.engines.cost import step_hours
 from delam_fem.engines.session import session_of
 from delam_fem.model.beams import closed_form
 from delam_fem.model.layout import Structure
@@ -81,6 +82,14 @@ def compute(rung: Rung, engine: EngineName) -> RungResult:
     except Exception as error:
         _log.debug("rung %s", rung.key, exc_info=True)
         return RungResult(rung.key, "failed", f"{type(error).__name__}: {error}")
+
+
+def rung_hours(rung: Rung, engine: EngineName) -> float:
+    """Return the estimated time of a rung on one processor, without the run to its start [h]."""
+    periods = rung.case.time.periods
+    if rung.method == FREE.name:
+        periods = _settling_periods(rung.case) + 1 + RING_PERIODS
+    return step_hours(rung.case, engine) * periods / rung.case.time.periods
 
 
 @dataclass
@@ -151,10 +160,7 @@ def _moving(case_text: str, engine: EngineName) -> State:
 def _free(rung: Rung, engine: EngineName) -> RungResult:
     """Compute a rung without contact and return its amplitudes and frequencies."""
     structure = _structure(rung.case)
-    slowest = _slowest_decay(rung.case)
-    decay = math.log(1.0 / DECAY) / (slowest * rung.case.period) if slowest else math.inf
-    settling = math.ceil(min(decay, MOST_PERIODS))
-    case = rung.case.with_overrides({"time.periods": settling + 1})
+    case = rung.case.with_overrides({"time.periods": _settling_periods(rung.case) + 1})
     operators = structure.operators
     run = _run(case, operators, engine, _periodic(case, operators), 1)
     amplitude = np.abs(run.rows[-1].harmonics[:, 0])
@@ -165,6 +171,13 @@ def _free(rung: Rung, engine: EngineName) -> RungResult:
         found[f"frequency_{i + 1}"] = (value, 0.0)
     cost = 1e6 * run.seconds / rung.steps
     return RungResult(rung.key, run.outcome, "", found, cost, run.recorder.n_closed)
+
+
+def _settling_periods(case: Case) -> int:
+    """Return after how many periods a motion without contact has settled."""
+    slowest = _slowest_decay(case)
+    decay = math.log(1.0 / DECAY) / (slowest * case.period) if slowest else math.inf
+    return math.ceil(min(decay, MOST_PERIODS))
 
 
 def _periodic(case: Case, o: Operators) -> State:

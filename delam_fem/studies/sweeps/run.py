@@ -127,10 +127,24 @@ def require_computable(
     """
     layout = PointRunner(sweep).structure(sweep.case(0)).layout
     wanted = quantities(sweep.file.record, layout)
-    cost = _cost(sweep, wanted, _n_workers(executor, workers))
     what = f"sweep {sweep.file.name} of {sweep.n_points:g} points"
+    cost = _cost(sweep, wanted, _n_workers(executor, workers))
     require_affordable(cost, what, is_confirmed=is_confirmed)
     return layout, wanted
+
+
+def sweep_cost(sweep: Sweep, workers: int | None = None) -> Cost:
+    """Return the cost of a sweep.
+
+    Args:
+        sweep: the sweep.
+        workers: number of workers; default: one per core.
+
+    Raises:
+        CaseError: its first point cannot be computed.
+    """
+    layout = PointRunner(sweep).structure(sweep.case(0)).layout
+    return _cost(sweep, quantities(sweep.file.record, layout), workers or executors.n_cores())
 
 
 def _n_workers(executor: Executor | ExecutorName | None, workers: int | None) -> int:

@@ -1,0 +1,176 @@
+"""Define `delam-fem new`, which writes a case file, and `delam-fem validate`, which checks some."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from delam_fem.cli.inputs import case_of
+from delam_fem.cli.messages import tell
+from delam_fem.cli.terminal import BAD_INPUT, reported, table
+
+if TYPE_CHECKING:
+    from delam_fem.case.definition import Case
+    from delam_fem.engines.choose import EngineName
+    from delam_fem.studies.sweeps.grid import Sweep
+
+New = Annotated[str, typer.Argument(metavar="NAME", help="Name of the case, or of its file.")]
+Kind = Annotated[
+    Literal["apart", "paper", "layered", "edge"],
+    typer.Option(
+        help="apart: two laminae, clamped together at one end; paper: with the paper's literal "
+        "law; layered: a bonded beam with a delamination inside; edge: one at its free end."
+    ),
+]
+CaseNames = Annotated[
+    list[str], typer.Argument(metavar="CASE…", help="Presets, case files, or sweep files.")
+]
+Overrides = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="Override a key of the cases; repeatable."),
+]
+EngineOption = Annotated[
+    Literal["petsc", "compiled"], typer.Option(help="Engine that is to compute the steps.")
+]
+SUFFIX = ".toml"
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to the application."""
+    app.command("new")(new_command)
+    app.command("validate")(validate_command)
+
+
+def new_command(name: New = "beam", *, kind: Kind = "apart") -> None:
+    """Write a commented case file with every key: its unit, its default, its meaning."""
+    with reported():
+        from delam_fem.case.atomic import write_text
+        from delam_fem.case.definition import Case
+        from delam_fem.case.keys.template import case_text
+        from delam_fem.case.toml import CaseError
+
+        path = Path(name if name.endswith(SUFFIX) else name + SUFFIX)
+        text = case_text(kind, path.stem)
+        Case.from_toml(text)  # refuses a name that is none
+        if path.exists():
+            raise CaseError(f"new {path}: exists; give another NAME, or remove the file")
+        if not path.parent.is_dir():
+            raise CaseError(f"new {path}: expected an existing folder, given {path.parent}")
+        write_text(path, text)
+        typer.echo(path)
+
+
+def validate_command(
+    names: CaseNames, overrides: Overrides = None, *, engine: EngineOption = "petsc"
+) -> None:
+    """Check cases and sweeps as a run would before its first step, and show what they are."""
+    with reported():
+        from delam_fem.case.toml import CaseError
+
+        failed = 0
+        for name in names:
+            try:
+                _show(name, overrides, engine)
+            except CaseError as error:
+                tell(f"delam-fem: {error}")
+                failed += 1
+        if failed:
+            raise typer.Exit(BAD_INPUT)
+
+
+def _show(name: str, overrides: list[str] | None, engine: EngineName) -> None:
+    """Check a case or a sweep and show its table.
+
+    Raises:
+        CaseError: it cannot be computed.
+    """
+    path = Path(name)
+    if path.suffix == SUFFIX and path.is_file():
+        from delam_fem.case.toml import read_toml
+
+        if "axis" in read_toml(path):
+            from delam_fem.case.overrides import parse_override
+            from delam_fem.studies.sweeps.grid import load_sweep
+
+            show_sweep(load_sweep(path, dict(parse_override(text) for text in overrides or [])))
+            return
+    show_case(case_of(name, overrides), engine)
+
+
+def show_case(case: Case, engine: EngineName) -> None:
+    """Check a case and show its table, with what a run needs.
+
+    Raises:
+        CaseError: it cannot be computed.
+    """
+    from delam_fem.engines.cost import run_cost
+    from delam_fem.pipeline import checked
+
+    structure, warnings = checked(case, engine)
+    rows = [*_about(case), ("unknowns", str(structure.operators.n_dofs))]
+    rows.append(("pairs that may touch", str(structure.operators.gap0.size)))
+    table(f"case {case.name}", ("", ""), [*rows, ("needs", str(run_cost(case, engine)))])
+    for text in warnings:
+        tell(f"warning: {text}")
+
+
+def show_sweep(sweep: Sweep, workers: int | None = None) -> None:
+    """Check the first point of a sweep and show its table, with what the sweep needs.
+
+    Raises:
+        CaseError: it cannot be computed.
+    """
+    from delam_fem.studies.sweeps.run import sweep_cost
+
+    rows = [
+        (d.key, f"{len(d.values)} values, {d.values[0]} … {d.values[-1]} {d.units}")
+        for d in sweep.dimensions
+    ]
+    rows += [("points", str(sweep.n_points)), *_about(sweep.case(0))]
+    rows.append(("needs", str(sweep_cost(sweep, workers))))
+    table(f"sweep {sweep.file.name}", ("", ""), rows)
+
+
+def _about(case: Case) -> list[tuple[str, str]]:
+    """Return rows that say what a case is."""
+    from delam_fem.contact.laws import LAWS, combined_name
+
+    laminae = [
+        (
+            f"lamina {own.name}",
+            f"{1e3 * own.length:g} × {1e3 * own.width:g} × {1e3 * own.thickness:g} mm, "
+            f"EI {own.flexural_rigidity:.4g} N m², {own.mass_per_length:.4g} kg/m, "
+            f"D {own.damping_ratio:g}",
+        )
+        for own in case.lamina
+    ]
+    law, scheme = case.contact.law, case.time.scheme
+    rows = [
+        *laminae,
+        ("structure", _structure(case)),
+        ("excitation", case.excitation.words),
+        ("contact", f"{combined_name(law, scheme)}: {LAWS[law].meaning}"),
+        (
+            "time",
+            f"{case.n_periods} periods of {case.time.steps_per_period} steps of "
+            f"{case.time_step:.4g} s",
+        ),
+        ("window", f"the last {case.n_window_periods} periods"),
+    ]
+    if case.unread:
+        rows.append(("given, but not read", ", ".join(case.unread)))
+    return rows
+
+
+def _structure(case: Case) -> str:
+    """Return in words how the laminae are joined, held and divided."""
+    mesh = f"{case.mesh.elements} elements" if case.mesh.file is None else case.mesh.file.name
+    if case.is_apart:
+        return f"apart, clamped at x = 0, {mesh} each"
+    delaminated = ", ".join(f"{1e3 * d.start:g} to {1e3 * d.end:g} mm" for d in case.delamination)
+    return (
+        f"bonded, delaminated at {delaminated or 'no place'}; start {case.support.start}, end "
+        f"{case.support.end}; {mesh}"
+    )

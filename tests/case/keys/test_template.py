@@ -1,0 +1,51 @@
+"""Commented case files load, run the case of their preset, and have every key."""
+
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from delam_fem.case.definition import Case
+from delam_fem.case.files import load_case, preset
+from delam_fem.case.keys.reference import tables
+from delam_fem.case.keys.template import KINDS, WIDTH, KindName, case_text
+
+PRESETS = {"apart": "default", "paper": "paper", "layered": "embedded", "edge": "edge"}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_commented_file_is_the_case_of_its_preset(kind: KindName, tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(case_text(kind, "mine"), encoding="utf-8")
+    assert load_case(path) == preset(PRESETS[kind], {"name": "mine"})
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_key_stands_in_the_file(kind: KindName) -> None:
+    text = case_text(kind, "mine")
+    _, first, *others = text.split("\n\n")
+    blocks = [first, *(block for block in others if block.startswith("#"))]
+    for table, block in zip(tables(), blocks, strict=True):
+        assert " ".join(table.meaning.split()[:4]) in block or not table.name
+        for key in table.keys:
+            assert re.search(rf"^(# )?{key.name} =", block, re.MULTILINE), (table.heading, key.name)
+    assert max(map(len, text.splitlines())) <= WIDTH
+
+
+def test_a_default_that_is_uncommented_changes_nothing() -> None:
+    """What the comments give as defaults are those of the models."""
+    text = case_text("paper", "mine")
+    active = text[text.index("[contact]") :]
+    switched, count = re.subn(r"^# (\w+ = \S)", r"\1", active, flags=re.MULTILINE)
+    assert count >= 3  # penalty_damping, points_per_element, refine, …
+    case = Case.checked(tomllib.loads(text[: -len(active)] + switched), "mine")
+    assert case == preset("paper", {"name": "mine"})
+
+
+def test_comments_tell_unit_default_and_need() -> None:
+    text = " ".join(case_text("paper", "mine").replace("#", " ").split())
+    assert "thickness h [m] (a positive number; required)" in text
+    assert "contact spring [N/m per node pair] (a number of at least 0; default 100.0)" in text
+    assert "density rho [kg/m3]; a material or mass_per_length gives it too (a positive" in text
+    assert 'kind = "harmonic" "harmonic" (required)' in text
