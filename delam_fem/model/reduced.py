@@ -1,0 +1,243 @@
+"""A few modes of each part, and the flexibility of the modes that are left out.
+
+The displacement is split as u = ι q_b + Φ q + u_r. Φ has the lowest modes of each part, φᵀ M φ = 1.
+The part u_r of the omitted modes has no inertia (a massless boundary), but Rayleigh damping
+C = α M + β K makes it creep:
+
+    q'' + c q' + ω² q = Φᵀ (f + Hᵀ λ),   c = α + β ω² = 2 ζ ω                                  (R1)
+    β s' + s = λ,   u_r = Σ X s,   X = R Hᵀ,   R = K⁻¹ - Φ ω⁻² Φᵀ                              (R2)
+    gap = g0 + h q_b + G q + Σ W s,   h = H ι,   G = H Φ,   W = H R Hᵀ                         (R3)
+
+Sums run over the parts, each of which has its own β. s is the contact force of each pair as the
+omitted modes of a part feel it, late by β. The drive q_b is the motion of the base, with the static
+deflection ι = -K⁻¹ k_b: u - ι q_b is the motion seen from the base, and
+
+    f = -(m_b + M ι) q_b'' - (c_b + C ι) q_b'                                                  (R4)
+
+Or the drive is a force, and ι = -R k_b is the static deflection of the omitted modes, f = -k_b q_b.
+R2 neglects α, the inertia of omitted modes, and what f does to them: (ω/ω_omitted)² of all.
+
+W is positive definite as long as enough modes are left out. Contact forces are then bounded, and
+rigid contact, 0 <= λ ⊥ gap >= 0, needs no coefficient of restitution.
+
+Source: D. Monjaraz-Tec, J. Gross, M. Krack, "A massless boundary component mode synthesis method
+for elastodynamic contact problems", Comput. Struct. 260 (2022); MacNeal, Comput. Struct. 1 (1971).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.csgraph import connected_components
+from scipy.sparse.linalg import splu
+
+from delam_fem.model.operators import Operators
+from delam_fem.model.vibration import lowest
+from delam_fem.numerics.arrays import FloatArray, IntArray
+
+NOT_RAYLEIGH = 1e-6
+"""Largest entry of C - α M - β K relative to that of C, above which C is not of Rayleigh's form."""
+TOO_RIGID = 1e-11
+"""Smallest eigenvalue of W, scaled to a unit diagonal, below which pairs lack flexibility."""
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """A reduced problem; m modes, n pairs, c parts, p probes.
+
+    Attributes:
+        squares: ω², part by part and increasing within each, shape (m,) [1/s2].
+        damping: c of R1, shape (m,) [1/s].
+        part: number of the part of each mode, shape (m,).
+        creep: β of each part, shape (c,) [s].
+        gap_modes: G, shape (n, m).
+        compliance: W of each part, shape (c, n, n) [m/N].
+        gap0: gap at rest, shape (n,) [m].
+        gap_drive: h, shape (n,).
+        loads: modal loads by -q_b'', -q_b' and -q_b (R4), shape (3, m).
+        base_mass: mass that moves with the base where q = 0 [kg].
+        probes: rows that read the probes, CSR (p, n_dofs).
+        shapes: Φ, shape (n_dofs, m).
+        residual: X of each part, shape (c, n_dofs, n) [m/N].
+        drive: ι, shape (n_dofs,).
+    """
+
+    squares: FloatArray
+    damping: FloatArray
+    part: IntArray
+    creep: FloatArray
+    gap_modes: FloatArray
+    compliance: FloatArray
+    gap0: FloatArray
+    gap_drive: FloatArray
+    loads: FloatArray
+    base_mass: float
+    probes: sp.csr_matrix
+    shapes: FloatArray
+    residual: FloatArray
+    drive: FloatArray
+
+    @property
+    def n_modes(self) -> int:
+        """Number of modes."""
+        return int(self.squares.size)
+
+    @property
+    def n_pairs(self) -> int:
+        """Number of contact pairs."""
+        return int(self.gap0.size)
+
+    @property
+    def n_parts(self) -> int:
+        """Number of parts."""
+        return int(self.creep.size)
+
+    @property
+    def n_state(self) -> int:
+        """Length of a state (q, q', s of each part)."""
+        return 2 * self.n_modes + self.n_parts * self.n_pairs
+
+    @property
+    def frequencies(self) -> FloatArray:
+        """Natural frequencies, shape (m,) [Hz]."""
+        return np.asarray(np.sqrt(self.squares) / (2.0 * np.pi))
+
+    def displacement(self, q: FloatArray, s: FloatArray, drive: FloatArray) -> FloatArray:
+        """Return the displacements of all dofs, shape (k, n_dofs).
+
+        Args:
+            q: amplitudes of the modes, shape (k, m).
+            s: late contact forces, shape (k, c, n) [N].
+            drive: q_b, shape (k,).
+        """
+        late = np.einsum("kcn,cdn->kd", s, self.residual, optimize=True)
+        return np.asarray(q @ self.shapes.T + late + drive[:, None] * self.drive)
+
+    def velocity(self, v: FloatArray, drive_rate: FloatArray) -> FloatArray:
+        """Return the velocities of all dofs without those of the creep, shape (k, n_dofs)."""
+        return np.asarray(v @ self.shapes.T + drive_rate[:, None] * self.drive)
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """One part: its modes, R Hᵀ, and K⁻¹ k_b of a base or R k_b of a force."""
+
+    squares: FloatArray
+    damping: FloatArray
+    creep: float
+    shapes: FloatArray
+    at_gaps: FloatArray
+    at_drive: FloatArray
+
+
+def reduce(operators: Operators, modes: int) -> Reduced:
+    """Return the reduced problem of operators.
+
+    Parts are groups of dofs that M, C and K do not couple: the laminae if they are apart, the whole
+    structure if they are bonded somewhere.
+
+    Args:
+        operators: the semi-discrete problem; every part is held.
+        modes: number of modes kept of each part.
+
+    Raises:
+        ValueError: damping is not of Rayleigh's form, a part can move as a rigid body, or the
+            omitted modes have no flexibility at some pairs.
+    """
+    if modes < 1:
+        raise ValueError(f"modes: expected at least 1, given {modes}")
+    o = operators
+    count, label = connected_components(abs(o.mass) + abs(o.stiffness) + abs(o.damping), False)
+    pieces = [_piece(o, np.flatnonzero(label == part), modes) for part in range(count)]
+    H, k_b = o.gap_matrix, o.base.stiffness
+    W = np.stack([H @ piece.at_gaps for piece in pieces])
+    W = 0.5 * (W + W.transpose(0, 2, 1))
+    _require_flexible(W.sum(axis=0), modes)
+    shapes = np.concatenate([piece.shapes for piece in pieces], axis=1)
+    iota = -sum((piece.at_drive for piece in pieces), np.zeros_like(k_b))
+    columns = np.stack([o.base.mass, o.base.damping, k_b])
+    moved = columns + np.stack([A @ iota for A in (o.mass, o.damping, o.stiffness)])
+    if o.base.is_force:
+        loads, base_mass = columns @ shapes, 0.0
+    else:
+        loads = moved @ shapes
+        loads[2] = 0.0  # K ι + k_b is round-off
+        base_mass = float(iota @ (moved[0] + o.base.mass) + o.base.corner[0])
+    return Reduced(
+        squares=np.concatenate([piece.squares for piece in pieces]),
+        damping=np.concatenate([piece.damping for piece in pieces]),
+        part=np.repeat(np.arange(count), [piece.squares.size for piece in pieces]),
+        creep=np.array([piece.creep for piece in pieces]),
+        gap_modes=np.ascontiguousarray(H @ shapes),
+        compliance=W,
+        gap0=o.gap0,
+        gap_drive=H @ iota,
+        loads=loads,
+        base_mass=base_mass,
+        probes=o.probes,
+        shapes=shapes,
+        residual=np.stack([piece.at_gaps for piece in pieces]),
+        drive=iota,
+    )
+
+
+def _piece(o: Operators, dofs: IntArray, modes: int) -> _Piece:
+    """Return the modes of the part with some dofs, and what its omitted modes give."""
+    M, C, K = (A[dofs][:, dofs].tocsc() for A in (o.mass, o.damping, o.stiffness))
+    frequencies, vectors = lowest(K, M, min(modes, dofs.size))
+    masses = np.sqrt(np.einsum("ij,ij->j", vectors, M @ vectors))
+    vectors = vectors / (masses * _signs(vectors))
+    squares = (2.0 * np.pi * frequencies) ** 2
+    alpha, beta = _rayleigh(M, C, K, squares, vectors)
+    loads = np.column_stack([o.gap_matrix[:, dofs].T.toarray(), o.base.stiffness[dofs]])
+    with np.errstate(all="ignore"):
+        whole = splu(K).solve(loads)
+    if not np.isfinite(whole).all():
+        raise ValueError("reduced model: a part is not held; support each part")
+    residual = np.zeros((o.n_dofs, loads.shape[1]))
+    residual[dofs] = whole - vectors @ ((vectors.T @ loads) / squares[:, None])
+    if not o.base.is_force:
+        residual[dofs, -1] = whole[:, -1]
+    shapes = np.zeros((o.n_dofs, squares.size))
+    shapes[dofs] = vectors
+    return _Piece(squares, alpha + beta * squares, beta, shapes, residual[:, :-1], residual[:, -1])
+
+
+def _signs(vectors: FloatArray) -> FloatArray:
+    """Return the signs of the largest entries, so that neighbouring cases have like modes."""
+    largest = np.abs(vectors).argmax(axis=0)
+    return np.asarray(np.sign(vectors[largest, np.arange(vectors.shape[1])]))
+
+
+def _rayleigh(
+    M: sp.csc_matrix, C: sp.csc_matrix, K: sp.csc_matrix, squares: FloatArray, vectors: FloatArray
+) -> tuple[float, float]:
+    """Return α and β of C = α M + β K, from the two lowest modes.
+
+    Raises:
+        ValueError: C has another form.
+    """
+    d = np.einsum("ij,ij->j", vectors, C @ vectors)
+    beta = float((d[1] - d[0]) / (squares[1] - squares[0])) if d.size > 1 else 0.0
+    alpha = float(d[0] - beta * squares[0])
+    largest = abs(C).max()
+    if abs(C - alpha * M - beta * K).max() > NOT_RAYLEIGH * largest:
+        raise ValueError("reduced model: expected C = alpha M + beta K in each part")
+    is_round_off = abs(beta) * squares[-1] <= 1e-9 * abs(d[-1])
+    return alpha, 0.0 if is_round_off else beta
+
+
+def _require_flexible(W: FloatArray, modes: int) -> None:
+    """Check that the omitted modes give way at every pair.
+
+    Raises:
+        ValueError: they do not.
+    """
+    scale = 1.0 / np.sqrt(np.maximum(W.diagonal(), 1e-300))
+    if W.size and np.linalg.eigvalsh(scale[:, None] * W * scale)[0] < TOO_RIGID:
+        raise ValueError(
+            f"modes: the modes beyond the lowest {modes} cannot follow all {len(W)} contact "
+            "points; use fewer modes, more mesh.elements or fewer contact.points_per_element"
+        )
