@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     from delam_fem.simulation.solution import Solution
     from delam_fem.studies.convergence.run import converge
     from delam_fem.studies.modes import modes
+    from delam_fem.studies.reduced.motion import reduced
     from delam_fem.studies.sweeps.diagrams import diagram
     from delam_fem.studies.sweeps.grid import Sweep, load_sweep
     from delam_fem.studies.sweeps.run import run_sweep
@@ -80,6 +81,7 @@ _HOMES = {
     "modes": "studies.modes",
     "preset": "case.files",
     "read_measured": "results.measured.reading",
+    "reduced": "studies.reduced.motion",
     "run": "pipeline",
     "run_sweep": "studies.sweeps.run",
     "save_case": "case.files",
@@ -114,6 +116,7 @@ __all__ = [
     "modes",
     "preset",
     "read_measured",
+    "reduced",
     "run",
     "run_sweep",
     "save_case",
