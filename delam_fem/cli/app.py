@@ -19,6 +19,7 @@ from delam_fem.cli.inputs import CaseArgument, DryRun, Overwrite, Quiet, Yes, ca
 from delam_fem.cli.measured import register as register_measurements
 from delam_fem.cli.messages import tell, with_messages
 from delam_fem.cli.paper import register as register_paper
+from delam_fem.cli.reduced import register as register_reduced
 from delam_fem.cli.run import report_in_folder, run_in_folder
 from delam_fem.cli.sweep import register as register_sweeps
 from delam_fem.cli.terminal import reported, say_files, table
@@ -209,6 +210,7 @@ register_convergence(app)
 register_films(app)
 register_detection(app)
 register_measurements(app)
+register_reduced(app)
 for command in app.registered_commands:
     assert command.callback is not None
     command.callback = with_messages(command.callback)

@@ -186,11 +186,12 @@ def reduce(operators: Operators, modes: int) -> Reduced:
 def _piece(o: Operators, dofs: IntArray, modes: int) -> _Piece:
     """Return the modes of the part with some dofs, and what its omitted modes give."""
     M, C, K = (A[dofs][:, dofs].tocsc() for A in (o.mass, o.damping, o.stiffness))
-    frequencies, vectors = lowest(K, M, min(modes, dofs.size))
+    frequencies, vectors = lowest(K, M, min(max(modes, 2), dofs.size))
     masses = np.sqrt(np.einsum("ij,ij->j", vectors, M @ vectors))
     vectors = vectors / (masses * _signs(vectors))
     squares = (2.0 * np.pi * frequencies) ** 2
     alpha, beta = _rayleigh(M, C, K, squares, vectors)
+    squares, vectors = squares[:modes], vectors[:, :modes]
     loads = np.column_stack([o.gap_matrix[:, dofs].T.toarray(), o.base.stiffness[dofs]])
     with np.errstate(all="ignore"):
         whole = splu(K).solve(loads)

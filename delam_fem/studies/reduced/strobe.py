@@ -1,6 +1,6 @@
 """The map of a reduced case from one period to the next, for studies of orbits.
 
-A state is (q, q', s of each part), see `model.reduced`. Contact is resolved by the same fine steps in
+A state is (q, q', s of each part), see `model.reduced`. The same fine steps resolve contact in
 every call, so the map is one fixed function; it needs no shifted step grids.
 """
 

@@ -1,0 +1,60 @@
+"""The map of a reduced case, as studies of orbits use it."""
+
+import numpy as np
+import pytest
+
+import delam_fem as df
+from delam_fem.studies.reduced.strobe import ReducedMap
+
+
+@pytest.fixture(scope="module")
+def strobe() -> ReducedMap:
+    case = df.preset("default", {"mesh.elements": 8, "time.steps_per_period": 250})
+    return ReducedMap(case, modes=5, refine=8)
+
+
+def test_slow_coordinates_are_the_lowest_two_modes_of_each_lamina(strobe: ReducedMap) -> None:
+    slow = strobe.slow
+    np.testing.assert_allclose(slow.dual @ slow.basis, np.eye(8), atol=1e-12)
+    model = strobe.at(3.25).reduced
+    chosen = np.flatnonzero(slow.dual[:4, : model.n_modes].any(axis=0))
+    assert sorted(model.part[chosen].tolist()) == [0, 0, 1, 1]
+    state = np.zeros(strobe.n_state)
+    state[chosen[0]] = 1e-3
+    energy, strain = strobe.at(3.25).periods.energies(state)
+    assert energy == 0.0
+    assert 0.5 * float(slow.of(state) @ slow.of(state)) == pytest.approx(strain)
+
+
+def test_the_parameter_changes_the_map_and_the_passage_sees_it(strobe: ReducedMap) -> None:
+    start = strobe.at(3.25).advance(strobe.at(3.25).rest, 3)
+    after = strobe.after(np.stack([start, start]), 3.25)
+    np.testing.assert_array_equal(after[0], after[1])
+    assert np.abs(strobe.after(start[None], 3.3)[0] - after[0]).max() > 1e-6
+    seen = strobe.watched(start, 3.25, 2)
+    np.testing.assert_array_equal(seen.states[0], after[0])
+    np.testing.assert_array_equal(seen.states[1], strobe.after(after[:1], 3.25)[0])
+    assert seen.strobes.shape == (2, 2)
+    assert (seen.low < seen.strobes.min(axis=0) + 1e-15).all()
+    assert (seen.high > seen.strobes.max(axis=0) - 1e-15).all()
+    assert -1e-9 < seen.smallest_gap < 0.012
+
+
+def test_kicks_of_all_sizes_grow_alike(strobe: ReducedMap) -> None:
+    """The map is piecewise smooth without jumps: tiny kicks are not amplified by hundreds."""
+    motion = strobe.at(3.25)
+    start = motion.advance(motion.rest, 40)
+    scale = float(np.linalg.norm(strobe.slow.of(start)))
+    growth = []
+    for size in (1e-2, 1e-4, 1e-6, 1e-8):
+        kick = size * scale * strobe.slow.basis[:, 0]
+        ends = strobe.after(np.stack([start + kick, start - kick]), 3.25)
+        growth.append(np.linalg.norm(strobe.slow.of(ends[0] - ends[1])) / (2.0 * size * scale))
+    assert max(growth) < 3.0 * min(growth)
+
+
+def test_a_drive_that_does_not_repeat_has_no_map() -> None:
+    sweep = {"kind": "sweep", "start_frequency": 1.0, "end_frequency": 2.0, "duration": 9.0}
+    case = df.preset("default", {f"excitation.{k}": v for k, v in sweep.items()})
+    with pytest.raises(df.CaseError, match="repeats after each period"):
+        ReducedMap(case)
