@@ -9,68 +9,19 @@ from __future__ import annotations
 
 import os
 import re
-import shlex
-import subprocess
 import sys
 from pathlib import Path
-from typing import NamedTuple
 
 import pytest
+from pages import Block, blocks, commands, run, run_block
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
-BLOCK = re.compile(
-    r"(?:^<!-- not run in tests: (?P<reason>\S.*) -->\n+)?"
-    r"^```(?P<language>python|bash)\n(?P<code>.*?)^```$",
-    re.MULTILINE | re.DOTALL,
-)
 COMMAND = ".venv/bin/delam-fem"
-LONGEST = 600  # s
 MOST_BYTES = 8192
 """Of README; all else is in docs."""
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")), ROOT / "meshes" / "README.md"]
 LINK = re.compile(r"\]\((?!https?:)([^)#\s]+)(?:#([\w-]+))?\)")
-
-
-class Block(NamedTuple):
-    """A code block and the reason why it is not run, if any."""
-
-    name: str
-    language: str
-    code: str
-    reason: str | None
-
-
-def blocks(text: str) -> list[Block]:
-    return [
-        Block(
-            f"line{text.count(chr(10), 0, found.start('code'))}",
-            found["language"],
-            found["code"],
-            found["reason"],
-        )
-        for found in BLOCK.finditer(text)
-    ]
-
-
-def commands(code: str) -> list[list[str]]:
-    """Return the words of each command of a bash block."""
-    lines = code.replace("\\\n", " ").splitlines()
-    return [words for line in lines if (words := shlex.split(line, comments=True))]
-
-
-def run(arguments: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
-    done = subprocess.run(
-        arguments,
-        cwd=folder,
-        env={**os.environ, "MPLBACKEND": "Agg", "PYVISTA_OFF_SCREEN": "true"},
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        timeout=LONGEST,
-    )
-    assert done.returncode == 0, done.stderr
-    return done
 
 
 @pytest.fixture
@@ -83,7 +34,11 @@ def checkout(tmp_path: Path) -> Path:
     return tmp_path
 
 
-RUN = [block for block in blocks(README) if block.reason is None]
+RUN = [
+    block
+    for block in blocks(README)
+    if block.reason is None and block.language in ("python", "bash")
+]
 
 
 @pytest.mark.slow
@@ -91,9 +46,7 @@ RUN = [block for block in blocks(README) if block.reason is None]
     "block", [b for b in RUN if b.language == "python"], ids=lambda block: block.name
 )
 def test_python_block_runs(block: Block, checkout: Path) -> None:
-    script = checkout / "block.py"
-    script.write_text(block.code, encoding="utf-8")
-    run([sys.executable, str(script)], checkout)
+    run_block(block, checkout)
 
 
 @pytest.mark.slow
@@ -134,7 +87,8 @@ def test_readme_has_blocks_of_both_kinds_that_run() -> None:
 
 def test_blocks_and_reasons_are_found() -> None:
     text = "\n```bash\na b  # c\nd \\\n  e\n```\n\n<!-- not run in tests: hours -->\n\n"
-    first, second = blocks(text + "```python\nx\n```\n```toml\ny\n```\n")
+    first, second, third = blocks(text + "```python\nx\n```\n```toml\ny\n```\n")
+    assert third.language == "toml"
     assert commands(first.code) == [["a", "b"], ["d", "e"]]
     assert first.reason is None
     assert (second.code, second.reason) == ("x\n", "hours")

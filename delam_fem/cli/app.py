@@ -21,6 +21,7 @@ from delam_fem.cli.messages import tell, with_messages
 from delam_fem.cli.paper import register as register_paper
 from delam_fem.cli.reduced import register as register_reduced
 from delam_fem.cli.run import report_in_folder, run_in_folder
+from delam_fem.cli.schema import register as register_schema
 from delam_fem.cli.sweep import register as register_sweeps
 from delam_fem.cli.terminal import reported, say_files, table
 
@@ -208,6 +209,7 @@ register_sweeps(app)
 register_paper(app)
 register_convergence(app)
 register_films(app)
+register_schema(app)
 register_detection(app)
 register_measurements(app)
 register_reduced(app)

@@ -1,0 +1,114 @@
+"""Pages of Markdown whose blocks are run as they stand.
+
+A comment in the line before a block says more about it:
+`<!-- not run in tests: REASON -->`, `<!-- nightly -->` (it takes long), `<!-- file: NAME -->` (it
+is the content of a file), `<!-- output -->` (it is printed by the block before it; "…" stands for
+anything, and numbers agree to `CLOSE`).
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+BLOCK = re.compile(
+    r"(?:^<!-- (?P<note>not run in tests: \S.*|nightly|file: \S+|output) -->\n+)?"
+    r"^```(?P<language>\w+)\n(?P<code>.*?)^```$",
+    re.MULTILINE | re.DOTALL,
+)
+LONGEST = 600  # s
+CLOSE = 0.02
+"""Largest relative difference of a number from the one that a page shows: other machines round
+otherwise, and clapping amplifies it."""
+NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
+
+
+class Block(NamedTuple):
+    """A code block with what its comment says."""
+
+    name: str
+    language: str
+    code: str
+    note: str
+
+    @property
+    def reason(self) -> str | None:
+        """Why it is not run, if it is not."""
+        return self.note.partition("not run in tests: ")[2] or None
+
+    @property
+    def file(self) -> str | None:
+        """The name of the file whose content it is."""
+        return self.note.partition("file: ")[2] or None
+
+
+def blocks(text: str) -> list[Block]:
+    return [
+        Block(
+            f"line{text.count(chr(10), 0, found.start('code'))}",
+            found["language"],
+            found["code"],
+            found["note"] or "",
+        )
+        for found in BLOCK.finditer(text)
+    ]
+
+
+def commands(code: str) -> list[list[str]]:
+    """Return the words of each command of a bash block."""
+    lines = code.replace("\\\n", " ").splitlines()
+    return [words for line in lines if (words := shlex.split(line, comments=True))]
+
+
+def run(arguments: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
+    done = subprocess.run(
+        arguments,
+        cwd=folder,
+        env={**os.environ, "MPLBACKEND": "Agg", "PYVISTA_OFF_SCREEN": "true", "COLUMNS": "120"},
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        timeout=LONGEST,
+    )
+    assert done.returncode == 0, done.stderr
+    return done
+
+
+def run_block(block: Block, folder: Path) -> str:
+    """Run a block in a folder and return what it prints."""
+    if block.language == "python":
+        script = folder / "block.py"
+        script.write_text(block.code, encoding="utf-8")
+        return run([sys.executable, str(script)], folder).stdout
+    printed = ""
+    for program, *words in commands(block.code):
+        name = Path(program).name
+        assert name in ("delam-fem", "python"), program
+        known = sys.executable if name == "python" else str(Path(sys.executable).parent / name)
+        printed += run([known, *words], folder).stdout
+    return printed
+
+
+def agrees(shown: str, printed: str) -> bool:
+    """Return whether a line of a page is the printed one, with numbers that are close."""
+    texts = [[part.split() for part in NUMBER.split(line)] for line in (shown, printed)]
+    numbers = [[float(n) for n in NUMBER.findall(line)] for line in (shown, printed)]
+    return texts[0] == texts[1] and all(
+        math.isclose(a, b, rel_tol=CLOSE) for a, b in zip(*numbers, strict=True)
+    )
+
+
+def missing(shown: str, printed: str) -> list[str]:
+    """Return the lines of a page that were not printed, in any order; "…" stands for anything."""
+    lines = printed.splitlines()
+    return [
+        line
+        for line in shown.splitlines()
+        if line.strip() not in ("", "…") and not any(agrees(line, other) for other in lines)
+    ]
