@@ -13,6 +13,7 @@ from docutils.utils.math.latex2mathml import tex2mathml
 from sphinx.application import Sphinx
 from sphinx.writers.html5 import HTML5Translator
 
+import delam_fem
 from delam_fem.case.keys.reference import Key, Table, tables
 from delam_fem.case.keys.schema import case_schema
 
@@ -43,6 +44,7 @@ napoleon_use_ivar = True
 napoleon_custom_sections = [("Source", "references_style")]
 
 PLACE = "further pages"
+NAMES = ".. further names"
 MARK = "<!-- the tables of all keys are put here -->"
 SCHEMA = "case.schema.json"
 
@@ -86,6 +88,20 @@ def list_all(app: Sphinx, docname: str, source: list[str]) -> None:
         source[0] = source[0].replace(PLACE, "\n".join(others))
 
 
+def name_all(app: Sphinx, docname: str, source: list[str]) -> None:
+    """Put the public names that the page of the interface does not have into its last part."""
+    if docname == "reference/api":
+        others = [name for name in delam_fem.__all__ if f":: {name}\n" not in source[0]]
+        rows = [f".. auto{_kind(name)}:: {name}" for name in others if name != "__version__"]
+        source[0] = source[0].replace(NAMES, "\n".join(rows))
+
+
+def _kind(name: str) -> str:
+    """Return what a public name is, as directives call it."""
+    value = getattr(delam_fem, name)
+    return "class" if isinstance(value, type) else "function" if callable(value) else "data"
+
+
 def write_schema(app: Sphinx, error: Exception | None) -> None:
     """Put the JSON schema of a case file beside the pages."""
     if error is None:
@@ -118,5 +134,6 @@ def setup(app: Sphinx) -> dict[str, bool]:
     app.connect("autodoc-process-docstring", keep_methods)
     app.connect("source-read", write_keys)
     app.connect("source-read", list_all)
+    app.connect("source-read", name_all)
     app.connect("build-finished", write_schema)
     return {"parallel_read_safe": True}
