@@ -10,20 +10,22 @@ from scipy.interpolate import PchipInterpolator
 
 from delam_fem.case.layers import Delamination
 from delam_fem.case.sections import Gap
-from delam_fem.case.tables import described, is_number, rows_of
+from delam_fem.case.tables import read_columns, require_unit
 from delam_fem.case.toml import CaseError
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.numerics.cantilever import cantilever_mode
 
 _END_TOLERANCE = 1e-9
 """Tolerance relative to L, so that a table written with nine digits still reaches the free end."""
+_LONGER = 2e-3
+"""Share of L by which a measured table may go beyond the free end."""
 
 
 def initial_gap(gap: Gap, x: npt.ArrayLike, length: float) -> FloatArray:
     """Return the gap g0(x) at rest.
 
-        exponent:  tip (x/L)^p
-        mode:      tip w1(x/L), the exact first cantilever mode with w1(1) = 1
+        exponent:  root + (tip - root) (x/L)^p
+        mode:      root + (tip - root) w1(x/L), the exact first cantilever mode with w1(1) = 1
         file:      the table, interpolated by PCHIP: no overshoot between the rows, and a
                    continuous slope
 
@@ -40,7 +42,7 @@ def initial_gap(gap: Gap, x: npt.ArrayLike, length: float) -> FloatArray:
 
     Source: the paper gives only the gap at the tip (12 mm).
     """
-    x = np.asarray(x, dtype=np.float64)
+    x, root = np.asarray(x, dtype=np.float64), gap.root or 0.0
     xi = np.clip(x / length, 0.0, 1.0)
     if gap.file is not None:
         table = read_gap_table(gap.file, length)
@@ -49,9 +51,10 @@ def initial_gap(gap: Gap, x: npt.ArrayLike, length: float) -> FloatArray:
     elif gap.tip is None:
         raise CaseError("gap.tip: missing, but required unless gap.file is given")
     elif gap.exponent is not None:
-        g0, source = gap.tip * xi**gap.exponent, f"gap.exponent {gap.exponent!r}"
+        rise, source = xi**gap.exponent, f"gap.exponent {gap.exponent!r}"
+        g0 = root + (gap.tip - root) * rise
     else:
-        g0, source = gap.tip * cantilever_mode(1, xi), "gap.shape"
+        g0, source = root + (gap.tip - root) * cantilever_mode(1, xi), "gap.shape"
     closed = np.flatnonzero((x > 0.0) & ~(g0 > 0.0))
     if closed.size:
         k = closed[0]
@@ -63,7 +66,7 @@ def initial_gap(gap: Gap, x: npt.ArrayLike, length: float) -> FloatArray:
 
 
 def opening_at_rest(
-    delamination: Delamination, x: FloatArray, *, opens_at_start: bool = False
+    delamination: Delamination, x: FloatArray, length: float, *, opens_at_start: bool = False
 ) -> FloatArray:
     """Return the gap at rest at places within a delamination, shape of x [m].
 
@@ -74,6 +77,7 @@ def opening_at_rest(
     Args:
         delamination: gives edges, opening and shape.
         x: places from start to end [m].
+        length: length of the laminae [m].
         opens_at_start: whether the open end of the shape "power" is the start.
 
     Raises:
@@ -81,7 +85,7 @@ def opening_at_rest(
     """
     own = delamination
     if own.file is not None:
-        table = read_table(own.file, own.start, own.end)
+        table = read_table(own.file, own.start, own.end, length)
         return np.asarray(PchipInterpolator(*table)(np.clip(x, table[0][0], table[0][-1])))
     s = np.clip((x - own.start) / (own.end - own.start), 0.0, 1.0)
     if own.shape == "power":
@@ -94,52 +98,58 @@ def read_gap_table(path: Path, length: float) -> tuple[FloatArray, FloatArray]:
     """Read the gap from a CSV table and check it.
 
     Args:
-        path: CSV file with the columns x [m], gap [m]; a heading and comments (#) are skipped.
+        path: table with the columns x [m], gap [m]; see `tables.read_columns`.
         length: length L of the laminae, which x must cover [m].
 
     Returns:
-        Positions x, increasing from 0, shape (rows,) [m]; gap, 0 at x = 0, shape (rows,) [m].
+        Positions x, increasing from 0, shape (rows,) [m]; gap, at least 0 at x = 0, positive beyond
+        it, shape (rows,) [m].
 
     Raises:
-        CaseError: the file is missing; a row is not a pair of numbers; x does not increase or does
-            not cover [0, L]; or the gap is not 0 at the clamp or not positive beyond it.
+        CaseError: the table cannot be used (`_columns`); x does not cover [0, L]; or the gap is
+            negative at the clamp or not positive beyond it.
     """
-    lines, x, gap = _columns(path)
+    lines, x, gap = _columns(path, length)
     margin = _END_TOLERANCE * length
     if abs(x[0]) > margin or x[-1] < length - margin:
         raise CaseError(
             f"gap file {path}: expected x from 0 to the length {length!r} m, given {x[0]} to "
             f"{x[-1]}"
         )
-    if abs(gap[0]) > margin:
+    if gap[0] < -margin:
         raise CaseError(
-            f"gap file {path}, line {lines[0]}: expected the gap 0 at the clamp, given {gap[0]}"
+            f"gap file {path}, line {lines[0]}: expected a gap of at least 0 at the clamp, given "
+            f"{gap[0]}"
         )
     for k in np.flatnonzero(gap[1:] <= 0.0):
         raise CaseError(
             f"gap file {path}, line {lines[k + 1]}: the gap starts closed beyond the clamp: "
             f"expected a positive gap, given {gap[k + 1]} m"
         )
-    x[0] = gap[0] = 0.0
+    x[0] = 0.0
+    gap[0] = gap[0] if gap[0] > margin else 0.0
     return x, gap
 
 
-def read_table(path: Path, start: float, end: float) -> tuple[FloatArray, FloatArray]:
+def read_table(
+    path: Path, start: float, end: float, length: float
+) -> tuple[FloatArray, FloatArray]:
     """Read the opening of a delamination from a CSV table and check it.
 
     Args:
-        path: CSV file with the columns x [m], gap [m]; a heading and comments (#) are skipped.
+        path: table with the columns x [m], gap [m]; see `tables.read_columns`.
         start: where the delamination begins [m].
         end: where it ends [m].
+        length: length of the laminae, beyond which x must not go [m].
 
     Returns:
         Positions x, increasing, shape (rows,) [m]; gap, at least 0, shape (rows,) [m].
 
     Raises:
-        CaseError: the file is missing; a row is not a pair of numbers; x does not increase or does
-            not cover the delamination; or a gap is negative.
+        CaseError: the table cannot be used (`_columns`); x does not cover the delamination; or a
+            gap is negative.
     """
-    lines, x, gap = _columns(path)
+    lines, x, gap = _columns(path, length)
     margin = _END_TOLERANCE * end
     if x[0] > start + margin or x[-1] < end - margin:
         raise CaseError(
@@ -152,35 +162,28 @@ def read_table(path: Path, start: float, end: float) -> tuple[FloatArray, FloatA
     return x, gap
 
 
-def _columns(path: Path) -> tuple[list[int], FloatArray, FloatArray]:
-    """Return line numbers, x (increasing) [m] and gap [m] of a CSV table."""
-    rows = _numbers(path)
-    if len(rows) < 2:
-        raise CaseError(f"gap file {path}: expected at least two rows of x, gap, given {len(rows)}")
-    lines = [line for line, _, _ in rows]
-    x = np.array([row[1] for row in rows])
+def _columns(path: Path, length: float) -> tuple[tuple[int, ...], FloatArray, FloatArray]:
+    """Return line numbers, x (increasing) [m] and gap [m] of a table.
+
+    Raises:
+        CaseError: see `read_columns`; a heading names another unit than m; there are less than two
+            rows; x does not increase, or goes beyond the length of the lamina.
+    """
+    label = f"gap file {path}"
+    table = read_columns(path, label, ("x", "gap"))
+    for column, name in enumerate(("x", "gap")):
+        require_unit(table, column, {"m": "m"}, f"{name} in m", label)
+    x, gap = table.values
+    if x.size < 2:
+        raise CaseError(f"{label}: expected at least two rows of x, gap, given {x.size}")
     for k in np.flatnonzero(~(np.diff(x) > 0.0)):
         raise CaseError(
-            f"gap file {path}, line {lines[k + 1]}: expected x to increase, given {x[k + 1]} "
+            f"{label}, line {table.lines[k + 1]}: expected x to increase, given {x[k + 1]} "
             f"after {x[k]}"
         )
-    return lines, x, np.array([row[2] for row in rows])
-
-
-def _numbers(path: Path) -> list[tuple[int, float, float]]:
-    """Return line number, x [m] and gap [m] of each row of a CSV table."""
-    rows: list[tuple[int, float, float]] = []
-    may_be_heading = True
-    for number, cells in rows_of(path, f"gap file {path}"):
-        is_heading = may_be_heading and not any(is_number(cell) for cell in cells)
-        may_be_heading = False
-        if is_heading:
-            continue
-        place = f"gap file {path}, line {number}"
-        if len(cells) != 2 or not all(is_number(cell) for cell in cells):
-            raise CaseError(f"{place}: expected two numbers x, gap, given {described(cells)}")
-        pair = (float(cells[0]), float(cells[1]))
-        if not np.all(np.isfinite(pair)):
-            raise CaseError(f"{place}: expected finite numbers, given {described(cells)}")
-        rows.append((number, *pair))
-    return rows
+    if x[-1] > length * (1.0 + _LONGER):
+        raise CaseError(
+            f"{label}, line {table.lines[-1]}: expected x up to the length {length!r} m of the "
+            f"lamina, given {x[-1]}; tables are read in m"
+        )
+    return table.lines, x, gap

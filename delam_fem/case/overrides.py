@@ -133,7 +133,7 @@ def apply_overrides(data: Data, overrides: Mapping[str, object]) -> None:
         table = data.get(section)
         if isinstance(table, dict) and any(f"{section}.{key}" in overrides for key in choices):
             has_table = section == "gap" and "gap.file" in overrides
-            dropped = {*choices, "tip"} if has_table else set(choices)
+            dropped = {*choices, "tip", "root"} if has_table else set(choices)
             for key in dropped & set(table):
                 del table[key]
     table, kind = data.get("excitation"), overrides.get("excitation.kind")

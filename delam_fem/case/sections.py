@@ -154,12 +154,16 @@ class Gap(Section):
 
     Attributes:
         tip: gap at the free end [m]; not given with a table.
-        exponent: p in the gap tip (x/L)^p [-]; 2 if no exponent, shape or file is given.
+        root: gap at the clamp [m]; 0 if it is not given. The gap is root + (tip - root) times
+            the shape. Not given with a table, which may begin with a gap of its own.
+        exponent: p in the gap root + (tip - root) (x/L)^p [-]; 2 if no exponent, shape or file is
+            given.
         shape: "mode": the first cantilever mode, scaled to the gap at the tip.
         file: CSV table with the columns x [m], gap [m]; a relative name counts from the case file.
     """
 
     tip: Positive | None = None
+    root: NotNegative | None = None
     exponent: Positive | None = None
     shape: Literal["mode"] | None = None
     file: FileName | None = None
@@ -184,8 +188,10 @@ class Gap(Section):
             )
         if self.file is None and self.tip is None:
             raise inconsistent("tip", "missing, but required unless gap.file is given")
-        if self.file is not None and self.tip is not None:
-            raise inconsistent("tip", "expected no tip beside gap.file, which has the gap itself")
+        for key in ("tip", "root"):
+            if self.file is not None and getattr(self, key):
+                text = f"expected no {key} beside gap.file, which has the gap itself"
+                raise inconsistent(key, text)
         return self
 
 

@@ -1,28 +1,147 @@
-"""Read the rows of a CSV table of the user; messages about it quote nothing of the file.
+"""Read tables of numbers of the user; messages about them quote nothing of the file.
+
+Columns are separated by semicolons, tabs, commas or blanks. With any separator but the comma,
+numbers may have a decimal comma. A heading, which may stand in a comment, may name units.
 
 A file that is named by mistake is no table, and its text may be nobody's business.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from delam_fem.case.toml import MOST_BYTES, CaseError
+from delam_fem.numerics.arrays import FloatArray
+
+_DATA = re.compile(r"[+-]?[.,]?\d")
+"""Start of a row of numbers."""
+_BRACKETS = re.compile(r"[\[(]\s*([^\])]*?)\s*[\])]\s*$")
+"""A unit in brackets at the end of a heading."""
+_NAME = re.compile(r"[^\s\[(]+(?:\s*[\[(][^\])]*[\])])?")
+"""A heading among headings that blanks separate."""
+_BARE_UNITS = frozenset(
+    "m mm cm dm km µm μm um nm inch ft s ms µs μs us min h N mN kN g m/s2 m/s^2 m/s²".split()
+)
+"""Units that are recognised without brackets as the last word of a heading: `gap mm`, `x_mm`."""
+_FACTORS: Mapping[str, tuple[str, str]] = {
+    "mm": ("m", "0.001"), "cm": ("m", "0.01"), "µm": ("m", "1e-6"), "μm": ("m", "1e-6"),
+    "um": ("m", "1e-6"), "km": ("m", "1000"), "inch": ("m", "0.0254"), "in": ("m", "0.0254"),
+    "ms": ("s", "0.001"), "min": ("s", "60"), "kN": ("N", "1000"), "mN": ("N", "0.001"),
+    "g": ("m/s2", "9.80665"),
+}  # fmt: skip
+"""SI unit and factor of common units, for the remedy in messages."""
+_COUNTS = ("no", "one", "two", "three", "four")
 
 
-def rows_of(path: Path, label: str) -> Iterator[tuple[int, list[str]]]:
-    """Yield line number and cells of each row of a table; empty lines and comments are skipped.
+@dataclass(frozen=True)
+class Columns:
+    """The numbers of a table.
 
-    A mark at the start of UTF-8 files and the line ends of any system are accepted.
+    Attributes:
+        lines: line of the file of each row.
+        values: the numbers, shape (n_columns, n_rows).
+        headings: text above each column; () if there is no heading.
+        heading_line: line of the heading; 0 if there is none.
+    """
+
+    lines: tuple[int, ...]
+    values: FloatArray
+    headings: tuple[str, ...] = ()
+    heading_line: int = 0
+
+    def unit(self, column: int) -> str | None:
+        """Return the unit that the heading of a column names, or None."""
+        if not self.headings:
+            return None
+        text = self.headings[column].strip().strip("\"'")
+        found = _BRACKETS.search(text)
+        if found is not None:
+            return found[1]
+        *names, last = re.split(r"[\s_/]+", text) if "/s" not in text else text.split()
+        return last if names and last in _BARE_UNITS else None
+
+
+def read_columns(path: Path, label: str, names: Sequence[str] | None = None) -> Columns:
+    """Read a table of finite numbers; empty lines and comments (#) are skipped.
+
+    The first row may be a heading. A mark at the start of UTF-8 files and the line ends of any
+    system are accepted.
 
     Args:
         path: the file.
         label: name of the file in messages.
+        names: names of the columns in messages; None: as many columns as the first row has.
 
     Raises:
-        CaseError: the file cannot be read, is too large or is not UTF-8 text.
+        CaseError: the file cannot be read, is too large or is not UTF-8 text; a row does not have
+            a finite number in each column; or decimal points and commas are mixed.
     """
+    rows, comments = _content(path, label)
+    separator = _separator([text for _, text in rows if _DATA.match(text)])
+    lines, found = [], []
+    heading: tuple[int, tuple[str, ...]] | None = None
+    is_decimal_comma = separator != "," and _has_decimal_comma(rows, separator, label)
+    for row, (number, text) in enumerate(rows):
+        cells = _cells(text, separator)
+        if is_decimal_comma:
+            cells = [cell.replace(",", ".", 1) for cell in cells]
+        if row == 0 and not any(_is_number(cell) for cell in cells):
+            heading = number, _headings(text, separator, names)
+            continue
+        n = len(names) if names is not None else len(found[0]) if found else len(cells)
+        place, given = f"{label}, line {number}", _described(cells, n)
+        if len(cells) != n or not all(_is_number(cell) for cell in cells):
+            raise CaseError(f"{place}: expected {_what(n, names)}, given {given}")
+        found.append([float(cell) for cell in cells])
+        if not np.isfinite(found[-1]).all():
+            raise CaseError(f"{place}: expected finite numbers, given {given}")
+        lines.append(number)
+    if heading is None:
+        heading = _commented_heading(comments, lines, len(found[0]) if found else 0)
+    n = len(names) if names is not None else len(found[0]) if found else 0
+    values = np.array(found, dtype=np.float64).reshape(len(found), n).T
+    if heading is None or len(heading[1]) != n:
+        return Columns(tuple(lines), values)
+    return Columns(tuple(lines), values, heading[1], heading[0])
+
+
+def require_unit(
+    table: Columns, column: int, accepted: Mapping[str, str], what: str, label: str
+) -> str | None:
+    """Return the unit that a heading names, in its usual spelling, or None if it names none.
+
+    Args:
+        table: the table.
+        column: the column.
+        accepted: units in which the column can be read, as they may be written, with their usual
+            spelling.
+        what: the column in messages, "times in s".
+        label: name of the file in messages.
+
+    Raises:
+        CaseError: the heading names another unit.
+    """
+    unit = table.unit(column)
+    if unit is None:
+        return None
+    if unit in accepted:
+        return accepted[unit]
+    target, factor = _FACTORS.get(unit, ("", ""))
+    remedy = "convert the column, and put the unit of its numbers into the heading"
+    if target in accepted.values():
+        remedy = f"multiply the column by {factor} and write [{target}] in the heading"
+    raise CaseError(
+        f"{label}, line {table.heading_line}: expected {what}, given {unit[:8]}: {remedy}"
+    )
+
+
+def _content(path: Path, label: str) -> tuple[list[tuple[int, str]], list[tuple[int, str]]]:
+    """Return the rows of a file and its lines of comment, each with its number."""
     try:
         if path.stat().st_size > MOST_BYTES:
             raise CaseError(f"{label}: expected at most {MOST_BYTES} bytes")
@@ -31,26 +150,91 @@ def rows_of(path: Path, label: str) -> Iterator[tuple[int, list[str]]]:
         raise CaseError(f"{label}: cannot be read ({error.strerror})") from None
     except UnicodeDecodeError:
         raise CaseError(f"{label}: expected a text file (UTF-8)") from None
+    rows, comments = [], []
     for number, line in enumerate(lines, start=1):
-        content = line.partition("#")[0].strip()
-        if content:
-            yield number, [cell.strip() for cell in content.split(",")]
+        content, _, comment = line.partition("#")
+        if content.strip():
+            rows.append((number, content.strip()))
+        elif comment.strip():
+            comments.append((number, comment.strip()))
+    return rows, comments
 
 
-def described(cells: Sequence[str]) -> str:
-    """Return what a row has instead of two finite numbers, without its text."""
-    if len(cells) != 2:
+def _separator(data: Sequence[str]) -> str | None:
+    """Return what separates the columns of rows of numbers; None: blanks."""
+    if any(";" in text for text in data):
+        return ";"
+    if any(re.search(r",\s|\s,", text) for text in data):
+        return ","  # a decimal comma stands between digits
+    if any("\t" in text for text in data):
+        return "\t"
+    return None if data and len(data[0].split()) > 1 else ","
+
+
+def _cells(text: str, separator: str | None) -> list[str]:
+    """Split a row."""
+    return [cell.strip() for cell in text.split(separator)]
+
+
+def _headings(text: str, separator: str | None, names: Sequence[str] | None) -> tuple[str, ...]:
+    """Split a row of headings, which may have another separator than the numbers."""
+    for choice in (separator, ";", "\t", ","):
+        cells = tuple(_cells(text, choice))
+        if choice is not None and len(cells) > 1 and len(cells) == len(names or cells):
+            return cells
+    return tuple(_NAME.findall(text))
+
+
+def _commented_heading(
+    comments: Sequence[tuple[int, str]], lines: Sequence[int], n: int
+) -> tuple[int, tuple[str, ...]] | None:
+    """Return the last comment above the numbers that gives each column a heading with a unit."""
+    for number, text in reversed(comments):
+        if lines and number < lines[0]:
+            cells = _headings(text, None if "," not in text else ",", ("",) * n)
+            if len(cells) == n and any(_BRACKETS.search(cell) for cell in cells):
+                return number, cells
+    return None
+
+
+def _has_decimal_comma(rows: Sequence[tuple[int, str]], separator: str | None, label: str) -> bool:
+    """Return whether the numbers of a table have decimal commas.
+
+    Raises:
+        CaseError: some have a comma and some a point, so that 1,234 may be either.
+    """
+    commas = [n for n, text in rows if _DATA.match(text) and "," in text]
+    if not commas:
+        return False
+    for number, text in rows:
+        if _DATA.match(text) and any("." in cell for cell in _cells(text, separator)):
+            raise CaseError(
+                f"{label}: expected one decimal mark, given commas (line {commas[0]}) and points "
+                f"(line {number})"
+            )
+    return True
+
+
+def _what(n: int, names: Sequence[str] | None) -> str:
+    """Return what a row must have in words."""
+    count = _COUNTS[n] if n < len(_COUNTS) else str(n)
+    return f"{count} number{'s' * (n != 1)}{'' if names is None else ' ' + ', '.join(names)}"
+
+
+def _described(cells: Sequence[str], n: int) -> str:
+    """Return what a row has instead of n finite numbers, without its text."""
+    if len(cells) != n:
         return f"{len(cells)} column{'s' * (len(cells) > 1)}"
     for column, cell in enumerate(cells, start=1):
-        if not is_number(cell):
+        if not _is_number(cell):
             return f"a word in column {column}"
-    return f"{float(cells[0])}, {float(cells[1])}"
+    return ", ".join(str(float(cell)) for cell in cells)
 
 
-def is_number(text: str) -> bool:
+def _is_number(text: str) -> bool:
     """Return whether a text is a number; NaN and infinity count as numbers."""
     try:
         float(text)
     except ValueError:
         return False
-    return True
+    return "_" not in text

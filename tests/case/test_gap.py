@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from delam_fem.case.files import preset
 from delam_fem.case.gap import initial_gap
 from delam_fem.case.sections import Gap
 from delam_fem.case.toml import CaseError
@@ -37,6 +38,25 @@ def test_first_mode() -> None:
     # w1(1/2) = 0.33952 (tip 1), tabulated, e.g. Blevins, Formulas for natural frequency
     g0 = initial_gap(Gap(tip=0.012, shape="mode"), [0.0, L / 2, L], L)
     assert g0 == pytest.approx([0.0, 0.012 * 0.33952, 0.012], rel=2e-5, abs=1e-17)
+
+
+@pytest.mark.parametrize("tip", [0.012, 0.0005, 0.0002])
+def test_gap_at_the_root(tip: float) -> None:
+    """Root 0.5 mm: half-way up the square it is 0.5 mm + (tip - 0.5 mm)/4; w1(1/2) as above."""
+    square = initial_gap(Gap(tip=tip, root=0.0005), [0.0, L / 2, L], L)
+    assert square == pytest.approx([0.0005, 0.000375 + tip / 4.0, tip], rel=ROUND_OFF)
+    mode = initial_gap(Gap(tip=tip, root=0.0005, shape="mode"), [0.0, L / 2, L], L)
+    assert mode == pytest.approx([0.0005, 0.0005 * 0.66048 + tip * 0.33952, tip], rel=2e-5)
+
+
+def test_table_may_begin_with_a_gap_of_its_own(tmp_path: Path) -> None:
+    gap = table(tmp_path, f"x,gap\n0,0.0005\n{L},0.0015\n")
+    assert initial_gap(gap, [0.0, L / 2, L], L) == pytest.approx([0.0005, 0.001, 0.0015])
+    with pytest.raises(CaseError, match=r"gap\.root: expected no root beside gap\.file"):
+        preset("paper", {"gap.file": str(gap.file), "gap.root": 0.001})
+    assert (
+        preset("paper", {"gap.root": 0.001}).with_overrides({"gap.file": str(gap.file)}).gap == gap
+    )
 
 
 def test_table_is_interpolated_without_overshoot(tmp_path: Path) -> None:
@@ -89,8 +109,7 @@ def test_table_may_begin_by_round_off_beside_the_clamp(tmp_path: Path, x: float)
         (f"0,0\n{L * (1.0 - 1.2e-9)!r},0.01", "expected x from 0 to the length 0.685 m"),
         (f"{1.2e-9 * L!r},0\n{L},0.01", "expected x from 0 to the length 0.685 m"),
         (f"{-1.2e-9 * L!r},0\n{L},0.01", "expected x from 0 to the length 0.685 m"),
-        (f"0,{1.2e-9 * L!r}\n{L},0.01", "line 2: expected the gap 0 at the clamp"),
-        (f"0,{-1.2e-9 * L!r}\n{L},0.01", "line 2: expected the gap 0 at the clamp"),
+        (f"0,{-1.2e-9 * L!r}\n{L},0.01", "line 2: expected a gap of at least 0 at the clamp"),
     ],
 )
 def test_more_than_round_off_is_told(tmp_path: Path, rows: str, expected: str) -> None:
@@ -124,7 +143,8 @@ def test_a_gap_needs_a_tip_or_a_table() -> None:
         ("0,0\n0.4,0.01\n0.3,0.02\n0.685,0.1", "line 4: expected x to increase, given 0.3 after 0"),
         ("0,0\n0.5,0.01", "expected x from 0 to the length 0.685 m, given 0.0 to 0.5"),
         ("0.1,0\n0.685,0.01", "expected x from 0 to the length 0.685 m, given 0.1 to 0.685"),
-        ("0,0.001\n0.685,0.01", "line 2: expected the gap 0 at the clamp, given 0.001"),
+        ("0,-0.001\n0.685,0.01", "line 2: expected a gap of at least 0 at the clamp, given -0.001"),
+        ("0,0\n0.7,0.01", "line 3: expected x up to the length 0.685 m of the lamina, given 0.7"),
         ("0,0\n0.3,0\n0.685,0.01", "line 3: the gap starts closed beyond the clamp: .* given 0.0"),
         ("0,0\n0.3,-1e-3\n0.685,0.01", "line 3: the gap starts closed .* given -0.001 m"),
         ("0,0", "expected at least two rows of x, gap, given 1"),

@@ -127,11 +127,11 @@ def test_openings_at_rest() -> None:
     x = np.array([0.1, 0.15, 0.2, 0.3])
     arch = Delamination(**EDGES, opening=0.002)
     expected = 0.002 * np.cos(np.pi * np.array([-0.5, -0.25, 0.0, 0.5]))
-    assert opening_at_rest(arch, x) == pytest.approx(expected, abs=1e-18)
+    assert opening_at_rest(arch, x, 0.4) == pytest.approx(expected, abs=1e-18)
     power = Delamination(**EDGES, opening=0.002, shape="power", exponent=3.0)
     s = (x - 0.1) / 0.2
-    assert opening_at_rest(power, x) == pytest.approx(0.002 * s**3)
-    from_start = opening_at_rest(power, x, opens_at_start=True)
+    assert opening_at_rest(power, x, 0.4) == pytest.approx(0.002 * s**3)
+    from_start = opening_at_rest(power, x, 0.4, opens_at_start=True)
     assert from_start == pytest.approx(0.002 * (1.0 - s) ** 3)
 
 

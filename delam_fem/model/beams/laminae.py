@@ -73,7 +73,7 @@ def _openings(case: Case, between: tuple[str, str], x: FloatArray) -> FloatArray
         if own.between == between:
             inside = (x >= own.start - margin) & (x <= own.end + margin)
             is_at_start = open_ends(own, case.length, case.support) == ("start",)
-            gap[inside] = opening_at_rest(own, x[inside], opens_at_start=is_at_start)
+            gap[inside] = opening_at_rest(own, x[inside], case.length, opens_at_start=is_at_start)
     return gap
 
 

@@ -31,7 +31,7 @@ _TAKEN = {"direction", "lamina", "node", "strobe", "harmonic", "x", "outcome", "
 """Names that an axis cannot have, because the result uses them."""
 _UNITS = {
     "frequency": "Hz", "start_frequency": "Hz", "end_frequency": "Hz", "duration": "s",
-    "amplitude": "m", "tip": "m", "length": "m", "width": "m", "thickness": "m",
+    "amplitude": "m", "tip": "m", "root": "m", "length": "m", "width": "m", "thickness": "m",
     "density": "kg/m3", "young_modulus": "Pa", "bending_stiffness": "N m2",
     "penalty_stiffness": "N/m", "penalty_damping": "N s/m", "threshold_velocity": "m/s",
     "displacement": "m", "velocity": "m/s", "start": "m", "end": "m", "opening": "m",

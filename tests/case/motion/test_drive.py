@@ -170,9 +170,15 @@ def test_bad_excitation(keys: dict[str, object], expected: str) -> None:
         ("time [s], a [m/s2]\n", "line 1: expected values in N with acts_on = .force., given"),
         ("1.0, 0.0\n", "line 1: expected times from 0, given 1.0; subtract the first time"),
         ("0.0, 0.0\n0.0, 1.0\n", "line 2: expected times to increase, given 0.0 after 0.0"),
-        ("0.0, 0.0, 1.0\n", "line 1: expected two columns, time and value, given 3 columns"),
-        ("0.0, 0.0\n1.0, x\n", "line 2: expected two finite numbers, given a word in column 2"),
-        ("0.0, nan\n1.0, x\n", "line 2: expected two finite numbers, given a word in column 2"),
+        ("0.0, 0.0, 1.0\n", "line 1: expected two numbers time, value, given 3 columns"),
+        (
+            "0.0, 0.0\n1.0, x\n",
+            "line 2: expected two numbers time, value, given a word in column 2",
+        ),
+        (
+            "0.0, nan\n1.0, x\n",
+            "line 1: expected finite numbers, given 0.0, nan",
+        ),
     ],
 )
 def test_bad_table(tmp_path: Path, text: str, expected: str) -> None:

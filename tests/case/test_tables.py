@@ -1,0 +1,96 @@
+"""Tables of numbers: separators, decimal commas, headings with units."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from delam_fem.case.tables import read_columns, require_unit
+from delam_fem.case.toml import CaseError
+
+SAME = [[0.0, 0.25, 0.5], [0.0, 0.003, 1.5e-3]]
+
+
+def written(folder: Path, text: str) -> Path:
+    """Return a file with the text."""
+    path = folder / "t.csv"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "0,0\n0.25,0.003\n0.5,1.5e-3\n",
+        "0, 0\n0.25,\t0.003\n0.5 , 1.5e-3\n",
+        "x;gap\n0;0\n0.25;0.003\n0.5;1.5e-3\n",
+        "x;gap\n0;0\n0,25;0,003\n0,5;1,5e-3\n",
+        "x\tgap\n0\t0\n0.25\t0.003\n0.5\t1.5E-3\n",
+        "x\tgap\n0\t0\n0,25\t0,003\n0,5\t1,5E-3\n",
+        "0 0\n0.25   0.003\n .5 1.5e-3\n",
+        "x gap\n0 0\n0,25   0,003\n ,5 1,5e-3\n",
+        "# of a calliper\n\nx [m] gap [m]\n0 0  # clamp\n0.25 0.003\n0.5 1.5e-3\n",
+        "\ufeffx (m), gap (m)\r\n0,0\r\n0.25,0.003\r\n0.5,1.5e-3\r\n",
+        "x, gap\n0;0\n0.25;0.003\n0.5;1.5e-3\n",
+    ],
+)
+def test_any_separator_and_decimal_mark(tmp_path: Path, text: str) -> None:
+    table = read_columns(written(tmp_path, text), "t", ("x", "gap"))
+    assert table.values.tolist() == SAME
+    assert read_columns(written(tmp_path, text), "t").values.tolist() == SAME
+
+
+@pytest.mark.parametrize(
+    ("heading", "units"),
+    [
+        ("x [mm], gap [m]", ["mm", "m"]),
+        ("x (mm), gap", ["mm", None]),
+        ("x / mm, gap_um", ["mm", "um"]),
+        ("x mm;gap m", ["mm", "m"]),
+        ("time [s]\tvalue [m/s2]", ["s", "m/s2"]),
+        ('"x [mm]","gap [mm]"', ["mm", "mm"]),
+        ("x [mm] gap [mm]", ["mm", "mm"]),
+        ("# x [mm], gap [mm]", ["mm", "mm"]),  # as numpy.savetxt writes it
+        ("# x [mm] gap [mm]", ["mm", "mm"]),
+        ("m, s", [None, None]),  # names of one letter are no units
+        ("x, gap", [None, None]),
+        ("# made in mm", [None, None]),
+    ],
+)
+def test_units_of_a_heading(tmp_path: Path, heading: str, units: list[str | None]) -> None:
+    table = read_columns(written(tmp_path, f"{heading}\n0,0\n1,2\n"), "t", ("x", "gap"))
+    assert [table.unit(0), table.unit(1)] == units
+
+
+def test_another_unit_is_refused_with_its_remedy(tmp_path: Path) -> None:
+    table = read_columns(written(tmp_path, "x [mm], gap [furlong]\n0,0\n1,2\n"), "t")
+    with pytest.raises(CaseError, match=r"t, line 1: expected x in m, given mm: multiply .*0\.001"):
+        require_unit(table, 0, {"m": "m"}, "x in m", "t")
+    with pytest.raises(CaseError, match=r"expected gap in m, given furlong: convert the column"):
+        require_unit(table, 1, {"m": "m"}, "gap in m", "t")
+    assert require_unit(table, 0, {"mm": "mm"}, "x in mm", "t") == "mm"
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("0;0\n0,5;0.5\n", r"t: expected one decimal mark, given commas \(line 2\) and points"),
+        ("0;0\n1,234,5;1\n", "line 2: expected two numbers x, gap, given a word in column 1"),
+        ("0 0 0\n", "line 1: expected two numbers x, gap, given 3 columns"),
+        ("0,0\n1_0,1\n", "line 2: expected two numbers x, gap, given a word in column 1"),
+        ("0,0\n1,inf\n", "line 2: expected finite numbers, given 1.0, inf"),
+        ("x,gap\nmm,mm\n0,0\n", "line 2: expected two numbers x, gap, given a word"),
+    ],
+)
+def test_what_is_no_table(tmp_path: Path, text: str, expected: str) -> None:
+    with pytest.raises(CaseError, match=expected):
+        read_columns(written(tmp_path, text), "t", ("x", "gap"))
+
+
+def test_any_number_of_columns(tmp_path: Path) -> None:
+    table = read_columns(written(tmp_path, "t;a;b\n0;1,5;2\n1;2,5;3\n"), "t")
+    assert table.values.tolist() == [[0.0, 1.0], [1.5, 2.5], [2.0, 3.0]]
+    assert table.headings == ("t", "a", "b")
+    with pytest.raises(CaseError, match="line 2: expected three numbers, given 2 columns"):
+        read_columns(written(tmp_path, "0;1;2\n0;1\n"), "t")
