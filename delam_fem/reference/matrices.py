@@ -7,6 +7,9 @@ cos B cosh B = -1. The reference shares only the case with the code that it chec
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
@@ -178,18 +181,36 @@ def gap_at_rest(gap: Gap, x: FloatArray, length: float) -> FloatArray:
         length: length of the laminae [m].
     """
     if gap.file is not None:
-        table = np.genfromtxt(gap.file, delimiter=",", encoding="utf-8-sig")
-        places, heights = table[~np.isnan(table).any(axis=1)].T  # headings become NaN
-        places[0] = heights[0] = 0.0  # the table may miss the clamp by round-off
+        places, heights = tabulated(gap.file)
+        places[0] = 0.0  # the table may miss the clamp by round-off
         return np.asarray(PchipInterpolator(places, heights)(np.minimum(x, places[-1])))
     assert gap.tip is not None  # a case has a table or the gap at the tip
+    low = 0.0 if gap.root is None else gap.root
     if gap.exponent is not None:
-        return np.asarray(gap.tip * (x / length) ** gap.exponent)
+        share = (x / length) ** gap.exponent
+        return np.asarray((1.0 - share) * low + share * gap.tip)
     (B,) = wave_numbers(1)
     z = B * np.append(x / length, 1.0)
     slope = (np.sinh(B) - np.sin(B)) / (np.cosh(B) + np.cos(B))
     mode = np.cosh(z) - np.cos(z) - slope * (np.sinh(z) - np.sin(z))
-    return np.asarray(gap.tip * mode[:-1] / mode[-1])
+    share = mode[:-1] / mode[-1]
+    return np.asarray((1.0 - share) * low + share * gap.tip)
+
+
+def tabulated(file: Path) -> tuple[FloatArray, FloatArray]:
+    """Return the two columns of a table; what is no number is skipped."""
+    rows = []
+    for line in file.read_text(encoding="utf-8-sig").splitlines():
+        text = line.partition("#")[0].strip()
+        if ";" in text or "\t" in text or re.fullmatch(r"\S*\d\s+\S+", text):
+            text = re.sub(r"[;\t\s]+", " ", text.replace(",", "."))  # commas are decimal here
+        cells = [cell for cell in re.split(r"[,\s]+", text) if cell]
+        try:
+            rows.append([float(cell) for cell in cells])
+        except ValueError:
+            continue
+    places, heights = np.array([row for row in rows if row]).T
+    return places, heights
 
 
 def _contact_points(x: FloatArray, p: int) -> tuple[FloatArray, FloatArray, FloatArray]:

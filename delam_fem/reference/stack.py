@@ -234,9 +234,7 @@ def _opening(case: Case, interface: int, x: float) -> float:
     between = (case.lamina[interface].name, case.lamina[interface + 1].name)
     (own,) = [d for d in case.delamination if d.between == between and d.start <= x <= d.end]
     if own.file is not None:
-        table = np.genfromtxt(own.file, delimiter=",", encoding="utf-8-sig")
-        places, heights = table[~np.isnan(table).any(axis=1)].T
-        return float(PchipInterpolator(places, heights)(x))
+        return float(PchipInterpolator(*elements.tabulated(own.file))(x))
     s = (x - own.start) / (own.end - own.start)
     if own.shape == "power":
         if case.support.start == "free" and own.start == 0.0:

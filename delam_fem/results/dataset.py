@@ -10,6 +10,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from delam_fem.case.definition import Case
+from delam_fem.case.gap import initial_gap
 from delam_fem.model import fields
 from delam_fem.model.layout import Layout, Structure
 from delam_fem.model.operators import Operators
@@ -43,7 +44,10 @@ def history(
     add(data, "x", layout.parts[0].positions(layout.stations))
     data = data.set_coords("x")
     add(data, "tip_node", layout.station_of_point(layout.probes[0].point))
-    add(data, "gap0", _of_interfaces(layout, gap0))
+    at_rest = _of_interfaces(layout, gap0)
+    if case.gap is not None:  # the clamp is no pair
+        at_rest[..., 0] = initial_gap(case.gap, 0.0, case.length)
+    add(data, "gap0", at_rest)
     weights = structure.operators.pair_weights
     shares = np.ones(gap0.size) if weights is None else weights
     add(data, "spring_share", _of_interfaces(layout, shares))

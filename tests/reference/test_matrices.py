@@ -9,6 +9,7 @@ import pytest
 from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
 from delam_fem.case.gap import initial_gap
+from delam_fem.case.sections import Gap
 from delam_fem.model.beams import closed_form
 from delam_fem.model.operators import Operators
 from delam_fem.reference import matrices
@@ -158,3 +159,26 @@ def test_gap_of_a_table_keeps_its_shape(tmp_path: Path) -> None:
     found = matrices.gap_at_rest(case.gap, x, LENGTH)
     assert found == pytest.approx(initial_gap(case.gap, x, LENGTH), abs=ROUND_OFF)
     assert np.all(np.diff(found) > 0.0)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "x;gap\n0;0,0005\n0,3;0,002\n0,685;0,001\n",
+        "x gap\n0 0,0005\n0,3 0,002\n0,685 0,001\n",
+        "# x [m], gap [m]\n0, 5e-4\n0.3, 0.002\n0.685, 1e-3 # tip\n",
+    ],
+)
+def test_tables_of_any_separator(tmp_path: Path, text: str) -> None:
+    (tmp_path / "gap.csv").write_text(text)
+    gap, x = Gap(file=tmp_path / "gap.csv"), np.linspace(0.0, LENGTH, 30)
+    expected = initial_gap(gap, x, LENGTH)
+    assert expected[[0, -1]] == pytest.approx([0.0005, 0.001])
+    assert matrices.gap_at_rest(gap, x, LENGTH) == pytest.approx(expected, abs=ROUND_OFF)
+
+
+@pytest.mark.parametrize("shape", [{"exponent": 1.5}, {"shape": "mode"}])
+def test_gap_at_the_root(shape: dict[str, object]) -> None:
+    gap, x = Gap(tip=0.003, root=0.0005, **shape), np.linspace(0.0, LENGTH, 30)
+    expected = initial_gap(gap, x, LENGTH)
+    assert matrices.gap_at_rest(gap, x, LENGTH) == pytest.approx(expected, abs=ROUND_OFF)
