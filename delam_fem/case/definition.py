@@ -6,6 +6,7 @@ import math
 import tomllib
 from collections.abc import Mapping
 from html import escape
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Self
 
@@ -13,6 +14,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
+from delam_fem.case.attachments import PointMass, Sensor
 from delam_fem.case.fields import Section, expected, inconsistent
 from delam_fem.case.layers import Delamination, Support, require_fitting
 from delam_fem.case.motion.drive import (
@@ -61,6 +63,8 @@ class Case(Section):
         name: name of the case and of the folder of its results.
         lamina: the laminae from bottom to top; in the paper thick and thin.
         gap: the gap at rest between laminae that are apart over their whole length.
+        point_mass: point masses on the laminae.
+        sensor: sensors, whose signals are in the results.
         support: how the laminae are held at their ends.
         delamination: where neighbours are apart; elsewhere they are bonded. Without any, laminae
             with a gap are apart over their whole length.
@@ -87,6 +91,8 @@ class Case(Section):
     contact: Contact
     time: TimeStepping = TimeStepping()
     output: Output = Output()
+    point_mass: tuple[PointMass, ...] = ()
+    sensor: tuple[Sensor, ...] = ()
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -94,6 +100,7 @@ class Case(Section):
         self._check_laminae()
         self._check_openings()
         self._check_force()
+        self._check_attachments()
         try:
             combination(self.contact.law, self.time.scheme)
         except ValueError as error:
@@ -130,6 +137,46 @@ class Case(Section):
             raise inconsistent(
                 "excitation.position",
                 f"expected at most the length {lengths[name]!r} m, given {position!r}",
+            )
+
+    def _check_attachments(self) -> None:
+        """Check that point masses and sensors are on laminae, and that sensors have names."""
+        names = [lamina.name for lamina in self.lamina]
+        labels: list[str] = []
+        for number, own in enumerate((*self.point_mass, *self.sensor), start=1):
+            is_mass = isinstance(own, PointMass)
+            key = f"point_mass.{number}" if is_mass else f"sensor.{getattr(own, 'name', '')}"
+            if own.lamina is not None and own.lamina not in names:
+                raise inconsistent(
+                    f"{key}.lamina", f"expected one of {', '.join(names)}, given {own.lamina!r}"
+                )
+            if own.position is not None and own.position > self.length:
+                raise inconsistent(
+                    f"{key}.position",
+                    f"expected at most the length {self.length!r} m, given {own.position!r}",
+                )
+            if isinstance(own, Sensor):
+                if own.name in labels:
+                    raise inconsistent("sensor", f"expected other names, given {own.name!r} twice")
+                labels.append(own.name)
+                self._check_sensor(own, key, names)
+
+    def _check_sensor(self, own: Sensor, key: str, names: list[str]) -> None:
+        """Check the interface and the sampling rate of a sensor."""
+        if own.between is not None and own.between not in pairwise(names):
+            choices = " or ".join(f'["{a}", "{b}"]' for a, b in pairwise(names))
+            raise inconsistent(
+                f"{key}.between",
+                f'expected neighbours from bottom to top, {choices}, given ["{own.between[0]}", '
+                f'"{own.between[1]}"]',
+            )
+        if own.sampling_rate is None or isinstance(self.excitation, TableExcitation):
+            return  # the step of a table may not be known yet
+        most = 1.0 / self.time_step
+        if own.sampling_rate > most * (1.0 + _ROUND_OFF):
+            raise inconsistent(
+                f"{key}.sampling_rate",
+                f"expected at most {most:g} Hz, one sample a step, given {own.sampling_rate:g} Hz",
             )
 
     def _check_laminae(self) -> None:
@@ -185,6 +232,11 @@ class Case(Section):
         keys = [f"contact.{key}" for key in sorted(self.contact.model_fields_set - read)]
         if self.excitation.length is not None and "periods" in self.time.model_fields_set:
             keys.append("time.periods")
+        keys += [
+            f"sensor.{own.name}.seed"
+            for own in self.sensor
+            if "seed" in own.model_fields_set and not own.noise
+        ]
         return tuple(keys)
 
     @property
@@ -276,8 +328,9 @@ class Case(Section):
         data = self.model_dump(exclude_none=True)
         kept = self._read_contact_keys | self.contact.model_fields_set
         data["contact"] = {k: value for k, value in data["contact"].items() if k in kept}
-        if not self.delamination:
-            del data["delamination"]
+        for key in ("delamination", "point_mass", "sensor"):
+            if not data[key]:
+                del data[key]
         if self.is_apart and "support" not in self.model_fields_set:
             del data["support"]
         return toml_text(data)

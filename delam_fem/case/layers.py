@@ -16,6 +16,7 @@ from delam_fem.case.fields import (
     expected,
     inconsistent,
 )
+from delam_fem.case.units import Unit
 
 SupportKind = Literal["clamped", "pinned", "free"]
 
@@ -55,9 +56,9 @@ class Delamination(Section):
     """
 
     between: Neighbours
-    start: NotNegative
-    end: Positive
-    opening: NotNegative = 0.0
+    start: Annotated[NotNegative, Unit("m")]
+    end: Annotated[Positive, Unit("m")]
+    opening: Annotated[NotNegative, Unit("m")] = 0.0
     shape: Literal["half-cosine", "power"] | None = None
     exponent: Positive | None = None
     file: FileName | None = None

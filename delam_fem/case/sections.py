@@ -7,7 +7,7 @@ Numbers are SI and float64. A whole number is accepted for a float; no other con
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import ClassVar, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import model_validator
@@ -30,6 +30,7 @@ from delam_fem.case.fields import (
     inconsistent,
 )
 from delam_fem.case.materials import MATERIALS
+from delam_fem.case.units import Unit, in_si
 from delam_fem.contact.laws import Impulse, LawName
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.numerics.cantilever import cantilever_roots
@@ -60,14 +61,14 @@ class Lamina(Section):
     also_written: ClassVar[tuple[str, ...]] = ("mass_per_length",)
 
     name: Label
-    length: Positive
-    width: Positive
-    thickness: Positive
+    length: Annotated[Positive, Unit("m")]
+    width: Annotated[Positive, Unit("m")]
+    thickness: Annotated[Positive, Unit("m")]
     material: str | None = None
-    density: Positive
-    young_modulus: Positive
-    bending_stiffness: Positive | None = None
-    damping_ratio: DampingRatio
+    density: Annotated[Positive, Unit("kg/m3")]
+    young_modulus: Annotated[Positive, Unit("Pa")]
+    bending_stiffness: Annotated[Positive | None, Unit("N m2")] = None
+    damping_ratio: Annotated[DampingRatio, Unit("1")]
 
     @model_validator(mode="before")
     @classmethod
@@ -75,7 +76,7 @@ class Lamina(Section):
         """Put the numbers of a material, of EI or of the mass per length in their places."""
         if not isinstance(data, Mapping):
             return data
-        given = dict(data)
+        given = {key: _converted(key, value) for key, value in data.items()}
         _take_material(given)
         _take_section(given)
         return given
@@ -109,6 +110,16 @@ class Lamina(Section):
         speed = np.sqrt(self.flexural_rigidity / self.mass_per_length)
         frequencies: FloatArray = (cantilever_roots(n) / self.length) ** 2 * speed
         return frequencies
+
+
+def _converted(key: object, value: object) -> object:
+    """Return a value of a lamina that carries a unit in SI, before others follow from it."""
+    if key == "mass_per_length":
+        return in_si(value, "kg/m", "mass_per_length")
+    field = Lamina.model_fields.get(str(key))
+    notes = () if field is None else field.metadata
+    unit = next((note.name for note in notes if isinstance(note, Unit)), None)
+    return value if unit is None else in_si(value, unit, str(key))
 
 
 def _take_material(given: dict[object, object]) -> None:
@@ -162,8 +173,8 @@ class Gap(Section):
         file: CSV table with the columns x [m], gap [m]; a relative name counts from the case file.
     """
 
-    tip: Positive | None = None
-    root: NotNegative | None = None
+    tip: Annotated[Positive, Unit("m")] | None = None
+    root: Annotated[NotNegative, Unit("m")] | None = None
     exponent: Positive | None = None
     shape: Literal["mode"] | None = None
     file: FileName | None = None
@@ -248,10 +259,10 @@ class Contact(Section):
 
     law: LawName
     impulse: Impulse = "consistent"
-    restitution: Restitution = 0.1
-    penalty_stiffness: NotNegative = 100.0
-    penalty_damping: NotNegative = 0.0
-    threshold_velocity: NotNegative = 0.5e-3
+    restitution: Annotated[Restitution, Unit("1")] = 0.1
+    penalty_stiffness: Annotated[NotNegative, Unit("N/m")] = 100.0
+    penalty_damping: Annotated[NotNegative, Unit("N s/m")] = 0.0
+    threshold_velocity: Annotated[NotNegative, Unit("m/s")] = 0.5e-3
     points_per_element: PointsPerElement = 1
 
 
@@ -273,7 +284,7 @@ class TimeStepping(Section):
     mass: Literal["consistent", "lumped"] = "consistent"
     steps_per_period: Steps = 1000
     refine: Refine = 1
-    refine_velocity: NotNegative = 0.0
+    refine_velocity: Annotated[NotNegative, Unit("m/s")] = 0.0
     periods: Count = 300
 
 

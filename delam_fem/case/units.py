@@ -12,7 +12,7 @@ from functools import lru_cache
 from typing import Any
 
 from pydantic import GetCoreSchemaHandler
-from pydantic_core import CoreSchema, core_schema
+from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from delam_fem.case.fields import inconsistent
 
@@ -106,7 +106,9 @@ def _words(unit: str) -> str:
 
 def _refused(text: str, key: str) -> Exception:
     """Return an error at the place of the value, or at a key."""
-    return inconsistent(key, text)
+    if key:
+        return inconsistent(key, text)
+    return PydanticCustomError("inconsistent", "{text}", {"text": text})
 
 
 def _unit(text: str) -> str:

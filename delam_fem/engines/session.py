@@ -94,7 +94,7 @@ def session(
     )
     try:
         set_initial(computing, initial, motion(0)[0])
-        recorder = Recorder(operators.base, span, operators.n_probes)
+        recorder = Recorder(operators.base, span, operators.n_probes, operators.n_sensors)
         yield Session(computing, recorder, motion)
     finally:
         computing.destroy()

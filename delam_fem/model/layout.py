@@ -155,6 +155,30 @@ class Probe:
 
 
 @dataclass(frozen=True)
+class SensorRows:
+    """What a sensor reads: the weights of recorded numbers in its signal.
+
+    Attributes:
+        name: name of the sensor.
+        of_u: row of `Operators.sensors` whose value of u counts; None: none.
+        of_v: row of `Operators.sensors` whose value of v counts; None: none.
+        of_base: weights of q, q', q'' of the base (or of the force), shape (3,).
+        of_forces: weights of the forces of contact springs, positive where they part the laminae,
+            shape (n_pairs,); None: they do not count.
+        of_impulses: weights of impulses over the time step that act through M, shape (n_pairs,).
+        of_lumped_impulses: the same for impulses that act through the lumped mass.
+    """
+
+    name: str
+    of_u: int | None
+    of_v: int | None
+    of_base: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    of_forces: FloatArray | None = None
+    of_impulses: FloatArray | None = None
+    of_lumped_impulses: FloatArray | None = None
+
+
+@dataclass(frozen=True)
 class Support:
     """A point of a part that is held.
 
@@ -178,12 +202,17 @@ class Layout:
         interfaces: the interfaces between parts.
         probes: the probes, in the order of the rows of `Operators.probes`.
         supports: the points where parts are held.
+        sensors: the sensors.
+        gap_row: row of `Operators.sensors` at which the rows of all gaps begin; None: there are
+            none, because no sensor reads contact forces.
     """
 
     parts: tuple[Part, ...]
     interfaces: tuple[Interface, ...]
     probes: tuple[Probe, ...] = ()
     supports: tuple[Support, ...] = ()
+    sensors: tuple[SensorRows, ...] = ()
+    gap_row: int | None = None
 
     @property
     def x(self) -> FloatArray:

@@ -72,6 +72,8 @@ class Operators:
             springs are per pair, as in the paper.
         probes: the quantities that are recorded at every step, as linear functionals of u and of v,
             CSR (n_probes, n). None: no probes (an empty matrix).
+        sensors: further functionals of u and of v that are recorded at every step, from which
+            signals of sensors follow, CSR (n_sensors, n). None: none.
     """
 
     mass: sp.csr_matrix
@@ -83,16 +85,18 @@ class Operators:
     lumped_mass: FloatArray | None = None
     pair_weights: FloatArray | None = None
     probes: sp.csr_matrix = None
+    sensors: sp.csr_matrix = None
 
     def __post_init__(self) -> None:
-        """Check the shapes; replace missing probes by an empty matrix.
+        """Check the shapes; replace missing probes and sensors by an empty matrix.
 
         Raises:
             ValueError: a matrix or vector does not fit the number of dofs or of pairs.
         """
         n, pairs = self.n_dofs, self.n_pairs
-        if self.probes is None:
-            object.__setattr__(self, "probes", sp.csr_matrix((0, n)))
+        for name in ("probes", "sensors"):
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, sp.csr_matrix((0, n)))
         shapes: dict[str, tuple[int, ...]] = {
             "mass": (n, n),
             "damping": (n, n),
@@ -104,6 +108,7 @@ class Operators:
             "gap_matrix": (pairs, n),
             "pair_weights": (pairs,),
             "probes": (self.n_probes, n),
+            "sensors": (self.n_sensors, n),
         }
         for name, expected in shapes.items():
             array = attrgetter(name)(self)
@@ -119,6 +124,16 @@ class Operators:
     def n_probes(self) -> int:
         """Number of probes."""
         return int(self.probes.shape[0])
+
+    @property
+    def n_sensors(self) -> int:
+        """Number of functionals of sensors."""
+        return int(self.sensors.shape[0])
+
+    @property
+    def observed(self) -> sp.csr_matrix:
+        """Probes and sensors, all that is recorded of u and of v, CSR (n_probes + n_sensors, n)."""
+        return sp.vstack([self.probes, self.sensors], format="csr")
 
     @property
     def n_pairs(self) -> int:

@@ -11,8 +11,13 @@ from collections.abc import Sequence
 import numpy as np
 import scipy.sparse as sp
 
-from delam_fem.model.layout import DISPLACEMENT, Interface, Layout, Part
+from delam_fem.model.layout import BASE, DISPLACEMENT, Interface, Layout, Part
 from delam_fem.numerics.arrays import FloatArray, IntArray
+
+CURVATURE = 2
+"""The second derivative of the interpolant, beside DISPLACEMENT and SLOPE."""
+_AT_POINT = 1e-9
+"""Share of a cell within which a place is at its end."""
 
 
 def opposite(
@@ -77,19 +82,24 @@ def interpolation_rows(
 
 
 def interpolation(
-    part: Part, places: FloatArray, component: int = DISPLACEMENT
+    part: Part,
+    places: FloatArray,
+    component: int = DISPLACEMENT,
+    cells: IntArray | None = None,
 ) -> tuple[IntArray, FloatArray]:
     """Return the cell of each place, and the weights of (u₀, φ₀, u₁, φ₁) of this cell.
 
     Args:
         part: gives the points.
         places: numbers of points; 2.25 lies a quarter of the cell behind point 2, shape (k,).
-        component: DISPLACEMENT for u, SLOPE for u'.
+        component: DISPLACEMENT for u, SLOPE for u', CURVATURE for u''.
+        cells: the cells, for places between two; None: those that end there, shape (k,).
 
     Returns:
         Cells, shape (k,), and weights, shape (k, 4).
     """
-    cells = np.clip(np.ceil(places).astype(np.int64) - 1, 0, part.n_elements - 1)
+    if cells is None:
+        cells = np.clip(np.ceil(places).astype(np.int64) - 1, 0, part.n_elements - 1)
     X, h = places - cells, np.diff(part.x)[cells]
     if component == DISPLACEMENT:
         terms = (
@@ -98,10 +108,47 @@ def interpolation(
             3.0 * X**2 - 2.0 * X**3,
             (X**3 - X**2) * h,
         )
+    elif component == CURVATURE:
+        bend = (12.0 * X - 6.0) / h**2
+        terms = (bend, (6.0 * X - 4.0) / h, -bend, (6.0 * X - 2.0) / h)
     else:
         bend = 6.0 * (X**2 - X) / h
         terms = (bend, 1.0 - 4.0 * X + 3.0 * X**2, -bend, 3.0 * X**2 - 2.0 * X)
     return cells, np.stack(terms, axis=1)
+
+
+def place_of(part: Part, x: float) -> float:
+    """Return a position [m] as a number of points; 2.25 lies a quarter of the cell behind 2."""
+    place = float(np.interp(x, part.x, np.arange(part.x.size, dtype=np.float64)))
+    return float(round(place)) if abs(place - round(place)) < _AT_POINT else place
+
+
+def cells_at(part: Part, place: float) -> tuple[int, ...]:
+    """Return the cells in which or at whose ends a place is: one, or two at an inner point."""
+    first = max(int(np.ceil(place)) - 1, 0)
+    is_between = place == round(place) and 0 < place < part.n_elements
+    return (first, first + 1) if is_between else (first,)
+
+
+def columns_of(
+    part: Part, place: float, n_dofs: int, component: int = DISPLACEMENT, cell: int | None = None
+) -> sp.csr_matrix:
+    """Return a row that evaluates the interpolant of a part from free dofs and base, (1, n + 1).
+
+    Args:
+        part: the part.
+        place: number of a point; see `interpolation_rows`.
+        n_dofs: n, number of dofs of the structure; column n is the base.
+        component: DISPLACEMENT, SLOPE or CURVATURE.
+        cell: the cell, for a place between two; None: the one that ends there.
+    """
+    given = None if cell is None else np.array([cell])
+    cells, weights = interpolation(part, np.array([place]), component, given)
+    row = np.zeros(n_dofs + 1)
+    for dof, weight in zip(part.dofs[cells[0] : cells[0] + 2].ravel(), weights[0], strict=True):
+        if dof >= 0 or dof == BASE:
+            row[dof if dof >= 0 else n_dofs] += weight
+    return sp.csr_matrix(row)
 
 
 def gap_matrix(

@@ -16,8 +16,9 @@ from delam_fem.model.layout import Layout, Structure
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.arrays import FloatArray, IntArray
 from delam_fem.results.provenance import provenance
-from delam_fem.results.schema import add
+from delam_fem.results.schema import add, with_sensor
 from delam_fem.simulation.recorder import LEDGER, N_BASE, PeriodRecord, Recorder
+from delam_fem.simulation.signals import signals
 
 
 def history(
@@ -53,6 +54,8 @@ def history(
     add(data, "spring_share", _of_interfaces(layout, shares))
     _add_frames(data, recorder, structure, start)
     _add_events(data, recorder, layout, start)
+    for signal in signals(recorder, structure, case):
+        data = with_sensor(data, signal)
     data.attrs = {
         "title": f"clapping laminae: {case.name}",
         "case": case.to_toml(),
@@ -87,8 +90,9 @@ def _with_further_probes(data: xr.Dataset, recorder: Recorder, layout: Layout) -
     first = len(layout.parts)
     probes = layout.probes[first:]
     data = data.assign_coords(probe=[probe.name for probe in probes])
-    u = np.concatenate([r.u[_rows(r), N_BASE + first :] for r in recorder.window])
-    v = np.concatenate([r.v[_rows(r), first:] for r in recorder.window])
+    last = len(layout.probes)  # those of sensors follow
+    u = np.concatenate([r.u[_rows(r), N_BASE + first : N_BASE + last] for r in recorder.window])
+    v = np.concatenate([r.v[_rows(r), first:last] for r in recorder.window])
     add(data, "probe_displacement", u.T)
     add(data, "probe_velocity", v.T)
     add(data, "probe_lamina", [probe.part for probe in probes])

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import xarray as xr
 
-from delam_fem.results.schema import INTERFACE
+from delam_fem.results.schema import INTERFACE, SENSOR
 
 GROUPS = {"history": "time", "periods": "period", "fields": "frame", "events": "event"}
 """Name of each group, and the dimension of its variables."""
@@ -17,9 +17,10 @@ SHAPE = "shape"
 
 
 def grouped(history: xr.Dataset) -> dict[str, xr.Dataset]:
-    """Return the dataset in groups: history, periods, fields, events, shape.
+    """Return the dataset in groups: history, periods, fields, events, shape, sensors.
 
-    Attributes of the dataset stay with each group. A variable is in one group.
+    Attributes of the dataset stay with each group. A variable is in one group; a
+    sensor with a sampling rate is a group of its own.
 
     Args:
         history: of a run; see `schema.VARIABLES`.
@@ -28,6 +29,9 @@ def grouped(history: xr.Dataset) -> dict[str, xr.Dataset]:
     groups = {
         group: [name for name, own in dims.items() if dim in own] for group, dim in GROUPS.items()
     }
+    for name, own in dims.items():  # a sensor with a time axis of its own
+        if name.startswith(SENSOR) and f"{name}_time" in own:
+            groups[name] = [name]
     taken = {name for names in groups.values() for name in names}
     groups[SHAPE] = [name for name in dims if name not in taken]
     return {group: _tidy(history[names]) for group, names in groups.items()}

@@ -16,6 +16,8 @@ import numpy as np
 if TYPE_CHECKING:  # sweeps name their variables without any dataset
     import xarray as xr
 
+    from delam_fem.simulation.signals import Signal
+
 INTERFACE = "interface"
 
 DIMENSIONS: Mapping[str, str] = MappingProxyType(
@@ -148,6 +150,35 @@ def add(data: xr.Dataset, name: str, values: Any) -> None:
     if INTERFACE in dims and array.ndim == len(dims) - 1:
         dims = tuple(dim for dim in dims if dim != INTERFACE)
     data[name] = (dims, array, {"units": row.units, "long_name": row.long_name})
+
+
+SENSOR = "sensor_"
+"""Beginning of the names of sensors' variables."""
+
+
+def with_sensor(data: xr.Dataset, signal: Signal) -> xr.Dataset:
+    """Return the dataset with the variable `sensor_NAME` of a sensor.
+
+    Its dimension is `time`; of a sensor with a sampling rate `sensor_NAME_time`, with a coordinate
+    of that name [s].
+    """
+    own, name, dim = signal.sensor, f"{SENSOR}{signal.sensor.name}", "time"
+    if own.sampling_rate is not None:
+        dim = f"{name}_time"
+        meaning = {"units": "s", "long_name": f"time of the samples of {own.name}"}
+        data = data.assign_coords({dim: (dim, signal.time, meaning)})
+    about = {"units": own.unit, "long_name": own.words, "quantity": own.quantity}
+    keys = ("lamina", "position", "surface", "sampling_rate", "noise")
+    about |= {key: value for key in keys if (value := getattr(own, key)) is not None}
+    if own.between is not None:
+        about["between"] = list(own.between)
+    data[name] = (dim, signal.value, about)
+    return data
+
+
+def sensors_of(history: xr.Dataset) -> list[str]:
+    """Return the names of the variables of sensors, in the order of the case."""
+    return [str(name) for name in history.data_vars if str(name).startswith(SENSOR)]
 
 
 def by_interface(values: xr.DataArray) -> np.ndarray[Any, np.dtype[Any]]:

@@ -194,6 +194,7 @@ def _flatten(record: PeriodRecord) -> dict[str, Any]:
         "start": [*stored, dissipated, contact_damped],
         "frames": np.array(record.frames),
         "contact": np.array(record.contact, dtype=np.int8),
+        "resting": record.resting,
         "totals": [record.released, record.impact, record.n_steps, record.ticks_per_step],
         **{f"jump_{k}": column for k, column in record.jumps.columns()._asdict().items()},
     }
@@ -217,4 +218,5 @@ def _rebuild(arrays: dict[str, Any]) -> PeriodRecord:
         impact,
         int(n_steps),
         ticks_per_step=int(ticks),
+        resting=arrays["resting"],
     )

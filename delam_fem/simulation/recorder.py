@@ -48,8 +48,9 @@ class Stepper(Protocol):
     """The part of a stepper that a recorder reads.
 
     Attributes:
-        seen_u: (m_b·u, c_b·u, k_b·u) and the displacements of the probes, shape (3 + n_probes,).
-        seen_v: velocities of the probes, shape (n_probes,).
+        seen_u: (m_b·u, c_b·u, k_b·u), displacements of the probes and functionals of sensors,
+            shape (3 + n_probes + n_sensors,).
+        seen_v: velocities of the probes and functionals of sensors, shape (n_probes + n_sensors,).
         dissipated: energy lost to damping so far [J].
         contact_damped: energy lost to contact dampers so far [J].
     """
@@ -79,8 +80,8 @@ class PeriodRecord:
 
     Attributes:
         base_states: (q, q', q'') of the base, shape (N + 1, 3).
-        u: `seen_u` at each step, start included, shape (N + 1, 3 + n_probes).
-        v: `seen_v` at each step, start included, shape (N + 1, n_probes).
+        u: `seen_u` at each step, start included, shape (N + 1, 3 + n_probes + n_sensors).
+        v: `seen_v` at each step, start included, shape (N + 1, n_probes + n_sensors).
         frame_steps: steps at which the whole state is recorded (the frames), increasing.
         start: energies stored and lost so far when the period began.
         frames: (u, v) at the frames, each of shape (2, n).
@@ -94,6 +95,7 @@ class PeriodRecord:
         effort: numbers of steps and contacts, in the order of `EFFORT`.
         end: energies stored and lost so far when the period ended; None until they are computed.
         ticks_per_step: r, the number of fine steps (ticks) in a step.
+        resting: pairs at rest when the period began, shape (n_pairs,).
     """
 
     base_states: FloatArray
@@ -112,6 +114,7 @@ class PeriodRecord:
     effort: IntArray = field(default_factory=lambda: np.zeros(len(EFFORT), np.int64))
     end: Level | None = None
     ticks_per_step: int = 1
+    resting: BoolArray = field(default_factory=lambda: np.zeros(0, np.bool_))
 
     def jump(self, tick: int, decision: Decision, changes: tuple[float, float]) -> None:
         """Record a decision at a tick, and its energy changes by impulses and by springs [J]."""
@@ -159,15 +162,17 @@ class Recorder:
         window: records of the last periods.
     """
 
-    def __init__(self, base: BaseCoupling, span: Span, n_probes: int) -> None:
+    def __init__(self, base: BaseCoupling, span: Span, n_probes: int, n_sensors: int = 0) -> None:
         """Allocate the rows of all periods.
 
         Args:
             base: coupling to the base, for the energy ledger.
             span: length of the run, and what it records.
             n_probes: number of probes, which are recorded at every step.
+            n_sensors: number of functionals of sensors, which are recorded behind the probes.
         """
         self._base, self.time_step = base, span.time_step
+        self._n_observed = n_probes + n_sensors
         self.is_forced = base.is_force
         self.steps_per_period, self.n_periods = span.steps_per_period, span.periods
         self.limit, self.n_closed, n = span.limit, 0, span.periods
@@ -191,15 +196,16 @@ class Recorder:
             base_states: (q, q', q'') of the base at the steps of the period, shape (N + 1, 3).
             before: record of the period that ended in exactly this state, if there is one.
         """
-        rows, n_probes = self.steps_per_period + 1, self.strobe.shape[2]
+        rows, n_observed = self.steps_per_period + 1, self._n_observed
         record = PeriodRecord(
             base_states,
-            np.empty((rows, N_BASE + n_probes)),
-            np.empty((rows, n_probes)),
+            np.empty((rows, N_BASE + n_observed)),
+            np.empty((rows, n_observed)),
             self._frame_steps,
             _level(stepper) if before is None or before.end is None else before.end,
             is_divided=np.zeros(rows, np.uint8),
             ticks_per_step=self.refine,
+            resting=np.array(stepper.resting, dtype=np.bool_),
         )
         if before is None:
             stepper.observe()
@@ -221,7 +227,8 @@ class Recorder:
             record.effort[0] = n_steps
         self.effort[k] = record.effort
         with np.errstate(all="ignore"):  # the return value reports a diverged motion
-            self.strobe[k] = record.u[n_steps, N_BASE:], record.v[n_steps]
+            n = self.strobe.shape[2]
+            self.strobe[k] = record.u[n_steps, N_BASE : N_BASE + n], record.v[n_steps, :n]
             largest = _extremes(record.u, n_steps + 1, self.envelope[k])
             gains = np.maximum(jumps.energies, 0.0)
             self.impulse[k] = jumps.impulses.sum(), jumps.hit.size, gains.sum()

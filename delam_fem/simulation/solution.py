@@ -59,13 +59,15 @@ class Solution:
         """Displacements of the probes at the times `time`, shape (k, n_probes) [m]."""
         first, *_ = records = self.records
         rows = np.concatenate([first.u[:1], *(r.u[1 : r.n_steps + 1] for r in records)])
-        return np.asarray(rows[:, N_BASE:])
+        n = self.recorder.strobe.shape[2]
+        return np.asarray(rows[:, N_BASE : N_BASE + n])
 
     @cached_property
     def velocity(self) -> FloatArray:
         """Velocities of the probes at the times `time`, shape (k, n_probes) [m/s]."""
         first, *_ = records = self.records
-        return np.concatenate([first.v[:1], *(r.v[1 : r.n_steps + 1] for r in records)])
+        n = self.recorder.strobe.shape[2]
+        return np.concatenate([first.v[:1, :n], *(r.v[1 : r.n_steps + 1, :n] for r in records)])
 
     @property
     def frames(self) -> FloatArray:

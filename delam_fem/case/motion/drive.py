@@ -13,6 +13,7 @@ from pydantic import Field, model_validator
 
 from delam_fem.case.fields import FileName, Label, NotNegative, Positive, Section, inconsistent
 from delam_fem.case.toml import CaseError
+from delam_fem.case.units import Unit
 
 Target = Literal["base", "force"]
 
@@ -25,8 +26,8 @@ class _OfBase(Section):
         acceleration: amplitude of the acceleration [m/s2], as shakers are set.
     """
 
-    amplitude: NotNegative | None = None
-    acceleration: NotNegative | None = None
+    amplitude: Annotated[NotNegative, Unit("m")] | None = None
+    acceleration: Annotated[NotNegative, Unit("m/s2")] | None = None
 
     @model_validator(mode="after")
     def _one_size(self) -> Self:
@@ -69,7 +70,7 @@ class HarmonicExcitation(_OfBase):
     """
 
     kind: Literal["harmonic"] = "harmonic"
-    frequency: Positive
+    frequency: Annotated[Positive, Unit("Hz")]
 
     @property
     def is_periodic(self) -> bool:
@@ -104,9 +105,9 @@ class SweepExcitation(_OfBase):
     """
 
     kind: Literal["sweep"] = "sweep"
-    start_frequency: Positive
-    end_frequency: Positive
-    duration: Positive
+    start_frequency: Annotated[Positive, Unit("Hz")]
+    end_frequency: Annotated[Positive, Unit("Hz")]
+    duration: Annotated[Positive, Unit("s")]
     spacing: Literal["linear", "logarithmic"] = "linear"
 
     @property
@@ -140,8 +141,8 @@ class _AtPoint(Section):
     """
 
     lamina: Label
-    position: NotNegative
-    amplitude: NotNegative
+    position: Annotated[NotNegative, Unit("m")]
+    amplitude: Annotated[NotNegative, Unit("N")]
 
     @property
     def acts_on(self) -> Target:
@@ -167,10 +168,10 @@ class ForceExcitation(_AtPoint):
     """
 
     kind: Literal["force"] = "force"
-    frequency: Positive | None = None
-    start_frequency: Positive | None = None
-    end_frequency: Positive | None = None
-    duration: Positive | None = None
+    frequency: Annotated[Positive, Unit("Hz")] | None = None
+    start_frequency: Annotated[Positive, Unit("Hz")] | None = None
+    end_frequency: Annotated[Positive, Unit("Hz")] | None = None
+    duration: Annotated[Positive, Unit("s")] | None = None
     spacing: Literal["linear", "logarithmic"] = "linear"
 
     @model_validator(mode="after")
@@ -231,9 +232,9 @@ class HammerExcitation(_AtPoint):
     """
 
     kind: Literal["hammer"] = "hammer"
-    duration: Positive
-    start: NotNegative = 0.0
-    period: Positive
+    duration: Annotated[Positive, Unit("s")]
+    start: Annotated[NotNegative, Unit("s")] = 0.0
+    period: Annotated[Positive, Unit("s")]
 
     @property
     def is_periodic(self) -> bool:
@@ -274,8 +275,8 @@ class TableExcitation(Section):
     file: FileName
     acts_on: Target
     lamina: Label | None = None
-    position: NotNegative | None = None
-    period: Positive | None = None
+    position: Annotated[NotNegative, Unit("m")] | None = None
+    period: Annotated[Positive, Unit("s")] | None = None
 
     @model_validator(mode="after")
     def _has_point(self) -> Self:

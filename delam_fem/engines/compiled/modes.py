@@ -142,8 +142,10 @@ def _transformed(o: Operators) -> tuple[Operators, Modes] | None:
     )
     columns = _product(np.stack([o.base.mass, o.base.damping, o.base.stiffness]), Phi)
     base = BaseCoupling(columns[0], columns[1], columns[2], o.base.corner)
-    H, probes = (sp.csr_matrix(_product(rows.toarray(), Phi)) for rows in (o.gap_matrix, o.probes))
-    modal = Operators(mass, damping, stiffness, base, H, o.gap0, probes=probes)
+    H, probes, sensors = (
+        sp.csr_matrix(_product(rows.toarray(), Phi)) for rows in (o.gap_matrix, o.probes, o.sensors)
+    )
+    modal = Operators(mass, damping, stiffness, base, H, o.gap0, probes=probes, sensors=sensors)
     return modal, Modes(np.asarray(Phi, dtype=float), dual)
 
 

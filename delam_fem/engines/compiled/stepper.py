@@ -42,8 +42,8 @@ class CompiledStepper:
         self.systems = tuple(one._replace(coarseness=2 - k) for k, (one, _) in enumerate(built))
         self.system, self.unknowns = self.systems[-1], built[-1][1]
         self.memory = state.memory(self.system.size, operators.n_pairs)
-        self.seen_u: FloatArray = np.zeros(3 + operators.n_probes)
-        self.seen_v: FloatArray = np.zeros(operators.n_probes)
+        self.seen_u: FloatArray = np.zeros(3 + operators.n_probes + operators.n_sensors)
+        self.seen_v: FloatArray = np.zeros(operators.n_probes + operators.n_sensors)
         self._corner = operators.base.corner
 
     @property

@@ -98,7 +98,7 @@ class System(NamedTuple):
     Attributes:
         size: numbers per field.
         n_pairs: number of contact pairs.
-        n_probes: number of probes.
+        n_probes: number of probes, those of sensors included.
         is_chained: True: two laminae in lane order; False: sparse rows and bands.
         is_within: whether, in lane order, some pairs are inside the elements (points.py).
         is_diagonal_load: whether the matrix B of L1 is diagonal (L4).
@@ -225,11 +225,11 @@ def _system(o: Operators, scheme: StepNumbers, places: Coordinates, tapes: _Tape
     band, mass_band = (_NO_BAND if is_chained else banded.factorise(A) for A in (step, mass))
     to_rows = banded.dense_rows if is_modal else banded.rows
     inverse_lumped = np.zeros(o.n_dofs) if o.lumped_mass is None else 1.0 / o.lumped_mass
-    probes, is_selecting = o.probes, _is_selecting(o)
+    probes, is_selecting = o.observed, _is_selecting(o)
     return System(
         size=size,
         n_pairs=o.n_pairs,
-        n_probes=o.n_probes,
+        n_probes=o.n_probes + o.n_sensors,
         is_chained=is_chained,
         is_within=tapes.points is not NO_POINTS,
         is_diagonal_load=tapes.is_diagonal_load,
@@ -271,7 +271,7 @@ def _diagonals(
 
 def _is_selecting(o: Operators) -> bool:
     """Return whether every probe picks a single dof with the factor 1."""
-    P = o.probes
+    P = o.observed
     return bool((np.diff(P.indptr) == 1).all() and (P.data == 1.0).all())
 
 

@@ -115,8 +115,8 @@ class Dynamics:
         """Create the matrices and vectors of the recorded quantities."""
         o = self.operators
         rows = sp.csr_matrix(np.vstack([o.base.mass, o.base.damping, o.base.stiffness]))
-        self._observe_u = linear_algebra.matrix(sp.vstack([rows, o.probes]), self.comm)
-        self._observe_v = linear_algebra.matrix(o.probes, self.comm)
+        self._observe_u = linear_algebra.matrix(sp.vstack([rows, o.observed]), self.comm)
+        self._observe_v = linear_algebra.matrix(o.observed, self.comm)
         self._seen_u = linear_algebra.Shared(self._observe_u.createVecLeft())
         self._seen_v = linear_algebra.Shared(self._observe_v.createVecLeft())
         self.seen_u: FloatArray = self._seen_u.values

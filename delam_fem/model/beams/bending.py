@@ -1,6 +1,6 @@
 """Assemble the operators of Euler–Bernoulli laminae from weak forms in dolfinx.
 
-    m(w, v) = ∫ rho A w v dx                               (mass)
+    m(w, v) = ∫ rho A w v dx + Σ m_j w(x_j) v(x_j)         (mass; point masses: masses.py)
     k(w, v) = ∫ E I w'' v'' dx                             (stiffness)
     c(w, v) = ∫ alpha rho A w v dx + ∫ beta E I w'' v'' dx (Rayleigh damping)
 
@@ -22,7 +22,8 @@ from delam_fem.case.definition import Case
 from delam_fem.case.toml import CaseError
 from delam_fem.model.beams import stack
 from delam_fem.model.beams.hermite import BENDING_DEGREE, MASS_DEGREE, Hermite
-from delam_fem.model.beams.laminae import clamped_laminae, driven, gap_at_rest, pair_weights
+from delam_fem.model.beams.laminae import clamped_laminae, completed, gap_at_rest, pair_weights
+from delam_fem.model.beams.masses import with_masses
 from delam_fem.model.layout import BASE, Layout, Structure
 from delam_fem.model.mesh import node_coordinates
 from delam_fem.model.operators import BaseCoupling, Operators
@@ -69,7 +70,8 @@ def assemble(
         for profile in (EI, rhoA)
     )
     layout = clamped_laminae(case, x, EI_of_cell, rhoA_of_cell)
-    return driven(Structure(_operators(case, layout, (M, C, K), lumped), layout), case)
+    structure = Structure(_operators(case, layout, (M, C, K), lumped), layout)
+    return completed(with_masses(structure, case), case)
 
 
 def _lines(n: int, count: int) -> IntArray:

@@ -11,8 +11,9 @@ import scipy.sparse as sp
 
 from delam_fem.case.definition import Case
 from delam_fem.case.layers import Delamination, open_ends
-from delam_fem.model.beams.laminae import driven, gap_at_rest, pair_weights
-from delam_fem.model.beams.network import Network, eliminated
+from delam_fem.model.beams.laminae import completed, gap_at_rest, pair_weights
+from delam_fem.model.beams.masses import added_mass
+from delam_fem.model.beams.network import Network, eliminated, surface_strain
 from delam_fem.model.layout import Layout, Part, Probe, Structure, Support
 from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.model.pairing import gap_matrix, neighbours, probe_rows
@@ -39,7 +40,8 @@ def structure(
     layout = layout_of(case, network)
     if case.time.mass == "lumped":
         mass = sp.diags(lumped)
-    M = sp.csr_matrix(mass)[: n + 1, : n + 1]
+    added, diagonal = added_mass(case, layout, n)
+    M = sp.csr_matrix(sp.csr_matrix(mass)[: n + 1, : n + 1] + added)
     K = eliminated(stiffness, n + 1)
     alpha, beta = damping(case, layout, M[:n, :n], K[:n, :n])
     C = sp.csr_matrix(alpha * M + beta * K)
@@ -49,14 +51,14 @@ def structure(
         mass=sp.csr_matrix(M[:n, :n]),
         damping=sp.csr_matrix(C[:n, :n]),
         stiffness=sp.csr_matrix(K[:n, :n]),
-        lumped_mass=lumped[:n],
+        lumped_mass=lumped[:n] + diagonal[:n],
         base=BaseCoupling(m, c, k, corner=(corner[0], corner[1], corner[2])),
         gap_matrix=gap_matrix(layout.parts, layout.interfaces, n),
         gap0=gap_at_rest(case, layout),
         pair_weights=pair_weights(case, layout),
         probes=probe_rows(layout, n),
     )
-    return driven(Structure(operators, layout), case)
+    return completed(Structure(operators, layout), case, surface_strain(network, stiffness))
 
 
 def layout_of(case: Case, network: Network) -> Layout:

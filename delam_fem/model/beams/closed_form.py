@@ -16,7 +16,8 @@ from delam_fem.case.definition import Case
 from delam_fem.case.sections import Lamina
 from delam_fem.case.toml import CaseError
 from delam_fem.model.beams.bonded import structure
-from delam_fem.model.beams.laminae import clamped_laminae, driven, gap_at_rest, pair_weights
+from delam_fem.model.beams.laminae import clamped_laminae, completed, gap_at_rest, pair_weights
+from delam_fem.model.beams.masses import with_masses
 from delam_fem.model.beams.network import Group, Network, Segment, network
 from delam_fem.model.layout import Structure
 from delam_fem.model.mesh import node_coordinates, require_edges
@@ -69,7 +70,7 @@ def assemble(case: Case, x: npt.ArrayLike | None = None) -> Structure:
         pair_weights=pair_weights(case, layout),
         probes=probe_rows(layout, mass.shape[0]),
     )
-    return driven(Structure(operators, layout), case)
+    return completed(with_masses(Structure(operators, layout), case), case)
 
 
 def _stack(case: Case, stack: Network) -> Structure:

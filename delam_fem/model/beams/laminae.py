@@ -18,6 +18,7 @@ from delam_fem.case.toml import CaseError
 from delam_fem.model.layout import BASE, FIXED, Layout, Part, Probe, Structure, Support
 from delam_fem.model.operators import BaseCoupling
 from delam_fem.model.pairing import interpolation_rows, neighbours, tributary_lengths
+from delam_fem.model.sensors import StrainRows, with_sensors
 from delam_fem.numerics.arrays import FloatArray, IntArray
 
 CLAMP, TIP = 0, -1
@@ -100,6 +101,17 @@ def _dofs(lamina: int, n: int) -> IntArray:
     dofs[CLAMP] = BASE, FIXED
     dofs[1:] = 2 * n * lamina + np.arange(2 * n).reshape(n, 2)
     return dofs
+
+
+def completed(structure: Structure, case: Case, strain: StrainRows | None = None) -> Structure:
+    """Return the structure with the drive and the sensors of a case.
+
+    Args:
+        structure: of the case.
+        case: the case.
+        strain: gives the strain of surfaces, see `with_sensors`; None: laminae that are apart.
+    """
+    return with_sensors(driven(structure, case), case, strain)
 
 
 def driven(structure: Structure, case: Case) -> Structure:

@@ -29,7 +29,9 @@ import scipy.sparse as sp
 
 from delam_fem.case.definition import Case
 from delam_fem.case.sections import Lamina
-from delam_fem.model.layout import BASE, FIXED
+from delam_fem.model.layout import BASE, FIXED, Part
+from delam_fem.model.pairing import CURVATURE, cells_at, columns_of
+from delam_fem.model.sensors import StrainRows
 from delam_fem.numerics.arrays import FloatArray, IntArray
 
 Group = tuple[int, ...]
@@ -232,6 +234,49 @@ def eliminated(matrix: sp.spmatrix, n_kept: int) -> sp.csr_matrix:
     rows, columns = (grid.ravel() for grid in np.broadcast_arrays(*where))
     full = sp.csr_matrix((0.5 * (change + change.T).ravel(), (rows, columns)), K_dd.shape)
     return without_round_off(K_dd - full)
+
+
+def surface_strain(stack: Network, stiffness: sp.spmatrix) -> StrainRows:
+    """Return the strains of the surfaces of bonded laminae (N2).
+
+        strain = u_g' - (z - z_g) w''
+
+    The axial displacements follow from deflections and slopes as in `eliminated`. At a point
+    between two cells it is the mean of both.
+
+    Args:
+        stack: the unknowns.
+        stiffness: K in the columns of the network.
+    """
+    n_kept = stack.n_free + 1
+    K = without_round_off(stiffness)
+    K_aa, K_ad = K[n_kept:, n_kept:].toarray(), K[n_kept:, :n_kept].toarray()
+    axial = -np.linalg.pinv(K_aa, hermitian=True) @ K_ad  # (n_axial, n_kept)
+    cells = np.ones(stack.x.size - 1)
+
+    def of_cell(lamina: int, place: float, side: float, cell: int) -> FloatArray:
+        part = Part("", stack.x, stack.dofs[lamina], cells, cells)
+        segment = next(s for s in stack.segments if s.first <= cell < s.last)
+        group = next(g for g in segment.groups if lamina in g)
+        z = stack.middles[lamina] + 0.5 * side * stack.laminae[lamina].thickness
+        bend = columns_of(part, place, stack.n_free, CURVATURE, cell).toarray()[0]
+        row = -(z - stack.neutral_axis(group)) * bend
+        length = float(stack.x[segment.last] - stack.x[segment.first])
+        for node, sign in ((segment.first, -1.0), (segment.last, 1.0)):
+            for column, factor in stack.axial_row(node, group):
+                change = sign * factor / length
+                if column < n_kept:
+                    row[column] += change
+                else:
+                    row += change * axial[column - n_kept]
+        return np.asarray(row)
+
+    def rows(lamina: int, place: float, side: float) -> sp.csr_matrix:
+        part = Part("", stack.x, stack.dofs[lamina], cells, cells)
+        found = [of_cell(lamina, place, side, cell) for cell in cells_at(part, place)]
+        return sp.csr_matrix(np.mean(found, axis=0))
+
+    return rows
 
 
 def without_round_off(matrix: sp.spmatrix) -> sp.csr_matrix:

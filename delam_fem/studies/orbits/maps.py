@@ -115,7 +115,12 @@ class _Ready:
             span.time_step,
             refinement=span.refinement,
         )
-        self._recorder = Recorder(problem.operators.base, span, problem.operators.n_probes)
+        self._recorder = Recorder(
+            problem.operators.base,
+            span,
+            problem.operators.n_probes,
+            problem.operators.n_sensors,
+        )
         self._tables: dict[float, FloatArray] = {}
 
     def end(self, state: FloatArray, shift: float) -> tuple[FloatArray, PeriodRecord]:
