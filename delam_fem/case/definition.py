@@ -143,9 +143,9 @@ class Case(Section):
         """Check that point masses and sensors are on laminae, and that sensors have names."""
         names = [lamina.name for lamina in self.lamina]
         labels: list[str] = []
-        for number, own in enumerate((*self.point_mass, *self.sensor), start=1):
-            is_mass = isinstance(own, PointMass)
-            key = f"point_mass.{number}" if is_mass else f"sensor.{getattr(own, 'name', '')}"
+        attached: tuple[PointMass | Sensor, ...] = (*self.point_mass, *self.sensor)
+        for number, own in enumerate(attached, start=1):
+            key = f"sensor.{own.name}" if isinstance(own, Sensor) else f"point_mass.{number}"
             if own.lamina is not None and own.lamina not in names:
                 raise inconsistent(
                     f"{key}.lamina", f"expected one of {', '.join(names)}, given {own.lamina!r}"

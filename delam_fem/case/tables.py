@@ -9,7 +9,7 @@ A file that is named by mistake is no table, and its text may be nobody's busine
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -81,33 +81,45 @@ def read_columns(path: Path, label: str, names: Sequence[str] | None = None) -> 
         CaseError: the file cannot be read, is too large or is not UTF-8 text; a row does not have
             a finite number in each column; or decimal points and commas are mixed.
     """
-    rows, comments = _content(path, label)
-    separator = _separator([text for _, text in rows if _DATA.match(text)])
-    lines, found = [], []
+    rows, comments = _split(path, label, names)
+    lines: list[int] = []
+    found: list[list[float]] = []
     heading: tuple[int, tuple[str, ...]] | None = None
-    is_decimal_comma = separator != "," and _has_decimal_comma(rows, separator, label)
-    for row, (number, text) in enumerate(rows):
-        cells = _cells(text, separator)
-        if is_decimal_comma:
-            cells = [cell.replace(",", ".", 1) for cell in cells]
-        if row == 0 and not any(_is_number(cell) for cell in cells):
-            heading = number, _headings(text, separator, names)
+    for row, (number, cells) in enumerate(rows):
+        if row == 0 and not any(is_number(cell) for cell in cells):
+            heading = number, tuple(cells)
             continue
         n = len(names) if names is not None else len(found[0]) if found else len(cells)
         place, given = f"{label}, line {number}", _described(cells, n)
-        if len(cells) != n or not all(_is_number(cell) for cell in cells):
+        if len(cells) != n or not all(is_number(cell) for cell in cells):
             raise CaseError(f"{place}: expected {_what(n, names)}, given {given}")
         found.append([float(cell) for cell in cells])
         if not np.isfinite(found[-1]).all():
             raise CaseError(f"{place}: expected finite numbers, given {given}")
         lines.append(number)
-    if heading is None:
-        heading = _commented_heading(comments, lines, len(found[0]) if found else 0)
     n = len(names) if names is not None else len(found[0]) if found else 0
+    if heading is None:
+        heading = _commented_heading(comments, lines, n)
     values = np.array(found, dtype=np.float64).reshape(len(found), n).T
     if heading is None or len(heading[1]) != n:
         return Columns(tuple(lines), values)
     return Columns(tuple(lines), values, heading[1], heading[0])
+
+
+def rows_of(path: Path, label: str) -> Iterator[tuple[int, list[str]]]:
+    """Yield line number and cells of each row of a table; empty lines and comments are skipped.
+
+    The separator is that of the rows that begin with a number, whose decimal commas become points.
+
+    Args:
+        path: the file.
+        label: name of the file in messages.
+
+    Raises:
+        CaseError: the file cannot be read, is too large or is not UTF-8 text; or decimal points
+            and commas are mixed.
+    """
+    yield from _split(path, label, None)[0]
 
 
 def require_unit(
@@ -138,6 +150,26 @@ def require_unit(
     raise CaseError(
         f"{label}, line {table.heading_line}: expected {what}, given {unit[:8]}: {remedy}"
     )
+
+
+def _split(
+    path: Path, label: str, names: Sequence[str] | None
+) -> tuple[list[tuple[int, list[str]]], list[tuple[int, str]]]:
+    """Return the cells of each row, and the comments, each with the number of its line."""
+    rows, comments = _content(path, label)
+    data = [(number, text) for number, text in rows if _DATA.match(text)]
+    separator = _separator([text for _, text in data])
+    is_decimal_comma = separator != "," and _has_decimal_comma(data, separator, label)
+    found = []
+    for number, text in rows:
+        if not _DATA.match(text):
+            cells = list(_headings(text, separator, names))
+        elif is_decimal_comma:
+            cells = [cell.replace(",", ".", 1) for cell in _cells(text, separator)]
+        else:
+            cells = _cells(text, separator)
+        found.append((number, cells))
+    return found, comments
 
 
 def _content(path: Path, label: str) -> tuple[list[tuple[int, str]], list[tuple[int, str]]]:
@@ -197,17 +229,17 @@ def _commented_heading(
     return None
 
 
-def _has_decimal_comma(rows: Sequence[tuple[int, str]], separator: str | None, label: str) -> bool:
+def _has_decimal_comma(data: Sequence[tuple[int, str]], separator: str | None, label: str) -> bool:
     """Return whether the numbers of a table have decimal commas.
 
     Raises:
         CaseError: some have a comma and some a point, so that 1,234 may be either.
     """
-    commas = [n for n, text in rows if _DATA.match(text) and "," in text]
+    commas = [number for number, text in data if "," in text]
     if not commas:
         return False
-    for number, text in rows:
-        if _DATA.match(text) and any("." in cell for cell in _cells(text, separator)):
+    for number, text in data:
+        if any("." in cell for cell in _cells(text, separator)):
             raise CaseError(
                 f"{label}: expected one decimal mark, given commas (line {commas[0]}) and points "
                 f"(line {number})"
@@ -226,12 +258,12 @@ def _described(cells: Sequence[str], n: int) -> str:
     if len(cells) != n:
         return f"{len(cells)} column{'s' * (len(cells) > 1)}"
     for column, cell in enumerate(cells, start=1):
-        if not _is_number(cell):
+        if not is_number(cell):
             return f"a word in column {column}"
     return ", ".join(str(float(cell)) for cell in cells)
 
 
-def _is_number(text: str) -> bool:
+def is_number(text: str) -> bool:
     """Return whether a text is a number; NaN and infinity count as numbers."""
     try:
         float(text)

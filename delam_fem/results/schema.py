@@ -167,7 +167,7 @@ def with_sensor(data: xr.Dataset, signal: Signal) -> xr.Dataset:
         dim = f"{name}_time"
         meaning = {"units": "s", "long_name": f"time of the samples of {own.name}"}
         data = data.assign_coords({dim: (dim, signal.time, meaning)})
-    about = {"units": own.unit, "long_name": own.words, "quantity": own.quantity}
+    about: dict[str, Any] = {"units": own.unit, "long_name": own.words, "quantity": own.quantity}
     keys = ("lamina", "position", "surface", "sampling_rate", "noise")
     about |= {key: value for key in keys if (value := getattr(own, key)) is not None}
     if own.between is not None:

@@ -20,7 +20,7 @@ from delam_fem.case.attachments import Sensor
 from delam_fem.case.definition import Case
 from delam_fem.contact.laws import LAWS, combination
 from delam_fem.model.layout import SensorRows, Structure
-from delam_fem.numerics.arrays import BoolArray, FloatArray
+from delam_fem.numerics.arrays import BoolArray, FloatArray, IntArray
 from delam_fem.simulation.recorder import N_BASE, PeriodRecord, Recorder
 
 PASS, STOP, ATTENUATION = 0.4, 0.5, 60.0
@@ -115,7 +115,7 @@ def resting_pairs(record: PeriodRecord, gap: FloatArray, threshold: float) -> Bo
     return np.asarray(np.take_along_axis(change, last, axis=0)[1:] > 0)
 
 
-def _steps_of(record: PeriodRecord) -> FloatArray:
+def _steps_of(record: PeriodRecord) -> IntArray:
     """Return the step within which each impact of a period is."""
     return np.asarray(-(-record.jumps.columns().ticks // record.ticks_per_step))
 

@@ -46,7 +46,7 @@ def case_text(kind: KindName, name: str) -> str:
         f"#   delam-fem validate {name}.toml    checks this file",
         f"#   delam-fem run {name}.toml         computes it",
         "#",
-        "# All numbers are in SI units. A key behind # is not set; its default stands after it.",
+        '# Numbers are in SI units; a text may carry another: "2 mm". A key behind # is not set; its default stands after it.',
     ]
     for table in tables():
         lines += ["", *_table_lines(table, data)]
