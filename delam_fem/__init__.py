@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from delam_fem.reference.compare import compare
     from delam_fem.results.folder import Result, load_result
     from delam_fem.results.measured.reading import read_measured
+    from delam_fem.results.overlay.whole import overlay
     from delam_fem.simulation.loop import State
     from delam_fem.simulation.solution import Solution
     from delam_fem.studies.convergence.run import converge
@@ -79,6 +80,7 @@ _HOMES = {
     "load_result": "results.folder",
     "load_sweep": "studies.sweeps.grid",
     "modes": "studies.modes",
+    "overlay": "results.overlay.whole",
     "preset": "case.files",
     "read_measured": "results.measured.reading",
     "reduced": "studies.reduced.motion",
@@ -114,6 +116,7 @@ __all__ = [
     "load_result",
     "load_sweep",
     "modes",
+    "overlay",
     "preset",
     "read_measured",
     "reduced",

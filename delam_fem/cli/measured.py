@@ -35,6 +35,7 @@ Rate = Annotated[
 def register(app: typer.Typer) -> None:
     """Add the commands to the application."""
     app.command("measure")(measure_command)
+    app.command("overlay")(overlay_command)
 
 
 def assigned(channels: list[str] | None) -> dict[str, str]:
@@ -84,5 +85,35 @@ def measure_command(
             names = ", ".join(dict.fromkeys(path.name for path in files))
             table(f"measured: {names}", HEADING, list(rows(data)))
             for line in lines(data):
+                typer.echo(line)
+            say_files(paths)
+
+
+def overlay_command(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of the results of a run.")],
+    files: Files,
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="DIR", help="Folder (default: RUN/overlay)."),
+    ] = None,
+    channels: Channels = None,
+    units: Units = None,
+    rate: Rate = None,
+    *,
+    quiet: Quiet = False,
+) -> None:
+    """Lay a measurement over a run: align it, and show how it differs."""
+    with reported(quiet):
+        from delam_fem.case.claim import claimed
+        from delam_fem.results.overlay.whole import overlay
+
+        found = overlay(run, *files, channels=assigned(channels), units=units, rate=rate)
+        folder = output or run / "overlay"
+        with claimed(folder, inputs=files, may_hold_results=True) as directory:
+            paths = found.save(directory)
+        if not quiet:
+            heading = ("channel", "gain", "phase [°]", "noise", "misfit", "d measured", "d run")
+            table(f"{files[0].name} over {run}", heading, list(found.rows()))
+            for line in found.sentences():
                 typer.echo(line)
             say_files(paths)

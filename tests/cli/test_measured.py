@@ -7,8 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+from measurements import recorded, write_csv
+from synthetic import small_case, synthetic_history
 from typer.testing import CliRunner
 
+from delam_fem.case.files import save_case
 from delam_fem.cli.app import app
 
 
@@ -60,3 +63,29 @@ def test_measure_refuses_what_is_not_clear(
     status, output = call("measure", table, "-o", tmp_path / "out", *arguments)
     assert status == 2 and message in output
     assert not (tmp_path / "out").exists()
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    """Write the numbers of a run."""
+    case = small_case()
+    save_case(case, tmp_path / "run")
+    history = synthetic_history(case)
+    history.to_netcdf(tmp_path / "run" / "result.nc", engine="h5netcdf")
+    return tmp_path / "run"
+
+
+def test_overlay_says_how_a_measurement_differs(run: Path, tmp_path: Path) -> None:
+    history = xr.load_dataset(run / "result.nc", engine="h5netcdf")
+    t, (a, b) = recorded(history, period=small_case().period, start=14.4, noise=1e-4)
+    path = write_csv(tmp_path / "m.csv", t, {"tip thick": a, "tip thin": 1.5 * b})
+    status, output = call("overlay", run, path)
+    assert status == 0, output
+    assert "tip thin: measured 1.5 ±" in output and "time of the run =" in output
+    assert (run / "overlay" / "overlay.html").is_file()
+    status, output = call(
+        "overlay", run, path, "--channel", "a=tip thick", "--channel", "b=tip thin"
+    )
+    assert status == 2 and "none of its channels (a, b) is in the run" in output
+    status, output = call("overlay", tmp_path, path)
+    assert status == 2 and "result.nc" in output

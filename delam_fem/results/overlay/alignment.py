@@ -1,0 +1,182 @@
+"""Find where on the clock of a run a measurement begins, and how fast its clock runs.
+
+A sample at the time t of the measurement belongs to the time
+
+    u = tau + s (t - t_first)
+
+of the run. A coarse tau is where the normalised histories correlate best; tau and s are then found
+by Gauss and Newton's method for measured = gain * computed(u) + mean, with gain and mean free for
+each channel. A wrong unit or sensor offset therefore does not disturb the alignment.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.results.overlay.course import Course
+
+COARSE = 128
+"""Instants within a period of the drive that are tried first."""
+MOST_SAMPLES = 4000
+"""Samples that are used for the coarse search."""
+BLOCKS = 8
+"""Parts of a record whose own offsets show the scatter of the offset."""
+ITERATIONS = 30
+CONVERGED = 1e-10
+"""Change of the offset that ends the iteration, relative to the record or the period."""
+LEAST_OVERLAP = 0.3
+"""Share of the shorter record that must overlap where the motion does not repeat."""
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """Where a measurement lies on the clock of a run.
+
+    Attributes:
+        start: tau, time of the run at the first sample [s].
+        first: time of the first sample on the clock of the measurement [s].
+        rate: s, seconds of the run in a second of the measurement; for a periodic motion the
+            measured frequency over that of the run.
+        start_error: standard deviation of tau [s].
+        rate_error: standard deviation of s; 0: s was not estimated.
+    """
+
+    start: float
+    first: float
+    rate: float
+    start_error: float = 0.0
+    rate_error: float = 0.0
+
+    def on_clock_of_run(self, time: FloatArray) -> FloatArray:
+        """Return instants of the measurement on the clock of the run [s]."""
+        return self.start + self.rate * (time - self.first)
+
+
+def aligned(
+    time: FloatArray, measured: FloatArray, course: Course, rate: float, *, is_rate_free: bool
+) -> Alignment:
+    """Return the alignment of histories with the course of a run.
+
+    Args:
+        time: of the samples [s], shape (n,).
+        measured: histories, shape (n_channels, n).
+        course: of the same channels.
+        rate: s to begin with.
+        is_rate_free: whether s is estimated too.
+    """
+    trial = Alignment(0.0, float(time[0]), rate)
+    trial = replace(trial, start=_coarse(time, measured, course, trial))
+    scale = course.period or float(time[-1] - time[0])
+    for _ in range(ITERATIONS):
+        residual, slopes = _linearised(time, measured, course, trial)
+        change, _ = _step(residual, slopes, is_rate_free)
+        trial = replace(
+            trial, start=trial.start + float(change[0]), rate=trial.rate + float(change[1])
+        )
+        if abs(change[0]) < CONVERGED * scale:
+            break
+    residual, slopes = _linearised(time, measured, course, trial)
+    _, errors = _step(residual, slopes, is_rate_free)
+    scatter = max(float(errors[0]), _scatter_of_blocks(residual, slopes))
+    error = float(np.hypot(scatter, course.delay_error()))
+    return replace(trial, start_error=error, rate_error=float(errors[1]))
+
+
+def _coarse(time: FloatArray, measured: FloatArray, course: Course, trial: Alignment) -> float:
+    """Return the tau at which the normalised histories correlate best, on a grid."""
+    stride = -(-time.size // MOST_SAMPLES)
+    t, own = trial.rate * (time[::stride] - trial.first), measured[:, ::stride]
+    if course.period is not None:
+        n = COARSE * course.multiple
+        starts = course.start + course.period * np.arange(n) / n
+    else:
+        length, span = course.end - course.start, float(t[-1])
+        room = (1.0 - LEAST_OVERLAP) * min(length, span)
+        step = max(float(np.median(np.diff(t))), (length + span) / (COARSE * 32))
+        starts = np.arange(course.start - room, course.end - span + room, step)
+        if not starts.size:
+            starts = np.arange(course.start, course.end, step)
+    scores = [_correlation(own, course.at(start + t)) for start in starts]
+    return float(starts[int(np.nanargmax(scores))])
+
+
+def _correlation(measured: FloatArray, computed: FloatArray) -> float:
+    """Return the sum of the channels' correlation coefficients where both are known."""
+    known = np.isfinite(computed).all(axis=0)
+    if known.sum() < LEAST_OVERLAP * known.size / 2:
+        return -np.inf
+    a, b = measured[:, known], computed[:, known]
+    a, b = a - a.mean(axis=1, keepdims=True), b - b.mean(axis=1, keepdims=True)
+    norms = np.sqrt((a**2).sum(axis=1) * (b**2).sum(axis=1))
+    products = (a * b).sum(axis=1)
+    return float(np.divide(products, norms, out=np.zeros_like(norms), where=norms > 0.0).sum())
+
+
+def gains(measured: FloatArray, computed: FloatArray) -> tuple[float, float, float]:
+    """Return gain and mean of measured = gain * computed + mean, and the gain's deviation."""
+    known = np.isfinite(computed)
+    a, b = measured[known], computed[known]
+    centred = b - b.mean()
+    power = float(centred @ centred) or float(np.finfo(float).tiny)
+    gain = float((centred @ a) / power)
+    mean = float(a.mean() - gain * b.mean())
+    rest = a - gain * b - mean
+    spread = float(rest @ rest) / max(a.size - 2, 1)
+    return gain, mean, float(np.sqrt(spread / power))
+
+
+def _linearised(
+    time: FloatArray, measured: FloatArray, course: Course, trial: Alignment
+) -> tuple[FloatArray, FloatArray]:
+    """Return residuals over their deviation, and their derivatives by tau and s.
+
+    The parts of the derivatives that gain and mean can take are taken out of them.
+
+    Returns:
+        Residuals, shape (n_channels * n,); derivatives, shape (n_channels * n, 2); zeros where
+        nothing is known.
+    """
+    u = trial.on_clock_of_run(time)
+    value, slope = course.at(u), course.at(u, 1)
+    residuals, slopes = [], []
+    for own, r, dr in zip(measured, value, slope, strict=True):
+        known = np.isfinite(r)
+        gain, mean, _ = gains(own, r)
+        rest = np.where(known, own - gain * np.nan_to_num(r) - mean, 0.0)
+        sigma = float(np.sqrt((rest**2).sum() / max(known.sum() - 4, 1))) or 1.0
+        base = np.array([known * 1.0, np.where(known, r - np.nanmean(r), 0.0)])
+        by = gain * np.nan_to_num(dr) * np.array([np.ones_like(time), time - trial.first])
+        weights = (by @ base.T) / np.maximum((base**2).sum(axis=1), np.finfo(float).tiny)
+        residuals.append(rest / sigma)
+        slopes.append((by - weights @ base).T / sigma)
+    return np.concatenate(residuals), np.concatenate(slopes)
+
+
+def _step(
+    residual: FloatArray, slopes: FloatArray, is_rate_free: bool
+) -> tuple[FloatArray, FloatArray]:
+    """Return the change of (tau, s) that reduces the residual most, and their deviations."""
+    used = slopes if is_rate_free else slopes[:, :1]
+    scale = np.sqrt((used**2).sum(axis=0)) + np.finfo(float).tiny
+    normal = (used / scale).T @ (used / scale)
+    inverse = np.linalg.pinv(normal)
+    change = inverse @ ((used / scale).T @ residual) / scale
+    errors = np.sqrt(np.diag(inverse)) / scale
+    return (change, errors) if is_rate_free else (np.r_[change, 0.0], np.r_[errors, 0.0])
+
+
+def _scatter_of_blocks(residual: FloatArray, slopes: FloatArray) -> float:
+    """Return the deviation of tau by the scatter of the offsets of parts of the record [s].
+
+    It also holds where what is left over is not white: a run that differs from the measurement.
+    """
+    parts = np.array_split(np.arange(residual.size), BLOCKS)
+    own = [
+        float(slopes[k, 0] @ residual[k]) / power
+        for k in parts
+        if (power := float(slopes[k, 0] @ slopes[k, 0])) > 0.0
+    ]
+    return float(np.std(own, ddof=1) / np.sqrt(len(own))) if len(own) > 1 else 0.0

@@ -1,0 +1,179 @@
+"""Draw a measurement over a run: histories and residuals, harmonics, phase portraits."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from scipy.signal import savgol_filter
+
+from delam_fem.case.atomic import atomic
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.results.figures.style import (
+    BASE_COLOUR,
+    BLACK,
+    WIDTH,
+    lamina_colours,
+    legend_above,
+    styled,
+    time_axis,
+    title,
+)
+from delam_fem.results.overlay.comparison import Comparison
+
+if TYPE_CHECKING:
+    from delam_fem.results.overlay.whole import Overlay
+
+SHOWN_PERIODS = 3.0
+"""Periods that histories show."""
+MOST_CHANNELS = 6
+"""Channels that a figure shows."""
+SHOWN_ORDERS = 10
+"""Harmonics that the bars show."""
+SMOOTHED = 11
+"""Samples over which a history that does not repeat is smoothed for its derivative."""
+UNITS = {"m": ("mm", 1e3), "1": ("µm/m", 1e6)}
+"""Units that figures show in place of SI, and their factors."""
+
+
+def shown_unit(units: str) -> tuple[str, float]:
+    """Return the unit that is shown for an SI unit, and its factor."""
+    return UNITS.get(units, (units, 1.0))
+
+
+def save_figures(overlay: Overlay, directory: Path) -> list[Path]:
+    """Write the figures as PNG.
+
+    Harmonics are left out where the motion does not repeat.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    draws: dict[str, Callable[[Overlay], Figure]] = {"histories": histories}
+    if overlay.course.period is not None:
+        draws["harmonics"] = harmonics
+    draws["portraits"] = portraits
+    paths = []
+    with styled():
+        for name, draw in draws.items():
+            path = directory / f"overlay_{name}.png"
+            figure = draw(overlay)
+            with atomic(path) as temporary:
+                figure.savefig(temporary)
+            paths.append(path)
+    return paths
+
+
+def _channels(overlay: Overlay) -> list[tuple[int, Comparison, str]]:
+    """Return number, comparison and colour of the channels that are shown."""
+    colours = iter(lamina_colours(len(overlay.channels)))
+    return [
+        (k, own, BASE_COLOUR if own.is_drive else next(colours))
+        for k, own in enumerate(overlay.channels[:MOST_CHANNELS])
+    ]
+
+
+def histories(overlay: Overlay) -> Figure:
+    """Draw each channel over the run, and what is left over below it."""
+    shown, data = _channels(overlay), overlay.data
+    unit, label = time_axis(overlay.case)
+    t = data["time"].to_numpy()
+    inside = t <= t[0] + SHOWN_PERIODS * (unit if overlay.case.is_periodic else np.inf)
+    figure = Figure(figsize=(WIDTH, 3.3 * len(shown)), layout="constrained")
+    panels = figure.subplots(
+        2 * len(shown), 1, squeeze=False, sharex=True, height_ratios=[3, 1] * len(shown)
+    )[:, 0]
+    for (k, own, colour), axes, below in zip(shown, panels[::2], panels[1::2], strict=True):
+        name, factor = shown_unit(own.units)
+        mean = own.mean_difference
+        axes.plot(
+            t[inside] / unit, factor * data["measured"][k].to_numpy()[inside], ".",
+            color=BLACK, markersize=2.5, label="measured",
+        )  # fmt: skip
+        fine = np.linspace(t[0], t[inside][-1], 2000)
+        computed = overlay.course.at(fine)[k]
+        axes.plot(fine / unit, factor * computed, color=colour, label="run")
+        axes.set_ylabel(f"[{name}]")
+        axes.set_title(own.name, loc="left", color=colour)
+        legend_above(axes)
+        rest = factor * (data["residual"][k].to_numpy()[inside] - mean)
+        below.plot(t[inside] / unit, rest, color=BLACK, linewidth=0.6)
+        below.set_ylabel(f"difference\n[{name}]")
+        for panel in (axes, below):
+            panel.set_xlabel(label)
+            panel.tick_params(labelbottom=True)
+            panel.margins(x=0.0)
+    figure.suptitle(f"{title(overlay.case)}; differences without their mean")
+    return figure
+
+
+def harmonics(overlay: Overlay) -> Figure:
+    """Draw the amplitudes of the harmonics of both side by side, with the floor of the noise."""
+    shown = _channels(overlay)
+    figure = Figure(figsize=(WIDTH, 2.7 * len(shown)), layout="constrained")
+    panels = figure.subplots(len(shown), 1, squeeze=False)[:, 0]
+    for (_, own, colour), axes in zip(shown, panels, strict=True):
+        if own.measured is None or own.computed is None:
+            continue
+        name, factor = shown_unit(own.units)
+        a, b = own.measured.amplitudes[:SHOWN_ORDERS], own.computed.amplitudes[:SHOWN_ORDERS]
+        orders, floor = np.arange(1, a.size + 1), factor * own.measured.floor
+        axes.bar(orders - 0.2, factor * a, 0.4, color=BLACK, label="measured")
+        axes.bar(orders + 0.2, factor * b, 0.4, color=colour, label="run")
+        axes.axhline(floor, color=BASE_COLOUR, linestyle="--", label="noise of the measurement")
+        axes.set_yscale("log")
+        largest = factor * max(float(a.max()), float(b.max()))
+        axes.set_ylim(max(0.3 * floor, 1e-5 * largest), 2.0 * largest)
+        axes.set(xlabel="harmonic of the drive", ylabel=f"amplitude [{name}]", xticks=orders)
+        d, _ = own.measured.distortion()
+        d_run, _ = own.computed.distortion()
+        text = f"{own.name}: d measured {100 * d:.2f} %, run {100 * d_run:.2f} %"
+        axes.set_title(text, loc="left", color=colour, fontsize=9.0)
+        legend_above(axes)
+    figure.suptitle(title(overlay.case))
+    return figure
+
+
+def portraits(overlay: Overlay) -> Figure:
+    """Draw the time derivative of each channel over the channel itself, measured and computed."""
+    shown = [entry for entry in _channels(overlay) if not entry[1].is_drive] or _channels(overlay)
+    columns = min(2, len(shown))
+    rows = -(-len(shown) // columns)
+    figure = Figure(figsize=(WIDTH, 4.4 * rows), layout="constrained")
+    panels = figure.subplots(rows, columns, squeeze=False).ravel()
+    for axes in panels[len(shown) :]:
+        axes.remove()
+    for (k, own, colour), axes in zip(shown, panels, strict=False):
+        _portrait(axes, overlay, k, own, colour)
+    figure.suptitle(title(overlay.case))
+    return figure
+
+
+def _portrait(axes: Axes, overlay: Overlay, k: int, own: Comparison, colour: str) -> None:
+    """Draw the portrait of one channel, of both from the same harmonics, without the noise."""
+    name, factor = shown_unit(own.units)
+    u = overlay.alignment.on_clock_of_run(overlay.pairs.time)
+    period = overlay.course.period
+    at = u if period is None else u[0] + np.linspace(0.0, period, 1000)
+    if own.measured is None or own.computed is None:
+        computed = overlay.course.at(at)[k], overlay.course.at(at, 1)[k]
+        values: FloatArray = overlay.pairs.measured[k]
+        n = min(SMOOTHED, values.size - 1 + values.size % 2)
+        step = float(np.median(np.diff(u)))
+        measured = (
+            savgol_filter(values, n, min(3, n - 1)),
+            savgol_filter(values, n, min(3, n - 1), deriv=1, delta=step),
+        )
+    else:
+        clear, run = own.measured.clear(), own.computed
+        measured = clear.at(at), clear.at(at, 1)
+        computed = run.at(at), run.at(at, 1)
+    axes.plot(factor * computed[0], factor * computed[1], color=colour, label="run")
+    axes.plot(factor * measured[0], factor * measured[1], color=BLACK, linewidth=0.9,
+              linestyle="--", label="measured")  # fmt: skip
+    axes.set(xlabel=f"{own.name} [{name}]", ylabel=f"time derivative [{name}/s]")
+    legend_above(axes)

@@ -1,0 +1,227 @@
+"""A measurement made from a run lies on it again: offset, clock, noise, scale and phase."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from measurements import recorded, write_csv
+from synthetic import AMPLITUDES, SWEEP, small_case, synthetic_history
+
+import delam_fem as df
+from delam_fem.case.toml import CaseError
+from delam_fem.results.diagnostics import summary
+from delam_fem.results.folder import Result
+from delam_fem.results.overlay.whole import Overlay
+
+NOISE = 3e-4
+"""Standard deviation of the noise [m]: 3 % of the amplitudes."""
+START = 14.3217
+"""Time of the run at which the recorder starts [s]."""
+SIGMAS = 4.0
+"""Deviations within which an estimate must be: one in 16 000 fails by chance; the seed is fixed."""
+
+
+def result(subharmonic: float = 0.0, **overrides: object) -> Result:
+    case = small_case(**overrides)
+    history = synthetic_history(case, subharmonic=subharmonic)
+    return Result(case, history, summary(history, case), None)
+
+
+RUN = result()
+PERIOD = RUN.case.period
+
+
+def measurement(
+    folder: Path, *, thick: float = 1.0, thin: float = 1.0, late: float = 0.0, **options: float
+) -> Path:
+    """Write a measurement whose channels are scaled, and one of them late by a time [s]."""
+    about = {"period": PERIOD, "start": START, "noise": NOISE} | options
+    t, (a, _) = recorded(RUN.history, **about)
+    _, (_, b) = recorded(RUN.history, **(about | {"start": about["start"] - late}))
+    return write_csv(folder / "tips.csv", t, {"tip thick": thick * a, "tip thin": thin * b})
+
+
+def wrapped(difference: float, period: float = PERIOD) -> float:
+    return (difference + period / 2) % period - period / 2
+
+
+@pytest.mark.parametrize(("rate", "start"), [(1024.0, START), (333.0, 0.01), (5000.0, 14.9)])
+def test_offset_and_noise_are_found_back(tmp_path: Path, rate: float, start: float) -> None:
+    found = df.overlay(RUN, measurement(tmp_path, rate=rate, start=start))
+    error = found.alignment.start_error
+    assert 0.0 < error < 1e-3 * PERIOD
+    assert abs(wrapped(found.offset - start)) < SIGMAS * error
+    for own in found.channels:
+        spread = 1.0 / np.sqrt(2.0 * (found.pairs.time.size - 81))  # 40 harmonics and a mean
+        assert own.noise == pytest.approx(NOISE, rel=SIGMAS * spread)
+        assert abs(own.gain - 1.0) < SIGMAS * own.gain_error < 0.01
+        assert abs(own.delay) < SIGMAS * own.delay_error
+        assert (
+            own.misfit is not None and own.misfit < 0.5 * NOISE
+        )  # 81 numbers from 666 samples leave 0.35
+    assert not found.findings and found.numbers["verdict"] == "agrees"
+
+
+def test_errors_of_the_offset_are_those_of_many_measurements(tmp_path: Path) -> None:
+    t, clean = recorded(RUN.history, period=PERIOD, start=START, rate=300.0)
+    rng, scores = np.random.default_rng(8), []
+    for _ in range(30):
+        noisy = clean + rng.normal(0.0, NOISE, clean.shape)
+        path = write_csv(tmp_path / "m.csv", t, {"tip thick": noisy[0], "tip thin": noisy[1]})
+        found = df.overlay(RUN, path)
+        scores.append(wrapped(found.offset - START) / found.alignment.start_error)
+    assert 0.5 < float(np.std(scores)) < 1.5
+    assert abs(float(np.mean(scores))) < 0.8
+
+
+def test_harmonics_and_distortion_are_those_of_the_motion(tmp_path: Path) -> None:
+    found = df.overlay(RUN, measurement(tmp_path, duration=6.0))
+    for own, exact in zip(found.channels, AMPLITUDES, strict=True):
+        assert own.measured is not None and own.computed is not None
+        assert own.measured.amplitudes[:3] == pytest.approx(exact, abs=SIGMAS * own.measured.floor)
+        d = np.sqrt((exact**2).sum()) / exact[0] - 1.0
+        measured, error = own.measured.distortion()
+        assert abs(measured - d) < SIGMAS * error
+        assert own.computed.distortion()[0] == pytest.approx(d, rel=1e-3)
+
+
+@pytest.mark.parametrize("clock", [1.0004, 0.997])
+def test_a_clock_that_runs_wrong_is_found(tmp_path: Path, clock: float) -> None:
+    found = df.overlay(RUN, measurement(tmp_path, clock=clock, duration=6.0))
+    assert abs(found.alignment.rate - clock) < SIGMAS * found.alignment.rate_error
+    assert found.alignment.rate_error < 1e-4
+    assert found.measured_frequency == pytest.approx(clock / PERIOD, rel=1e-4)
+    assert all(abs(own.gain - 1.0) < 0.01 for own in found.channels)
+
+
+def kinds(found: Overlay) -> list[tuple[str, str]]:
+    return [(own.kind, own.channel) for own in found.findings]
+
+
+@pytest.mark.parametrize("scale", [1.12, 1e3, 25.4])
+def test_a_scaled_channel_is_reported(tmp_path: Path, scale: float) -> None:
+    found = df.overlay(RUN, measurement(tmp_path, thin=scale))
+    assert kinds(found) == [("amplitude", "tip thin")]
+    assert found.channels[1].gain == pytest.approx(scale, rel=0.01)
+    if scale == 1e3:
+        assert "as if millimetres were read as metres" in found.findings[0].text
+    assert abs(wrapped(found.offset - START)) < SIGMAS * found.alignment.start_error
+
+
+def test_a_late_channel_is_reported(tmp_path: Path) -> None:
+    late = 20.0 / 360.0 * PERIOD
+    found = df.overlay(RUN, measurement(tmp_path, late=late))
+    assert [kind for kind, _ in kinds(found)] == ["phase"]
+    thick, thin = found.channels
+    assert thin.delay - thick.delay == pytest.approx(late, rel=0.05)
+    text = found.findings[0].text
+    assert re.search(r"thin: measured (20|19)\.\d° .* later than tip thick", text) or re.search(
+        r"thick: measured (20|19)\.\d° .* earlier than tip thin", text
+    )
+
+
+def test_the_drive_tells_which_channel_is_late(tmp_path: Path) -> None:
+    late = 20.0 / 360.0 * PERIOD
+    path = measurement(tmp_path, late=late)
+    data = df.read_measured(path)
+    t = START + data["time"].to_numpy()
+    base = write_csv(
+        tmp_path / "base.csv", data["time"].to_numpy(),
+        {"base": 0.0025 * np.sin(2.0 * np.pi * t / PERIOD)},
+    )  # fmt: skip
+    found = df.overlay(RUN, df.read_measured(path, base))
+    assert kinds(found) == [("phase", "tip thin")]
+    assert found.channels[1].delay == pytest.approx(late, rel=0.02)
+    assert abs(wrapped(found.offset - START)) < 1e-4
+
+
+def test_a_turned_sign_is_reported(tmp_path: Path) -> None:
+    data = df.read_measured(measurement(tmp_path))
+    t = data["time"].to_numpy()
+    base = write_csv(
+        tmp_path / "base.csv", t, {"base": 0.0025 * np.sin(2.0 * np.pi * (START + t) / PERIOD)}
+    )
+    turned = measurement(tmp_path, thick=-1.0)
+    found = df.overlay(RUN, df.read_measured(turned, base))
+    assert [channel for _, channel in kinds(found)] == ["tip thick"]
+    assert "is its sign turned?" in found.findings[0].text
+
+
+def test_another_frequency_is_reported(tmp_path: Path) -> None:
+    found = df.overlay(RUN, measurement(tmp_path, clock=1.05))
+    assert ("frequency", "") in kinds(found)
+    assert "driven at 3.41" in found.findings[0].text
+
+
+def test_another_motion_is_reported(tmp_path: Path) -> None:
+    t = np.arange(2000) / 1000.0
+    noise = np.random.default_rng(2).normal(0.0, 0.01, t.size)
+    found = df.overlay(RUN, write_csv(tmp_path / "m.csv", t, {"tip thin": noise}))
+    assert ("shape", "tip thin") in kinds(found)
+
+
+def test_a_subharmonic_motion_is_aligned_over_two_periods(tmp_path: Path) -> None:
+    run = result(subharmonic=0.004)
+    assert run.summary["periodicity"] == 2
+    t, (a, b) = recorded(run.history, period=2 * PERIOD, start=START, noise=NOISE)
+    found = df.overlay(run, write_csv(tmp_path / "m.csv", t, {"tip thick": a, "tip thin": b}))
+    error = found.alignment.start_error
+    assert abs(wrapped(found.offset - START, 2 * PERIOD)) < SIGMAS * error < 1e-2 * PERIOD
+    assert not found.findings
+
+
+def test_a_motion_that_does_not_repeat_is_aligned_by_correlation(tmp_path: Path) -> None:
+    run = result(**SWEEP)
+    time = run.history["time"].to_numpy()
+    chirp = np.array([0.01, 0.02])[:, None] * np.sin(2.0 * np.pi * (3.0 + 2.0 * time) * time)
+    history = run.history.assign(tip_displacement=(("lamina", "time"), chirp))
+    start = time[0] + 0.171
+    t = np.arange(0.0, 0.5, 1.0 / 700.0)
+    u = start + t
+    tips = np.array([0.01, 0.02])[:, None] * np.sin(2.0 * np.pi * (3.0 + 2.0 * u) * u)
+    tips += np.random.default_rng(4).normal(0.0, NOISE, tips.shape)
+    path = write_csv(tmp_path / "m.csv", t, {"tip thick": tips[0], "tip thin": tips[1]})
+    found = df.overlay(Result(run.case, history, run.summary, None), path)
+    assert found.numbers["method"] == "cross-correlation"
+    assert found.offset == pytest.approx(start, abs=SIGMAS * found.alignment.start_error)
+    assert found.alignment.start_error < 1e-3
+    assert found.channels[0].residual == pytest.approx(NOISE, rel=0.1)
+    assert found.numbers["channels"]["tip thin"]["noise_rms"] is None
+    assert {path.name for path in found.save(tmp_path / "out")} >= {"overlay_histories.png"}
+
+
+def test_sensors_are_matched_by_name(tmp_path: Path) -> None:
+    history = RUN.history.assign(sensor_mid=RUN.history["tip_displacement"][0].drop_vars("lamina"))
+    t, (a, _) = recorded(RUN.history, period=PERIOD, start=START, noise=NOISE)
+    path = write_csv(tmp_path / "m.csv", t, {"mid": a, "far": a})
+    found = df.overlay(Result(RUN.case, history, RUN.summary, None), path)
+    assert found.pairs.names == ("mid",) and found.pairs.unmatched == ("far",)
+    assert not found.findings
+
+
+def test_nothing_in_common_is_refused(tmp_path: Path) -> None:
+    t = np.arange(50) / 100.0
+    path = write_csv(tmp_path / "m.csv", t, {"tip steel": t})
+    with pytest.raises(CaseError, match=r"none of its channels \(tip steel\) is in the run.*thin"):
+        df.overlay(RUN, path)
+
+
+def test_everything_is_written(tmp_path: Path) -> None:
+    found = df.overlay(RUN, measurement(tmp_path))
+    written = found.save(tmp_path / "out")
+    assert [path.name for path in written] == [
+        "overlay.json", "overlay.nc", "overlay_histories.png", "overlay_harmonics.png",
+        "overlay_portraits.png", "overlay.html",
+    ]  # fmt: skip
+    numbers = json.loads(written[0].read_text())
+    assert numbers["offset"] == found.offset
+    assert set(numbers["channels"]) == {"tip thick", "tip thin"}
+    data = xr.load_dataset(written[1], engine="h5netcdf")
+    assert float(data["residual"].std()) == pytest.approx(NOISE, rel=0.06)
+    page = written[-1].read_text()
+    assert page.count("data:image/png") == 3 and "agree within" in page
