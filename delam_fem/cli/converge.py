@@ -212,16 +212,17 @@ def _tell(found: Convergence, directory: Path, quiet: bool) -> None:
 
     from delam_fem.case.atomic import write_text
     from delam_fem.studies.convergence.figures import save_figures
-    from delam_fem.studies.convergence.overview import overview
+    from delam_fem.studies.convergence.overview import overview, verdict
     from delam_fem.studies.convergence.report import write_page
     from delam_fem.studies.convergence.run import RESULT
     from delam_fem.studies.convergence.tables import NO_LIMIT, page
 
     path = directory / "tables.md"
-    write_text(path, page(found))
+    write_text(path, page(found, verdict(found)))
     figures = save_figures(found, directory / "figures")
     written = [directory / RESULT, path, *figures, write_page(found, figures, directory)]
     if not quiet:
+        typer.echo(verdict(found))
         for entry in overview(found):
             table(escape(entry.title), [escape(text) for text in entry.heading], entry.rows)
         if not found.ladder.has_limit:

@@ -79,7 +79,26 @@ class Convergence:
             if not self.ladder.has_limit:
                 return math.nan
             reference = self.ladder.limit_of(rung.mesh)
-        exact = np.array([self.value(reference, q.name) for q in self.extrema])
+        return self._distance(rung, [self.value(reference, q.name) for q in self.extrema])
+
+    def error_along(self, rung: Rung, rungs: Sequence[Rung], by: str) -> float:
+        """Return the distance of the tip extremes from the limit that rungs extrapolate to.
+
+        Args:
+            rung: a rung with contact.
+            rungs: rungs that refine `by` "steps", "elements" or "points".
+            by: what they refine.
+
+        Returns:
+            As `error`; NaN if the limit of an extreme cannot be estimated.
+        """
+        if len(rungs) < 3:
+            return math.nan
+        return self._distance(rung, [self.limit(rungs, q.name, by=by).value for q in self.extrema])
+
+    def _distance(self, rung: Rung, extremes: Sequence[float]) -> float:
+        """Return the largest difference of the extremes of a rung from others; see `error`."""
+        exact = np.array(extremes)
         found = np.array([self.value(rung, q.name) for q in self.extrema])
         half = np.repeat((exact[1::2] - exact[0::2]) / 2.0, 2)
         return float(np.abs((found - exact) / half).max())

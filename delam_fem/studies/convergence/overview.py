@@ -1,13 +1,73 @@
-"""Make short tables of a ladder for a terminal, with all methods side by side."""
+"""Say in a line how far a case is from its limit; make short tables, all methods side by side."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import math
+from collections.abc import Callable, Iterator, Sequence
 
 from delam_fem.studies.convergence.analysis import Convergence
-from delam_fem.studies.convergence.ladder import FREE, Ladder, Method, Rung
+from delam_fem.studies.convergence.ladder import FREE, Ladder, MeshChoice, Method, Rung
 from delam_fem.studies.convergence.statistics import WORK
 from delam_fem.studies.convergence.tables import NOTHING, Direction, Table, cost, lines, number
+
+
+def verdict(found: Convergence) -> str:
+    """Say how far the case itself is from the limit: "20 elements: 1.5 % from the limit …".
+
+    The case is the rung with its own method, mesh and steps; what the ladder has not is replaced by
+    its first method, finest mesh or smallest steps. Steps are judged against the rigid limit of the
+    mesh, meshes against the limit that is extrapolated over them.
+    """
+    ladder = found.ladder
+    if not ladder.methods:
+        return "No method with contact was asked for."
+    own, case = ladder.methods[0], ladder.case
+    for method in ladder.methods:
+        if case.with_overrides(dict(method.overrides)) == case:
+            own = method
+    at = case.time.steps_per_period
+    steps = at if at in ladder.steps else ladder.steps[-1]
+    mesh = _own_mesh(ladder, own, steps)
+    said = []
+    if len(ladder.steps) > 1 or len(ladder.meshes) == 1:
+        said.append(_distance(found, ladder.along_steps(own, mesh), "steps", steps, mesh))
+    if len(ladder.meshes) > 1:
+        said.append(_distance(found, ladder.along_meshes(own, steps), ladder.refines, steps, mesh))
+    return " ".join(said)
+
+
+def _own_mesh(ladder: Ladder, method: Method, steps: int) -> MeshChoice:
+    """Return the mesh of the case, or the finest one of the ladder."""
+    for mesh in ladder.meshes:
+        made = ladder.rung(method, mesh, steps).case
+        per_element = ladder.case.contact.points_per_element
+        if made.mesh == ladder.case.mesh and made.contact.points_per_element == per_element:
+            return mesh
+    return ladder.meshes[-1]
+
+
+def _distance(
+    found: Convergence, rungs: Sequence[Rung], direction: Direction, steps: int, mesh: MeshChoice
+) -> str:
+    """Say how far one of the rungs of a line is from their limit."""
+    (rung,) = (rung for rung in rungs if (rung.steps, rung.mesh) == (steps, mesh))
+    by_steps = f"{rung.steps} steps per period"
+    size, where = {
+        "steps": (by_steps, rung.mesh_text),
+        "elements": (rung.mesh_text, by_steps),
+        "points": (f"{rung.points} contact points", by_steps),
+    }[direction]
+    by_rung = direction == "steps" and found.ladder.has_limit
+    error = found.error(rung) if by_rung else found.error_along(rung, rungs, direction)
+    place = f"({rung.method}, {where})."
+    if math.isfinite(error):
+        limit = "the rigid limit of this mesh" if by_rung else "the limit"
+        return f"{size}: {100.0 * error:.2g} % from {limit} {place}"
+    step = found.error(rung, rungs[-1])
+    if rung is rungs[-1] or not math.isfinite(step):
+        return f"{size}: no limit can be told {place}"
+    finest = getattr(rungs[-1], direction)
+    return f"{size}: no limit can be told, {100.0 * step:.2g} % from {finest} {direction} {place}"
 
 
 def overview(found: Convergence) -> Iterator[Table]:

@@ -17,7 +17,7 @@ from delam_fem.results.pages.html import (
     embedded,
 )
 from delam_fem.studies.convergence.analysis import Convergence
-from delam_fem.studies.convergence.overview import overview
+from delam_fem.studies.convergence.overview import overview, verdict
 from delam_fem.studies.convergence.tables import NO_LIMIT
 
 PAGE = "report.html"
@@ -40,7 +40,7 @@ def write_page(found: Convergence, figures: Sequence[Path], directory: str | Pat
     """
     ladder, path = found.ladder, Path(directory) / PAGE
     n = len(list(ladder.rungs()))
-    text = f"{len(found.results)} of {n} runs are there."
+    text = f"{verdict(found)} {len(found.results)} of {n} runs are there."
     if not ladder.has_limit:
         text += f" {NO_LIMIT}"
     tables = [

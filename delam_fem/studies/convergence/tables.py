@@ -43,9 +43,9 @@ class Table:
         return f"**{self.title}**\n\n{body}\n"
 
 
-def page(found: Convergence) -> str:
-    """Return all tables of a ladder as a page of Markdown."""
-    parts = [f"# Convergence of case {found.ladder.case.name}\n"]
+def page(found: Convergence, verdict: str) -> str:
+    """Return all tables of a ladder as a page of Markdown, below a verdict."""
+    parts = [f"# Convergence of case {found.ladder.case.name}\n", f"{verdict}\n"]
     if not found.ladder.has_limit:
         parts.append(f"{NO_LIMIT}\n")
     return "\n".join([*parts, *(table.markdown() for table in tables(found))])

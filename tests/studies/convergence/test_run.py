@@ -15,7 +15,7 @@ from delam_fem.studies.convergence import run as run_module
 from delam_fem.studies.convergence.analysis import Convergence, exact_free_motion
 from delam_fem.studies.convergence.figures import save_figures
 from delam_fem.studies.convergence.ladder import FREE, LIMIT, EngineName, Ladder, Rung, method
-from delam_fem.studies.convergence.overview import overview
+from delam_fem.studies.convergence.overview import overview, verdict
 from delam_fem.studies.convergence.run import RESULT, load_results, run_ladder
 from delam_fem.studies.convergence.rung import RungResult
 from delam_fem.studies.convergence.statistics import converging, extrema
@@ -127,6 +127,33 @@ def test_overview_shows_all_methods_side_by_side() -> None:
     assert shown["y1 min [mm], 20 elements"].rows[1][1] == f"{-20.0 * (1.025 + 3 / 2000**0.5):.2f}"
 
 
+def test_verdict_says_how_far_the_case_is_from_its_limits() -> None:
+    # thin lamina, tip max, in half peak-to-peak displacements of 15 mm in the limit
+    in_time = 100.0 * 32.0 * 3.0 / 1000**0.5 / (15.0 * (1.0 + 0.5 / 20.0))
+    in_space = 100.0 * 32.0 * 0.5 / 20.0 / (15.0 * (1.0 + 3.0 / 1000**0.5))
+    assert verdict(whole(ladder())) == (
+        f"1000 steps per period: {in_time:.2g} % from the rigid limit of this mesh "
+        "(newton@moreau-jean, 20 elements). "
+        f"20 elements: {in_space:.2g} % from the limit (newton@moreau-jean, 1000 steps per period)."
+    )
+
+
+def test_verdict_without_a_limit() -> None:
+    two = whole(ladder(meshes=(20, 40), steps=(1000,)))
+    step = 100.0 * 32.0 * 0.5 / 40.0 / (15.0 * (1.0 + 3.0 / 1000**0.5 + 0.5 / 40.0))
+    assert verdict(two) == (
+        f"20 elements: no limit can be told, {step:.2g} % from 40 elements "
+        "(newton@moreau-jean, 1000 steps per period)."
+    )
+    fallen = whole(ladder(laws="newton", meshes=(40,)))
+    assert verdict(fallen).startswith("1000 steps per period: no limit can be told (newton@newmark")
+
+
+def test_verdict_takes_the_method_of_the_case() -> None:
+    both = whole(ladder(laws="newton@moreau-jean,newton@moreau-jean:64", meshes=(20,)))
+    assert "(newton@moreau-jean:64, 20 elements)" in verdict(both)
+
+
 def test_figures_of_a_ladder(tmp_path: Path) -> None:
     names = {path.name for path in save_figures(whole(ladder()), tmp_path)}
     assert names == {
@@ -153,8 +180,9 @@ def test_without_a_limit_nothing_is_compared_with_it() -> None:
         assert "error [%]" not in table.heading
         assert "rigid limit" not in table.title
         assert {len(row) for row in table.rows} == {len(table.heading)}
-    assert page(found).startswith(f"# Convergence of case default\n\n{NO_LIMIT}\n\n**without")
-    assert NO_LIMIT not in page(whole(ladder()))
+    begin = f"# Convergence of case default\n\nfar\n\n{NO_LIMIT}\n\n**without"
+    assert page(found, "far").startswith(begin)
+    assert NO_LIMIT not in page(whole(ladder()), "far")
 
 
 def test_every_finished_rung_is_kept(tmp_path: Path, counted: list[str]) -> None:
