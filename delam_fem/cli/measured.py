@@ -36,6 +36,7 @@ def register(app: typer.Typer) -> None:
     """Add the commands to the application."""
     app.command("measure")(measure_command)
     app.command("overlay")(overlay_command)
+    app.command("export")(export_command)
 
 
 def assigned(channels: list[str] | None) -> dict[str, str]:
@@ -117,3 +118,27 @@ def overlay_command(
             for line in found.sentences():
                 typer.echo(line)
             say_files(paths)
+
+
+def export_command(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of the results of a run.")],
+    to: Annotated[str, typer.Option(metavar="csv|mat|uff|vtkhdf", help="Format.")],
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o", "--output", metavar="FILE", help="File (default: RUN/export/NAME.FORMAT)."
+        ),
+    ] = None,
+    *,
+    quiet: Quiet = False,
+) -> None:
+    """Write the result of a run for other programs: histories, strobes, events, fields."""
+    with reported(quiet):
+        from delam_fem.results.export.whole import FORMATS
+        from delam_fem.results.folder import load_result
+
+        result = load_result(run)
+        written = result.export(to, output or run / "export" / f"{result.case.name}.{to}")
+        if not quiet:
+            typer.echo(FORMATS[to])
+            say_files(written)

@@ -87,6 +87,24 @@ class Result:
             self.checkpoint.unlink(missing_ok=True)
         return written
 
+    def export(self, to: str, path: str | Path) -> list[Path]:
+        """Write the result in the format of another program.
+
+        Args:
+            to: "csv", "mat", "uff" or "vtkhdf".
+            path: of the file.
+
+        Returns:
+            The files; see `export.whole`.
+
+        Raises:
+            CaseError: there is no such format, or nothing that it holds.
+            OSError: a file cannot be written.
+        """
+        from delam_fem.results.export.whole import export
+
+        return export(self.history, self.case, to, path)
+
     def save_numbers(self, directory: str | Path) -> list[Path]:
         """Write case.toml, result.nc and summary.json only."""
         directory = Path(directory)

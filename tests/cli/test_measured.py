@@ -89,3 +89,16 @@ def test_overlay_says_how_a_measurement_differs(run: Path, tmp_path: Path) -> No
     assert status == 2 and "none of its channels (a, b) is in the run" in output
     status, output = call("overlay", tmp_path, path)
     assert status == 2 and "result.nc" in output
+
+
+@pytest.mark.parametrize("to", ["csv", "mat", "uff", "vtkhdf"])
+def test_export_writes_beside_the_run(run: Path, to: str) -> None:
+    status, output = call("export", run, "--to", to)
+    assert status == 0, output
+    assert f"paper.{to}" in output.replace(" ", "")
+    assert (run / "export" / f"paper.{to}").stat().st_size > 100
+
+
+def test_export_refuses_other_formats(run: Path) -> None:
+    status, output = call("export", run, "--to", "xls")
+    assert status == 2 and "expected one of csv, mat, uff, vtkhdf" in output

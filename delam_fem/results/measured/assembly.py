@@ -61,6 +61,8 @@ def dataset(channels: Sequence[Channel], notes: Sequence[str] = ()) -> xr.Datase
         CaseError: two channels have the same name, or their times have nothing in common.
     """
     notes, data = list(notes), xr.Dataset()
+    if any(_is_gap(channel) for channel in channels):  # beside it may be what is no gap
+        channels = [own for own in channels if own.axis != "x" or _is_gap(own)]
     _refuse_doubles(channels)
     histories = [channel for channel in channels if channel.axis == "time"]
     if histories:
@@ -75,6 +77,11 @@ def dataset(channels: Sequence[Channel], notes: Sequence[str] = ()) -> xr.Datase
     data = _with_table(data, channels)
     data.attrs = {"title": "measurement", "schema": SCHEMA, "notes": "\n".join(notes)}
     return data
+
+
+def _is_gap(channel: Channel) -> bool:
+    """Return whether a channel says that it is a gap."""
+    return channel.axis == "x" and channel.name.lower().startswith("gap")
 
 
 def variable_of(channel: Channel) -> str:

@@ -38,7 +38,7 @@ def sheets(data: xr.Dataset, path: Path) -> list[Sheet]:
     found = []
     for dim in map(str, data.dims):
         axis = data[dim] if dim in data.variables else None
-        kind = axis_of(dim, None)
+        kind = axis_of(dim.rpartition("_")[2], None)
         if axis is None or not kind or axis.size < 2:
             continue
         columns = [Column(kind, axis.to_numpy(), axis.attrs.get("units"))]

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from delam_fem.case.tables import is_number, rows_of
+from delam_fem.case.tables import is_number, read_columns, rows_of
 from delam_fem.case.toml import CaseError
 from delam_fem.results.measured.columns import Column, Sheet, heading
 
@@ -51,7 +51,10 @@ def read(path: Path) -> list[Sheet]:
     for number, cells in fitting:
         if is_number(cells[0]):
             raise CaseError(f"{label}, line {number}: expected numbers or names, found both")
-    names = _names([cells for _, cells in fitting], len(table))
+    headings = [cells for _, cells in fitting]
+    if not headings and not words:  # it may stand in a comment
+        headings = [list(own) for own in [read_columns(path, label).headings] if own]
+    names = _names(headings, len(table))
     columns = (Column(name, own, unit) for (name, unit), own in zip(names, table, strict=True))
     return [Sheet(label, tuple(columns))]
 

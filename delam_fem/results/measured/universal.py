@@ -18,7 +18,7 @@ from delam_fem.results.measured.columns import Column, Sheet
 
 FUNCTIONS = {0: "signal", 1: "signal", 4: "response", 6: "coherence"}
 """Functions of a set 58 that are read: general or time response, frequency response, coherence."""
-TIME, FREQUENCY = 17, 18
+UNKNOWN, TIME, FREQUENCY = 0, 17, 18
 """Types of an abscissa."""
 QUANTITIES = {8: "displacement", 11: "velocity", 12: "acceleration", 13: "force", 9: "force",
               3: "strain", 17: "time", 18: "frequency"}  # fmt: skip
@@ -58,7 +58,9 @@ def read(path: Path) -> list[Sheet]:
     functions = [
         (block, own)
         for block, own in zip(blocks, sets, strict=True)
-        if own["type"] == 58 and own["func_type"] in FUNCTIONS
+        if own["type"] == 58
+        and own["func_type"] in FUNCTIONS
+        and own["abscissa_spec_data_type"] in (UNKNOWN, TIME, FREQUENCY)
     ]
     if not functions:
         held = ", ".join(block.kind for block in blocks_of(path)) or "none"

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
+from scipy.interpolate import CubicSpline
 
 from delam_fem.case.toml import CaseError
 from delam_fem.numerics.arrays import FloatArray
@@ -81,9 +82,15 @@ def matched(history: xr.Dataset, data: xr.Dataset) -> Pairs:
 
 def _of_run(history: xr.Dataset, variable: str, lamina: str) -> FloatArray | None:
     """Return the history of a run that a channel measures; None: the run has none."""
-    if variable not in history or "time" not in history[variable].dims:
+    if variable not in history:
         return None
     own = history[variable]
+    if own.dims == (f"{variable}_time",):  # a sensor with a sampling rate
+        sampled = CubicSpline(own[own.dims[0]].to_numpy(), own.to_numpy())
+        times: FloatArray = history["time"].to_numpy()
+        return np.asarray(sampled(times))
+    if "time" not in own.dims:
+        return None
     if "lamina" in own.dims:
         if lamina not in history["lamina"].to_numpy():
             return None
