@@ -65,8 +65,8 @@ def _rank(group: xr.Dataset, dim: str) -> int:
 def _long(group: xr.Dataset) -> str:
     """Return a group as a table with a row for each entry of all dimensions."""
     frame = group.to_dataframe().reset_index()
-    names = {str(name): _heading(group[name]) for name in frame.columns if name in group}
-    return str(frame.rename(columns=names).to_csv(index=False))
+    frame.columns = [_heading(group[name]) if name in group else name for name in frame.columns]
+    return str(frame.to_csv(index=False))
 
 
 def _heading(own: xr.DataArray, label: str = "") -> str:
