@@ -148,6 +148,8 @@ def compare_command(
             paths = comparison.save(directory)
         if not quiet:
             table("largest differences", ("what", "difference"), comparison.rows())
+            if comparison.refusal:
+                tell(f"the motion is not compared: {comparison.refusal}")
             say_files(paths)
 
 

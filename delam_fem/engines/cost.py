@@ -1,6 +1,7 @@
 """Estimate time, memory and disk of a computation before it starts.
 
-The numbers are rough, a factor of two up or down. They are there to notice a zero too many.
+The numbers are rough, a factor of two up or down on a processor that has nothing else to do
+(docs/usage.md has some beside what was measured). They are there to notice a zero too many.
 """
 
 from __future__ import annotations
@@ -20,15 +21,19 @@ _STEP_MICROSECONDS: dict[EngineName, tuple[float, float]] = {
     "compiled": (0.2, 0.005),
 }
 """Time of a step, and of each of its dofs [µs]; see docs/performance.md."""
-FILE_BYTES = 5e6
+START_SECONDS, STUDY_SECONDS = 6.0, 3.0
+"""Time of start, figures, fields and page of a run; the same of a sweep or a ladder [s]."""
+RUN_BYTES, WORKER_BYTES = 0.7e9, 0.3e9
+"""Memory of a run with its pictures, and of a worker of a sweep, before they keep anything."""
+FILE_BYTES = 4e6
 """Size of figures and pages, whatever is computed [bytes]."""
 _DOUBLE = 8
-_ROW_NUMBERS = 24
-"""Numbers that a run keeps of each period."""
-_STEP_NUMBERS = 16
-"""Numbers that a run keeps of each step of its window, in memory and in result.nc."""
-_NODE_NUMBERS = 24
-"""Numbers of each node and frame in memory; the files have about as many."""
+_ROW_NUMBERS, _ROW_NUMBERS_IN_FILES = 24, 240
+"""Numbers that a run keeps of each period; the figure of all periods draws each."""
+_STEP_NUMBERS, _STEP_NUMBERS_IN_FILES = 16, 5
+"""Numbers that a run keeps of each step of its window."""
+_NODE_NUMBERS, _NODE_NUMBERS_IN_FILES = 24, 14
+"""Numbers of each node and frame."""
 _GIGA = 1e9
 
 
@@ -38,13 +43,15 @@ class Cost:
 
     Attributes:
         hours: computing time [h].
-        memory: memory [bytes].
+        memory: memory of what is computed [bytes].
         disk: size of the files [bytes].
+        programs: memory of the programs themselves [bytes].
     """
 
     hours: float
     memory: float
     disk: float
+    programs: float = RUN_BYTES
 
     @property
     def is_large(self) -> bool:
@@ -54,7 +61,7 @@ class Cost:
     def __str__(self) -> str:
         """Return the cost in words."""
         return (
-            f"about {_duration(self.hours)}, {_size(self.memory)} of memory and "
+            f"about {_duration(self.hours)}, {_size(self.memory + self.programs)} of memory and "
             f"{_size(self.disk)} of files"
         )
 
@@ -74,10 +81,16 @@ def run_cost(case: Case, engine: EngineName) -> Cost:
     """Return the cost of the run of a case."""
     window = case.n_window_periods
     recorded = float(window) * case.time.steps_per_period
-    frames = float(window) * case.output.fields_per_period
-    rows = _DOUBLE * _ROW_NUMBERS * float(case.n_periods)
-    kept = _DOUBLE * (_STEP_NUMBERS * recorded + _NODE_NUMBERS * frames * _n_dofs(case) / 2.0)
-    return Cost(step_hours(case, engine), rows + kept, rows + kept)
+    values = float(window) * case.output.fields_per_period * _n_dofs(case) / 2.0
+    rows = float(case.n_periods)
+    memory = _ROW_NUMBERS * rows + _STEP_NUMBERS * recorded + _NODE_NUMBERS * values
+    disk = (
+        _ROW_NUMBERS_IN_FILES * rows
+        + _STEP_NUMBERS_IN_FILES * recorded
+        + _NODE_NUMBERS_IN_FILES * values
+    )
+    hours = START_SECONDS / 3600.0 + step_hours(case, engine)
+    return Cost(hours, _DOUBLE * memory, FILE_BYTES + _DOUBLE * disk)
 
 
 def require_affordable(cost: Cost, what: str, *, is_confirmed: bool) -> None:

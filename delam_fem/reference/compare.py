@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import scipy.sparse as sp
-from matplotlib.figure import Figure
 
 from delam_fem.case.definition import Case
 from delam_fem.case.toml import CaseError
@@ -15,9 +14,10 @@ from delam_fem.model.layout import Structure
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.reference import matrices, stack
-from delam_fem.reference.loop import ReferenceRun, simulate_reference
+from delam_fem.reference.loop import ReferenceRun, refused_motion, simulate_reference
+from delam_fem.reference.motions import Motions
 from delam_fem.reference.stack import lowest_frequencies
-from delam_fem.results.figures.style import label_x
+from delam_fem.results.folder import Result
 from delam_fem.studies.findings import save_findings
 from delam_fem.studies.modes import modes_of
 from delam_fem.studies.structure_modes import structure_modes
@@ -28,69 +28,36 @@ COMPARED_MODES = 6
 
 @dataclass(frozen=True)
 class Comparison:
-    """Differences between the dolfinx/PETSc run of a case and the run of the reference.
+    """Differences between dolfinx and PETSc and the reference for one case.
 
     Attributes:
-        names: names of the laminae.
         matrices: largest relative difference of each operator [-].
         frequencies: largest relative difference of the first natural frequencies [-].
-        times: ends of the steps, shape (n,) [s].
-        tips: tip displacement of the dolfinx/PETSc run, shape (n_laminae, n) [m].
-        reference_tips: tip displacement of the reference, shape (n_laminae, n) [m].
-        impacts: number of impacts of the dolfinx/PETSc run and of the reference.
-        impact_limit: the number of the last impact that `until_impact` covers.
-        impact_time: its time in the reference, the end if there was no impact [s].
+        motion: both motions; None: the reference cannot compute that of the case.
+        refusal: why it cannot; empty if it can.
     """
 
-    names: tuple[str, ...]
     matrices: dict[str, float]
     frequencies: float
-    times: FloatArray
-    tips: FloatArray
-    reference_tips: FloatArray
-    impacts: tuple[int, int]
-    impact_limit: int
-    impact_time: float
-
-    @property
-    def differences(self) -> FloatArray:
-        """Largest difference of all tips at each step, shape (n,) [m]."""
-        largest: FloatArray = np.abs(self.tips - self.reference_tips).max(axis=0)
-        return largest
-
-    @property
-    def until_impact(self) -> float:
-        """Largest difference of the tip histories up to impact `impact_limit` [m]."""
-        return float(self.differences[self.times <= self.impact_time].max())
-
-    @property
-    def overall(self) -> float:
-        """Largest difference of the tip histories over the whole run [m]."""
-        return float(self.differences.max())
+    motion: Motions | None = None
+    refusal: str = ""
 
     def rows(self) -> list[tuple[str, str]]:
         """Return the rows of a table: the compared numbers and their largest differences."""
         return [
             *((f"{name}, relative", f"{value:.1e}") for name, value in self.matrices.items()),
             ("natural frequencies, relative", f"{self.frequencies:.1e}"),
-            *self._impact_row(),
-            (f"tip histories up to {self.times[-1]:.4g} s", f"{self.overall:.1e} m"),
-            ("impacts, dolfinx and reference", f"{self.impacts[0]} and {self.impacts[1]}"),
+            *(self.motion.rows() if self.motion else [("motion", "not compared")]),
         ]
 
-    def _impact_row(self) -> list[tuple[str, str]]:
-        if not self.impact_limit:
-            return []
-        return [(f"tip histories up to impact {self.impact_limit}", f"{self.until_impact:.1e} m")]
-
     def save(self, directory: Path | str) -> list[Path]:
-        """Write compare.json and compare.png.
+        """Write compare.json, and compare.png if there are motions.
 
         Args:
             directory: folder of the files; it is made if it does not exist.
 
         Returns:
-            The paths of both files.
+            The paths of the files.
 
         Raises:
             OSError: the folder cannot be written.
@@ -98,75 +65,62 @@ class Comparison:
         numbers: dict[str, object] = {
             "matrices_relative": self.matrices,
             "frequencies_relative": self.frequencies,
-            "impact_limit": self.impact_limit,
-            "impact_time_s": self.impact_time,
-            "tips_until_impact_m": self.until_impact,
-            "tips_overall_m": self.overall,
-            "end_time_s": float(self.times[-1]),
-            "impacts": {"dolfinx": self.impacts[0], "reference": self.impacts[1]},
         }
-        return save_findings(directory, "compare", numbers, self.figure)
-
-    def figure(self) -> Figure:
-        """Draw the tip histories of both runs, and their difference on a logarithmic axis."""
-        figure = Figure(figsize=(9.0, 6.0), layout="constrained")
-        top, bottom = figure.subplots(2, 1, sharex=True)
-        for i, name in enumerate(self.names):
-            top.plot(self.times, 1e3 * self.tips[i], color=f"C{i}", label=f"{name}, dolfinx")
-            top.plot(self.times, 1e3 * self.reference_tips[i], "k:", label=f"{name}, reference")
-        top.set(ylabel="tip displacement [mm]")
-        top.legend(ncols=2, fontsize=8)
-        seen = np.maximum(self.differences, np.finfo(np.float64).tiny)
-        bottom.semilogy(self.times, seen, color="C3", linewidth=0.8)
-        if self.impact_limit:
-            bottom.axvline(self.impact_time, color="0.5", linestyle="--")
-            label = f" impact {self.impact_limit}"
-            bottom.annotate(label, (self.impact_time, seen.max()), fontsize=8, va="top")
-        floor = max(float(seen[seen > np.finfo(np.float64).tiny].min(initial=1e-18)), 1e-20)
-        label_x((top, bottom), "time [s]")
-        bottom.set(ylabel="largest difference [m]", ylim=(floor, None))
-        figure.suptitle("dolfinx and PETSc beside the independent reference")
-        return figure
+        if self.motion is None:
+            return save_findings(directory, "compare", {**numbers, "no_motion": self.refusal})
+        return save_findings(
+            directory, "compare", numbers | self.motion.numbers(), self.motion.figure
+        )
 
 
 def compare(case: Case, *, impacts: int = 20, periods: int = 3) -> Comparison:
-    """Assemble and run a case from rest with the package and with the reference.
+    """Compare the matrices and frequencies of a case with the reference, and its motion from rest.
 
-    Each impact amplifies round-off, so any two runs differ after many impacts. The difference up to
-    the first impacts is the number to judge by.
+    The reference computes the motion of some laws with Newmark and a harmonic excitation. Each
+    impact amplifies round-off, so any two runs differ after many impacts. The difference up to the
+    first impacts is the number to judge by.
 
     Args:
-        case: case with harmonic excitation and a law that the reference has.
+        case: any case.
         impacts: number of impacts up to which the tip histories are compared.
         periods: number of periods of both runs.
 
     Returns:
-        The differences of matrices, frequencies and motion.
+        The differences of matrices and frequencies, and of the motion if the reference has it.
 
     Raises:
-        CaseError: the excitation is a sweep, or the reference does not have the law or the scheme,
-            or a number is below 1.
+        CaseError: a number is below 1.
     """
-    _check(case, impacts, periods)
-    from delam_fem.model.beams import bending  # imported here, because it imports dolfinx
-    from delam_fem.pipeline import run
+    for name, number in (("impacts", impacts), ("periods", periods)):
+        if number < 1:
+            raise CaseError(f"{name}: expected at least 1, given {number}")
+    from delam_fem import pipeline  # dolfinx too; its HDF5 must come after that of the pipeline
+    from delam_fem.model.beams import bending
 
-    short = case.with_overrides(
-        {"time.periods": periods, "output.window_periods": periods, "output.fields_per_period": 0}
-    )
-    structure = bending.assemble(short)
+    structure = bending.assemble(case)
     x, observed = structure.layout.x, structure.layout.probes[0].point
-    independent = (
-        matrices.assemble(short, x) if case.is_apart else stack.assemble(short, x, observed)
-    )
-    expected = simulate_reference(independent, short, periods=periods)
-    history = run(short).history
-    n_impacts = (int(history.sizes["event"]), len(expected.events))
-    limit = min(impacts, *n_impacts)
+    independent = matrices.assemble(case, x) if case.is_apart else stack.assemble(case, x, observed)
+    motion, refusal = None, refused_motion(case)
+    if not refusal:
+        span = {"time.periods": periods, "output.window_periods": periods}
+        short = case.with_overrides({**span, "output.fields_per_period": 0})
+        expected = simulate_reference(independent, short, periods=periods)
+        motion = _motions(pipeline.run(short, structure=structure), expected, impacts)
     return Comparison(
-        names=structure.layout.names,
         matrices=operator_differences(structure.operators, independent),
         frequencies=_frequency_difference(structure, independent, case),
+        motion=motion,
+        refusal=refusal,
+    )
+
+
+def _motions(given: Result, expected: ReferenceRun, impacts: int) -> Motions:
+    """Return the motions of the package and of the reference side by side."""
+    history = given.history
+    n_impacts = (int(history.sizes["event"]), len(expected.events))
+    limit = min(impacts, *n_impacts)
+    return Motions(
+        names=tuple(map(str, history["lamina"].to_numpy())),
         times=expected.times,
         tips=_same_length(np.asarray(history["tip_displacement"]), expected),
         reference_tips=expected.tip_displacement,
@@ -242,14 +196,3 @@ def _same_length(tips: FloatArray, expected: ReferenceRun) -> FloatArray:
             "again, or compare fewer periods"
         )
     return tips
-
-
-def _check(case: Case, impacts: int, periods: int) -> None:
-    if not case.is_periodic:
-        raise CaseError(
-            "excitation.kind: a comparison covers the first periods of a harmonic excitation; "
-            f"expected 'harmonic', given {case.excitation.kind!r}"
-        )
-    for name, number in (("impacts", impacts), ("periods", periods)):
-        if number < 1:
-            raise CaseError(f"{name}: expected at least 1, given {number}")

@@ -100,7 +100,9 @@ def simulate_reference(
     Raises:
         CaseError: the reference does not have the scheme or the contact law of the case.
     """
-    _require_supported(case)
+    refusal = refused_motion(case)
+    if refusal:
+        raise CaseError(refusal)
     state = initial or Standing.at_rest(operators)
     N, dt = case.time.steps_per_period, case.time_step
     steps = np.arange(state.step, state.step + periods * N + 1)
@@ -183,11 +185,15 @@ class _System:
         self.newmark_factor = splu(effective.tocsc())
 
 
-def _require_supported(case: Case) -> None:
-    """Refuse a law or a scheme that the reference does not have."""
-    if case.contact.law not in LAWS:
-        raise CaseError(
-            f"contact.law: the reference has {', '.join(LAWS)}; given {case.contact.law!r}"
+def refused_motion(case: Case) -> str:
+    """Return why the reference cannot compute the motion of a case; "" if it can."""
+    if not case.is_periodic:
+        return (
+            "excitation.kind: the reference has the first periods of a harmonic excitation; given "
+            f"{case.excitation.kind!r}"
         )
+    if case.contact.law not in LAWS:
+        return f"contact.law: the reference has {', '.join(LAWS)}; given {case.contact.law!r}"
     if case.time.scheme != "newmark":
-        raise CaseError(f"time.scheme: the reference has newmark; given {case.time.scheme!r}")
+        return f"time.scheme: the reference has newmark; given {case.time.scheme!r}"
+    return ""

@@ -12,7 +12,10 @@ from delam_fem.case.atomic import atomic, write_text
 
 
 def save_findings(
-    directory: Path | str, name: str, numbers: dict[str, object], draw: Callable[[], Figure]
+    directory: Path | str,
+    name: str,
+    numbers: dict[str, object],
+    draw: Callable[[], Figure] | None = None,
 ) -> list[Path]:
     """Write NAME.json, then draw and write NAME.png.
 
@@ -20,10 +23,10 @@ def save_findings(
         directory: folder of the files; it is made if it does not exist.
         name: name of both files, without a suffix.
         numbers: content of the JSON file.
-        draw: returns the figure; if it fails, the numbers are already written.
+        draw: returns the figure; if it fails, the numbers are already written. None: no figure.
 
     Returns:
-        The paths of both files.
+        The paths of the files.
 
     Raises:
         OSError: the folder cannot be written.
@@ -32,6 +35,9 @@ def save_findings(
     directory.mkdir(parents=True, exist_ok=True)
     table, image = directory / f"{name}.json", directory / f"{name}.png"
     write_text(table, json.dumps(numbers, indent=2) + "\n")
+    if draw is None:
+        image.unlink(missing_ok=True)  # of an earlier comparison
+        return [table]
     with atomic(image) as temporary:
         draw().savefig(temporary, dpi=150)
     return [table, image]

@@ -4,7 +4,15 @@ import pytest
 
 from delam_fem.case.files import preset
 from delam_fem.case.toml import CaseError
-from delam_fem.engines.cost import require_affordable, run_cost
+from delam_fem.engines.choose import EngineName
+from delam_fem.engines.cost import (
+    FILE_BYTES,
+    START_SECONDS,
+    Cost,
+    require_affordable,
+    run_cost,
+    step_hours,
+)
 from delam_fem.studies.sweeps.grid import sweep_of
 from delam_fem.studies.sweeps.run import run_sweep
 
@@ -13,11 +21,15 @@ def test_cost_counts_steps_and_records() -> None:
     """300 periods of 1000 steps at about 8 µs; the window of 10 periods has 500 frames."""
     case = preset("paper")
     cost = run_cost(case, "petsc")
-    assert cost.hours * 3600.0 == pytest.approx(300_000 * 8e-6, rel=0.3)
+    assert step_hours(case, "petsc") * 3600.0 == pytest.approx(300_000 * 8e-6, rel=0.3)
+    assert cost.hours == pytest.approx(step_hours(case, "petsc") + START_SECONDS / 3600.0)
     more = case.with_overrides({"time.periods": 3000, "output.window_periods": 100})
-    assert run_cost(more, "petsc").hours == pytest.approx(10.0 * cost.hours)
+    assert step_hours(more, "petsc") == pytest.approx(10.0 * step_hours(case, "petsc"))
     assert run_cost(more, "petsc").memory == pytest.approx(10.0 * cost.memory)
-    assert run_cost(case, "compiled").hours < 0.1 * cost.hours
+    assert run_cost(more, "petsc").disk - FILE_BYTES == pytest.approx(
+        10.0 * (cost.disk - FILE_BYTES)
+    )
+    assert step_hours(case, "compiled") < 0.1 * step_hours(case, "petsc")
 
 
 @pytest.mark.parametrize(
@@ -52,3 +64,29 @@ def test_a_sweep_of_many_points_leaves_no_folder(tmp_path) -> None:  # type: ign
     with pytest.raises(CaseError, match=r"^sweep s of 1e\+08 points: needs about .* by --yes$"):
         run_sweep(sweep, tmp_path / "out", "serial")
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("keys", "engine", "seconds", "megabytes"),
+    [
+        ({}, "petsc", 8.7, 7.1),
+        ({"mesh.elements": 200, "time.periods": 100}, "petsc", 9.4, 26.9),
+        ({"time.periods": 100, "output.window_periods": 100}, "petsc", 8.3, 29.9),
+        ({"time.periods": 3000}, "compiled", 7.8, 12.3),
+    ],
+)
+def test_estimates_are_near_what_was_measured(
+    keys: dict[str, object], engine: EngineName, seconds: float, megabytes: float
+) -> None:
+    """Processor time and size of the folder of `delam-fem run paper`, measured."""
+    cost = run_cost(preset("paper", keys), engine)
+    assert 0.5 < cost.hours * 3600.0 / seconds < 2.0
+    assert 0.5 < cost.disk / 1e6 / megabytes < 2.0
+
+
+def test_costs_are_told_in_units_that_suit_them() -> None:
+    assert str(Cost(0.002, 5e6, 8e6)) == "about 7 s, 705 MB of memory and 8 MB of files"
+    assert str(Cost(0.5, 3e9, 8e9)) == "about 30 min, 3.7 GB of memory and 8 GB of files"
+    assert str(Cost(30.0, 0.0, 0.0, programs=0.0)).startswith("about 30 h, 0 MB")
+    many = Cost(1.0, 0.0, 0.0, programs=64 * 0.3e9)
+    assert not many.is_large  # many workers alone are no reason to ask

@@ -20,14 +20,17 @@ def test_both_paths_agree(law: str, impulse: str) -> None:
     found = compare(case, impacts=20, periods=3)
     assert max(found.matrices.values()) < MATRICES
     assert found.frequencies < FREQUENCIES
-    assert found.impact_limit == 20
-    assert found.until_impact < FIRST_IMPACTS
-    assert found.overall < TIPS
-    assert found.impacts[0] == found.impacts[1] > 100
-    assert abs(found.tips).max() > 5e-3  # they do move
+    motion = found.motion
+    assert motion is not None
+    assert motion.impact_limit == 20
+    assert motion.until_impact < FIRST_IMPACTS
+    assert motion.overall < TIPS
+    assert motion.impacts[0] == motion.impacts[1] > 100
+    assert abs(motion.tips).max() > 5e-3  # they do move
 
 
 def test_both_paths_agree_without_contact() -> None:
-    found = compare(preset("paper", {"contact.law": "none"}), periods=2)
-    assert found.impacts == (0, 0)
-    assert found.overall < FIRST_IMPACTS
+    motion = compare(preset("paper", {"contact.law": "none"}), periods=2).motion
+    assert motion is not None
+    assert motion.impacts == (0, 0)
+    assert motion.overall < FIRST_IMPACTS

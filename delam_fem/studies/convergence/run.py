@@ -26,7 +26,7 @@ from delam_fem.case.atomic import write_text
 from delam_fem.case.definition import Case
 from delam_fem.case.toml import CaseError
 from delam_fem.engines.choose import EngineName
-from delam_fem.engines.cost import FILE_BYTES, Cost, run_cost
+from delam_fem.engines.cost import FILE_BYTES, STUDY_SECONDS, WORKER_BYTES, Cost, run_cost
 from delam_fem.results.folder import json_ready
 from delam_fem.results.provenance import provenance
 from delam_fem.simulation.interrupts import stop_signals
@@ -160,8 +160,10 @@ def ladder_cost(ladder: Ladder, workers: int | None = None) -> Cost:
     rungs = ladder.rungs()
     n_workers = min(workers or executors.n_cores(), len(rungs))
     hours = sum(rung_hours(rung, ladder.engine) for rung in rungs) / n_workers
+    hours += STUDY_SECONDS / 3600.0
     memory = max(run_cost(rung.case, ladder.engine).memory for rung in rungs)
-    return Cost(hours, n_workers * memory, FILE_BYTES + RUNG_BYTES * len(rungs))
+    files = FILE_BYTES + RUNG_BYTES * len(rungs)
+    return Cost(hours, n_workers * memory, files, (1 + n_workers) * WORKER_BYTES)
 
 
 def load_results(directory: str | Path) -> dict[str, RungResult]:

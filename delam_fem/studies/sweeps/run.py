@@ -24,7 +24,15 @@ import numpy as np
 from delam_fem.case.atomic import write_text
 from delam_fem.case.files import save_case
 from delam_fem.case.toml import CaseError
-from delam_fem.engines.cost import Cost, require_affordable, run_cost, step_hours
+from delam_fem.engines.cost import (
+    FILE_BYTES,
+    STUDY_SECONDS,
+    WORKER_BYTES,
+    Cost,
+    require_affordable,
+    run_cost,
+    step_hours,
+)
 from delam_fem.model.layout import Layout
 from delam_fem.simulation.interrupts import stop_signals
 from delam_fem.studies import executors
@@ -162,7 +170,9 @@ def _cost(sweep: Sweep, wanted: tuple[Quantity, ...], n_workers: int) -> Cost:
     row = 8.0 * sum(quantity.size for quantity in wanted)
     listed = 0 if sweep.file.order == "independent" else 8 * sweep.n_points
     worker = run_cost(case, sweep.file.engine).memory * n_workers
-    return Cost(hours, listed + worker, 2.0 * sweep.n_points * (row + POINT_BYTES))
+    files = FILE_BYTES + 2.0 * sweep.n_points * (row + POINT_BYTES)
+    hours += STUDY_SECONDS / 3600.0
+    return Cost(hours, listed + worker, files, (1 + n_workers) * WORKER_BYTES)
 
 
 def _computed(
