@@ -16,6 +16,7 @@ from typing import Any
 import xarray as xr
 
 from delam_fem import mpi
+from delam_fem.case import plausible
 from delam_fem.case.definition import Case
 from delam_fem.case.toml import CaseError
 from delam_fem.engines.choose import EngineName
@@ -80,6 +81,7 @@ def run(
         CaseError: the case cannot be computed, there is no checkpoint to resume from, or there is
             one that would be replaced.
     """
+    plausible.tell(case)
     if case.unread:
         _log.debug("this run ignores keys that are given, but not read: %s", ", ".join(case.unread))
     kept = None if directory is None else checkpoint.path_in(Path(directory))
@@ -203,7 +205,7 @@ def _result(
     unforeseen = unforeseen_warning(recorder.effort[: recorder.n_closed, N_SIZES:])
     warnings = [text for text in (gain, unforeseen, never_opens(case)) if text is not None]
     warnings += quality.quality_warnings(case, structure, residual)
-    summary["warnings"] = warnings
+    summary["warnings"] = [*plausible.warnings(case), *warnings]  # those of the case are told
     for text in warnings:
         _log.warning(text)
     if summary["outcome"] == "diverged":

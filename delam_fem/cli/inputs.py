@@ -45,13 +45,21 @@ def case_of(name: str, overrides: list[str] | None) -> Case:
     except OSError as error:
         raise CaseError(f"case {shown(name)}: cannot be read ({error.strerror})") from None
     if is_file:
-        return load_case(path, keys)
+        return _told(load_case(path, keys))
     if name not in PRESETS:
         raise CaseError(
             f"case {shown(name)}: neither a file nor a preset; expected a case file (.toml) or one "
             f"of {', '.join(PRESETS)}"
         )
-    return preset(name, keys)
+    return _told(preset(name, keys))
+
+
+def _told(case: Case) -> Case:
+    """Return a case after a warning for each number that looks like a mistake in a unit."""
+    from delam_fem.case.plausible import tell
+
+    tell(case)
+    return case
 
 
 def inputs_of(case: Case) -> list[Path]:

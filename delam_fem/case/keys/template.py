@@ -46,7 +46,8 @@ def case_text(kind: KindName, name: str) -> str:
         f"#   delam-fem validate {name}.toml    checks this file",
         f"#   delam-fem run {name}.toml         computes it",
         "#",
-        '# Numbers are in SI units; a text may carry another: "2 mm". A key behind # is not set; its default stands after it.',
+        '# Numbers are in SI units; a text may carry another unit, as in "2 mm". A key behind # is',
+        "# not set; its default stands after it.",
     ]
     for table in tables():
         lines += ["", *_table_lines(table, data)]

@@ -1,0 +1,170 @@
+"""Warn where the numbers of a case look like a mistake in a unit; nothing is refused.
+
+Each check compares a ratio of the case with bounds that laminae of any material and size keep. If
+the number would be plausible in another usual unit, the warning names that unit.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Callable, Iterator, Mapping
+
+from delam_fem.case.definition import Case
+from delam_fem.case.motion.drive import ForceExcitation, HarmonicExcitation, SweepExcitation
+from delam_fem.case.sections import Lamina
+
+Bounds = tuple[float, float]
+
+SLENDERNESS: Bounds = (10.0, 2e4)
+"""Length over thickness; below, Euler–Bernoulli beams do not hold."""
+WAVE_SPEED: Bounds = (200.0, 20e3)
+"""sqrt(E / rho) from soft plastics to diamond [m/s]."""
+DENSITY: Bounds = (20.0, 23e3)
+"""From foams to osmium [kg/m3]."""
+AMPLITUDE: Bounds = (0.0, 0.1)
+"""Amplitude of the base over the length."""
+GAP: Bounds = (0.0, 0.2)
+"""Largest gap at rest over the length."""
+FREQUENCY: Bounds = (0.01, 250.0)
+"""Excitation over the first frequency of the laminae alone; the tenth is 253 times the first."""
+DAMPING: Bounds = (0.0, 0.2)
+"""Damping ratio."""
+MASS: Bounds = (0.0, 20.0)
+"""Point mass over the mass of its lamina."""
+
+_OTHERS: Mapping[str, tuple[tuple[str, float], ...]] = {
+    "m": (("mm", 1e-3), ("cm", 1e-2), ("µm", 1e-6)),
+    "Pa": (("GPa", 1e9), ("MPa", 1e6)),
+    "kg/m3": (("g/cm3", 1e3),),
+    "Hz": (("mHz", 1e-3), ("kHz", 1e3)),
+    "kg": (("g", 1e-3),),
+    "-": (("%", 1e-2),),
+}
+"""Other units that a number may be meant in, with their factors."""
+_told: set[str] = set()
+_log = logging.getLogger(__name__)
+
+
+def warnings(case: Case) -> list[str]:
+    """Return a sentence for each number of a case that looks like a mistake in a unit."""
+    found = [text for lamina in case.lamina for text in _of_lamina(lamina)]
+    return [*found, *_of_gaps(case), *_of_excitation(case), *_of_masses(case)]
+
+
+def tell(case: Case) -> None:
+    """Log the warnings of a case, each once in a process."""
+    for text in warnings(case):
+        if text not in _told:
+            _told.add(text)
+            _log.warning(text)
+
+
+def _checked(
+    key: str,
+    value: float,
+    unit: str,
+    what: str,
+    bounds: Bounds,
+    ratio: Callable[[float], float],
+) -> Iterator[str]:
+    """Yield a warning if a ratio is out of its bounds.
+
+    Args:
+        key: key of the number.
+        value: the number.
+        unit: its unit.
+        what: the ratio in words.
+        bounds: smallest and largest plausible ratio.
+        ratio: function of the number.
+    """
+    low, high = bounds
+    found = ratio(value)
+    if low <= found <= high:
+        return
+    meant = [name for name, factor in _OTHERS[unit] if low <= ratio(factor * value) <= high]
+    number = f"{value:g}" if unit == "-" else f"{value:g} {unit}"
+    limit = f"above {high:g}" if found > high else f"below {low:g}"
+    hint = f'; did you mean "{value:g} {meant[0]}"?' if meant else ""
+    yield f"{key} = {number} looks unusual: {what} is {found:.3g}, {limit}{hint}"
+
+
+def _of_lamina(lamina: Lamina) -> Iterator[str]:
+    """Yield warnings about a lamina: slenderness, density, wave speed, damping."""
+    key = f"lamina.{lamina.name}"
+    L, h, rho = lamina.length, lamina.thickness, lamina.density
+    words = "length over thickness"
+    if not SLENDERNESS[0] <= 1e-3 * L / h <= SLENDERNESS[1]:  # a length in mm would be plausible
+        yield from _checked(f"{key}.thickness", h, "m", words, SLENDERNESS, lambda value: L / value)
+    else:
+        yield from _checked(f"{key}.length", L, "m", words, SLENDERNESS, lambda value: value / h)
+    dense = [*_checked(f"{key}.density", rho, "kg/m3", "the density", DENSITY, float)]
+    yield from dense
+    if not dense:
+        yield from _checked(
+            f"{key}.young_modulus",
+            lamina.young_modulus,
+            "Pa",
+            "the wave speed sqrt(E/rho) in m/s",
+            WAVE_SPEED,
+            lambda value: math.sqrt(value / rho),
+        )
+    yield from _checked(
+        f"{key}.damping_ratio", lamina.damping_ratio, "-", "the damping ratio", DAMPING, float
+    )
+
+
+def _of_gaps(case: Case) -> Iterator[str]:
+    """Yield warnings about gaps at rest."""
+    numbers = {f"delamination.{k}.opening": own.opening for k, own in enumerate(case.delamination)}
+    if case.gap is not None:
+        numbers |= {"gap.tip": case.gap.tip or 0.0, "gap.root": case.gap.root or 0.0}
+    for key, value in numbers.items():
+        yield from _checked(
+            key, value, "m", "the gap over the length", GAP, lambda gap: gap / case.length
+        )
+
+
+def _of_excitation(case: Case) -> Iterator[str]:
+    """Yield warnings about amplitude and frequency."""
+    given = case.excitation
+    if isinstance(given, HarmonicExcitation | SweepExcitation) and given.amplitude is not None:
+        yield from _checked(
+            "excitation.amplitude",
+            given.amplitude,
+            "m",
+            "the amplitude over the length",
+            AMPLITUDE,
+            lambda value: value / case.length,
+        )
+    if not isinstance(given, HarmonicExcitation | SweepExcitation | ForceExcitation):
+        return
+    firsts = [lamina.angular_frequencies(1)[0] / (2.0 * math.pi) for lamina in case.lamina]
+    for key in ("frequency", "start_frequency", "end_frequency"):
+        value = getattr(given, key, None)
+        if value is None:
+            continue
+        first = float(min(firsts) if value < min(firsts) else max(firsts))
+        yield from _checked(
+            f"excitation.{key}",
+            value,
+            "Hz",
+            f"its ratio to the first frequency {first:.3g} Hz of a lamina alone",
+            FREQUENCY,
+            lambda f, first=first: f / first,  # type: ignore[misc]
+        )
+
+
+def _of_masses(case: Case) -> Iterator[str]:
+    """Yield warnings about point masses."""
+    masses = {lamina.name: lamina.mass_per_length * lamina.length for lamina in case.lamina}
+    for number, own in enumerate(case.point_mass, start=1):
+        whole = masses[own.lamina]
+        yield from _checked(
+            f"point_mass.{number}.mass",
+            own.mass,
+            "kg",
+            "its ratio to the mass of the lamina",
+            MASS,
+            lambda value, whole=whole: value / whole,  # type: ignore[misc]
+        )
