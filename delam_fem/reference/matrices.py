@@ -261,12 +261,35 @@ def _lamina(case: Case, lamina: Lamina, x: FloatArray) -> list[sp.csr_matrix]:
     """Return M, C, K and the lumped mass of one lamina, with the clamped dofs."""
     rhoA, EI = section(lamina)
     lengths = np.diff(x).tolist()
-    lumped = _sum([np.diag(lumped_mass(rhoA, h)) for h in lengths])
-    is_lumped = case.time.mass == "lumped"
-    M = lumped if is_lumped else _sum([element_mass(rhoA, h) for h in lengths])
+    lumps = [np.diag(lumped_mass(rhoA, h)) for h in lengths]
+    masses = [element_mass(rhoA, h) for h in lengths]
+    for k, consistent, diagonal in point_masses(case, lamina.name, x):
+        masses[k], lumps[k] = masses[k] + consistent, lumps[k] + diagonal
+    lumped = _sum(lumps)
+    M = lumped if case.time.mass == "lumped" else _sum(masses)
     K = _sum([element_stiffness(EI, h) for h in lengths])
     alpha, beta = rayleigh(case, lamina)
     return [M, sp.csr_matrix(alpha * M + beta * K), K, lumped]
+
+
+def point_masses(case: Case, name: str, x: FloatArray) -> list[tuple[int, FloatArray, FloatArray]]:
+    """Return element, mass matrix and lumped mass of each point mass on a lamina.
+
+    Args:
+        case: gives the masses.
+        name: name of the lamina.
+        x: positions of the nodes [m].
+    """
+    found = []
+    for own in case.point_mass:
+        if own.lamina == name:
+            place = float(x[-1]) if own.position is None else own.position
+            k = int(np.clip(np.searchsorted(x, place) - 1, 0, x.size - 2))
+            h, s = float(x[k + 1] - x[k]), place - float(x[k])
+            N = np.array([float(f(s)) for f in shape_functions(h)])
+            ends = own.mass * np.array([1.0 - s / h, 0.0, s / h, 0.0])
+            found.append((k, own.mass * np.outer(N, N), np.diag(ends)))
+    return found
 
 
 def _sum(elements: list[FloatArray]) -> sp.csr_matrix:

@@ -117,10 +117,14 @@ def assemble(case: Case, x: npt.ArrayLike, observed: int) -> Operators:
     stack = Stack.of(case, np.asarray(x, dtype=np.float64))
     rhoA, EI = stack.sections[:2]
     places = [(i, k, h) for i in range(len(rhoA)) for k, h in enumerate(np.diff(stack.x).tolist())]
-    lumped = stack.summed([(i, k, np.diag(elements.lumped_mass(rhoA[i], h))) for i, k, h in places])
-    M = lumped
-    if case.time.mass == "consistent":
-        M = stack.summed([(i, k, elements.element_mass(rhoA[i], h)) for i, k, h in places])
+    lumps = [(i, k, np.diag(elements.lumped_mass(rhoA[i], h))) for i, k, h in places]
+    masses = [(i, k, elements.element_mass(rhoA[i], h)) for i, k, h in places]
+    for i, lamina in enumerate(case.lamina):
+        for k, consistent, diagonal in elements.point_masses(case, lamina.name, stack.x):
+            masses.append((i, k, consistent))
+            lumps.append((i, k, diagonal))
+    lumped = stack.summed(lumps)
+    M = stack.summed(masses) if case.time.mass == "consistent" else lumped
     K = stack.summed([(i, k, elements.element_stiffness(EI[i], h)) for i, k, h in places])
     K = sp.csr_matrix(K + axial_stiffness(stack))
     H, gap0 = _pairs(stack)

@@ -36,7 +36,7 @@ def linear_amplitudes(case: Case, frequency: FloatArray) -> FloatArray:
         Shape (n_laminae, k) [m].
     """
     n, given = len(case.lamina), case.excitation
-    if case.is_apart and given.acts_on == "base":
+    if case.is_apart and given.acts_on == "base" and not case.point_mass:
         return np.stack([case.linear_amplitude(i, frequency) for i in range(n)])
     if not given.is_periodic:
         return np.full((n, frequency.size), np.nan)
@@ -87,7 +87,7 @@ def first_frequencies(case: Case) -> list[float]:
 
     In a bonded stack they are all that of the structure with free delaminations.
     """
-    if case.is_apart:
+    if case.is_apart and not case.point_mass:
         return [float(lamina.angular_frequencies(1)[0]) for lamina in case.lamina]
     fine = _fine(case.to_toml())
     rigid = n_rigid(case)

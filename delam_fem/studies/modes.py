@@ -115,7 +115,8 @@ def modes(case: Case, n: int = 6, *, delaminations: Kind = "free") -> Modes | St
 
     Returns:
         For laminae that are apart over their whole length, the modes of each beside the exact
-        cantilever, and those of the structure. For a bonded stack those of the structure alone.
+        cantilever, and those of the structure. For a bonded stack, and with point masses, those of
+        the structure alone.
 
     Raises:
         CaseError: n is below 1 or above the number of dofs.
@@ -123,7 +124,7 @@ def modes(case: Case, n: int = 6, *, delaminations: Kind = "free") -> Modes | St
     from delam_fem.model.beams import bending  # dolfinx is imported when its matrices are asked for
 
     structure = bending.assemble(case)
-    if not case.is_apart:
+    if not case.is_apart or case.point_mass:
         return structure_modes(structure, case, n, kind=delaminations)
     whole = structure_modes(structure, case, n, kind=delaminations)
     return replace(modes_of(structure, case, n), structure=whole)

@@ -1,0 +1,82 @@
+"""Point masses: the exact cantilever with a mass, the judge, the weak forms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.linalg import eigh
+from scipy.optimize import brentq
+
+from delam_fem.case.definition import Case
+from delam_fem.case.files import preset
+from delam_fem.model.beams import closed_form
+from delam_fem.model.operators import Operators
+from delam_fem.reference import matrices, stack
+from delam_fem.reference.compare import operator_differences
+
+ROUND_OFF = 1e-9
+MASSES = [
+    {"lamina": "thin", "mass": 0.04},
+    {"lamina": "thin", "mass": 0.01, "position": 0.25},  # inside an element of 20 and of 7
+    {"lamina": "thick", "mass": 0.03, "position": 0.3425},
+]
+
+
+def frequencies(operators: Operators, own: slice) -> list[float]:
+    """Return the three lowest frequencies of some dofs [Hz]."""
+    K, M = operators.stiffness.toarray()[own, own], operators.mass.toarray()[own, own]
+    return [float(np.sqrt(x) / (2.0 * np.pi)) for x in eigh(K, M, eigvals_only=True)[:3]]
+
+
+@pytest.mark.parametrize("ratio", [0.1, 1.0, 5.0])
+def test_exact_cantilever_with_a_tip_mass(ratio: float) -> None:
+    """1 + cos B cosh B + µ B (cos B sinh B - sin B cosh B) = 0; Blevins, table 8-8."""
+    thin = preset("paper").lamina[1]
+    whole = thin.mass_per_length * thin.length
+    case = preset("paper", {"point_mass": [{"lamina": "thin", "mass": ratio * whole}]})
+
+    def equation(B: float) -> float:
+        with_mass = np.cos(B) * np.sinh(B) - np.sin(B) * np.cosh(B)
+        return float(1.0 + np.cos(B) * np.cosh(B) + ratio * B * with_mass)
+
+    grid = np.linspace(0.3, 9.0, 400)
+    values = [equation(B) for B in grid]
+    roots = [
+        brentq(equation, a, b)
+        for a, b, f, g in zip(grid, grid[1:], values, values[1:], strict=False)
+        if f * g < 0.0
+    ][:3]
+    speed = np.sqrt(thin.flexural_rigidity / thin.mass_per_length)
+    exact = [B**2 / thin.length**2 * speed / (2.0 * np.pi) for B in roots]
+    found = closed_form.assemble(case).operators
+    assert frequencies(found, slice(40, 80)) == pytest.approx(exact, rel=2e-5)  # of 20 elements
+    assert frequencies(found, slice(0, 40))[0] == pytest.approx(3.1649, rel=1e-4)
+
+
+@pytest.mark.parametrize("mass", ["consistent", "lumped"])
+def test_the_judge_has_the_same_matrices(mass: str) -> None:
+    case = preset("paper", {"point_mass": MASSES, "time.mass": mass})
+    found = closed_form.assemble(case)
+    expected = matrices.assemble(case, found.layout.x)
+    assert max(operator_differences(found.operators, expected).values()) < ROUND_OFF
+    plain = matrices.assemble(preset("paper", {"time.mass": mass}), found.layout.x)
+    assert max(operator_differences(found.operators, plain).values()) > 0.01
+
+
+@pytest.mark.parametrize("mass", ["consistent", "lumped"])
+def test_the_judge_has_the_same_matrices_of_a_bonded_stack(mass: str) -> None:
+    keys = {"lamina": "upper", "mass": 0.005}
+    masses = [{**keys, "position": 0.2}, {**keys, "position": 0.033}]
+    case = preset("embedded", {"point_mass": masses, "time.mass": mass})
+    found = closed_form.assemble(case)
+    expected = stack.assemble(case, found.layout.x, found.layout.probes[0].point)
+    assert max(operator_differences(found.operators, expected).values()) < 1e-6
+
+
+def test_the_weak_forms_have_the_same_matrices() -> None:
+    pytest.importorskip("dolfinx")
+    from delam_fem.model.beams import bending
+
+    case: Case = preset("paper", {"point_mass": MASSES, "mesh.elements": 7})
+    found, expected = bending.assemble(case).operators, closed_form.assemble(case).operators
+    assert max(operator_differences(found, expected).values()) < ROUND_OFF
