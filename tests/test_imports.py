@@ -77,6 +77,7 @@ MOST_MODULES, MOST_LINES = 16, 45
 PART_OF = {  # modules that another distribution pins and brings
     "llvmlite": "numba",
     "pydantic_core": "pydantic",
+    "sdypy": "sdypy-FRF",
 }
 PUBLISHING = {"case.atomic", "caches.forms"}
 """Modules that rename: the writer of results; libraries in private folders of their own."""

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from delam_fem.cli.inputs import Overwrite, Quiet
 from delam_fem.cli.terminal import reported, say_files, table
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 Files = Annotated[
     list[Path],
@@ -69,6 +72,21 @@ def measure_command(
     units: Units = None,
     rate: Rate = None,
     *,
+    excitation: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Channel to which frequency responses are estimated."),
+    ] = None,
+    segment: Annotated[
+        float | None,
+        typer.Option(metavar="S", help="Length of averaged segments (default: an eighth)."),
+    ] = None,
+    estimator: Annotated[
+        Literal["H1", "H2", "Hv"], typer.Option(help="Estimator of frequency responses.")
+    ] = "H1",
+    pole_range: Annotated[
+        tuple[float, float] | None,
+        typer.Option("--poles", metavar="LOW HIGH", help="Find poles between two frequencies."),
+    ] = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
@@ -79,6 +97,11 @@ def measure_command(
         from delam_fem.results.measured.reading import read_measured
 
         data = read_measured(*files, channels=assigned(channels), units=units, rate=rate)
+        if excitation is not None:
+            from delam_fem.results.measured.transfer import with_responses
+
+            data = with_responses(data, excitation, segment=segment, estimator=estimator)
+        found = _poles(data, pole_range)
         folder = output or Path("runs") / f"{files[0].stem}-measured"
         with claimed(folder, inputs=files, may_hold_results=overwrite) as directory:
             paths = write_all(data, directory)
@@ -87,7 +110,29 @@ def measure_command(
             table(f"measured: {names}", HEADING, list(rows(data)))
             for line in lines(data):
                 typer.echo(line)
+            if found:
+                table("poles", ("frequency [Hz]", "damping [%]"), found)
             say_files(paths)
+
+
+def _poles(data: xr.Dataset, pole_range: tuple[float, float] | None) -> list[tuple[str, str]]:
+    """Return the poles as rows of a table; they are added to the attributes of the dataset."""
+    if pole_range is None:
+        return []
+    from delam_fem.results.measured.poles import poles
+
+    found = poles(data, *pole_range)
+    if not found:
+        return [("none found", "–")]
+    data.attrs["pole_frequency_hz"] = [pole.frequency for pole in found]
+    data.attrs["pole_damping"] = [pole.damping for pole in found]
+    return [
+        (
+            f"{pole.frequency:.5g} ± {pole.frequency_scatter:.1g}",
+            f"{100 * pole.damping:.3g} ± {100 * pole.damping_scatter:.1g}",
+        )
+        for pole in found
+    ]
 
 
 def overlay_command(

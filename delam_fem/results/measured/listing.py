@@ -60,6 +60,10 @@ def write_all(data: xr.Dataset, directory: Path) -> list[Path]:
         OSError: a file cannot be written.
     """
     written = [write_measured(data, directory / MEASURED)]
+    if "response" in data:
+        from delam_fem.results.measured.figures import save_responses
+
+        written.append(save_responses(data, directory))
     if "gap0" in data:
         names = data["interface"].to_numpy() if "interface" in data.coords else [""]
         for name, gap in zip(names, by_interface(data["gap0"]), strict=True):

@@ -1,0 +1,109 @@
+"""Estimate frequency responses and their coherence from measured histories."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+from delam_fem.case.toml import CaseError
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.results.measured.reading import history_of
+from delam_fem.results.measured.units import unit_of
+
+ESTIMATORS = ("H1", "H2", "Hv")
+"""Estimators: noise in the responses, in the excitation, in both."""
+SEGMENTS = 8
+"""Segments without overlap that a record is cut into where their length is not given."""
+UNEVEN = 0.5
+"""Deviation of a sample from equal steps that is refused, in steps."""
+
+
+def with_responses(
+    data: xr.Dataset,
+    excitation: str,
+    *,
+    segment: float | None = None,
+    estimator: str = "H1",
+) -> xr.Dataset:
+    """Return a measurement with the frequency responses of all channels to one of them.
+
+    sdypy-FRF averages over segments that overlap by half, each with a Hann window.
+
+        H1 = S_fx / S_ff,  H2 = S_xx / S_xf,  coherence = |S_fx|^2 / (S_ff S_xx)
+
+    Args:
+        data: a measurement with at least two histories.
+        excitation: name of the channel of the excitation, such as "force".
+        segment: length of the segments [s], the reciprocal of the step of the frequency; None:
+            an eighth of the record.
+        estimator: one of `ESTIMATORS`.
+
+    Returns:
+        The measurement with `response(frequency, output)`, complex, and `coherence`.
+
+    Raises:
+        CaseError: there is no such channel or estimator, the samples are not evenly spaced, or the
+            record is shorter than two segments.
+
+    Source: N. M. M. Maia, J. M. M. Silva, Theoretical and Experimental Modal Analysis, 1997.
+    """
+    from sdypy.FRF import FRF
+
+    if estimator not in ESTIMATORS:
+        raise CaseError(f"estimator: expected one of {', '.join(ESTIMATORS)}, given {estimator!r}")
+    names = [str(name) for name in data["channel"].to_numpy()]
+    variables = [str(name) for name in data["channel_variable"].to_numpy()]
+    histories = [k for k, v in enumerate(variables) if v in data and "time" in data[v].dims]
+    if excitation not in [names[k] for k in histories]:
+        held = ", ".join(names[k] for k in histories) or "none"
+        raise CaseError(f"excitation: expected one of the histories {held}, given {excitation!r}")
+    first = names.index(excitation)
+    outputs = [k for k in histories if k != first]
+    if not outputs:
+        raise CaseError("excitation: expected a response beside it, found none")
+    step, n = _step(data["time"].to_numpy()), data.sizes["time"]
+    length = n // SEGMENTS if segment is None else round(segment / step)
+    if not 8 <= length <= n // 2:
+        raise CaseError(
+            f"segment: expected from {8 * step:.3g} s to half the record, {n // 2 * step:.3g} s, "
+            f"given {length * step:.3g} s"
+        )
+    found = FRF(
+        1, exc=history_of(data, first)[None, None, :],
+        resp=np.array([history_of(data, k) for k in outputs])[None],
+        exc_type="f", resp_type="d", window="hann", fft_len=length, nperseg=length,
+        frf_estimator=estimator,
+    )  # fmt: skip
+    # in samples, and without conversions from velocity or acceleration: the ratio as it is
+    responses = np.nan_to_num(found.get_FRF()[:, 0, :])
+    coherence = np.nan_to_num(found.get_coherence()).real
+    units = [str(u) for u in data["channel_units"].to_numpy()]
+    ratios = [unit_of(f"({units[k]})/({units[first]})", names[k]).units for k in outputs]
+    about = {"units": ratios[0] if len(set(ratios)) == 1 else "1",
+             "long_name": f"frequency response to {excitation}, {estimator}"}  # fmt: skip
+    frequency = np.fft.rfftfreq(length, step)
+    data = data.assign_coords(
+        frequency=("frequency", frequency, {"units": "Hz", "long_name": "frequency"}),
+        output=[names[k] for k in outputs],
+    )
+    data["response"] = (("frequency", "output"), responses.T, about)
+    data["coherence"] = (
+        ("frequency", "output"), coherence.T, {"units": "1", "long_name": "coherence"},
+    )  # fmt: skip
+    data["response_units"] = (("output",), np.array(ratios), {"units": "1"})
+    return data
+
+
+def _step(time: FloatArray) -> float:
+    """Return the time between samples [s].
+
+    Raises:
+        CaseError: the samples are not evenly spaced.
+    """
+    step = float((time[-1] - time[0]) / (time.size - 1))
+    off = np.abs(time - time[0] - step * np.arange(time.size)) / step
+    if off.max() > UNEVEN:
+        raise CaseError(
+            f"time: expected samples at equal steps, given one that is {off.max():.2g} steps off"
+        )
+    return step
