@@ -34,6 +34,28 @@ Rate = Annotated[
     float | None, typer.Option(metavar="HZ", help="Samples per second of files without times.")
 ]
 
+Excitation = Annotated[
+    str | None,
+    typer.Option(metavar="NAME", help="Channel to which frequency responses are estimated."),
+]
+Segment = Annotated[
+    float | None,
+    typer.Option(metavar="S", help="Length of averaged segments (default: an eighth)."),
+]
+Estimator = Annotated[
+    Literal["H1", "H2", "Hv"], typer.Option(help="Estimator of frequency responses.")
+]
+PoleRange = Annotated[
+    tuple[float, float] | None,
+    typer.Option("--poles", metavar="LOW HIGH", help="Find poles between two frequencies."),
+]
+MeasuredFolder = Annotated[
+    Path | None,
+    typer.Option(
+        "-o", "--output", metavar="DIR", help="Folder of the dataset (default: runs/NAME-measured)."
+    ),
+]
+
 
 def register(app: typer.Typer) -> None:
     """Add the commands to the application."""
@@ -59,34 +81,15 @@ def assigned(channels: list[str] | None) -> dict[str, str]:
 
 def measure_command(
     files: Files,
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="DIR",
-            help="Folder of the dataset (default: runs/NAME-measured).",
-        ),
-    ] = None,
+    output: MeasuredFolder = None,
     channels: Channels = None,
     units: Units = None,
     rate: Rate = None,
     *,
-    excitation: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", help="Channel to which frequency responses are estimated."),
-    ] = None,
-    segment: Annotated[
-        float | None,
-        typer.Option(metavar="S", help="Length of averaged segments (default: an eighth)."),
-    ] = None,
-    estimator: Annotated[
-        Literal["H1", "H2", "Hv"], typer.Option(help="Estimator of frequency responses.")
-    ] = "H1",
-    pole_range: Annotated[
-        tuple[float, float] | None,
-        typer.Option("--poles", metavar="LOW HIGH", help="Find poles between two frequencies."),
-    ] = None,
+    excitation: Excitation = None,
+    segment: Segment = None,
+    estimator: Estimator = "H1",
+    pole_range: PoleRange = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:

@@ -7,6 +7,7 @@ import xarray as xr
 
 from delam_fem.case.toml import CaseError
 from delam_fem.numerics.arrays import FloatArray
+from delam_fem.results.measured.columns import Values
 from delam_fem.results.measured.reading import history_of
 from delam_fem.results.measured.units import unit_of
 
@@ -51,16 +52,7 @@ def with_responses(
 
     if estimator not in ESTIMATORS:
         raise CaseError(f"estimator: expected one of {', '.join(ESTIMATORS)}, given {estimator!r}")
-    names = [str(name) for name in data["channel"].to_numpy()]
-    variables = [str(name) for name in data["channel_variable"].to_numpy()]
-    histories = [k for k, v in enumerate(variables) if v in data and "time" in data[v].dims]
-    if excitation not in [names[k] for k in histories]:
-        held = ", ".join(names[k] for k in histories) or "none"
-        raise CaseError(f"excitation: expected one of the histories {held}, given {excitation!r}")
-    first = names.index(excitation)
-    outputs = [k for k in histories if k != first]
-    if not outputs:
-        raise CaseError("excitation: expected a response beside it, found none")
+    first, outputs = _chosen(data, excitation)
     step, n = _step(data["time"].to_numpy()), data.sizes["time"]
     length = n // SEGMENTS if segment is None else round(segment / step)
     if not 8 <= length <= n // 2:
@@ -77,19 +69,46 @@ def with_responses(
     # in samples, and without conversions from velocity or acceleration: the ratio as it is
     responses = np.nan_to_num(found.get_FRF()[:, 0, :])
     coherence = np.nan_to_num(found.get_coherence()).real
+    return _with(data, np.fft.rfftfreq(length, step), (responses, coherence), (first, outputs))
+
+
+def _chosen(data: xr.Dataset, excitation: str) -> tuple[int, list[int]]:
+    """Return the numbers of the channels of the excitation and of the responses."""
+    names = [str(name) for name in data["channel"].to_numpy()]
+    variables = [str(name) for name in data["channel_variable"].to_numpy()]
+    histories = [k for k, v in enumerate(variables) if v in data and "time" in data[v].dims]
+    if excitation not in [names[k] for k in histories]:
+        held = ", ".join(names[k] for k in histories) or "none"
+        raise CaseError(f"excitation: expected one of the histories {held}, given {excitation!r}")
+    first = names.index(excitation)
+    outputs = [k for k in histories if k != first]
+    if not outputs:
+        raise CaseError("excitation: expected a response beside it, found none")
+    return first, outputs
+
+
+def _with(
+    data: xr.Dataset,
+    frequency: FloatArray,
+    found: tuple[Values, FloatArray],
+    channels: tuple[int, list[int]],
+) -> xr.Dataset:
+    """Return the measurement with responses and coherences, each of shape (outputs, n)."""
+    first, outputs = channels
+    names = [str(name) for name in data["channel"].to_numpy()]
     units = [str(u) for u in data["channel_units"].to_numpy()]
     ratios = [unit_of(f"({units[k]})/({units[first]})", names[k]).units for k in outputs]
-    about = {"units": ratios[0] if len(set(ratios)) == 1 else "1",
-             "long_name": f"frequency response to {excitation}, {estimator}"}  # fmt: skip
-    frequency = np.fft.rfftfreq(length, step)
+    about = {
+        "units": ratios[0] if len(set(ratios)) == 1 else "see response_units",
+        "long_name": f"frequency response to {names[first]}",
+    }
     data = data.assign_coords(
         frequency=("frequency", frequency, {"units": "Hz", "long_name": "frequency"}),
         output=[names[k] for k in outputs],
     )
-    data["response"] = (("frequency", "output"), responses.T, about)
-    data["coherence"] = (
-        ("frequency", "output"), coherence.T, {"units": "1", "long_name": "coherence"},
-    )  # fmt: skip
+    dims, of_coherence = ("frequency", "output"), {"units": "1", "long_name": "coherence"}
+    data["response"] = (dims, found[0].T, about)
+    data["coherence"] = (dims, found[1].T, of_coherence)
     data["response_units"] = (("output",), np.array(ratios), {"units": "1"})
     return data
 

@@ -84,7 +84,10 @@ class Course:
         return values
 
     def delay_error(self) -> float:
-        """Return the standard deviation of the mean cycle's phase by the scatter of cycles [s]."""
+        """Return the standard deviation of the phases of single cycles of the run [s].
+
+        It is not reduced by their number: what is left of a transient shifts them one way.
+        """
         if self.cycles is None or self.period is None or self.cycles.shape[1] < 2:
             return 0.0
         rows = list(range(len(self.cycles)) if self.rows is None else self.rows)
@@ -93,4 +96,4 @@ class Course:
         weights = 1.0 / np.maximum((slope**2).mean(axis=1), np.finfo(float).tiny)
         power = float(np.einsum("c,cn,cn->", weights, slope, slope))
         delays = np.einsum("c,cjn,cn->j", weights, self.cycles[rows], slope) / (power or 1.0)
-        return float(np.std(delays, ddof=1) / np.sqrt(delays.size))
+        return float(np.std(delays, ddof=1))
