@@ -34,3 +34,14 @@ def test_benchmark_measures_ratios(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     page = (tmp_path / "performance.md").read_text()
     assert all(f"## {name}" in page for name in module.SCHEMES)
     assert (tmp_path / "figures" / "performance.png").stat().st_size > 1000
+
+
+def test_reduced_study_finds_limits_and_smoothness(tmp_path: Path) -> None:
+    short = "--modes 4 --points 6 --refine 8 --settle 20 --periods 5".split()
+    assert script("reduced_study").main([*short, "-o", str(tmp_path)]) == 0
+    found = json.loads((tmp_path / "reduced.json").read_text())
+    (limit,) = found["limits"]["stiffness"]
+    assert limit["y1_min"] == pytest.approx(-19.7, abs=0.3)
+    rough, smooth = (max(found["growth"][name]) for name in ("finite elements", "4 modes"))
+    assert smooth < 1.5 < rough
+    assert (tmp_path / "figures" / "reduced.png").stat().st_size > 1000

@@ -3,9 +3,10 @@
     delam-fem operators soft.toml -o soft.npz
     python to_pyharm.py soft.npz 2.6 3.1 --stiffness 5
 
-pyHarm (PyPI `pyHarm-os`) needs a newer NumPy than dolfinx of Debian 12: install it in an environment
-of its own. The file is all that it needs. Contact is the law "penalty" without damping: a spring of
-the given stiffness on each closed pair. Unknowns are seen from the base: w = u - q_b.
+pyHarm (PyPI `pyHarm-os`) needs a newer SciPy and h5py than Debian 12 has beside dolfinx: install it
+in an environment of its own. The file is all that it needs. Contact is the law "penalty" without
+damping: a spring of the given stiffness on each closed pair. Unknowns are seen from the base,
+w = u - q_b.
 """
 
 import argparse
@@ -84,7 +85,9 @@ def main():
         if solution.flag_accepted:
             low, high = (1e3 * y for y in tips(data, solution.x, given.harmonics))
             frequency = solution.x[-1] / (2.0 * np.pi)
-            print(f"{frequency:10.6f}  {low[0]:10.4f} {high[0]:9.4f}  {low[1]:10.4f} {high[1]:9.4f}")
+            print(
+                f"{frequency:10.6f}  {low[0]:10.4f} {high[0]:9.4f}  {low[1]:10.4f} {high[1]:9.4f}"
+            )
 
 
 if __name__ == "__main__":
