@@ -111,11 +111,12 @@ def figure(
         growth: growth of kicks by name of the map.
         sizes: sizes of the kicks.
     """
-    canvas = Figure(figsize=(WIDTH, 3.6), layout="constrained")
+    canvas = Figure(figsize=(WIDTH, 3.9), layout="constrained")
     panels = canvas.subplots(1, len(limits) + 1)
     for axes, (damping, rows) in zip(panels, limits.items(), strict=False):
         _draw_limits(axes, rows, elements[damping])
         axes.set_title(f"{damping} damping", loc="left")
+    canvas.legend(*panels[0].get_legend_handles_labels(), loc="outside lower left", ncols=6)
     kicks: Axes = panels[-1]
     for name, values in growth.items():
         kicks.loglog(sizes, values, "o-", ms=4, label=name)
@@ -145,7 +146,6 @@ def _draw_limits(axes: Axes, rows: Limits, elements: Mapping[int, float]) -> Non
     axes.minorticks_off()
     axes.set_xlabel("contact points")
     axes.set_ylabel("smallest y1 [mm]")
-    axes.legend()
 
 
 def as_rows(limits: Sequence[Limit]) -> list[dict[str, float]]:
