@@ -14,6 +14,8 @@ from delam_fem.case.keys.reference import Key, Table, tables
 Schema: TypeAlias = dict[str, Any]
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
+QUANTITY = r"^\s*[+-]?[0-9.].*[^0-9\s]\s*$"
+"""Pattern of a number with a unit, as "2 mm"."""
 _INSTEAD = {
     "density": ("material", "mass_per_length"),
     "young_modulus": ("material", "bending_stiffness"),
@@ -41,7 +43,7 @@ def _described(schema: Schema, table: Table) -> Schema:
     keys = {key.name: key for key in table.keys}
     found = {name: _plain(own, keys.get(name)) for name, own in schema["properties"].items()}
     found |= {
-        name: {"type": "number", "exclusiveMinimum": 0.0, "description": keys[name].meaning}
+        name: _plain({"type": "number", "exclusiveMinimum": 0.0}, keys[name])
         for name in table.model.also_written
     }
     required = [name for name in schema.get("required", []) if name not in _INSTEAD]
@@ -75,4 +77,12 @@ def _plain(schema: Schema, key: Key | None) -> Schema:
         own["anyOf"] = choices
     if key is not None:
         own["description"] = key.meaning
+        if key.unit not in ("", "-") and own.get("type") == "number":
+            own = _with_unit(own)
     return own
+
+
+def _with_unit(schema: Schema) -> Schema:
+    """Return the schema of a number that may also be a text with its unit."""
+    about = {name: schema.pop(name) for name in ("default", "description") if name in schema}
+    return {**about, "anyOf": [schema, {"type": "string", "pattern": QUANTITY}]}

@@ -52,6 +52,8 @@ def changed(changes: dict[str, Any], section: str) -> dict[str, Any]:
         ("lamina", {"length": -1.0}),
         ("time", {"periods": 2.5}),
         ("time", {"steps_per_period": 3}),
+        ("gap", {"tip": "wide"}),
+        ("gap", {"tip": "12"}),
     ],
 )
 def test_what_the_models_refuse_is_marked(
@@ -71,6 +73,8 @@ def test_what_the_models_refuse_is_marked(
         ("lamina", {"young_modulus": None}),  # from its bending stiffness
         ("excitation", {"amplitude": None, "acceleration": 2}),
         ("gap", {"exponent": None, "shape": "mode"}),
+        ("gap", {"tip": "12 mm"}),
+        ("lamina", {"young_modulus": "70 GPa", "length": "685mm"}),
     ],
 )
 def test_what_the_models_take_is_not_marked(
