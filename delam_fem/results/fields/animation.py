@@ -102,17 +102,17 @@ def _pictures(
     history: xr.Dataset, case: Case, frames: npt.NDArray[Any], rate: float, stretch: float
 ) -> Iterator[Picture]:
     """Yield the pictures of some frames."""
-    bodies, lights = ribbons.Ribbons.of(history, case), derived.contact_lights(history)
+    factor = magnification(history, frames.tolist(), case.length)
+    bodies, lights = ribbons.Ribbons.of(history, case, factor), derived.contact_lights(history)
     times = history["frame"].to_numpy()
     spacing = float(times[1] - times[0]) if times.size > 1 else 0.0
     with pv.vtk_verbosity("error"):  # without a display, VTK warns before it uses EGL or Mesa
         plotter = pv.Plotter(off_screen=True, window_size=list(SIZE))
         try:
-            factor = magnification(history, frames.tolist(), case.length)
             scene = _Scene(plotter, history, case, bodies, (stretch, factor * stretch))
             slow = f"{spacing * rate:.2g} of real time"
             scale = "true to scale" if stretch == 1.0 else f"lateral × {stretch:g}"
-            scale += "" if factor == 1.0 else f", deflections × {factor * stretch:g}"
+            scale += "" if factor == 1.0 else f", deflections and gaps × {factor * stretch:g}"
             plotter.add_text(
                 f"{title(case).replace(', contact', chr(10) + 'contact')}\n{slow}, {scale}",
                 position=(0.03, 0.915), viewport=True, font_size=TEXT, color="black",

@@ -35,25 +35,29 @@ def drawable_frames(history: xr.Dataset) -> xr.Dataset:
     return history.isel(frame=np.flatnonzero(np.isfinite(fields).all(axis=(0, 1, 3))))
 
 
-def middle_lines(history: xr.Dataset, case: Case) -> FloatArray:
-    """Return y of the middle planes of the laminae at rest, shape (n_laminae, n_nodes) [m]."""
+def middle_lines(history: xr.Dataset, case: Case, enlarged: float = 1.0) -> FloatArray:
+    """Return y of the middle planes of the laminae at rest, shape (n_laminae, n_nodes) [m].
+
+    Gaps are `enlarged` times as large as they are; where displacements are drawn larger, gaps must
+    be as well, or laminae would seem to pass through one another.
+    """
     gaps = by_interface(history["gap0"])
     half = [lamina.thickness / 2.0 for lamina in case.lamina]
     middle = np.empty((len(half), gaps.shape[1]))
     middle[0] = -half[0]
     for i, gap in enumerate(gaps, start=1):
         top_below = middle[i - 1] + half[i - 1]
-        middle[i] = top_below + gap + half[i]
+        middle[i] = top_below + enlarged * gap + half[i]
     return middle
 
 
-def rest_points(history: xr.Dataset, case: Case) -> FloatArray:
-    """Return the corners of all sections at rest.
+def rest_points(history: xr.Dataset, case: Case, enlarged: float = 1.0) -> FloatArray:
+    """Return the corners of all sections at rest; see `middle_lines`.
 
     Returns:
         Points, shape (n_laminae, n_nodes, 4 corners, 3) [m].
     """
-    x, middle = history["x"].to_numpy(), middle_lines(history, case)
+    x, middle = history["x"].to_numpy(), middle_lines(history, case, enlarged)
     points = np.empty((*middle.shape, CORNERS, 3))
     points[..., 0] = x[:, None]
     for i, lamina in enumerate(case.lamina):
@@ -80,11 +84,11 @@ class Ribbons:
     scalars: Mapping[str, npt.NDArray[Any]]
 
     @classmethod
-    def of(cls, history: xr.Dataset, case: Case) -> Ribbons:
-        """Return the ribbons of a run with the fields of its frames."""
+    def of(cls, history: xr.Dataset, case: Case, enlarged: float = 1.0) -> Ribbons:
+        """Return the ribbons of a run with the fields of its frames; see `middle_lines`."""
         half = np.array([lamina.thickness / 2.0 for lamina in case.lamina])
         return cls(
-            rest_points(history, case),
+            rest_points(history, case, enlarged),
             half[:, None] * UPWARDS,
             {name: history[name].to_numpy() for name in ("displacement", "velocity")},
             {

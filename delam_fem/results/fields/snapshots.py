@@ -88,10 +88,10 @@ def draw(history: xr.Dataset, case: Case) -> pv.Plotter:
     shown_strike = strike_frame(history, case)
     strike = frames[shown_strike]
     shown = [int(np.argmin(np.abs(frames - strike - phase * case.period))) for phase in PHASES]
-    shown, bodies = sorted(set(shown)), ribbons.Ribbons.of(history, case)
+    shown, length = sorted(set(shown)), case.lamina[0].length
     limit = largest_speed(history, shown) or 1.0
-    length = case.lamina[0].length
     factor = magnification(history, shown, length)
+    bodies = ribbons.Ribbons.of(history, case, factor)
     name = "strike" if diagnostics.is_at_probes(history).any() else "closest"
     plotter = pv.Plotter(off_screen=True, window_size=list(SIZE))
     plotter.set_background("white")
@@ -112,21 +112,22 @@ def draw(history: xr.Dataset, case: Case) -> pv.Plotter:
         _label(plotter, place - [0.11 * length, 0.0, 0.0], text)
     aside = -(len(shown) - 1) / 2 * ROW / len(PHASES) * length
     _name_laminae(plotter, history, shown[0], (aside, factor))
-    scale = "true to scale" if factor == 1.0 else f"deflections × {factor:g}"
+    scale = "true to scale" if factor == 1.0 else f"deflections and gaps × {factor:g}"
     _dress(plotter, f"{title(case)}; {scale}, T = {case.period:.3g} s")
     _aim(plotter, length)
     return plotter
 
 
 def magnification(history: xr.Dataset, frames: list[int], length: float) -> float:
-    """Return the factor of the deflections: 1, 2 or 5 times a power of ten, 1 if they are visible.
+    """Return the factor of deflections and gaps: 1, 2 or 5 times a power of ten, 1 if they are visible.
 
     Args:
         history: with the fields of the frames.
         frames: numbers of the frames that are shown.
         length: length of the laminae [m].
     """
-    largest = float(np.abs(history["displacement"].to_numpy()[:, frames]).max(initial=0.0))
+    u = history["displacement"].to_numpy()[:, frames]
+    largest = max(float(np.abs(u).max(initial=0.0)), float(history["gap0"].max()))
     if largest >= VISIBLE * length or largest == 0.0:
         return 1.0
     wanted = SHOWN_DEFLECTION * length / largest
@@ -169,7 +170,7 @@ def _name_laminae(
     node, length = diagnostics.probe_node(history), float(history["x"][-1])
     x, at_rest = float(history["x"][node]), gaps.rest_positions(history)[:, node]
     for i, name in enumerate(history["lamina"].to_numpy()):
-        y = at_rest[i] + factor * float(history["displacement"][i, frame, node])
+        y = factor * (at_rest[i] + float(history["displacement"][i, frame, node]))
         between = NAME_DISTANCE if x == length else 2.5 * NAME_DISTANCE  # beside the laminae
         side = between * (i - (len(at_rest) - 1) / 2) * length
         point = np.array([x + 0.03 * length, y, 0.0]) + (offset + side) * RIGHT

@@ -6,6 +6,7 @@
 //                                    (frame, lamina, node)
 //   lit                              0 apart, 1 hit since the frame before, 2 resting: base64 of uint8,
 //                                    (frame, interface, node)
+//   factor                           of deflections and gaps in y
 //   held                             whether both ends are held
 "use strict";
 for (const figure of document.querySelectorAll("figure.film")) {
@@ -98,12 +99,13 @@ for (const figure of document.querySelectorAll("figure.film")) {
       pen.moveTo(left, py(v));
       pen.lineTo(width - right, py(v));
       pen.stroke();
-      pen.fillText(String(+v.toPrecision(6)), left - 16, py(v) + 4);
+      if (film.factor === 1) pen.fillText(String(+v.toPrecision(6)), left - 16, py(v) + 4);
     }
     pen.fillText("x [mm]", width - right, height - 4);
     pen.textAlign = "left";
     const how = Math.abs(stretch - 1) < 0.01 ? "true to scale" : `lateral × ${stretch.toPrecision(2)}`;
-    pen.fillText(`y [mm], ${how}`, 4, 14);
+    const larger = film.factor === 1 ? "" : `, deflections and gaps × ${film.factor}`;
+    pen.fillText(film.factor === 1 ? `y [mm], ${how}` : how + larger, 4, 14);
   }
 
   function clamps({ pen, px, py, width, right }, middle) {

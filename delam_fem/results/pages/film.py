@@ -39,8 +39,9 @@ def film(history: xr.Dataset, case: Case) -> Film | None:
     per_frame = history.sizes["lamina"] * nodes.size
     last = slice(-max(1, MOST_NUMBERS // per_frame), None)
     u = history["displacement"].to_numpy()
-    factor = _factor(float(np.abs(u).max()), sum(lamina.thickness for lamina in case.lamina))
-    y = middle_lines(history, case)[:, None] + factor * u
+    largest = max(float(np.abs(u).max()), float(history["gap0"].max()))
+    factor = _factor(largest, sum(lamina.thickness for lamina in case.lamina))
+    y = middle_lines(history, case, factor)[:, None] + factor * u
     y = 1e3 * y.transpose(1, 0, 2)[last][..., nodes]
     unit = float(np.abs(y).max()) / LARGEST or 1.0
     data = {
@@ -51,6 +52,7 @@ def film(history: xr.Dataset, case: Case) -> Film | None:
         "time": _short(history["frame"].to_numpy()[last]),
         "period": case.period if case.is_periodic else None,
         "unit": unit,
+        "factor": factor,
         "y": _text(np.rint(y / unit).astype("<i2")),
         "lit": _text(_around(derived.contact_lights(history)[last], nodes)),
         "held": derived.held_ends(case),
@@ -61,12 +63,12 @@ def film(history: xr.Dataset, case: Case) -> Film | None:
         "Between two frames the motion is interpolated."
     )
     if factor != 1.0:
-        caption += f" Deflections are drawn {factor:g} times as large as they are."
+        caption += f" Deflections and gaps are drawn {factor:g} times as large as they are."
     return Film(data, "The laminae in motion", caption)
 
 
 def _factor(largest: float, thickness: float) -> float:
-    """Return 1, or a power of ten that makes small deflections larger than the thickness."""
+    """Return 1, or a power of ten that makes small lengths larger than the thickness."""
     if largest == 0.0 or largest >= thickness:
         return 1.0
     return float(10.0 ** np.ceil(np.log10(thickness / largest)))

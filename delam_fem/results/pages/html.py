@@ -67,12 +67,14 @@ class Table:
         rows: cells of each row.
         kinds: CSS class of each row; empty for none.
         anchors: names of the rows that links can point to; empty for none.
+        kind: CSS class of the table; "meanings": a narrow page puts the last column below the rest.
     """
 
     heading: Sequence[Text]
     rows: Sequence[Sequence[Text]]
     kinds: Sequence[str] = ()
     anchors: Sequence[str] = ()
+    kind: str = ""
 
 
 @dataclass(frozen=True)
@@ -283,7 +285,8 @@ def _table(table: Table) -> str:
         )
     )
     return (
-        f'<div class="wide"><table>\n<thead><tr>{head}</tr></thead>\n'
+        f'<div class="wide"><table{_attribute("class", table.kind)}>\n'
+        f"<thead><tr>{head}</tr></thead>\n"
         f"<tbody>\n{body}\n</tbody>\n</table></div>"
     )
 

@@ -95,7 +95,7 @@ def page(history: xr.Dataset, summary: Mapping[str, Any], case: Case, directory:
     flows = "What changed the stored energy, added up over the run and in the last period."
     energy = Table(("", "whole run [mJ]", "last period [mJ]"), energy_rows(history))
     origin = [(name, str(history.attrs[name])) for name in ORIGIN if name in history.attrs]
-    table = Table(("", "value", "meaning"), numbers.rows(summary, names))
+    table = Table(("", "value", "meaning"), numbers.rows(summary, names), kind="meanings")
     sections = [
         Section("", [*_verdict(history, summary, case)]),
         Section("In motion", [film(history, case) or Paragraph(NO_FRAMES, "about")]),

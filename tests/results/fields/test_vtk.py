@@ -282,6 +282,8 @@ def test_small_deflections_are_drawn_larger_by_a_round_factor() -> None:
     length = 0.685
     history["displacement"] = u * (1.7e-5 / float(np.abs(u).max()))
     frames = list(range(history.sizes["frame"]))
+    assert snapshots.magnification(history, frames, length) == 1.0  # the gap is 12 mm
+    history["gap0"] = 0.0 * history["gap0"]
     factor = snapshots.magnification(history, frames, length)
     assert factor == 1000.0  # 0.04 * 0.685 / 1.7e-5 = 1612
     history["displacement"] = u * (0.02 * length / float(np.abs(u).max()))

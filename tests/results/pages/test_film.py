@@ -1,6 +1,7 @@
 """A film holds positions and contacts, quantised."""
 
 import base64
+from typing import Any
 
 import numpy as np
 import pytest
@@ -53,12 +54,27 @@ def test_supports_hold_the_ends() -> None:
     assert film(history, turned).data["held"] == [False, True]
 
 
+def drawn_gaps(data: dict[str, Any]) -> np.ndarray:
+    """Return the gaps that a film shows [mm]."""
+    y = data["unit"] * numbers(data["y"], "<i2", -1, 3, NODES)
+    thickness = np.array(data["thickness"])
+    return y[:, 1:] - y[:, :-1] - ((thickness[1:] + thickness[:-1]) / 2.0)[:, None]
+
+
 def test_small_deflections_are_drawn_larger() -> None:
     recorded = three_laminae()
     history, case = recorded.history(), recorded.case
     assert "times as large" not in film(history, case).caption
+    gaps = drawn_gaps(film(history, case).data)
     history["displacement"] = 1e-6 * history["displacement"]
-    assert "Deflections are drawn 1e+06 times as large" in film(history, case).caption
+    assert "times as large" not in film(history, case).caption  # the gap says how large they are
+    history["gap0"] = 1e-6 * history["gap0"]
+    data = film(history, case).data
+    assert data["factor"] > 1e4
+    np.testing.assert_allclose(  # so laminae touch where they do
+        drawn_gaps(data), 1e-6 * data["factor"] * gaps, atol=4.0 * data["unit"]
+    )
+    assert f"are drawn {data['factor']:g} times as large" in film(history, case).caption
 
 
 def test_long_and_fine_motions_are_thinned(monkeypatch: pytest.MonkeyPatch) -> None:
