@@ -119,7 +119,7 @@ def draw(history: xr.Dataset, case: Case) -> pv.Plotter:
 
 
 def magnification(history: xr.Dataset, frames: list[int], length: float) -> float:
-    """Return the factor of deflections and gaps: 1, 2 or 5 times a power of ten, 1 if they are visible.
+    """Return the factor of deflections and gaps: 1, 2 or 5 times a power of ten; 1 if visible.
 
     Args:
         history: with the fields of the frames.
