@@ -84,5 +84,7 @@ def _plain(schema: Schema, key: Key | None) -> Schema:
 
 def _with_unit(schema: Schema) -> Schema:
     """Return the schema of a number that may also be a text with its unit."""
-    about = {name: schema.pop(name) for name in ("default", "description") if name in schema}
+    about: Schema = {
+        name: schema.pop(name) for name in ("default", "description") if name in schema
+    }
     return {**about, "anyOf": [schema, {"type": "string", "pattern": QUANTITY}]}
