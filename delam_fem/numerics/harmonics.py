@@ -43,14 +43,38 @@ def harmonic_amplitudes(values: FloatArray, n_periods: int) -> FloatArray:
     Raises:
         ValueError: the number of samples per period is not a whole number.
     """
-    n = values.shape[-1]
-    if n_periods < 1 or n % n_periods:
+    return amplitude_spectrum(values)[..., _bins(values.shape[-1], n_periods)]
+
+
+def harmonic_phases(values: FloatArray, n_periods: int) -> FloatArray:
+    """Return the phases φ_1, φ_2, … of Σ A_k sin(k ω t + φ_k), where the base moves as sin ω t.
+
+    Args:
+        values: as for `harmonic_amplitudes`; the first sample is one step after the start of a
+            period, as in the window of a run.
+        n_periods: number of periods.
+
+    Returns:
+        Phases from -π to π, shape (..., n_harmonics) [rad].
+
+    Raises:
+        ValueError: the number of samples per period is not a whole number.
+    """
+    bins = _bins(values.shape[-1], n_periods)
+    found = np.fft.rfft(values, axis=-1)[..., bins]
+    cycles = np.arange(bins.start, bins.stop, bins.step)
+    turned = 1j * found * np.exp(-2j * np.pi * cycles / values.shape[-1])
+    return np.asarray(np.angle(turned))
+
+
+def _bins(n_samples: int, n_periods: int) -> slice:
+    """Return the bins of the harmonics below Nyquist; raise ValueError for broken periods."""
+    if n_periods < 1 or n_samples % n_periods:
         raise ValueError(
-            f"expected a whole number of samples in each of {n_periods} periods, given {n} "
+            f"expected a whole number of samples in each of {n_periods} periods, given {n_samples} "
             "samples; cut them to whole periods"
         )
-    below_nyquist = (n - 1) // 2
-    return amplitude_spectrum(values)[..., n_periods : below_nyquist + 1 : n_periods]
+    return slice(n_periods, (n_samples - 1) // 2 + 1, n_periods)
 
 
 def total_harmonic_distortion(amplitudes: FloatArray) -> FloatArray:

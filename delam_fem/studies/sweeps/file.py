@@ -137,7 +137,7 @@ class Record(Section):
     Attributes:
         summary: whether to record the numbers of summary.json that describe the motion.
         strobes: number of last stroboscopic points of the tips.
-        harmonics: number of harmonic amplitudes of the tips.
+        harmonics: number of harmonics of the tips whose amplitudes and phases are recorded.
         node_distortion: whether to record d and THD of the displacement at every node.
         energies: whether to record the energy ledger, averaged over the window.
         lyapunov: number of periods for the largest Lyapunov exponent; 0: not computed.

@@ -47,6 +47,12 @@ _HARMONICS = (
         "m",
         "amplitude of the harmonics of the tip displacement",
     ),
+    Variable(
+        "harmonic_phase",
+        ("lamina", "harmonic"),
+        "rad",
+        "phase φ of the harmonics A sin(k ω t + φ), where the base moves as sin ω t",
+    ),
 )
 _NODES = (
     Variable("node_distortion_factor", ("lamina", "node"), "1", "distortion factor d at the nodes"),

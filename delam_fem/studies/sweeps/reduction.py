@@ -15,6 +15,7 @@ from delam_fem.numerics.arrays import FloatArray, IntArray
 from delam_fem.numerics.harmonics import (
     distortion_factor,
     harmonic_amplitudes,
+    harmonic_phases,
     total_harmonic_distortion,
 )
 from delam_fem.results import diagnostics
@@ -59,6 +60,7 @@ def row_of(
     if "harmonic_amplitude" in names:
         whole = motion.whole_periods(N)
         values["harmonic_amplitude"] = harmonic_amplitudes(whole, whole.shape[1] // N)
+        values["harmonic_phase"] = harmonic_phases(whole, whole.shape[1] // N)
     if "node_thd" in names:
         values |= _node_distortion(recorder, structure.layout)
     window = recorder.ledger[recorder.n_closed - len(recorder.window) : recorder.n_closed]

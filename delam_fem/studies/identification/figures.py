@@ -1,0 +1,90 @@
+"""Draw what an identification found: the posterior of the unknowns, a fitted resonance."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.results.figures.style import BLUE, GREEN, VERMILLION, styled
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from delam_fem.numerics.inference import Posterior
+    from delam_fem.studies.identification.contact import Unknown
+    from delam_fem.studies.identification.resonance import Amplitudes, Resonance
+
+BINS = 24
+"""Number of bars of a histogram over the range of the prior."""
+PANEL = 2.2
+"""Size of a panel [in]."""
+
+
+@styled()
+def posterior_figure(
+    posterior: Posterior, unknowns: tuple[Unknown, ...], truth: list[float] | None
+) -> Figure:
+    """Draw the histogram of each unknown and the scatter of each pair.
+
+    Args:
+        posterior: the sample.
+        unknowns: with their priors, which are the ranges of the axes.
+        truth: values of a synthetic measurement; None: not known.
+    """
+    import matplotlib.pyplot as plt
+
+    n = len(unknowns)
+    figure, axes = plt.subplots(n, n, figsize=(PANEL * n, PANEL * n), squeeze=False)
+    for i, row in enumerate(unknowns):
+        for j, column in enumerate(unknowns):
+            panel = axes[i, j]
+            if j > i:
+                panel.axis("off")
+                continue
+            panel.set_xlim(column.low, column.high)
+            values = posterior.samples[:, j]
+            if i == j:
+                edges = np.linspace(column.low, column.high, BINS + 1)
+                panel.hist(values, edges, weights=posterior.weights, color=BLUE, alpha=0.7)
+                for end in posterior.interval(0.9)[j]:
+                    panel.axvline(end, color=BLUE, linestyle=":")
+                panel.set_yticks([])
+            else:
+                sizes = 12.0 * posterior.weights / posterior.weights.max()
+                panel.scatter(values, posterior.samples[:, i], s=sizes, color=BLUE, alpha=0.5)
+                panel.set_ylim(row.low, row.high)
+            if truth is not None:
+                panel.axvline(truth[j], color=VERMILLION)
+            if i == n - 1:
+                panel.set_xlabel(column.key)
+            if j == 0 and i > 0:
+                panel.set_ylabel(row.key)
+    figure.suptitle(_posterior_title(truth))
+    figure.tight_layout()
+    return figure
+
+
+def _posterior_title(truth: list[float] | None) -> str:
+    text = "posterior over the range of the prior; dotted: central 90 %"
+    return text if truth is None else f"{text}; red: the truth"
+
+
+@styled()
+def resonance_figure(measured: Amplitudes, found: Resonance, fitted: FloatArray) -> Figure:
+    """Draw measured amplitudes, the fit, the peak and the natural frequency."""
+    import matplotlib.pyplot as plt
+
+    figure, panel = plt.subplots(figsize=(7.0, 4.0))
+    panel.plot(measured.frequency, measured.amplitude, ".", color=BLUE, ms=2.5, label="measured")
+    panel.plot(measured.frequency, fitted, color=VERMILLION, label="fit")
+    panel.axvline(found.peak, color=BLUE, linestyle=":", label=f"peak {found.peak:.4f} Hz")
+    panel.axvline(
+        found.frequency, color=GREEN, label=f"natural frequency {found.frequency:.4f} Hz"
+    )
+    panel.set_xlabel("frequency of the base  [Hz]")
+    panel.set_ylabel("amplitude over that of the base  [–]")
+    panel.legend()
+    figure.tight_layout()
+    return figure
