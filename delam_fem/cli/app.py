@@ -15,6 +15,7 @@ from delam_fem.cli.cases import register as register_cases
 from delam_fem.cli.cases import show_case
 from delam_fem.cli.converge import register as register_convergence
 from delam_fem.cli.detect import register as register_detection
+from delam_fem.cli.identify import register as register_identification
 from delam_fem.cli.inputs import CaseArgument, DryRun, Overwrite, Quiet, Yes, case_of
 from delam_fem.cli.measured import register as register_measurements
 from delam_fem.cli.messages import tell, with_messages
@@ -213,6 +214,7 @@ register_convergence(app)
 register_films(app)
 register_schema(app)
 register_detection(app)
+register_identification(app)
 register_measurements(app)
 register_reduced(app)
 for command in app.registered_commands:

@@ -2,9 +2,9 @@
 
 A table of simulations with parameters from the prior serves every observation:
 
-1. A ridge regression of the parameters on the statistics and their products gives as many summary
-   statistics as there are parameters (semi-automatic statistics: Fearnhead and Prangle, J. R. Stat.
-   Soc. B 74, 2012).
+1. A ridge regression of the parameters on the statistics and their products predicts as many
+   summary statistics as there are parameters (semi-automatic statistics: Fearnhead and Prangle,
+   J. R. Stat. Soc. B 74, 2012). The regression for a simulation does not know it.
 2. The simulations whose summaries are nearest to those of the observation are accepted.
 3. A weighted linear regression among them moves their parameters to where the observation is, and
    scales their scatter (Beaumont, Zhang and Balding, Genetics 162, 2002; Blum and François,
@@ -22,8 +22,10 @@ import numpy as np
 
 from delam_fem.numerics.arrays import FloatArray, IntArray
 
-RIDGE = 1e-3
-"""Penalty of the regression for statistics of variance 1."""
+PENALTIES = np.geomspace(1e-4, 1e2, 13)
+"""Penalties of the ridge regression, for statistics of variance 1; cross-validation chooses."""
+FOLDS = 10
+"""Number of parts of the simulations, each of which is predicted from the others."""
 ACCEPTED = 0.03
 """Share of the simulations that are accepted."""
 FEWEST = 100
@@ -79,14 +81,6 @@ class Table:
     statistics: FloatArray
     bounds: FloatArray
 
-    def without(self, index: int) -> Table:
-        """Return the table without a simulation, which can then serve as an observation."""
-        return Table(
-            np.delete(self.parameters, index, axis=0),
-            np.delete(self.statistics, index, axis=0),
-            self.bounds,
-        )
-
     def posterior(self, observed: FloatArray, *, accepted: float = ACCEPTED) -> Posterior:
         """Return the posterior of the parameters for an observation.
 
@@ -97,23 +91,72 @@ class Table:
         Raises:
             ValueError: the table has fewer than `FEWEST` simulations.
         """
-        n = len(self.parameters)
-        if n < FEWEST:
-            raise ValueError(f"inference: expected at least {FEWEST} simulations, given {n}")
-        logits = self._logit(self.parameters)
+        logits = self._logit()
         summaries, seen = _summaries(self.statistics, logits, observed)
+        return self._accepted(logits, summaries, seen, accepted)
+
+    def coverage(
+        self, indices: IntArray, level: float = 0.9, *, accepted: float = ACCEPTED
+    ) -> FloatArray:
+        """Return how often central intervals contain the truth, with simulations as observations.
+
+        Each of them is left out of the simulations that judge it.
+
+        Source: Talts, Betancourt, Simpson, Vehtari and Gelman, "Validating Bayesian inference
+        algorithms with simulation-based calibration", arXiv:1804.06788 (2018).
+
+        Args:
+            indices: numbers of the simulations that serve as observations.
+            level: of the intervals.
+            accepted: share of the simulations that are accepted.
+
+        Returns:
+            Share of the observations whose interval contains the truth, shape (n_parameters,).
+        """
+        logits = self._logit()
+        summaries, _ = _summaries(self.statistics, logits, self.statistics[0])
+        hits = np.zeros(self.parameters.shape[1])
+        for index in indices.tolist():
+            others = np.arange(len(logits)) != index
+            posterior = self._accepted(
+                logits[others], summaries[others], summaries[index], accepted
+            )
+            low, high = posterior.interval(level).T
+            truth = self.parameters[index]
+            hits += (truth >= low) & (truth <= high)
+        return np.asarray(hits / indices.size)
+
+    def _accepted(
+        self, logits: FloatArray, summaries: FloatArray, seen: FloatArray, share: float
+    ) -> Posterior:
+        """Return the posterior from the simulations whose summaries are nearest to an observation.
+
+        Args:
+            logits: of the parameters, shape (n, p).
+            summaries: shape (n, p).
+            seen: summary of the observation, shape (p,).
+            share: of the simulations that are accepted.
+        """
         spread = (logits - summaries).std(axis=0)
         distance = np.linalg.norm((summaries - seen) / spread, axis=1)
-        near = np.argsort(distance)[: max(FEWEST, round(accepted * n))]
+        near = np.argsort(distance)[: max(FEWEST, round(share * len(logits)))]
         reach = distance[near[-1]]
         weights = 1.0 - (distance[near] / reach) ** 2 if reach > 0.0 else np.ones(near.size)
         moved = _moved(logits[near], (summaries[near] - seen) / spread, weights)
         return Posterior(self._value(moved), weights / weights.sum())
 
-    def _logit(self, parameters: FloatArray) -> FloatArray:
-        """Return log(s / (1 - s)) of the places s of parameters between their bounds."""
+    def _logit(self) -> FloatArray:
+        """Return log(s / (1 - s)) of the places s of the parameters between their bounds.
+
+        Raises:
+            ValueError: the table has fewer than `FEWEST` simulations.
+        """
+        if len(self.parameters) < FEWEST:
+            raise ValueError(
+                f"inference: expected at least {FEWEST} simulations, given {len(self.parameters)}"
+            )
         low, high = self.bounds.T
-        share = np.clip((parameters - low) / (high - low), EDGE, 1.0 - EDGE)
+        share = np.clip((self.parameters - low) / (high - low), EDGE, 1.0 - EDGE)
         return np.asarray(np.log(share / (1.0 - share)))
 
     def _value(self, logits: FloatArray) -> FloatArray:
@@ -122,35 +165,17 @@ class Table:
         return found
 
 
-def coverage(
-    table: Table, indices: IntArray, level: float = 0.9, *, accepted: float = ACCEPTED
-) -> FloatArray:
-    """Return how often central intervals contain the truth, for simulations taken as observations.
-
-    Source: Talts, Betancourt, Simpson, Vehtari and Gelman, "Validating Bayesian inference
-    algorithms with simulation-based calibration", arXiv:1804.06788 (2018).
-
-    Args:
-        table: all simulations; each observation is left out of the table that judges it.
-        indices: numbers of the simulations that serve as observations.
-        level: of the intervals.
-        accepted: share of the simulations that are accepted.
-
-    Returns:
-        Share of the observations whose interval contains the truth, shape (n_parameters,).
-    """
-    hits = np.zeros(table.parameters.shape[1])
-    for index in indices.tolist():
-        posterior = table.without(index).posterior(table.statistics[index], accepted=accepted)
-        low, high = posterior.interval(level).T
-        hits += (table.parameters[index] >= low) & (table.parameters[index] <= high)
-    return hits / indices.size
-
-
 def _summaries(
     statistics: FloatArray, targets: FloatArray, observed: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the predicted targets of all simulations, shape (n, p), and of the observation."""
+    """Return the targets that ridge regressions predict for all simulations and an observation.
+
+    Each tenth of the simulations is predicted by a regression on the others. Otherwise the
+    simulations would seem to be known better than the observation, which gets the mean.
+
+    Returns:
+        Shapes (n, p) and (p,).
+    """
     mean, size = statistics.mean(axis=0), statistics.std(axis=0)
     varies = size > 0.0
     columns = _products((statistics[:, varies] - mean[varies]) / size[varies])
@@ -158,10 +183,39 @@ def _summaries(
     middle, scale = columns.mean(axis=0), columns.std(axis=0)
     columns, own = (columns - middle) / scale, (own - middle) / scale
     centre = targets.mean(axis=0)
-    normal = columns.T @ columns / len(columns)
-    normal[np.diag_indices_from(normal)] += RIDGE
-    slopes = np.linalg.solve(normal, columns.T @ (targets - centre) / len(columns))
-    return centre + columns @ slopes, (centre + own @ slopes)[0]
+    normal, right = columns.T @ columns, columns.T @ (targets - centre)
+    penalty = _penalty(columns, targets - centre, normal, right)
+    found, seen = np.empty_like(targets), np.zeros(targets.shape[1])
+    for fold in range(FOLDS):
+        rows = columns[fold::FOLDS]
+        matrix = normal - rows.T @ rows
+        matrix[np.diag_indices_from(matrix)] += penalty
+        slopes = np.linalg.solve(matrix, right - rows.T @ (targets[fold::FOLDS] - centre))
+        found[fold::FOLDS] = centre + rows @ slopes
+        seen += (centre + own @ slopes)[0] / FOLDS
+    return found, seen
+
+
+def _penalty(
+    columns: FloatArray, targets: FloatArray, normal: FloatArray, right: FloatArray
+) -> float:
+    """Return the penalty of the ridge regression with the smallest errors if one row is left out.
+
+    Args:
+        columns: regressors X, shape (n, m).
+        targets: Y, shape (n, p).
+        normal: XᵀX, shape (m, m).
+        right: XᵀY, shape (m, p).
+    """
+    values, vectors = np.linalg.eigh(normal)
+    values, turned, projected = np.maximum(values, 0.0), columns @ vectors, vectors.T @ right
+    sizes = []
+    for penalty in len(columns) * PENALTIES:
+        inverse = 1.0 / (values + penalty)
+        leverage = 1.0 / len(columns) + turned**2 @ inverse
+        errors = (targets - turned @ (inverse[:, None] * projected)) / (1.0 - leverage)[:, None]
+        sizes.append(np.mean(errors**2))
+    return float(len(columns) * PENALTIES[np.argmin(sizes)])
 
 
 def _products(values: FloatArray) -> FloatArray:

@@ -5,6 +5,7 @@ from delam_fem.numerics.harmonics import (
     amplitude_spectrum,
     distortion_factor,
     harmonic_amplitudes,
+    harmonic_phases,
     total_harmonic_distortion,
 )
 
@@ -47,6 +48,13 @@ def test_harmonics_leave_the_subharmonic_out() -> None:
     assert found.shape == (2, 49)  # 50 would be Nyquist's
     np.testing.assert_allclose(found[0, :6], [3.0, 0.4, 0, 0, 0.01, 0], atol=ROUND_OFF)
     np.testing.assert_allclose(found[1], found[0] / 2, atol=ROUND_OFF)
+
+
+def test_phases_belong_to_sines_of_a_base_that_starts_one_step_earlier() -> None:
+    t = 2.0 * np.pi * np.arange(1, 401) / 100
+    values = 0.5 + 3.0 * np.sin(t + 1.0) + 0.4 * np.sin(2.0 * t - 2.0) + np.cos(3.0 * t)
+    found = harmonic_phases(values, 4)
+    np.testing.assert_allclose(found[:3], [1.0, -2.0, np.pi / 2], atol=ROUND_OFF)
 
 
 @pytest.mark.parametrize("n_periods", [0, 3])

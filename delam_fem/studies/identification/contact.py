@@ -7,17 +7,18 @@ drawn from the prior for each frequency, and the harmonics of both tips as stati
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from delam_fem.case.definition import Case
+from delam_fem.case.files import save_case
 from delam_fem.case.toml import CaseError
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.numerics.cantilever import ComplexArray
-from delam_fem.numerics.inference import FEWEST, Posterior, Table, coverage
+from delam_fem.numerics.inference import FEWEST, Table
 from delam_fem.studies.executors import ExecutorName
 from delam_fem.studies.identification import statistics
 from delam_fem.studies.sweeps.grid import sweep_of
@@ -74,14 +75,14 @@ class Experiment:
         frequencies: of the base [Hz].
         unknowns: keys that are sought.
         noise: standard deviation of a sample of the displacement [m].
-        n_samples: number of samples of each motion.
+        n_samples: number of samples of each motion; None: as many as the window of the case.
     """
 
     case: Case
     frequencies: tuple[float, ...]
     unknowns: tuple[Unknown, ...]
     noise: float
-    n_samples: int
+    n_samples: int | None = None
 
     @property
     def truth(self) -> list[float]:
@@ -91,7 +92,8 @@ class Experiment:
     @property
     def error(self) -> float:
         """Standard deviation of the real and of the imaginary part of a harmonic [m]."""
-        return self.noise * math.sqrt(2.0 / self.n_samples)
+        own = self.case.n_window_periods * self.case.time.steps_per_period
+        return self.noise * math.sqrt(2.0 / (self.n_samples or own))
 
     def simulate(
         self,
@@ -121,6 +123,8 @@ class Experiment:
             KeyboardInterrupt: a sweep was interrupted; its points are kept.
         """
         found, total = [], len(parameters) * len(self.frequencies)
+        directory.mkdir(parents=True, exist_ok=True)
+        save_case(self.case, directory)
         for number, frequency in enumerate(self.frequencies):
             sweep = sweep_of(self._sweep(parameters, frequency), folder=directory)
             done = number * len(parameters)
@@ -178,51 +182,12 @@ class Experiment:
         ]
         return {
             "name": f"identification-{frequency:g}-Hz",
-            "base": CASE,
+            "base": "case.toml",
             "set": {"excitation.frequency": frequency},
             "axis": axes,
             "combine": "zip",
             "record": {"summary": False, "strobes": 0, "harmonics": statistics.HARMONICS},
         }
-
-
-CASE = "case.toml"
-"""Name of the file in the folder of an identification from which its sweeps read the rig."""
-
-
-def measured(
-    motions: Sequence[tuple[FloatArray, FloatArray]], frequencies: Sequence[float]
-) -> tuple[FloatArray, float]:
-    """Return the statistics of measured motions, one per frequency, and the noise of a sample [m].
-
-    Args:
-        motions: times [s] and displacements of the laminae, shape (n_laminae, n) [m].
-        frequencies: of the base [Hz].
-    """
-    rows, scatter = [], []
-    for (time, tips), frequency in zip(motions, frequencies, strict=True):
-        harmonics, noise = statistics.of_history(time, tips, frequency)
-        rows.append(statistics.invariant(harmonics))
-        scatter.append(noise)
-    return np.concatenate(rows), float(np.mean(scatter))
-
-
-def calibrated(table: Table, posterior_count: int, level: float = 0.9) -> FloatArray:
-    """Return how often intervals contain the truth, for the first simulations as observations."""
-    return coverage(table, np.arange(posterior_count), level)
-
-
-def summary_of(experiment: Experiment, posterior: Posterior) -> dict[str, dict[str, object]]:
-    """Return median, 90 % interval and prior of each unknown."""
-    middle, interval = posterior.quantile(0.5), posterior.interval(0.9)
-    return {
-        unknown.key: {
-            "median": float(value),
-            "interval_90": [float(low), float(high)],
-            "prior": [unknown.low, unknown.high],
-        }
-        for unknown, value, (low, high) in zip(experiment.unknowns, middle, interval, strict=True)
-    }
 
 
 def _shifted(

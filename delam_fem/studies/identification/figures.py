@@ -41,7 +41,7 @@ def posterior_figure(
         for j, column in enumerate(unknowns):
             panel = axes[i, j]
             if j > i:
-                panel.axis("off")
+                figure.delaxes(panel)
                 continue
             panel.set_xlim(column.low, column.high)
             values = posterior.samples[:, j]
@@ -57,8 +57,7 @@ def posterior_figure(
                 panel.set_ylim(row.low, row.high)
             if truth is not None:
                 panel.axvline(truth[j], color=VERMILLION)
-            if i == n - 1:
-                panel.set_xlabel(column.key)
+            panel.set_xlabel(column.key)
             if j == 0 and i > 0:
                 panel.set_ylabel(row.key)
     figure.suptitle(_posterior_title(truth))
@@ -80,9 +79,7 @@ def resonance_figure(measured: Amplitudes, found: Resonance, fitted: FloatArray)
     panel.plot(measured.frequency, measured.amplitude, ".", color=BLUE, ms=2.5, label="measured")
     panel.plot(measured.frequency, fitted, color=VERMILLION, label="fit")
     panel.axvline(found.peak, color=BLUE, linestyle=":", label=f"peak {found.peak:.4f} Hz")
-    panel.axvline(
-        found.frequency, color=GREEN, label=f"natural frequency {found.frequency:.4f} Hz"
-    )
+    panel.axvline(found.frequency, color=GREEN, label=f"natural frequency {found.frequency:.4f} Hz")
     panel.set_xlabel("frequency of the base  [Hz]")
     panel.set_ylabel("amplitude over that of the base  [–]")
     panel.legend()

@@ -160,6 +160,13 @@ def fit(measured: Amplitudes) -> Resonance:
     )
 
 
+def response(measured: Amplitudes, found: Resonance) -> FloatArray:
+    """Return the amplitudes of a fitted resonance at the measured ones, shape (k,) [-]."""
+    return _response(
+        measured, np.array([found.frequency, found.damping_ratio, found.participation])
+    )
+
+
 def _response(measured: Amplitudes, p: FloatArray) -> FloatArray:
     """Return the amplitudes of the model, shape (k,), for (frequency [Hz], D, participation)."""
     natural, omega = 2.0 * math.pi * p[0], 2.0 * math.pi * measured.frequency

@@ -58,7 +58,9 @@ def of_history(time: FloatArray, tips: FloatArray, frequency: float) -> tuple[Co
     angle = 2.0 * math.pi * frequency * time[:, None] * np.arange(1, HARMONICS + 1)
     columns = np.concatenate([np.sin(angle), np.cos(angle), np.ones((time.size, 1))], axis=1)
     found, *_ = np.linalg.lstsq(columns, tips.T, rcond=None)
-    scatter = float(np.std(tips.T - columns @ found) * math.sqrt(time.size / (time.size - unknowns)))
+    scatter = float(
+        np.std(tips.T - columns @ found) * math.sqrt(time.size / (time.size - unknowns))
+    )
     sines, cosines = found[:HARMONICS].T, found[HARMONICS : 2 * HARMONICS].T
     return np.asarray(sines + 1j * cosines), scatter
 

@@ -65,6 +65,7 @@ def test_a_row_of_three_laminae() -> None:
         values["strobe_displacement"], recorded.history()["strobe_displacement"][:, -3:]
     )
     np.testing.assert_allclose(values["harmonic_amplitude"][:, 0], stack.AMPLITUDES, rtol=1e-12)
+    np.testing.assert_allclose(values["harmonic_phase"][:, 0], stack.PHASES, atol=1e-12)
     assert values["node_thd"].shape == (3, 6)
     assert values["energy_base_work"] == pytest.approx(3e-3)
     assert values["lyapunov_exponent"] == -1.5

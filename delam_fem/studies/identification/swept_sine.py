@@ -1,0 +1,129 @@
+"""Identify the first mode of each lamina from a measured or simulated swept sine of the base."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from delam_fem.case.atomic import atomic, write_text
+from delam_fem.case.definition import Case
+from delam_fem.case.motion.drive import SweepExcitation
+from delam_fem.case.motion.excitation import base_motion
+from delam_fem.case.toml import CaseError
+from delam_fem.engines.session import session_of
+from delam_fem.model.beams import closed_form
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.studies.identification import resonance
+from delam_fem.studies.identification.resonance import Amplitudes, Resonance
+from delam_fem.studies.identification.tips import tips_of
+from delam_fem.studies.sweeps.reduction import probe_motion
+
+HEADING = ("lamina", "peak read off", "frequency", "damping ratio", "EI", "EI of the case")
+
+
+@dataclass(frozen=True)
+class Found:
+    """The resonances of the laminae of a case.
+
+    Attributes:
+        case: the case.
+        amplitudes: measured, by lamina.
+        resonances: fitted, by lamina.
+    """
+
+    case: Case
+    amplitudes: tuple[Amplitudes, ...]
+    resonances: tuple[Resonance, ...]
+
+    def rows(self) -> list[tuple[str, ...]]:
+        """Return the rows of a table under `HEADING`."""
+        rows: list[tuple[str, ...]] = []
+        for lamina, one in zip(self.case.lamina, self.resonances, strict=True):
+            EI, error = one.bending_stiffness(lamina)
+            rows.append(
+                (
+                    lamina.name,
+                    f"{one.peak:.4f} Hz",
+                    f"{one.frequency:.4f} ± {one.frequency_error:.1g} Hz",
+                    f"{one.damping_ratio:.5f} ± {one.damping_error:.1g}",
+                    f"{EI:.4g} ± {error:.1g} N m2",
+                    f"{lamina.flexural_rigidity:.4g} N m2",
+                )
+            )
+        return rows
+
+    def save(self, directory: Path) -> list[Path]:
+        """Write resonance.json and a figure for each lamina; return their paths."""
+        from delam_fem.studies.identification.figures import resonance_figure
+
+        numbers = {}
+        for lamina, one in zip(self.case.lamina, self.resonances, strict=True):
+            EI, error = one.bending_stiffness(lamina)
+            numbers[lamina.name] = {
+                "peak_hz": one.peak,
+                "frequency_hz": one.frequency,
+                "frequency_error_hz": one.frequency_error,
+                "damping_ratio": one.damping_ratio,
+                "damping_ratio_error": one.damping_error,
+                "participation": one.participation,
+                "bending_stiffness_N_m2": EI,
+                "bending_stiffness_error_N_m2": error,
+                "relative_rms": one.residual,
+            }
+        paths = [write_text(directory / "resonance.json", json.dumps(numbers, indent=2) + "\n")]
+        for lamina, own, one in zip(
+            self.case.lamina, self.amplitudes, self.resonances, strict=True
+        ):
+            image = directory / f"resonance-{lamina.name}.png"
+            with atomic(image) as temporary:
+                resonance_figure(own, one, resonance.response(own, one)).savefig(temporary)
+            paths.append(image)
+        return paths
+
+
+def identified(
+    case: Case, measured: Path | None = None, *, noise: float = 0.0, seed: int = 1
+) -> Found:
+    """Identify the resonances of all laminae.
+
+    Args:
+        case: a case whose base moves as a swept sine of given amplitude.
+        measured: file with the tips, whose times count from the start of the sweep; None: the case
+            is simulated without contact.
+        noise: standard deviation of a sample of the simulated tips [m].
+        seed: of the noise.
+
+    Raises:
+        CaseError: the excitation is no such sweep, or the file has not the tips of all laminae.
+    """
+    motion = case.excitation
+    if not isinstance(motion, SweepExcitation) or motion.amplitude is None:
+        raise CaseError(
+            'excitation.kind: expected "sweep" with an amplitude for a resonance, given '
+            f'"{motion.kind}"'
+        )
+    time, tips = _simulated(case) if measured is None else tips_of(case, measured)
+    tips = tips + noise * np.random.default_rng(seed).standard_normal(tips.shape)
+    amplitudes = tuple(
+        resonance.demodulated(time, tip, base_motion(case), motion.amplitude) for tip in tips
+    )
+    return Found(case, amplitudes, tuple(resonance.fit(own) for own in amplitudes))
+
+
+def _simulated(case: Case) -> tuple[FloatArray, FloatArray]:
+    """Return times and absolute displacements of the reference probes without contact."""
+    free = case.with_overrides(
+        {
+            "contact.law": "none",
+            "output.window_periods": case.n_periods,
+            "output.fields_per_period": 0,
+        }
+    )
+    structure = closed_form.assemble(free)
+    with session_of(free, structure.operators, engine="compiled") as opened:
+        opened.run()
+        tips = probe_motion(opened.recorder, structure).displacement
+    return np.arange(1, tips.shape[1] + 1) * free.time_step, tips

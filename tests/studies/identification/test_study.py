@@ -1,0 +1,99 @@
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from delam_fem.case.files import preset
+from delam_fem.case.toml import CaseError
+from delam_fem.engines.session import session_of
+from delam_fem.model.beams import closed_form
+from delam_fem.studies.identification.contact import Experiment, Unknown
+from delam_fem.studies.identification.study import identify
+from delam_fem.studies.identification.tips import tips_of
+from delam_fem.studies.sweeps.reduction import probe_motion
+
+CASE = {
+    "time.mass": "lumped",
+    "mesh.elements": 4,
+    "time.steps_per_period": 100,
+    "time.periods": 15,
+    "output.window_periods": 4,
+    "output.fields_per_period": 0,
+}
+UNKNOWNS = (Unknown("lamina.*.damping_ratio", 0.004, 0.05), Unknown("gap.exponent", 1.0, 3.0))
+
+
+def experiment(frequency: float = 1.25) -> Experiment:
+    """Return a small rig whose damping is sought."""
+    case = preset("paper", CASE | {"lamina.thick.damping_ratio": 0.02})
+    thin = case.with_overrides({"lamina.thin.damping_ratio": 0.02})
+    return Experiment(thin, (frequency,), UNKNOWNS, 1e-4)
+
+
+def write_tips(path: Path, given: Experiment) -> None:
+    """Write the motion of the rig as a table in millimetres that starts at another time."""
+    case = given.case.with_overrides({"excitation.frequency": given.frequencies[0]})
+    structure = closed_form.assemble(case)
+    with session_of(case, structure.operators) as opened:
+        opened.run()
+        tips = probe_motion(opened.recorder, structure).displacement
+    time = 0.07 + case.time_step * np.arange(tips.shape[1])
+    noise = given.noise * np.random.default_rng(3).standard_normal(tips.shape)
+    np.savetxt(
+        path, np.column_stack([time, 1e3 * (tips + noise).T]), delimiter=",",
+        header="time [s],tip thick [mm],tip thin [mm]", comments="",
+    )  # fmt: skip
+
+
+@pytest.mark.slow
+def test_damping_is_found_from_a_simulated_and_from_a_measured_motion(tmp_path: Path) -> None:
+    given = experiment()
+    found = identify(given, tmp_path / "a", simulations=300, checks=50, executor="serial")
+    low, high = found.posterior.interval(0.99)[0]
+    assert low < 0.02 < high
+    assert high - low < 0.6 * (0.05 - 0.004)
+    assert found.coverage is not None and np.all(found.coverage >= 0.8)
+    paths = found.save(tmp_path / "a")
+    numbers = json.loads(paths[0].read_text())
+    own = numbers["unknowns"]["lamina.*.damping_ratio"]
+    assert own["truth"] == 0.02
+    assert own["interval_90"][0] < own["median"] < own["interval_90"][1]
+    assert paths[1].stat().st_size > 10_000
+    assert [row[0] for row in found.rows()] == [unknown.key for unknown in UNKNOWNS]
+    write_tips(tmp_path / "tips.csv", given)
+    again = identify(
+        given, tmp_path / "a", measured=[tmp_path / "tips.csv"], simulations=300, checks=0,
+        executor="serial",
+    )  # fmt: skip
+    assert again.truth is None
+    assert 0.9e-4 < again.experiment.noise < 5e-4  # with the transient, which is no harmonic
+    assert again.posterior.quantile(0.5)[0] == pytest.approx(0.02, abs=0.008)
+
+
+def test_an_experiment_knows_its_keys_and_errors() -> None:
+    given = experiment()
+    assert given.truth == [0.02, 2.0]
+    assert UNKNOWNS[0].keys(given.case) == (
+        "lamina.thick.damping_ratio", "lamina.thin.damping_ratio",
+    )  # fmt: skip
+    assert given.error == pytest.approx(1e-4 * np.sqrt(2.0 / 400))
+    drawn = given.draw(500, seed=1)
+    assert np.all((drawn.min(axis=0) >= [0.004, 1.0]) & (drawn.max(axis=0) <= [0.05, 3.0]))
+    assert np.all(np.ptp(drawn, axis=0) > [0.04, 1.9])
+
+
+@pytest.mark.parametrize("text", ["gap.exponent", "gap.exponent=3:1", "=1:2", "e=1", "e=a:b"])
+def test_a_wrong_unknown_is_refused(text: str) -> None:
+    with pytest.raises(CaseError, match=r"KEY=LOW:HIGH with LOW below HIGH"):
+        Unknown.parse(text)
+    assert Unknown.parse("gap.exponent=1:3") == Unknown("gap.exponent", 1.0, 3.0)
+
+
+def test_files_that_do_not_fit_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(CaseError, match="one file per frequency, given 2 files and 1 freq"):
+        identify(experiment(), tmp_path / "a", measured=[tmp_path / "x.csv"] * 2)
+    path = tmp_path / "one.csv"
+    path.write_text("time [s],tip thick [m]\n" + "".join(f"{k / 10},0\n" for k in range(60)))
+    with pytest.raises(CaseError, match="tip displacements of thick and thin"):
+        tips_of(experiment().case, path)
