@@ -15,7 +15,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from delam_fem.cli.progress import progress
+from delam_fem.cli.console.progress import progress
 from delam_fem.results.figures.style import styled
 from delam_fem.studies.convergence.document import document, fill
 from delam_fem.studies.convergence.run import run_ladder

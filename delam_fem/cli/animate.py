@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
+from delam_fem.cli.console.terminal import reported, say_files
 from delam_fem.cli.inputs import Quiet
-from delam_fem.cli.terminal import reported, say_files
 
 RunFolder = Annotated[Path, typer.Argument(metavar="RUN", help="Folder of the results of a run.")]
 Files = Annotated[
@@ -43,7 +43,7 @@ def animate_command(
         from rich.console import Console
 
         from delam_fem.case.toml import CaseError
-        from delam_fem.cli.progress import progress
+        from delam_fem.cli.console.progress import progress
         from delam_fem.results.folder import load_numbers
 
         for name, value in (("--periods", periods), ("--rate", rate), ("--stretch", stretch)):

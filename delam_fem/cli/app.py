@@ -13,18 +13,18 @@ import typer
 from delam_fem.cli.animate import register as register_films
 from delam_fem.cli.cases import register as register_cases
 from delam_fem.cli.cases import show_case
+from delam_fem.cli.console.messages import tell, with_messages
+from delam_fem.cli.console.terminal import reported, say_files, table
 from delam_fem.cli.converge import register as register_convergence
 from delam_fem.cli.detect import register as register_detection
 from delam_fem.cli.identify import register as register_identification
 from delam_fem.cli.inputs import CaseArgument, DryRun, Overwrite, Quiet, Yes, case_of
 from delam_fem.cli.measured import register as register_measurements
-from delam_fem.cli.messages import tell, with_messages
 from delam_fem.cli.paper import register as register_paper
 from delam_fem.cli.reduced import register as register_reduced
 from delam_fem.cli.run import report_in_folder, run_in_folder
 from delam_fem.cli.schema import register as register_schema
 from delam_fem.cli.sweep import register as register_sweeps
-from delam_fem.cli.terminal import reported, say_files, table
 
 app = typer.Typer(
     no_args_is_help=True,

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from delam_fem.cli.console.messages import tell
+from delam_fem.cli.console.terminal import BAD_INPUT, reported, table
 from delam_fem.cli.inputs import case_of
-from delam_fem.cli.messages import tell
-from delam_fem.cli.terminal import BAD_INPUT, reported, table
 
 if TYPE_CHECKING:
     from delam_fem.case.definition import Case

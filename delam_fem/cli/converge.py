@@ -7,6 +7,15 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from delam_fem.cli.console.messages import tell
+from delam_fem.cli.console.terminal import (
+    INTERRUPTED,
+    error_console,
+    fail,
+    reported,
+    say_files,
+    table,
+)
 from delam_fem.cli.inputs import (
     CaseArgument,
     DryRun,
@@ -17,8 +26,6 @@ from delam_fem.cli.inputs import (
     case_of,
     inputs_of,
 )
-from delam_fem.cli.messages import tell
-from delam_fem.cli.terminal import INTERRUPTED, error_console, fail, reported, say_files, table
 
 if TYPE_CHECKING:
     from delam_fem.case.definition import Case
@@ -136,7 +143,7 @@ def _computed(
     ladder: Ladder, directory: Path, workers: int | None, resume: bool, quiet: bool
 ) -> Convergence:
     """Compute a ladder and show the progress."""
-    from delam_fem.cli.progress import progress
+    from delam_fem.cli.console.progress import progress
     from delam_fem.studies.convergence.run import run_ladder
 
     with progress(error_console(quiet)) as report:

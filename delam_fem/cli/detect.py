@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from delam_fem.cli.console.terminal import reported, say_files, table
 from delam_fem.cli.inputs import CaseArgument, Overwrite, Quiet, case_of, inputs_of
-from delam_fem.cli.terminal import reported, say_files, table
 
 if TYPE_CHECKING:
     from delam_fem.case.definition import Case

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from delam_fem.cli.console.terminal import reported, say_files, table
 from delam_fem.cli.inputs import CaseArgument, Overwrite, Quiet, Workers, case_of, inputs_of
-from delam_fem.cli.terminal import reported, say_files, table
 
 if TYPE_CHECKING:
     from delam_fem.studies.identification.contact import Experiment
@@ -25,6 +25,19 @@ Overrides = Annotated[
 Noise = Annotated[
     float,
     typer.Option(metavar="M", min=0.0, help="Standard deviation of a sample [m]."),
+]
+Unknowns = Annotated[
+    list[str], typer.Option(metavar="KEY=LOW:HIGH", help="A key that is sought; repeatable.")
+]
+Frequencies = Annotated[
+    list[float], typer.Option(metavar="HZ", help="Frequency of a motion; repeatable.")
+]
+Files = Annotated[
+    list[Path] | None,
+    typer.Option(
+        metavar="FILE",
+        help="Tips of a motion, one file per frequency; default: the case simulates them.",
+    ),
 ]
 Seed = Annotated[int, typer.Option(min=0, help="Seed of the noise and of the prior.")]
 
@@ -67,23 +80,12 @@ def resonance_command(
 
 def identify_command(
     case_name: CaseArgument,
-    unknown: Annotated[
-        list[str],
-        typer.Option(metavar="KEY=LOW:HIGH", help="A key that is sought; repeatable."),
-    ],
-    frequency: Annotated[
-        list[float], typer.Option(metavar="HZ", help="Frequency of a motion; repeatable.")
-    ],
+    unknown: Unknowns,
+    frequency: Frequencies,
     output: Folder = None,
     overrides: Overrides = None,
     *,
-    measured: Annotated[
-        list[Path] | None,
-        typer.Option(
-            metavar="FILE",
-            help="Tips of a motion, one file per frequency; default: the case simulates them.",
-        ),
-    ] = None,
+    measured: Files = None,
     noise: Noise = 1e-4,
     simulations: Annotated[int, typer.Option(min=100, help="Number of simulations.")] = 2000,
     calibrate: Annotated[
@@ -100,9 +102,8 @@ def identify_command(
         from delam_fem.studies.identification.contact import Experiment, Unknown
         from delam_fem.studies.identification.study import HEADING
 
-        case = case_of(case_name, overrides)
-        unknowns = tuple(Unknown.parse(text) for text in unknown)
-        experiment = Experiment(case, tuple(frequency), unknowns, noise)
+        case, unknowns = case_of(case_name, overrides), map(Unknown.parse, unknown)
+        experiment = Experiment(case, tuple(frequency), tuple(unknowns), noise)
         folder = output or Path("runs") / f"{case.name}-identification"
         inputs = [*inputs_of(case), *(measured or [])]
         with claimed(folder, inputs=inputs, may_hold_results=overwrite) as directory:
@@ -127,7 +128,7 @@ def _identified(
     """Identify, with a bar of progress; `numbers` are simulations, checks and the seed."""
     from rich.console import Console
 
-    from delam_fem.cli.progress import progress
+    from delam_fem.cli.console.progress import progress
     from delam_fem.studies.identification.study import identify
 
     simulations, checks, seed = numbers

@@ -7,8 +7,8 @@ from typing import Annotated, Literal
 
 import typer
 
+from delam_fem.cli.console.terminal import FAILED, fail, reported, say_files, table
 from delam_fem.cli.inputs import Quiet, Workers
-from delam_fem.cli.terminal import FAILED, fail, reported, say_files, table
 
 Figures = Annotated[
     list[str] | None,

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
+from delam_fem.cli.console.terminal import FAILED, fail, reported, say_files, summary_rows, table
 from delam_fem.cli.inputs import CaseArgument, Overwrite, Quiet, case_of, inputs_of
-from delam_fem.cli.terminal import FAILED, fail, reported, say_files, summary_rows, table
 
 Folder = Annotated[
     Path | None,
@@ -48,7 +48,7 @@ def reduced_command(
         from rich.console import Console
 
         from delam_fem.case.claim import claimed
-        from delam_fem.cli.progress import progress
+        from delam_fem.cli.console.progress import progress
         from delam_fem.studies.reduced.motion import reduced
 
         case = case_of(case_name, overrides)

@@ -9,9 +9,8 @@ from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from delam_fem.cli.inputs import inputs_of
-from delam_fem.cli.messages import tell
-from delam_fem.cli.terminal import (
+from delam_fem.cli.console.messages import tell
+from delam_fem.cli.console.terminal import (
     DONE,
     FAILED,
     INTERRUPTED,
@@ -23,6 +22,7 @@ from delam_fem.cli.terminal import (
     summary_rows,
     table,
 )
+from delam_fem.cli.inputs import inputs_of
 
 if TYPE_CHECKING:
     from delam_fem.case.definition import Case
@@ -113,7 +113,7 @@ def _computed(
     **options: Any,
 ) -> str:
     """Compute a case and let the first rank write the results; return the outcome."""
-    from delam_fem.cli.progress import progress
+    from delam_fem.cli.console.progress import progress
     from delam_fem.pipeline import run
 
     with progress(error_console(quiet), case.time.steps_per_period) as report:

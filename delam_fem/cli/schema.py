@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from delam_fem.cli.terminal import reported
+from delam_fem.cli.console.terminal import reported
 
 
 def register(app: typer.Typer) -> None:

@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from delam_fem.cli.cases import show_sweep
-from delam_fem.cli.inputs import DryRun, Overwrite, Quiet, Workers, Yes, inputs_of
-from delam_fem.cli.messages import tell
-from delam_fem.cli.terminal import (
+from delam_fem.cli.console.messages import tell
+from delam_fem.cli.console.terminal import (
     DONE,
     FAILED,
     INTERRUPTED,
@@ -22,6 +21,7 @@ from delam_fem.cli.terminal import (
     say_files,
     table,
 )
+from delam_fem.cli.inputs import DryRun, Overwrite, Quiet, Workers, Yes, inputs_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -178,7 +178,7 @@ def _computed(
     anything is computed.
     """
     from delam_fem.case.claim import claimed
-    from delam_fem.cli.progress import progress
+    from delam_fem.cli.console.progress import progress
     from delam_fem.studies.sweeps import run
 
     sweep = _sweep_of(sweep_file, overrides)

@@ -20,7 +20,7 @@ from delam_fem.case.definition import Case
 from delam_fem.case.files import load_case, preset, save_case
 from delam_fem.case.toml import CaseError
 from delam_fem.cli.app import app
-from delam_fem.cli.progress import PlainProgress, progress
+from delam_fem.cli.console.progress import PlainProgress, progress
 
 PERIODS = 20
 

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, NoReturn
 
 import typer
 
-from delam_fem.cli.messages import LogFileError, command_log, shown, tell
-from delam_fem.cli.streams import lasting_streams
+from delam_fem.cli.console.messages import LogFileError, command_log, shown, tell
+from delam_fem.cli.console.streams import lasting_streams
 
 if TYPE_CHECKING:
     from rich.console import Console

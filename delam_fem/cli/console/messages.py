@@ -21,7 +21,7 @@ from typing import Annotated, Any, get_type_hints
 import typer
 
 PACKAGE = "delam_fem"
-PROGRESS = f"{PACKAGE}.cli.progress"
+PROGRESS = f"{PACKAGE}.cli.console.progress"
 """Name of the log of progress, which a file keeps and a terminal sees as a bar."""
 COMMAND = f"{PACKAGE}.cli.command"
 """Name of the log of begin and end, which a file keeps."""

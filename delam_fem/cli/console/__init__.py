@@ -1,0 +1,1 @@
+"""What the command shows: tables, messages, progress, and streams that may close."""
