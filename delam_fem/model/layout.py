@@ -167,6 +167,8 @@ class SensorRows:
             shape (n_pairs,); None: they do not count.
         of_impulses: weights of impulses over the time step that act through M, shape (n_pairs,).
         of_lumped_impulses: the same for impulses that act through the lumped mass.
+        unit: unit of the signal.
+        words: the sensor in words.
     """
 
     name: str
@@ -176,6 +178,8 @@ class SensorRows:
     of_forces: FloatArray | None = None
     of_impulses: FloatArray | None = None
     of_lumped_impulses: FloatArray | None = None
+    unit: str = "1"
+    words: str = ""
 
 
 @dataclass(frozen=True)

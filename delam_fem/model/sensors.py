@@ -50,7 +50,10 @@ def with_sensors(structure: Structure, case: Case, strain: StrainRows | None = N
     if strain is None:
         strain = _of_single_laminae(case, layout, o.n_dofs)
     rows: list[FloatArray] = []
-    sensors = tuple(_sensor(own, case, structure, strain, rows) for own in case.sensor)
+    sensors = tuple(
+        replace(_sensor(own, case, structure, strain, rows), unit=own.unit, words=own.words)
+        for own in case.sensor
+    )
     blocks = [sp.csr_matrix(np.array(rows).reshape(len(rows), o.n_dofs))]
     needs_gaps = any(sensor.of_forces is not None for sensor in sensors)
     if needs_gaps:

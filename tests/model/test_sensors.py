@@ -84,6 +84,19 @@ def test_acceleration_is_that_of_the_equation_of_motion() -> None:
     assert found == pytest.approx(expected, rel=1e-8)
 
 
+def test_impulses_act_through_the_matrix_of_the_law() -> None:
+    own = {"name": "a", "quantity": "acceleration", "lamina": "thin", "position": 0.3425}
+    structure = closed_form.assemble(preset("paper", {"sensor": [own]}))
+    o, (sensor,) = structure.operators, structure.layout.sensors
+    p = np.linspace(0.1, 2.0, o.n_pairs)
+    dof = structure.layout.parts[1].dofs[10, 0]
+    change = splu(o.mass.tocsc()).solve(o.gap_matrix.T @ p)
+    assert sensor.of_impulses @ p == pytest.approx(change[dof], rel=1e-8)
+    lumped = (o.gap_matrix.T @ p) / o.lumped_mass
+    assert sensor.of_lumped_impulses @ p == pytest.approx(lumped[dof], rel=1e-8)
+    assert (sensor.unit, sensor.words) == ("m/s2", "acceleration of thin at 0.3425 m")
+
+
 def test_probes_and_layout_do_not_change() -> None:
     own = {"name": "d", "quantity": "displacement", **AT}
     plain = closed_form.assemble(preset("paper"))

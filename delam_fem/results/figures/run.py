@@ -10,8 +10,9 @@ from matplotlib.figure import Figure
 
 from delam_fem.case.atomic import atomic
 from delam_fem.case.definition import Case
-from delam_fem.results.figures import contact, motion
+from delam_fem.results.figures import contact, motion, sensors
 from delam_fem.results.figures.style import styled
+from delam_fem.results.schema import sensors_of
 
 FIGURES: dict[str, Callable[[xr.Dataset, Case], Figure]] = {
     "tip_histories": motion.tip_histories,
@@ -21,7 +22,9 @@ FIGURES: dict[str, Callable[[xr.Dataset, Case], Figure]] = {
     "energy_ledger": contact.energy_ledger,
     "envelope": motion.envelope,
 }
-"""The figures by the names of their files."""
+"""The figures of every run by the names of their files."""
+OF_SENSORS = {"sensors": sensors.sensors}
+"""The figures of runs with sensors."""
 KINDS = ("png", "svg")
 """Formats of each figure."""
 _METADATA: dict[str, dict[str, str | None]] = {".png": {}, ".svg": {"Date": None}}
@@ -40,19 +43,25 @@ class Plots:
 
     def __dir__(self) -> list[str]:
         """List the figures."""
-        return list(FIGURES)
+        return list(figures_of(self._history))
 
     def __getattr__(self, name: str) -> Callable[[], Figure]:
         """Return the function that draws a figure."""
-        if name not in FIGURES:
-            raise AttributeError(f"no figure {name!r}; there are {', '.join(FIGURES)}")
-        draw, history, case = FIGURES[name], self._history, self._case
+        found = {} if name.startswith("_") else figures_of(self._history)
+        if name not in found:
+            raise AttributeError(f"no figure {name!r}; there are {', '.join(found)}")
+        draw, history, case = found[name], self._history, self._case
 
         def drawn() -> Figure:
             with styled():
                 return draw(history, case)
 
         return drawn
+
+
+def figures_of(history: xr.Dataset) -> dict[str, Callable[[xr.Dataset, Case], Figure]]:
+    """Return the figures of a run by the names of their files."""
+    return FIGURES | (OF_SENSORS if sensors_of(history) else {})
 
 
 def save_figures(history: xr.Dataset, case: Case, directory: str | Path) -> list[Path]:
@@ -66,7 +75,7 @@ def save_figures(history: xr.Dataset, case: Case, directory: str | Path) -> list
         directory: made where it does not exist.
 
     Returns:
-        The files, PNG and SVG of each figure, in the order of `FIGURES`.
+        The files, PNG and SVG of each figure, in the order of `figures_of`.
 
     Raises:
         OSError: the folder cannot be written or the disk is full.
@@ -74,14 +83,15 @@ def save_figures(history: xr.Dataset, case: Case, directory: str | Path) -> list
     directory = Path(directory)
     directory.mkdir(parents=True, exist_ok=True)
     has_period = history.sizes["time"] >= case.time.steps_per_period
-    names = [name for name in FIGURES if has_period or name != "spectra"]
-    for name in FIGURES.keys() - set(names):
+    figures = figures_of(history)
+    names = [name for name in figures if has_period or name != "spectra"]
+    for name in (FIGURES | OF_SENSORS).keys() - set(names):
         for kind in KINDS:
             (directory / f"{name}.{kind}").unlink(missing_ok=True)  # of an earlier run
     return [
         path
         for name in names
-        for path in save_figure(FIGURES[name], history, case, directory / name)
+        for path in save_figure(figures[name], history, case, directory / name)
     ]
 
 

@@ -31,6 +31,7 @@ CAPTIONS = {
         "the gaps at rest below lamina i."
     ),
     "phase_portraits": "Phase portraits of the reference probes.",
+    "sensors": "Signals of the sensors over the last periods.",
     "spectra": "Amplitude spectra of the displacements at the reference probes.",
     "contact_line": "Where and when neighbouring laminae touch.",
     "energy_ledger": "What changed the energy in each period, and what was stored at its end.",

@@ -17,6 +17,7 @@ import numpy.typing as npt
 from delam_fem.case.atomic import atomic_file
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.results.provenance import provenance
+from delam_fem.results.schema import Variable
 from delam_fem.studies.sweeps.grid import DIRECTIONS, Dimension, Sweep
 from delam_fem.studies.sweeps.journal import Journal
 from delam_fem.studies.sweeps.point import Point
@@ -53,7 +54,7 @@ def write(
         sizes = _dimensions(file, sweep, wanted, x)
         grid = tuple(sweep.sizes)
         for quantity in wanted:
-            _known_variable(file, quantity.name, np.float64, grid)
+            _known_variable(file, quantity.variable, np.float64, grid)
         _known_variable(file, "outcome", _TEXT, grid)
         _known_variable(file, "error", _TEXT, grid)
         for slab, points in _slabs(sweep, journal, wanted):
@@ -116,12 +117,12 @@ def _axis(file: h5netcdf.File, axis: Dimension) -> None:
 
 
 def _known_variable(
-    file: h5netcdf.File, name: str, kind: npt.DTypeLike, grid: tuple[str, ...] = ()
+    file: h5netcdf.File, own: str | Variable, kind: npt.DTypeLike, grid: tuple[str, ...] = ()
 ) -> None:
-    """Make a variable of `VARIABLES`; its dimensions follow those of the grid."""
-    row = VARIABLES[name]
+    """Make a variable, given by its name in `VARIABLES` or by itself, behind the grid's dims."""
+    row = VARIABLES[own] if isinstance(own, str) else own
     labels = {"units": row.units} if row.units else {}
-    _variable(file, name, (*grid, *row.dims), kind, {**labels, "long_name": row.long_name})
+    _variable(file, row.name, (*grid, *row.dims), kind, {**labels, "long_name": row.long_name})
 
 
 def _variable(

@@ -35,7 +35,8 @@ _UNITS = {
     "density": "kg/m3", "young_modulus": "Pa", "bending_stiffness": "N m2",
     "penalty_stiffness": "N/m", "penalty_damping": "N s/m", "threshold_velocity": "m/s",
     "displacement": "m", "velocity": "m/s", "start": "m", "end": "m", "opening": "m",
-    "acceleration": "m/s2", "position": "m",
+    "acceleration": "m/s2", "position": "m", "mass": "kg", "sampling_rate": "Hz",
+    "refine_velocity": "m/s", "mass_per_length": "kg/m", "period": "s",
 }  # fmt: skip
 """Units by the last part of a key; all other keys are numbers without a unit."""
 

@@ -44,6 +44,9 @@ NOT_ASSEMBLED: Mapping[str, bool | set[str]] = {
 }
 """Sections and keys of a case that do not affect the assembly, in the notation of pydantic."""
 
+_OF_THE_POINT = ("lamina", "position")
+"""Keys of the excitation that do affect it: the point at which a force acts."""
+
 _log = logging.getLogger(__name__)
 _thread = threading.local()
 
@@ -181,7 +184,8 @@ def assembly_key(case: Case) -> str:
     It contains the whole case except `NOT_ASSEMBLED`, so a new section or key is included by
     itself.
     """
-    return case.model_dump_json(exclude=NOT_ASSEMBLED)
+    drive = (case.excitation.acts_on, *(getattr(case.excitation, k, None) for k in _OF_THE_POINT))
+    return f"{case.model_dump_json(exclude=NOT_ASSEMBLED)} {drive}"
 
 
 def compute(packed: bytes, chunk: Chunk) -> Done:

@@ -7,12 +7,12 @@ that the file of the sweep gives them.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from delam_fem.model.layout import Layout
-from delam_fem.results.schema import Variable
+from delam_fem.model.layout import Layout, SensorRows
+from delam_fem.results.schema import SENSOR, Variable
 from delam_fem.simulation.recorder import LEDGER
 from delam_fem.studies.sweeps.file import Record
 
@@ -95,6 +95,20 @@ VARIABLES: Mapping[str, Variable] = MappingProxyType(
 """All variables by name; words have no unit."""
 
 
+def of_sensor(sensor: SensorRows, n_harmonics: int) -> list[Variable]:
+    """Return what a sweep keeps of a sensor: extremes, rms, and harmonics if it keeps these."""
+    name, unit = f"{SENSOR}{sensor.name}", sensor.unit
+    rows = [
+        Variable(f"{name}_min", (), unit, f"smallest {sensor.words}"),
+        Variable(f"{name}_max", (), unit, f"largest {sensor.words}"),
+        Variable(f"{name}_rms", (), unit, f"root mean square of the {sensor.words}"),
+    ]
+    if n_harmonics:
+        words = f"amplitude of the harmonics of the {sensor.words}"
+        rows.append(Variable(f"{name}_harmonics", ("harmonic",), unit, words))
+    return rows
+
+
 @dataclass(frozen=True)
 class Quantity:
     """Numbers that a sweep keeps of each point.
@@ -136,13 +150,15 @@ def quantities(record: Record, layout: Layout) -> tuple[Quantity, ...]:
         "harmonic": record.harmonics,
         "node": layout.x.size,
     }
-    groups = (
+    signals = [row for own in layout.sensors for row in of_sensor(own, record.harmonics)]
+    groups: tuple[tuple[bool | int, Sequence[Variable]], ...] = (
         (record.summary, _SUMMARY),
         (record.strobes, _STROBES),
         (record.harmonics, _HARMONICS),
         (record.node_distortion, _NODES),
         (record.energies, _ENERGIES),
         (record.lyapunov, _LYAPUNOV),
+        (record.summary, signals),
     )
     return tuple(
         Quantity(row, tuple(sizes[dim] for dim in row.dims))

@@ -51,6 +51,7 @@ def open_result(path: Path, *, is_loaded: bool = False) -> xr.Dataset:
 def _require_sweep(data: xr.Dataset) -> None:
     """Raise an error unless a dataset has what every result of a sweep has."""
     from delam_fem.case.definition import Case
+    from delam_fem.results.schema import SENSOR
     from delam_fem.studies.sweeps.file import SweepFile
     from delam_fem.studies.sweeps.quantities import VARIABLES
 
@@ -69,5 +70,6 @@ def _require_sweep(data: xr.Dataset) -> None:
     assert isinstance(data.attrs["outcome"], str)
     for name in data.data_vars:
         kind = data[name].dtype.kind
-        assert str(name) in VARIABLES and kind in ("OUT" if name in ("outcome", "error") else "f")
+        is_known = str(name) in VARIABLES or str(name).startswith(SENSOR)
+        assert is_known and kind in ("OUT" if name in ("outcome", "error") else "f")
         assert data[name].dims[: data["outcome"].ndim] == data["outcome"].dims

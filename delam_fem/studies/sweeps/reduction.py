@@ -19,7 +19,9 @@ from delam_fem.numerics.harmonics import (
     total_harmonic_distortion,
 )
 from delam_fem.results import diagnostics
+from delam_fem.results.schema import SENSOR
 from delam_fem.simulation.recorder import LEDGER, N_BASE, Recorder
+from delam_fem.simulation.signals import Signal, signals
 from delam_fem.studies.sweeps.quantities import ENERGIES, Quantity
 
 NO_PAIR = -1
@@ -63,10 +65,37 @@ def row_of(
         values["harmonic_phase"] = harmonic_phases(whole, whole.shape[1] // N)
     if "node_thd" in names:
         values |= _node_distortion(recorder, structure.layout)
+    for signal in signals(recorder, structure, case):
+        values |= _of_signal(signal, case)
     window = recorder.ledger[recorder.n_closed - len(recorder.window) : recorder.n_closed]
     means = dict(zip(LEDGER, window.mean(axis=0), strict=True))
     values |= {f"energy_{name}": means[name] for name in ENERGIES}
     return np.concatenate([_fitted(quantity, values.get(quantity.name)) for quantity in wanted])
+
+
+def _of_signal(signal: Signal, case: Case) -> dict[str, npt.ArrayLike]:
+    """Return extremes, rms and harmonics of a signal over the window.
+
+    A sensor with a sampling rate is fitted by harmonics of the excitation with least squares, as
+    its samples need not fill whole periods.
+    """
+    name, value = f"{SENSOR}{signal.sensor.name}", signal.value
+    N, n = case.time.steps_per_period, case.n_window_periods
+    if signal.sensor.sampling_rate is None and value.size >= N:
+        whole = value[value.size % N :]
+        amplitudes = harmonic_amplitudes(whole, whole.size // N)
+    else:
+        most = max(int(0.4 * value.size / max(n, 1)), 1)  # below the filter's stop band
+        phase = 2.0 * np.pi / case.period * np.outer(signal.time, np.arange(most + 1))
+        columns = np.hstack([np.cos(phase), np.sin(phase[:, 1:])])
+        fitted = np.linalg.lstsq(columns, value, rcond=None)[0]
+        amplitudes = np.hypot(fitted[1 : most + 1], fitted[most + 1 :])
+    return {
+        f"{name}_min": value.min(),
+        f"{name}_max": value.max(),
+        f"{name}_rms": float(np.sqrt(np.mean(value**2))),
+        f"{name}_harmonics": amplitudes,
+    }
 
 
 def probe_motion(recorder: Recorder, structure: Structure) -> diagnostics.ProbeMotion:
