@@ -28,6 +28,7 @@ from delam_fem.model.layout import Structure
 from delam_fem.mpi import MPI
 from delam_fem.results import dataset, diagnostics, energy_gain, quality
 from delam_fem.results.folder import Result, json_ready
+from delam_fem.results.pages.progress import reporting
 from delam_fem.simulation import checkpoint
 from delam_fem.simulation.interrupts import CHECKPOINT_SECONDS, Watch, stop_signals
 from delam_fem.simulation.loop import Outcome, State
@@ -49,7 +50,7 @@ def run(
     *,
     directory: str | Path | None = None,
     resume: bool = False,
-    progress: Progress | None = None,
+    progress: Progress | bool | None = None,
     structure: Structure | None = None,
     initial: State | None = None,
     comm: MPI.Intracomm = MPI.COMM_SELF,
@@ -64,7 +65,8 @@ def run(
         directory: folder for the checkpoint, which `Result.save` removes when all results are on
             the disk; None: no checkpoints.
         resume: whether to continue from the checkpoint in `directory`.
-        progress: called after each period with the number of finished periods and of all periods.
+        progress: called after each period with the number of finished periods and of all periods;
+            True: a bar, in a notebook as on a terminal.
         structure: the discretised case; None: `beam.assemble` makes it.
         initial: state at t = 0, for example `Result.state` of another run; None: at rest. The run
             computes the accelerations of this state anew.
@@ -98,8 +100,8 @@ def run(
         if resume:
             before = checkpoint.load(kept, case, engine, opened.engine, recorder, opened.motion)
         begin, first = time.perf_counter(), recorder.n_closed
-        with stop_signals() as is_stopped:
-            report, save = _callbacks(case, engine, opened, kept, comm, progress)
+        with stop_signals() as is_stopped, reporting(progress, "period") as shown:
+            report, save = _callbacks(case, engine, opened, kept, comm, shown)
             stop = Watch(save, report, is_stopped, comm, checkpoint_seconds)
             outcome = opened.run(stop) if before == "running" else before
             _require_a_step(case, recorder)

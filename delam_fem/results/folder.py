@@ -105,6 +105,17 @@ class Result:
 
         return export(self.history, self.case, to, path)
 
+    def save_groups(self, path: str | Path) -> Path:
+        """Write the groups to one NetCDF file: `xarray.open_dataset(path, group="events")`.
+
+        Args:
+            path: of the file; replaces an existing one. Its folder must exist.
+
+        Raises:
+            OSError: the file cannot be written or the disk is full.
+        """
+        return _write_groups(self.groups, Path(path))
+
     def save_numbers(self, directory: str | Path) -> list[Path]:
         """Write case.toml, result.nc and summary.json only."""
         directory = Path(directory)
@@ -112,6 +123,17 @@ class Result:
         written.append(write_dataset(self.history, directory / RESULT))
         text = json.dumps(self.summary, indent=2, allow_nan=False) + "\n"
         return [*written, write_text(directory / SUMMARY, text)]
+
+
+def _write_groups(groups: Mapping[str, xr.Dataset], path: Path) -> Path:
+    """Write datasets as the groups of one NetCDF-4 file."""
+    with atomic_file(path) as temporary:
+        file = h5netcdf.File(temporary, "w")
+        for name, group in groups.items():
+            store: Any = xr.backends.H5NetCDFStore(file, group=name)  # type: ignore[no-untyped-call]
+            group.dump_to_store(store)
+        file.close()
+    return path
 
 
 def save_views(

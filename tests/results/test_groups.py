@@ -1,9 +1,13 @@
 """Groups of the dataset have tables, and hold every variable once."""
 
+from pathlib import Path
+
 import numpy as np
+import xarray as xr
 from stack import three_laminae
 from synthetic import FRAMES, NODES, STEPS, WINDOW, small_case, synthetic_history
 
+from delam_fem.results.folder import Result
 from delam_fem.results.groups import grouped
 
 
@@ -34,3 +38,17 @@ def test_groups_keep_the_values() -> None:
     group = grouped(history)["fields"]
     np.testing.assert_array_equal(group["displacement"], history["displacement"])
     assert "time" not in group.coords and "frame" in group.coords
+
+
+def test_groups_are_read_from_one_file(tmp_path: Path) -> None:
+    case = small_case()
+    result = Result(case, synthetic_history(case), {}, None)
+    path = result.save_groups(tmp_path / "grouped.nc")
+    for name, group in result.groups.items():
+        with xr.open_dataset(path, group=name, engine="h5netcdf") as found:
+            assert list(found.data_vars) == list(group.data_vars)
+            for variable in group.data_vars:
+                np.testing.assert_array_equal(found[variable], group[variable])
+    with xr.open_dataset(path, group="events", engine="h5netcdf") as events:
+        assert len(events.to_dataframe()) == events.sizes["event"]
+        assert events["event_impulse"].attrs["units"] == "N s"

@@ -75,7 +75,7 @@ def test_studies_are_functions_of_the_package(
     (first, directory), keys = asked[0]
     assert (first.case, first.meshes, first.steps) == (case, (5,), (100, 200))
     assert [m.name for m in first.methods] == ["newton@moreau-jean"]
-    assert directory == tmp_path and keys == {"workers": 1, "resume": False}
+    assert directory == tmp_path and keys == {"workers": 1, "resume": False, "progress": None}
     (second, _), keys = asked[1]
     assert (second.meshes, second.steps, second.limit_steps) == ((5, 10), (1000,), 0)
     assert keys["resume"] is True

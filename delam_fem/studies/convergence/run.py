@@ -28,6 +28,7 @@ from delam_fem.case.toml import CaseError
 from delam_fem.engines.choose import EngineName
 from delam_fem.engines.cost import FILE_BYTES, STUDY_SECONDS, WORKER_BYTES, Cost, run_cost
 from delam_fem.results.folder import json_ready
+from delam_fem.results.pages.progress import reporting
 from delam_fem.results.provenance import provenance
 from delam_fem.simulation.interrupts import stop_signals
 from delam_fem.studies import executors
@@ -123,6 +124,7 @@ def converge(
     engine: EngineName = "compiled",
     workers: int | None = None,
     resume: bool = False,
+    progress: Callable[[int, int], None] | bool | None = None,
 ) -> Convergence:
     """Refine a case: compute a ladder of runs with all methods side by side.
 
@@ -138,6 +140,7 @@ def converge(
         engine: name of the engine that computes the steps.
         workers: number of processes; default: one per core.
         resume: whether to continue with the runs in the folder.
+        progress: called with the number of finished runs and of all runs; True: a bar.
 
     Raises:
         CaseError: the ladder is not valid, or the folder holds another one.
@@ -152,7 +155,8 @@ def converge(
         limit_steps,
         engine,
     )
-    return run_ladder(ladder, directory, workers=workers, resume=resume)
+    with reporting(progress, "run") as shown:
+        return run_ladder(ladder, directory, workers=workers, resume=resume, progress=shown)
 
 
 def ladder_cost(ladder: Ladder, workers: int | None = None) -> Cost:

@@ -42,7 +42,7 @@ _NEEDS: Mapping[DiagramName, _Needs] = MappingProxyType(
     {
         "response": _Needs((1,), {"summary": 1}),
         "bifurcation": _Needs((1,), {"strobes": 1}),
-        "plane": _Needs((2,), {"summary": 1, "strobes": 2 * FEWEST_STROBES}, is_map=True),
+        "plane": _Needs((2,), {"summary": 1, "strobes": FEWEST_STROBES}, is_map=True),
         "lyapunov": _Needs((1, 2), {"lyapunov": 1}),
         "basins": _Needs((2,), {"summary": 1, "strobes": 1}, is_map=True),
     }

@@ -34,6 +34,7 @@ from delam_fem.engines.cost import (
     step_hours,
 )
 from delam_fem.model.layout import Layout
+from delam_fem.results.pages.progress import reporting
 from delam_fem.simulation.interrupts import stop_signals
 from delam_fem.studies import executors
 from delam_fem.studies.executors import ExecutorName
@@ -66,7 +67,7 @@ def run_sweep(
     workers: int | None = None,
     resume: bool = False,
     is_confirmed: bool = False,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Callable[[int, int], None] | bool | None = None,
 ) -> xr.Dataset:
     """Compute all points of a sweep and return the dataset.
 
@@ -83,7 +84,7 @@ def run_sweep(
             without computing.
         is_confirmed: whether to compute a sweep that needs many hours or much space; without, it is
             refused.
-        progress: called with the number of finished points and of all points.
+        progress: called with the number of finished points and of all points; True: a bar.
 
     Returns:
         The dataset, opened lazily. `attrs["outcome"]` is "completed", or "interrupted" by Ctrl-C or
@@ -106,8 +107,11 @@ def run_sweep(
         save_case(sweep.base, directory)
         write_text(directory / "sweep.toml", sweep.to_toml("case.toml"))
         begin = time.perf_counter()
-        with _schedule(sweep, journal, executor, workers) as schedule:
-            has_all = _computed(sweep, journal, schedule, progress)
+        with (
+            _schedule(sweep, journal, executor, workers) as schedule,
+            reporting(progress, "point") as shown,
+        ):
+            has_all = _computed(sweep, journal, schedule, shown)
         seconds = time.perf_counter() - begin
         attributes = _attributes(sweep, journal, schedule, seconds) | {
             "outcome": "completed" if has_all else "interrupted"
