@@ -14,9 +14,9 @@ from typer.testing import CliRunner, Result
 
 from delam_fem.case.files import load_case, preset
 from delam_fem.case.toml import CaseError
-from delam_fem.cli import messages
 from delam_fem.cli.app import app
-from delam_fem.cli.progress import progress
+from delam_fem.cli.console import messages
+from delam_fem.cli.console.progress import progress
 from delam_fem.studies.sweeps.diagrams import require_drawable
 from delam_fem.studies.sweeps.grid import Sweep, sweep_of
 

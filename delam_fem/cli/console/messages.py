@@ -23,7 +23,7 @@ import typer
 PACKAGE = "delam_fem"
 PROGRESS = f"{PACKAGE}.cli.console.progress"
 """Name of the log of progress, which a file keeps and a terminal sees as a bar."""
-COMMAND = f"{PACKAGE}.cli.command"
+COMMAND = f"{PACKAGE}.cli.console.command"
 """Name of the log of begin and end, which a file keeps."""
 FORMAT = "%(asctime)s %(levelname)-7s %(message)s"
 
