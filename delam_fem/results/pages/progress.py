@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from importlib import import_module
 from typing import Any, TypeAlias
 
 Report: TypeAlias = Callable[[int, int], None]
@@ -39,11 +41,8 @@ def reporting(progress: Report | bool | None, unit: str) -> Iterator[Report | No
 
 def _is_notebook() -> bool:
     """Return whether this process is the kernel of a notebook."""
-    try:
-        from IPython.core.getipython import get_ipython
-    except ImportError:
-        return False
-    return getattr(get_ipython(), "kernel", None) is not None
+    shell = sys.modules.get("IPython")  # a kernel has loaded it
+    return shell is not None and getattr(shell.get_ipython(), "kernel", None) is not None
 
 
 class NotebookBar:
@@ -62,17 +61,16 @@ class NotebookBar:
 
     def __call__(self, done: int, total: int) -> None:
         """Show the numbers of finished and of all units, not too often."""
-        from IPython.display import HTML, display
-
+        notebook = import_module("IPython.display")  # of the kernel that runs this
         now = time.monotonic()
         if self._start is None:
             self._start = now, done
         if done < total and self._handle is not None and now - self._shown < LEAST_SECONDS:
             return
         self._shown = now
-        picture = HTML(self._html(done, total, now))  # type: ignore[no-untyped-call]
+        picture = notebook.HTML(self._html(done, total, now))
         if self._handle is None:
-            self._handle = display(picture, display_id=True)  # type: ignore[no-untyped-call]
+            self._handle = notebook.display(picture, display_id=True)
         else:
             self._handle.update(picture)
 
