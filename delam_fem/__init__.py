@@ -49,8 +49,10 @@ if TYPE_CHECKING:
     from delam_fem.results.overlay.whole import overlay
     from delam_fem.simulation.loop import State
     from delam_fem.simulation.solution import Solution
+    from delam_fem.studies.branches.follow import follow
     from delam_fem.studies.convergence.run import converge
     from delam_fem.studies.modes import modes
+    from delam_fem.studies.orbits.run import orbit
     from delam_fem.studies.reduced.motion import reduced
     from delam_fem.studies.sweeps.diagrams import diagram
     from delam_fem.studies.sweeps.grid import Sweep, load_sweep
@@ -76,10 +78,12 @@ _HOMES = {
     "compare": "reference.compare",
     "converge": "studies.convergence.run",
     "diagram": "studies.sweeps.diagrams",
+    "follow": "studies.branches.follow",
     "load_case": "case.files",
     "load_result": "results.folder",
     "load_sweep": "studies.sweeps.grid",
     "modes": "studies.modes",
+    "orbit": "studies.orbits.run",
     "overlay": "results.overlay.whole",
     "preset": "case.files",
     "read_measured": "results.measured.reading",
@@ -112,10 +116,12 @@ __all__ = [
     "compare",
     "converge",
     "diagram",
+    "follow",
     "load_case",
     "load_result",
     "load_sweep",
     "modes",
+    "orbit",
     "overlay",
     "preset",
     "read_measured",

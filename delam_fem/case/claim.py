@@ -20,8 +20,9 @@ OUTPUTS = frozenset({
     "case.toml", "checkpoint.npz", "result.nc", "summary.json", "report.html", "figures", "fields",
     "sweep.toml", "sweep.nc", "sweep.journal", "convergence.json", "tables.md",
     "detection.json",
+    "orbit.json", "orbit.npz", "branch.nc", "points",
 })  # fmt: skip
-"""Names that runs, sweeps and ladders give to what they write."""
+"""Names that runs, sweeps, ladders, orbits and branches give to what they write."""
 
 _log = logging.getLogger(__name__)
 

@@ -20,6 +20,8 @@ from delam_fem.cli.detect import register as register_detection
 from delam_fem.cli.identify import register as register_identification
 from delam_fem.cli.inputs import CaseArgument, DryRun, Overwrite, Quiet, Yes, case_of
 from delam_fem.cli.measured import register as register_measurements
+from delam_fem.cli.orbits.branches import register as register_branches
+from delam_fem.cli.orbits.find import register as register_orbits
 from delam_fem.cli.paper import register as register_paper
 from delam_fem.cli.reduced import register as register_reduced
 from delam_fem.cli.run import report_in_folder, run_in_folder
@@ -209,6 +211,8 @@ def presets_command(
 
 register_cases(app)
 register_sweeps(app)
+register_orbits(app)
+register_branches(app)
 register_paper(app)
 register_convergence(app)
 register_films(app)

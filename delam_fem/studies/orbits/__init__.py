@@ -1,1 +1,1 @@
-"""Periodic orbits: find them, judge their stability, follow them through bifurcations."""
+"""Periodic orbits: find them and judge their stability."""

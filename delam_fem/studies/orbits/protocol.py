@@ -7,7 +7,7 @@ Nothing here knows what computes the map: an engine, a reduced model or a formul
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -24,8 +24,6 @@ class Slow:
     Attributes:
         basis: directions of the coordinates, shape (2 n, m).
         dual: rows that read the coordinates of a state, shape (m, 2 n).
-        shares: largest value of each coordinate relative to that of the orbit, for kicks of equal
-            energy; shape (m,).
     """
 
     basis: FloatArray
@@ -51,9 +49,15 @@ class Passage:
 
     Attributes:
         states: state at the end of each period, shape (k, 2 n).
-        strobes: displacement of the observed points at the end of each period, shape (k, n_seen).
+        strobes: displacement of the observed points once in each period, where the drive begins
+            anew, shape (k, n_seen).
         low, high: smallest and largest displacement of these points, shape (n_seen,) [m].
         smallest_gap: smallest gap between the tips [m]; it reaches 0 where they touch.
+        gaps: the same in each period, shape (k,) [m]; empty: not known.
+        openings: gap between the tips at the end of each period, shape (k,) [m]; empty: not known.
+            Kicks are the less harmful the larger it is.
+        history: displacement of the observed points at each step, shape (n_steps, n_seen) [m];
+            empty: not kept.
     """
 
     states: FloatArray
@@ -61,6 +65,9 @@ class Passage:
     low: FloatArray
     high: FloatArray
     smallest_gap: float
+    gaps: FloatArray = field(default_factory=lambda: np.zeros(0))
+    openings: FloatArray = field(default_factory=lambda: np.zeros(0))
+    history: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
 
 
 class PeriodMap(Protocol):

@@ -1,0 +1,1 @@
+"""The commands `delam-fem orbit` and `delam-fem continue`."""

@@ -1,0 +1,86 @@
+"""Define `delam-fem orbit`, which finds the periodic orbit of a case."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from delam_fem.cli.console.terminal import reported, say_files, table
+from delam_fem.cli.inputs import CaseArgument, Overwrite, Quiet, case_of, inputs_of
+
+Folder = Annotated[
+    Path | None,
+    typer.Option("-o", "--output", metavar="DIR", help="Folder (default: runs/NAME-orbit)."),
+]
+Overrides = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="Override a key of the case; repeatable."),
+]
+Period = Annotated[
+    int,
+    typer.Option("--period", metavar="P", help="Periods of the drive in one of the orbit."),
+]
+Settle = Annotated[
+    int, typer.Option(min=0, metavar="N", help="Periods computed before the search starts.")
+]
+Seed = Annotated[int, typer.Option(metavar="N", help="Seed of the fixed perturbations.")]
+Kick = Annotated[
+    float,
+    typer.Option(
+        min=1e-6, max=0.5, metavar="X", help="Size of kicks, relative to the state; see orbits.md."
+    ),
+]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the application."""
+    app.command("orbit")(orbit_command)
+
+
+def orbit_command(
+    case_name: CaseArgument,
+    output: Folder = None,
+    overrides: Overrides = None,
+    *,
+    period: Period = 1,
+    settle: Settle = 300,
+    kick: Kick = 0.06,
+    seed: Seed = 0,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+) -> None:
+    """Find the periodic orbit of a case and judge its stability; write DIR/orbit.json."""
+    with reported(quiet):
+        case = case_of(case_name, overrides)
+        from delam_fem.case.claim import claimed
+        from delam_fem.studies.orbits.ensemble import Perturbations
+        from delam_fem.studies.orbits.run import orbit
+
+        folder = output or Path("runs") / f"{case.name}-orbit"
+        with claimed(folder, inputs=inputs_of(case), may_hold_results=overwrite) as directory:
+            chosen = Perturbations(kick=kick, seed=seed)
+            found = orbit(case, periods=period, settle=settle, perturbations=chosen)
+            paths = found.save(directory)
+        if not quiet:
+            table(f"orbit of {case.name}", ("", "value"), _rows(found.numbers))
+            for line in found.words:
+                typer.echo(line)
+            say_files(paths)
+
+
+def _rows(numbers: dict[str, object]) -> list[tuple[str, str]]:
+    """Return the rows of the table that is shown at the end."""
+    shown = (
+        "kind", "residual", "residual_error", "period", "stability", "largest_multiplier",
+        "settled_scatter", "smallest_tip_gap", "processor_seconds",
+    )  # fmt: skip
+    return [(name.replace("_", " "), _shown(numbers[name])) for name in shown]
+
+
+def _shown(value: object) -> str:
+    """Return a value as text."""
+    if isinstance(value, list):
+        return ", ".join(_shown(entry) for entry in value)
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

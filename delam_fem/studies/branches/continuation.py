@@ -1,0 +1,216 @@
+"""Follow a branch of orbits past its folds: pseudo-arclength in the slow coordinates and λ.
+
+A step predicts along the tangent and corrects in the plane across it (N2 of coarse.py). It is
+accepted if the residual is zero within its confidence and the correction is small beside the step.
+A point depends only on the points before it, so a branch that is broken off goes on the same.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.studies.branches.point import SLOPE, Point, measured
+from delam_fem.studies.orbits.coarse import Border, Guess, Solved, by_parameter, solved
+from delam_fem.studies.orbits.ensemble import Ensemble
+
+_log = logging.getLogger(__name__)
+
+EASY, HARD = 5, 10
+"""Iterations up to which the next step is longer, and from which it is shorter."""
+LONGER, SHORTER = 1.3, 0.5
+DEVIATION = 1.0
+"""Largest correction, in steps."""
+LOOSE = 4.0
+"""Standard errors within which a point is kept, and marked as not solved, where shorter steps do
+not help either."""
+ONSETS = (0.1, 0.14, 0.2, 0.3)
+"""Amplitudes at which a doubled branch is sought, relative to the state: at small ones λ depends on
+the amplitude too little, at large ones the branch is no longer along its first direction."""
+FARTHEST = 0.3
+"""Largest correction of the first point of a doubled branch, in states and ranges."""
+ROUNDS = 3
+"""New derivatives at each amplitude."""
+
+
+@dataclass(frozen=True)
+class Path:
+    """Where a branch may go, and how.
+
+    Attributes:
+        start, stop: ends of the range of λ; a branch ends outside.
+        step: length of the first steps, in units of the state and of the range of λ.
+        longest, shortest: bounds of the steps.
+        most: largest number of points.
+    """
+
+    start: float
+    stop: float
+    step: float = 0.04
+    longest: float = 0.06
+    shortest: float = 0.01
+    most: int = 200
+
+    @property
+    def span(self) -> float:
+        """Unit of λ."""
+        return abs(self.stop - self.start)
+
+    def has(self, parameter: float) -> bool:
+        """Return whether λ lies within the range."""
+        low, high = sorted((self.start, self.stop))
+        return low <= parameter <= high
+
+
+def first_point(ensemble: Ensemble, guess: FloatArray, path: Path) -> Point:
+    """Return the first point of a branch, at the start of the range, from a state near it.
+
+    Raises:
+        ArithmeticError: no orbit is found.
+    """
+    scale = float(np.linalg.norm(ensemble.map.slow.of(guess)))
+    J = ensemble.derivatives(guess, path.start, scale).mean(axis=0)
+    found = solved(ensemble, Guess(guess, path.start, scale), J)
+    if not _is_near(found, LOOSE):
+        raise ArithmeticError(
+            f"the mean map closes to {found.residual:.2g} ± {found.residual_error:.2g} only"
+        )
+    heading = np.append(np.zeros(ensemble.map.slow.size), path.stop - path.start)
+    return measured(ensemble, found, heading=heading, span=path.span, step=path.step)
+
+
+def doubled_point(ensemble: Ensemble, near: Point, parameter: float, path: Path) -> Point:
+    """Return the first point of the branch that leaves a period doubling.
+
+    The orbit of twice the period is sought at a given distance from the old one, along the
+    direction of the multiplier near -1, with λ free.
+
+    Args:
+        ensemble: the mean map of twice the period.
+        near: the point of the old branch that is nearest to the doubling.
+        parameter: λ at the doubling.
+        path: the range of λ.
+
+    Raises:
+        ArithmeticError: no orbit is found.
+    """
+    slow, scale = ensemble.map.slow, near.scale
+    values, vectors = np.linalg.eig(near.multipliers.derivative)
+    direction = np.real(vectors[:, np.argmin(np.abs(values + 1.0))])
+    direction *= _opening_side(ensemble, near, parameter, direction) / np.linalg.norm(direction)
+    for onset in ONSETS:
+        state = near.state + slow.lifted(onset * scale * direction)
+        predicted = np.append(slow.of(state) / scale, parameter / path.span)
+        guess = Guess(state, parameter, scale)
+        for _ in range(ROUNDS):
+            J = ensemble.derivatives(guess.state, guess.parameter, scale).mean(axis=0)
+            slope = by_parameter(ensemble, guess, SLOPE * path.span)
+            border = Border(np.append(direction, 0.0), predicted, path.span, slope)
+            found = solved(ensemble, guess, J, border)
+            guess = found.guess(scale)
+            if found.is_solved and found.away < FARTHEST:
+                way = np.append(slow.of(found.state) - near.slow, found.parameter - parameter)
+                return measured(ensemble, found, heading=way, span=path.span, step=path.step)
+    raise ArithmeticError("no orbit of twice the period is found at the doubling")
+
+
+def _opening_side(
+    ensemble: Ensemble, near: Point, parameter: float, direction: FloatArray
+) -> float:
+    """Return the sign of a direction with which the tips are farther apart at the beginning.
+
+    The orbit of twice the period may begin with either of its periods. Kicks are the less harmful
+    the farther apart the tips are.
+    """
+    move = ensemble.map.slow.lifted(ONSETS[0] * near.scale * direction / np.linalg.norm(direction))
+    openings = [
+        ensemble.map.watched(near.state + sign * move, parameter, 2).openings
+        for sign in (1.0, -1.0)
+    ]
+    if not openings[0].size:
+        return 1.0
+    return 1.0 if openings[0][-1] >= openings[1][-1] else -1.0
+
+
+def followed(
+    ensemble: Ensemble,
+    points: list[Point],
+    path: Path,
+    *,
+    keep: Callable[[Point, int], None],
+    is_stopped: Callable[[], bool],
+) -> tuple[list[Point], str]:
+    """Go on with a branch until it leaves the range.
+
+    Args:
+        ensemble: the mean map.
+        points: the points so far, at least one.
+        path: range of λ and length of steps.
+        keep: called with each new point and the number of points.
+        is_stopped: whether to stop before the next point.
+
+    Returns:
+        All points, and why the branch ends: "range", "points", "lost" or "interrupted".
+    """
+    points = list(points)
+    while len(points) < path.most:
+        if len(points) > 1 and not path.has(points[-1].parameter):
+            return points, "range"
+        if is_stopped():
+            return points, "interrupted"
+        point = next_point(ensemble, points[-1], path)
+        if point is None:
+            return points, "lost"
+        points.append(point)
+        keep(point, len(points))
+    return points, "points"
+
+
+def next_point(ensemble: Ensemble, last: Point, path: Path) -> Point | None:
+    """Return the next point of a branch; None if no step, however short, leads to one."""
+    step = last.step
+    while True:
+        is_shortest = step <= path.shortest
+        found = _corrected(ensemble, last, path.span, step)
+        if found is not None and _is_accepted(found, step, is_shortest):
+            break
+        if is_shortest:
+            return None
+        step = max(SHORTER * step, path.shortest)
+    if found.iterations <= EASY:
+        step = min(LONGER * step, path.longest)
+    elif found.iterations >= HARD:
+        step = max(SHORTER * step, path.shortest)
+    way = np.append(ensemble.map.slow.of(found.state) - last.slow, found.parameter - last.parameter)
+    return measured(ensemble, found, heading=way, span=path.span, step=step)
+
+
+def _corrected(ensemble: Ensemble, last: Point, span: float, step: float) -> Solved | None:
+    """Return the corrected point of a step; None if a motion diverges."""
+    predicted = last.x(span) + step * last.tangent
+    move = last.scale * step * last.tangent[:-1]
+    state = last.state + ensemble.map.slow.lifted(move)
+    guess = Guess(state, span * float(predicted[-1]), last.scale)
+    border = Border(last.tangent, predicted, span, last.by_parameter)
+    try:
+        return solved(ensemble, guess, last.derivatives.mean(axis=0), border)
+    except (ArithmeticError, np.linalg.LinAlgError) as error:
+        _log.debug("a step of %g fails: %s", step, error)
+        return None
+
+
+def _is_accepted(found: Solved, step: float, is_shortest: bool) -> bool:
+    """Return whether a corrected point continues the branch."""
+    if not (found.is_solved or (is_shortest and _is_near(found, LOOSE))):
+        return False
+    error = float(np.linalg.norm(found.uncertainty))
+    return found.away <= max(DEVIATION * step, 2.0 * error)
+
+
+def _is_near(found: Solved, errors: float) -> bool:
+    """Return whether a residual is zero within some standard errors."""
+    return found.is_solved or found.residual <= errors * found.residual_error

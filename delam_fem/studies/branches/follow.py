@@ -1,0 +1,205 @@
+"""Follow the orbits of a case over one of its keys, with the branches that leave at doublings.
+
+In Python:
+
+    import delam_fem as df
+    data = df.follow(df.preset("paper"), "excitation.frequency", 3.3, 4.0, "runs/branch")
+    data.parameter, data.stability, data.event_kind, data.event_parameter
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from delam_fem.case.definition import Case
+from delam_fem.case.files import save_case
+from delam_fem.case.toml import CaseError
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.results.folder import write_dataset
+from delam_fem.simulation.interrupts import stop_signals
+from delam_fem.studies.branches import dataset
+from delam_fem.studies.branches.continuation import Path as Way
+from delam_fem.studies.branches.continuation import doubled_point, first_point, followed
+from delam_fem.studies.branches.dataset import Branch
+from delam_fem.studies.branches.events import events_of
+from delam_fem.studies.branches.journal import PointJournal
+from delam_fem.studies.branches.point import Point
+from delam_fem.studies.orbits.ensemble import USUAL, Ensemble, Perturbations
+from delam_fem.studies.orbits.family import CaseFamily
+from delam_fem.studies.orbits.protocol import PeriodMap
+from delam_fem.studies.orbits.search import SETTLE, mean_of_motion, settled_map
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+_log = logging.getLogger(__name__)
+
+RESULT = "branch.nc"
+"""Name of the dataset in the folder of a continuation."""
+Report = Callable[[int, int, float], None]
+"""Called with the number of the branch, its number of points and λ after each point."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a continuation does.
+
+    Attributes:
+        key: key of the case that is the parameter.
+        way: range of the key, and length of steps.
+        periods: P of the first branch.
+        doublings: how often a branch of twice the period is followed from a doubling of another.
+        settle: periods that are computed before the first orbit is sought.
+        perturbations: what the mean is taken over, and the size of kicks.
+    """
+
+    key: str
+    way: Way
+    periods: int = 1
+    doublings: int = 1
+    settle: int = SETTLE
+    perturbations: Perturbations = USUAL
+
+
+def follow(
+    case: Case,
+    key: str,
+    start: float,
+    stop: float,
+    directory: str | Path,
+    *,
+    periods: int = 1,
+    doublings: int = 1,
+    settle: int = SETTLE,
+    perturbations: Perturbations = USUAL,
+    step: float = Way.step,
+    resume: bool = False,
+    report: Report = lambda branch, count, parameter: None,
+) -> xr.Dataset:
+    """Follow the orbit of a case over a key, and the branches of twice the period.
+
+    Args:
+        case: the case; its drive must be periodic.
+        key: a key of numbers, for example "excitation.frequency".
+        start: where the first branch begins.
+        stop: the other end of the range.
+        directory: folder for case.toml, the accepted points and branch.nc.
+        periods: P of the first branch, in periods of the drive.
+        doublings: how often a branch of twice the period is followed from a doubling of another.
+        settle: periods that are computed before the first orbit is sought.
+        perturbations: what the mean is taken over, and the size of kicks.
+        step: length of the first steps, relative to the state and the range.
+        resume: whether to go on with the points in the folder.
+        report: called after each point.
+
+    Returns:
+        The dataset; `attrs["outcome"]` is "completed" or "interrupted".
+
+    Raises:
+        CaseError: the drive is not periodic, the key or its range is not valid, or the folder has
+            points of another continuation.
+        ArithmeticError: there is no orbit at the start.
+        OSError: the folder cannot be written.
+    """
+    if not start != stop:
+        raise CaseError(f"{key}: expected a range to follow, given {start:g} to {stop:g}")
+    plan = Plan(key, Way(start, stop, step), periods, doublings, settle, perturbations)
+    for value in (stop, start):
+        case = case.with_overrides({key: value})
+    family = CaseFamily(case, key)
+    directory, begin = Path(directory), time.process_time()
+    identity = json.dumps({"plan": asdict(plan), "case": case.to_toml()}, indent=1)
+    journal = PointJournal(directory, identity, resume=resume)
+    save_case(case, directory)
+    map_, state = settled_map(family, start, settle)
+    with stop_signals() as is_stopped:
+        branches = _branches(_Origin(map_, state), plan, journal, is_stopped, report)
+    seconds = time.process_time() - begin
+    attributes = {"key": key, "processor_seconds": seconds, "seed": perturbations.seed}
+    data = dataset.of(branches, case, plan.way.span, attributes)
+    write_dataset(data, directory / RESULT)
+    return data
+
+
+@dataclass(frozen=True)
+class _Origin:
+    """A map and a settled state of it at the start of the range."""
+
+    map: PeriodMap
+    state: FloatArray
+
+
+def _branches(
+    origin: _Origin,
+    plan: Plan,
+    journal: PointJournal,
+    is_stopped: Callable[[], bool],
+    report: Report,
+) -> list[Branch]:
+    """Return all branches; each doubling of one begins another, up to `plan.doublings`."""
+    ready = [_First(plan.periods, 0)]
+    branches: list[Branch] = []
+    while ready and (not branches or branches[-1].ending != "interrupted"):
+        first, number = ready.pop(0), len(branches)
+        ensemble = Ensemble(origin.map, first.periods, plan.perturbations)
+        points = journal.points(number)
+
+        def keep(point: Point, count: int, number: int = number) -> None:
+            journal.keep(number, count - 1, point)
+            report(number, count, point.parameter)
+
+        if not points:
+            try:
+                points = [first.point(ensemble, plan, origin.state)]
+            except (ArithmeticError, np.linalg.LinAlgError) as error:
+                if not branches:
+                    raise ArithmeticError(f"no orbit at the start of the range: {error}") from None
+                _log.warning("a doubling is not followed: %s", error)
+                continue
+            keep(points[0], 1)
+        found, ending = followed(ensemble, points, plan.way, keep=keep, is_stopped=is_stopped)
+        events = tuple(events_of(found, plan.way.span))
+        branches.append(Branch(first.periods, tuple(found), events, ending))
+        if first.doubled < plan.doublings:
+            ready += [
+                _First(2 * first.periods, first.doubled + 1, found[event.index], event.parameter)
+                for event in events
+                if event.kind == "period doubling" and plan.way.has(event.parameter)
+            ]
+    return branches
+
+
+@dataclass(frozen=True)
+class _First:
+    """Where a branch begins: at the start of the range, or at a doubling of another branch.
+
+    Attributes:
+        periods: P.
+        doubled: number of doublings on the way here.
+        near: the point of the other branch behind the doubling; None: the start of the range.
+        parameter: λ at the doubling.
+    """
+
+    periods: int
+    doubled: int
+    near: Point | None = None
+    parameter: float = 0.0
+
+    def point(self, ensemble: Ensemble, plan: Plan, state: FloatArray) -> Point:
+        """Return the first point of the branch; `state` is settled at the start of the range.
+
+        Raises:
+            ArithmeticError: there is none.
+        """
+        if self.near is not None:
+            return doubled_point(ensemble, self.near, self.parameter, plan.way)
+        guess, _ = mean_of_motion(ensemble.map, plan.way.start, state, self.periods)
+        return first_point(ensemble, guess, plan.way)

@@ -1,0 +1,141 @@
+"""The mean of a map over fixed small perturbations of a state, and its derivative by finite kicks.
+
+Where impacts are sharp, the map Φ of a period is rough below some scale: which pair is hit first,
+and in which step, changes from one state to the next. Its mean over states that lie close together,
+
+    F(z) = Σ Φ(z + ξ_i) / k,   ξ_i and -ξ_i in pairs, the same in each call,
+
+is smoother, and the spread of the terms says how well it is known. The grid of time steps is
+shifted by another share of a step for each term, because impacts are seen at steps only. A
+derivative of F is a two-sided difference over kicks that are larger than the rough scale.
+
+Source: Schilder, Bureau, Santos, Thomsen, Starke, J. Sound Vib. 358 (2015) 251-266.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.studies.orbits.protocol import PeriodMap
+
+
+@dataclass(frozen=True)
+class Perturbations:
+    """Fixed small perturbations in antithetic pairs, and the size of kicks.
+
+    Attributes:
+        copies: k, an even number of perturbed states.
+        size: standard deviation of the perturbations, relative to the state [-].
+        kick: size of the kicks by which derivatives are taken, relative to the state [-].
+        seed: of the random numbers.
+    """
+
+    copies: int = 48
+    size: float = 0.01
+    kick: float = 0.06
+    seed: int = 0
+
+    def offsets(self, m: int) -> FloatArray:
+        """Return the perturbations of m coordinates, shape (k, m); row i + k/2 is minus row i."""
+        half = np.random.default_rng(self.seed).standard_normal((self.copies // 2, m))
+        return np.asarray(self.size / np.sqrt(m) * np.concatenate([half, -half]))
+
+    def shifts(self) -> FloatArray:
+        """Return the shift of each step grid, evenly within a step about 0, shape (k,)."""
+        half = (np.arange(self.copies // 2) + 0.5) / self.copies
+        order = np.random.default_rng(self.seed + 1).permutation(half.size)
+        return np.concatenate([half[order], -half[order]])
+
+
+USUAL = Perturbations()
+
+
+@dataclass(frozen=True)
+class Mean:
+    """The mean of a map over the perturbations.
+
+    Attributes:
+        state: F(z), shape (2 n,).
+        slow: its slow coordinates, shape (m,).
+        covariance: of these as a mean, shape (m, m).
+    """
+
+    state: FloatArray
+    slow: FloatArray
+    covariance: FloatArray
+
+    @property
+    def error(self) -> FloatArray:
+        """Standard errors of the slow coordinates, shape (m,)."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+
+@dataclass(frozen=True)
+class Ensemble:
+    """A map over some periods and the perturbations over which it is averaged.
+
+    Attributes:
+        map: map of one period.
+        periods: P, number of periods of the drive in one of the orbit.
+        perturbations: what the mean is taken over.
+    """
+
+    map: PeriodMap
+    periods: int = 1
+    perturbations: Perturbations = USUAL
+
+    def mean(self, state: FloatArray, parameter: float, scale: float) -> Mean:
+        """Return the mean of the map about a state.
+
+        Args:
+            state: z, shape (2 n,).
+            parameter: λ.
+            scale: norm of slow coordinates to which the size of perturbations is relative.
+
+        Raises:
+            ArithmeticError: a perturbed motion diverges.
+        """
+        copies, shifts = self._copies(state, scale)
+        ends = self._ends(copies, parameter, shifts)
+        pairs = 0.5 * np.add(*np.split(self.map.slow.of(ends), 2))
+        covariance = np.atleast_2d(np.cov(pairs.T)) / len(pairs)
+        return Mean(ends.mean(axis=0), pairs.mean(axis=0), covariance)
+
+    def derivatives(
+        self, state: FloatArray, parameter: float, scale: float, kick: float | None = None
+    ) -> FloatArray:
+        """Return the derivative of the slow coordinates for each pair, shape (k/2, m, m).
+
+        Their mean is that of F; column j is the response to kicks of coordinate j, to both sides.
+
+        Args:
+            state: z, shape (2 n,).
+            parameter: λ.
+            scale: norm of slow coordinates to which sizes are relative.
+            kick: relative size of the kicks; None: that of the perturbations.
+        """
+        copies, shifts = self._copies(state, scale)
+        slow, kick = self.map.slow, scale * (self.perturbations.kick if kick is None else kick)
+        columns = []
+        for direction in slow.basis.T:
+            kicked = np.concatenate([copies + kick * direction, copies - kick * direction])
+            ends = slow.of(self._ends(kicked, parameter, np.tile(shifts, 2)))
+            columns.append(np.subtract(*np.split(ends, 2)) / (2.0 * kick))
+        each = np.stack(columns, axis=-1)
+        return np.asarray(0.5 * np.add(*np.split(each, 2)))
+
+    def _copies(self, state: FloatArray, scale: float) -> tuple[FloatArray, FloatArray]:
+        """Return the perturbed states and the shifts of their grids."""
+        slow = self.map.slow
+        offsets = scale * self.perturbations.offsets(slow.size)
+        return state + slow.lifted(offsets), self.perturbations.shifts()
+
+    def _ends(self, states: FloatArray, parameter: float, shifts: FloatArray) -> FloatArray:
+        for _ in range(self.periods):
+            states = self.map.after(states, parameter, shifts)
+        if not np.isfinite(states).all():
+            raise ArithmeticError("a perturbed motion diverges")
+        return states

@@ -1,0 +1,196 @@
+"""What is known of a periodic orbit, in numbers and in words, and its files."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from delam_fem.case.atomic import atomic_file
+from delam_fem.case.definition import Case
+from delam_fem.case.files import save_case
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.results.provenance import versions
+from delam_fem.studies.findings import save_findings
+from delam_fem.studies.orbits.exact import EXACT
+from delam_fem.studies.orbits.multipliers import Multipliers, Stability
+from delam_fem.studies.orbits.protocol import Passage
+from delam_fem.studies.orbits.search import Coarse, Exact
+
+LISTED = 0.05
+"""Modulus below which multipliers of an exact orbit are not listed."""
+
+
+@dataclass(frozen=True)
+class Orbit:
+    """A periodic orbit of a case.
+
+    Attributes:
+        case: the case.
+        periods: P, number of periods of the drive in one of the orbit.
+        coarse: the orbit of the mean map.
+        exact: the orbit of the map itself; None: there is none.
+        best_residual: smallest residual of the exact search.
+        scatter: rms distance of the settled motion from its mean state, relative to it.
+        passage: the motion from the state of the orbit through its periods.
+        seconds: processor time of the search [s].
+        evaluations: periods that were computed.
+    """
+
+    case: Case
+    periods: int
+    coarse: Coarse
+    exact: Exact | None
+    best_residual: float
+    scatter: float
+    passage: Passage
+    seconds: float
+    evaluations: int
+
+    @property
+    def kind(self) -> str:
+        """Whether the orbit is exact or coarse."""
+        return "coarse" if self.exact is None else "exact"
+
+    @property
+    def state(self) -> FloatArray:
+        """(u, v) at the beginning of a period, shape (2 n,)."""
+        return self.coarse.solved.state if self.exact is None else self.exact.root.state
+
+    @property
+    def stability(self) -> Stability:
+        """What all kicks agree on; a coarse orbit that is not solved is undecided.
+
+        An exact orbit is judged by kicks and by its derivative, which sees no shift of an impact
+        to another step.
+        """
+        if not self.coarse.solved.is_solved:
+            return "undecided"
+        votes = {found.stability for found in self.coarse.by_kicks.values()}
+        if self.exact is not None:
+            votes.add("stable" if abs(self.exact.values[0]) < 1.0 else "unstable")
+        return votes.pop() if len(votes) == 1 else "undecided"
+
+    @property
+    def numbers(self) -> dict[str, Any]:
+        """The content of orbit.json."""
+        found = self.coarse.solved
+        low, high = np.array([m.largest for m in self.coarse.by_kicks.values()]).T
+        values, errors = self._leading()
+        gap = self.passage.smallest_gap
+        return {
+            "kind": self.kind,
+            "residual": found.residual if self.exact is None else self.exact.root.residual,
+            "residual_error": found.residual_error if self.exact is None else 0.0,
+            "period": self.periods * self.case.period,
+            "drive_periods": self.periods,
+            "multipliers": _pairs(values),
+            "multipliers_error": errors.tolist(),
+            "stability": self.stability,
+            "largest_multiplier": [float(low.min()), float(high.max())],
+            "coarse": {
+                "residual": found.residual,
+                "residual_error": found.residual_error,
+                "is_solved": found.is_solved,
+                "iterations": found.iterations,
+                "kicks": {f"{kick:g}": _kicks(m) for kick, m in self.coarse.by_kicks.items()},
+            },
+            "exact_search": {
+                "smallest_residual": self.best_residual,
+                "needed": EXACT,
+                "grid_shift": None if self.exact is None else self.exact.root.shift,
+            },
+            "settled_scatter": self.scatter,
+            "smallest_tip_gap": gap if np.isfinite(gap) else None,
+            "tip_strobe": self.passage.strobes.tolist(),
+            "tip_min": self.passage.low.tolist(),
+            "tip_max": self.passage.high.tolist(),
+            "says": self.words,
+            "evaluations": self.evaluations,
+            "processor_seconds": self.seconds,
+            "versions": versions(),
+        }
+
+    @property
+    def words(self) -> list[str]:
+        """What the numbers mean, in sentences."""
+        found = self.coarse.solved
+        known = f"{found.residual:.2g} ± {found.residual_error:.2g} of the state"
+        if self.exact is not None:
+            first = (
+                f"An exact orbit: it closes to {self.exact.root.residual:.1e} on a grid of time "
+                f"steps shifted by {self.exact.root.shift:g} of a step."
+            )
+        elif found.is_solved:
+            first = (
+                f"A coarse orbit: the mean map closes within its error ({known}). The map itself "
+                f"has no orbit that was found; it closes to {self.best_residual:.1e} at best."
+            )
+        else:
+            first = (
+                f"No orbit: the mean map does not close within its error ({known}), and the map "
+                f"itself closes to {self.best_residual:.1e} at best."
+            )
+        return [first, *self._on_stability()]
+
+    def _on_stability(self) -> list[str]:
+        """Return sentences on what the kicks say."""
+        lines = []
+        for kick, m in self.coarse.by_kicks.items():
+            low, high = m.largest
+            lines.append(
+                f"Kicks of {100.0 * kick:g} % of the state: largest multiplier {low:.3f} to "
+                f"{high:.3f} (95 %), {m.stability}."
+            )
+        if self.exact is not None:
+            lines.append(
+                f"Its derivative: largest multiplier {abs(self.exact.values[0]):.4f}. Differences "
+                "so small see no shift of an impact to another time step."
+            )
+        return [*lines, f"Together: {self.stability}."]
+
+    def _leading(self) -> tuple[Any, FloatArray]:
+        """Return the listed multipliers with their errors."""
+        if self.exact is None:
+            m = next(iter(self.coarse.by_kicks.values()))
+            return m.values, m.errors
+        kept = np.abs(self.exact.values) > LISTED
+        return self.exact.values[kept], self.exact.errors[kept]
+
+    def save(self, directory: str | Path) -> list[Path]:
+        """Write case.toml, orbit.npz, orbit.json and orbit.png to a folder.
+
+        Raises:
+            OSError: the folder cannot be written.
+        """
+        from delam_fem.results.figures.style import styled
+        from delam_fem.studies.orbits.figures import orbit_figure
+
+        directory = Path(directory)
+        written = [save_case(self.case, directory)]
+        path = directory / "orbit.npz"
+        u, v = self.state.reshape(2, -1)
+        with atomic_file(path) as temporary:
+            np.savez(temporary, displacement=u, velocity=v, tip_displacement=self.passage.history)
+        with styled():
+            return [
+                *written,
+                path,
+                *save_findings(directory, "orbit", self.numbers, lambda: orbit_figure(self)),
+            ]
+
+
+def _pairs(values: Any) -> list[list[float]]:
+    return [[float(mu.real), float(mu.imag)] for mu in values]
+
+
+def _kicks(m: Multipliers) -> dict[str, Any]:
+    """Return what kicks of one size say."""
+    return {
+        "multipliers": _pairs(m.values),
+        "multipliers_error": m.errors.tolist(),
+        "largest": list(m.largest),
+        "stability": m.stability,
+    }

@@ -1,0 +1,88 @@
+"""Find the periodic orbit of a case.
+
+In Python:
+
+    import delam_fem as df
+    found = df.orbit(df.preset("paper", {"excitation.frequency": 3.5}))
+    found.stability, found.numbers["multipliers"]
+"""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from delam_fem.case.definition import Case
+from delam_fem.case.toml import CaseError
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.studies.orbits.ensemble import USUAL, Perturbations
+from delam_fem.studies.orbits.family import FREQUENCY, CaseFamily
+from delam_fem.studies.orbits.protocol import PeriodMap
+from delam_fem.studies.orbits.result import Orbit
+from delam_fem.studies.orbits.search import (
+    RESETTLE,
+    SETTLE,
+    coarse_orbit,
+    exact_orbit,
+    mean_of_motion,
+    settled,
+    settled_map,
+)
+
+MOST_PERIODS = 64
+"""Largest period of an orbit, in periods of the drive."""
+
+
+def orbit(
+    case: Case,
+    *,
+    periods: int = 1,
+    settle: int = SETTLE,
+    perturbations: Perturbations = USUAL,
+    map_: PeriodMap | None = None,
+    start: FloatArray | None = None,
+) -> Orbit:
+    """Find the orbit near where the motion of a case settles, and judge its stability.
+
+    The mean of the settled motion is where the search starts, so that an unstable orbit in the
+    middle of a motion that it has lost its stability to is found too.
+
+    Args:
+        case: the case; its drive must be periodic.
+        periods: P, number of periods of the drive in one of the orbit.
+        settle: periods that are computed first.
+        perturbations: what the mean is taken over, and the size of kicks.
+        map_: map of the case, with the parameter excitation.frequency, and `start` near its orbit;
+            None: that of the compiled engine, whose periods begin where the tips are far apart.
+        start: state to start from, shape (2 n,); None: rest.
+
+    Raises:
+        CaseError: the drive is not periodic, the motion diverges, or P is out of range.
+    """
+    if not 1 <= periods <= MOST_PERIODS:
+        raise CaseError(f"period: expected 1 to {MOST_PERIODS} periods, given {periods}")
+    began = time.process_time()
+    parameter = 1.0 / case.period
+    try:
+        if map_ is None:
+            map_, start = settled_map(CaseFamily(case, FREQUENCY), parameter, settle, start)
+        first = np.zeros(map_.slow.basis.shape[0]) if start is None else start
+        at_end = settled(map_, parameter, first, RESETTLE)
+        guess, scatter = mean_of_motion(map_, parameter, at_end, periods)
+        coarse = coarse_orbit(map_, parameter, guess, periods, perturbations)
+        exact, best = exact_orbit(map_, parameter, at_end, periods)
+    except (ArithmeticError, np.linalg.LinAlgError) as error:
+        raise CaseError(f"case {case.name}: no orbit is found: {error}") from None
+    state = coarse.solved.state if exact is None else exact.root.state
+    return Orbit(
+        case,
+        periods,
+        coarse,
+        exact,
+        best.residual,
+        scatter,
+        map_.watched(state, parameter, periods),
+        time.process_time() - began,
+        getattr(map_, "evaluations", 0),
+    )

@@ -1,0 +1,83 @@
+"""Branches of maps in closed form: folds, doublings and Neimark-Sacker points where they are."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from toys import DelayedLogistic, Henon, Toy
+
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.studies.branches.continuation import Path, doubled_point, first_point, followed
+from delam_fem.studies.branches.events import events_of
+from delam_fem.studies.branches.point import Point
+from delam_fem.studies.orbits.ensemble import Ensemble, Perturbations
+
+FINE = Perturbations(copies=8, size=1e-6, kick=1e-4)
+ROUGH = Perturbations(copies=48, size=0.01, kick=0.06)
+"""Perturbations far above a roughness of 1e-3."""
+
+
+def branch(map_: Toy, start: FloatArray, path: Path, how: Perturbations) -> list[Point]:
+    ensemble = Ensemble(map_, 1, how)
+    points = [first_point(ensemble, start, path)]
+    found, ending = followed(
+        ensemble, points, path, keep=lambda point, count: None, is_stopped=lambda: False
+    )
+    assert ending == "range"
+    return found
+
+
+def test_a_branch_passes_its_fold() -> None:
+    map_ = Henon()
+    path = Path(-0.05, -0.3)
+    points = branch(map_, map_.fixed(-0.05), path, FINE)
+    assert points[0].state == pytest.approx(map_.fixed(-0.05), rel=1e-8)
+    folds = [event for event in events_of(points, path.span) if event.kind == "fold"]
+    assert len(folds) == 1
+    assert folds[0].parameter == pytest.approx(Henon.fold, abs=1e-3)
+    assert folds[0].low <= Henon.fold <= folds[0].high
+    # back at the start of the range on the other, unstable side
+    assert points[-1].parameter > -0.05
+    assert points[0].multipliers.stability == "stable"
+    assert points[-1].multipliers.stability == "unstable"
+
+
+@pytest.mark.parametrize(("roughness", "how"), [(0.0, FINE), (1e-3, ROUGH)])
+def test_a_doubling_and_its_branch(roughness: float, how: Perturbations) -> None:
+    map_ = Henon(roughness)
+    path = Path(0.2, 1.0)
+    points = branch(map_, map_.fixed(0.2), path, how)
+    events = events_of(points, path.span)
+    assert [event.kind for event in events] == ["period doubling"]
+    (event,) = events
+    assert event.parameter == pytest.approx(Henon.doubling, abs=3e-3)
+    assert event.low - 2e-3 <= Henon.doubling <= event.high + 2e-3
+    twice = Ensemble(map_, 2, how)
+    first = doubled_point(twice, points[event.index], event.parameter, path)
+    found, _ = followed(
+        twice, [first], path, keep=lambda point, count: None, is_stopped=lambda: False
+    )
+    assert found[-1].parameter > 1.0 and len(found[0].strobes) == 2
+    nearest = min(found, key=lambda point: abs(point.parameter - 0.7))
+    # the two points of the orbit: a x² - (1 - b) x + (1 - b)²/a - 1 = 0
+    a, c = nearest.parameter, 0.7
+    exact = np.sort(np.roots([a, -c, c**2 / a - 1.0]).real)
+    assert np.sort(nearest.strobes[:, 0]) == pytest.approx(exact, abs=1e-6 + 5.0 * roughness)
+    second = [e for e in events_of(found, path.span) if e.kind == "period doubling"]
+    assert second[0].parameter == pytest.approx(Henon.second, abs=6e-3)
+
+
+def test_a_neimark_sacker_point() -> None:
+    map_ = DelayedLogistic()
+    path = Path(1.7, 2.3)
+    points = branch(map_, map_.fixed(1.7), path, FINE)
+    (event,) = events_of(points, path.span)
+    assert event.kind == "Neimark-Sacker"
+    assert event.parameter == pytest.approx(DelayedLogistic.torus, abs=2e-3)
+
+
+def test_a_range_without_an_orbit_is_refused() -> None:
+    map_ = Henon()
+    ensemble = Ensemble(map_, 1, FINE)
+    with pytest.raises((ArithmeticError, np.linalg.LinAlgError)):
+        first_point(ensemble, np.array([1.0, 0.3]), Path(-0.5, 0.0))

@@ -1,0 +1,63 @@
+"""The map of a case is the run of the case, wherever its periods begin."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import delam_fem as df
+from delam_fem.case.toml import CaseError
+from delam_fem.engines.session import session_of
+from delam_fem.model.beams import closed_form
+from delam_fem.studies.orbits.family import FREQUENCY, CaseFamily
+from delam_fem.studies.orbits.search import settled
+
+SMALL = {
+    "mesh.elements": 4, "time.steps_per_period": 200, "time.periods": 30,
+    "output.fields_per_period": 0,
+}  # fmt: skip
+BEFORE_CHAOS = 1e-6
+"""Relative: round-off grows by contact in some periods."""
+
+
+@pytest.mark.parametrize("name", ["paper", "default"])
+def test_the_map_is_the_run(name: str) -> None:
+    case = df.preset(name, {**SMALL, "time.periods": 3})
+    structure = closed_form.assemble(case)
+    with session_of(case, structure.operators) as opened:
+        assert opened.run() == "completed"
+        motion = opened.engine.state().motion[:2]
+        strobe = opened.recorder.strobe[:, 0]
+    map_ = CaseFamily(case, FREQUENCY).map()
+    state = np.zeros(map_.slow.basis.shape[0])
+    seen = map_.watched(state, 3.25, 3)
+    assert seen.states[-1] == pytest.approx(motion.ravel(), rel=BEFORE_CHAOS, abs=1e-9)
+    assert seen.strobes == pytest.approx(strobe, rel=BEFORE_CHAOS, abs=1e-9)
+    assert map_.after(seen.states[:1], 3.25)[0] == pytest.approx(seen.states[1], abs=1e-12)
+
+
+def test_periods_may_begin_where_the_tips_are_far_apart() -> None:
+    case = df.preset("paper", {**SMALL, "contact.law": "none"})
+    map_ = CaseFamily(case, FREQUENCY).map()
+    state = settled(map_, 3.25, np.zeros(map_.slow.basis.shape[0]), 20)
+    other, begun = map_.opened(state, 3.25)
+    whole, shifted = map_.watched(state, 3.25, 2), other.watched(begun, 3.25, 2)
+    # the same motion: strobes are taken where the drive begins anew
+    assert shifted.strobes[0] == pytest.approx(whole.strobes[0], rel=1e-9)
+    assert shifted.openings[0] >= whole.openings[0]
+    tips = 0.012 + whole.history[:, 1] - whole.history[:, 0]
+    assert shifted.openings[0] == pytest.approx(tips.max(), rel=0.05)
+
+
+def test_slow_coordinates_read_what_they_write() -> None:
+    slow = CaseFamily(df.preset("paper", SMALL), FREQUENCY).map().slow
+    assert slow.dual @ slow.basis == pytest.approx(np.eye(8), abs=1e-9)
+
+
+def test_a_drive_that_does_not_repeat_is_refused() -> None:
+    sweep = df.preset("paper", {
+        "excitation.kind": "sweep", "excitation.start_frequency": 1.0,
+        "excitation.end_frequency": 2.0, "excitation.duration": 10.0,
+    })  # fmt: skip
+    with pytest.raises(CaseError, match="repeats after each period"):
+        CaseFamily(sweep, FREQUENCY)

@@ -1,0 +1,73 @@
+"""Maps in closed form whose orbits, folds, doublings and Neimark-Sacker points are exact."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.studies.orbits.protocol import Passage, Slow
+
+
+class Toy:
+    """A map of the plane, rough at a small scale if asked for.
+
+    Attributes:
+        roughness: height of jumps that change from one state to the next.
+    """
+
+    slow = Slow(np.eye(2), np.eye(2))
+
+    def __init__(self, roughness: float = 0.0) -> None:
+        self.roughness = roughness
+
+    def image(self, x: FloatArray, y: FloatArray, parameter: float) -> FloatArray:
+        raise NotImplementedError
+
+    def after(
+        self, states: FloatArray, parameter: float, shifts: FloatArray | None = None
+    ) -> FloatArray:
+        x, y = states.T
+        if not np.isfinite(states).all():
+            return np.full_like(states, np.nan)
+        rough = np.sign(np.sin([1e9 * x + 3e8 * y, 7e8 * x - 1e9 * y])).T
+        return self.image(x, y, parameter) + self.roughness * rough
+
+    def watched(self, state: FloatArray, parameter: float, periods: int) -> Passage:
+        states = [state]
+        for _ in range(periods):
+            states.append(self.after(states[-1][None], parameter)[0])
+        seen = np.array(states[1:])
+        return Passage(seen, seen, seen.min(axis=0), seen.max(axis=0), np.inf)
+
+
+class Henon(Toy):
+    """x' = 1 - a x² + y, y' = b x with b = 0.3.
+
+    Fold at a = -(1 - b)²/4, doubling at 3 (1 - b)²/4, the next one at (1 - b)² + (1 + b)²/4.
+    """
+
+    b = 0.3
+    fold, doubling, second = -0.1225, 0.3675, 0.9125
+
+    def image(self, x: FloatArray, y: FloatArray, parameter: float) -> FloatArray:
+        return np.stack([1.0 - parameter * x**2 + y, self.b * x], axis=-1)
+
+    def fixed(self, a: float) -> FloatArray:
+        """Return the fixed point of the stable branch."""
+        x = (self.b - 1.0 + np.sqrt((1.0 - self.b) ** 2 + 4.0 * a)) / (2.0 * a)
+        return np.array([x, self.b * x])
+
+    def derivative(self, x: float, a: float) -> FloatArray:
+        return np.array([[-2.0 * a * x, 1.0], [self.b, 0.0]])
+
+
+class DelayedLogistic(Toy):
+    """x' = a x (1 - y), y' = x: the fixed point 1 - 1/a has a Neimark-Sacker point at a = 2."""
+
+    torus = 2.0
+
+    def image(self, x: FloatArray, y: FloatArray, parameter: float) -> FloatArray:
+        return np.stack([parameter * x * (1.0 - y), x], axis=-1)
+
+    def fixed(self, a: float) -> FloatArray:
+        return np.full(2, 1.0 - 1.0 / a)
