@@ -1,0 +1,51 @@
+"""Shooting: exact on a map that is known, and on a reduced case."""
+
+import numpy as np
+import pytest
+
+import delam_fem as df
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.studies.orbits.protocol import Passage, Slow
+from delam_fem.studies.reduced.shooting import shoot
+from delam_fem.studies.reduced.strobe import ReducedMap
+
+
+class Known:
+    """A map with the fixed point (λ, 2, 3), the multipliers -1.5, 0.9 and a fast rest of 0.2."""
+
+    slow = Slow(np.eye(3)[:, :2], np.eye(3)[:2])
+
+    def after(
+        self, states: FloatArray, parameter: float, shifts: FloatArray | None = None
+    ) -> FloatArray:
+        off = states - np.array([parameter, 2.0, 3.0])
+        bent = np.stack([0.1 * off[:, 1] ** 2, 0.0 * off[:, 0], 0.3 * off[:, 0]], axis=1)
+        return np.asarray(off * [-1.5, 0.9, 0.2] + bent + [parameter, 2.0, 3.0])
+
+    def watched(self, state: FloatArray, parameter: float, periods: int) -> Passage:
+        raise NotImplementedError
+
+
+def test_an_unstable_orbit_is_found_with_its_multipliers() -> None:
+    found = shoot(Known(), np.array([1.2, 1.9, 2.0]), 1.0)
+    assert found.residual < 1e-11
+    np.testing.assert_allclose(found.state[:2], [1.0, 2.0], atol=1e-9)
+    np.testing.assert_allclose(found.multipliers, [-1.5, 0.9], atol=1e-9)
+
+
+def test_a_motion_that_diverges_is_said() -> None:
+    with pytest.raises(ArithmeticError, match="diverges"):
+        shoot(Known(), np.array([np.nan, 1.0, 1.0]), 1.0)
+
+
+@pytest.mark.nightly
+def test_shooting_is_exact_where_the_document_says_so() -> None:
+    """docs/reduced.md: 8 modes, r = 64, from 3.25 over 3.35 to 3.45 Hz."""
+    strobe = ReducedMap(df.preset("default"), modes=8)
+    state = strobe.at(3.25).advance(strobe.at(3.25).rest, 200)
+    for frequency in (3.25, 3.35, 3.45):
+        found = shoot(strobe, state, frequency)
+        state = found.state
+    assert found.residual < 1e-9
+    assert found.multipliers[0].real == pytest.approx(-0.10, abs=0.03)
+    assert abs(found.multipliers[0].imag) == pytest.approx(0.82, abs=0.03)
