@@ -81,8 +81,14 @@ def aligned(
     residual, slopes = _linearised(time, measured, course, trial)
     _, errors = _step(residual, slopes, is_rate_free)
     scatter = max(float(errors[0]), _scatter_of_blocks(residual, slopes))
-    error = float(np.hypot(scatter, course.delay_error()))
-    return replace(trial, start_error=error, rate_error=float(errors[1]))
+    of_cycles = course.delay_error()
+    rate_error = float(errors[1])
+    if is_rate_free and course.period is not None:  # of a slope through so many cycles
+        duration = trial.rate * float(time[-1] - time[0])
+        spread = of_cycles * np.sqrt(12.0 / max(duration / course.period, 1.0)) / duration
+        rate_error = float(np.hypot(rate_error, spread))
+    error = float(np.hypot(scatter, of_cycles))
+    return replace(trial, start_error=error, rate_error=rate_error)
 
 
 def _coarse(time: FloatArray, measured: FloatArray, course: Course, trial: Alignment) -> float:

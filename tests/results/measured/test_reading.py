@@ -109,6 +109,19 @@ def test_a_table_without_times_takes_the_rate(tmp_path: Path) -> None:
     assert is_close(data["time"], TIME) and is_close(data["sensor_thick"], THICK)
 
 
+def test_a_table_of_a_spreadsheet_with_decimal_commas(tmp_path: Path) -> None:
+    rows = (f"{t:.6f};{1e3 * q:.6f}".replace(".", ",") for t, q in zip(TIME, THIN, strict=True))
+    path = tmp_path / "m.csv"
+    path.write_text("time [s];tip thin [mm]\n" + "\n".join(rows), encoding="utf-8")
+    assert is_close(read_measured(path)["tip_displacement"][0], THIN, 1e-6)
+
+
+def test_a_heading_in_a_comment(tmp_path: Path) -> None:
+    path = tmp_path / "m.txt"
+    np.savetxt(path, np.array([TIME, 1e3 * THIN]).T, delimiter=",", header="time [s],tip thin [mm]")
+    assert is_close(read_measured(path)["tip_displacement"][0], THIN)
+
+
 def test_lines_above_the_table_and_a_line_of_units(tmp_path: Path) -> None:
     path = tmp_path / "m.csv"
     table(path, "Recorder XY\nSerial,17\ntime,tip thin\n[s],[mm]", TIME, 1e3 * THIN)

@@ -204,6 +204,17 @@ def test_sensors_are_matched_by_name(tmp_path: Path) -> None:
     assert not found.findings
 
 
+def test_a_sensor_with_a_rate_of_its_own_is_matched(tmp_path: Path) -> None:
+    every = RUN.history["tip_displacement"][0, ::2].drop_vars("lamina")
+    slow = every.rename(time="sensor_mid_time")
+    history = RUN.history.assign(sensor_mid=slow)
+    t, (a, _) = recorded(RUN.history, period=PERIOD, start=START, noise=NOISE)
+    path = write_csv(tmp_path / "m.csv", t, {"mid": a})
+    found = df.overlay(Result(RUN.case, history, RUN.summary, None), path)
+    assert found.channels[0].gain == pytest.approx(1.0, abs=0.01)
+    assert abs(wrapped(found.offset - START)) < SIGMAS * found.alignment.start_error
+
+
 def test_nothing_in_common_is_refused(tmp_path: Path) -> None:
     t = np.arange(50) / 100.0
     path = write_csv(tmp_path / "m.csv", t, {"tip steel": t})
