@@ -18,6 +18,7 @@ import xarray as xr
 from delam_fem import mpi
 from delam_fem.case import plausible
 from delam_fem.case.definition import Case
+from delam_fem.case.files import save_case
 from delam_fem.case.toml import CaseError
 from delam_fem.engines.choose import EngineName
 from delam_fem.engines.session import Session, session_of
@@ -26,7 +27,7 @@ from delam_fem.model.beams import bending
 from delam_fem.model.beams.network import never_opens
 from delam_fem.model.layout import Structure
 from delam_fem.mpi import MPI
-from delam_fem.results import dataset, diagnostics, energy_gain, quality
+from delam_fem.results import dataset, diagnostics, energy_gain, intervals, quality, settling
 from delam_fem.results.folder import Result, json_ready
 from delam_fem.results.pages.progress import reporting
 from delam_fem.simulation import checkpoint
@@ -50,6 +51,7 @@ def run(
     *,
     directory: str | Path | None = None,
     resume: bool = False,
+    extend: int = 0,
     progress: Progress | bool | None = None,
     structure: Structure | None = None,
     initial: State | None = None,
@@ -65,6 +67,8 @@ def run(
         directory: folder for the checkpoint, which `Result.save` removes when all results are on
             the disk; None: no checkpoints.
         resume: whether to continue from the checkpoint in `directory`.
+        extend: number of periods by which to extend the completed run of this case in `directory`;
+            the case may have any number of periods. The result is that of one run, bit for bit.
         progress: called after each period with the number of finished periods and of all periods;
             True: a bar, in a notebook as on a terminal.
         structure: the discretised case; None: `beam.assemble` makes it.
@@ -86,33 +90,53 @@ def run(
     plausible.tell(case)
     if case.unread:
         _log.debug("this run ignores keys that are given, but not read: %s", ", ".join(case.unread))
-    kept = None if directory is None else checkpoint.path_in(Path(directory))
-    if kept is not None and kept.exists() and not (resume or overwrite):
-        raise CaseError(
-            f"{kept}: belongs to a run that is not finished; go on with --resume, or replace it "
-            "with --overwrite"
-        )
+    kept = source = _checkpoint_in(directory, may_exist=resume or overwrite)
+    if extend:
+        case, source = _extended(case, directory, extend, comm, resume=resume)
     mpi.hold(comm)
     structure = bending.assemble(case, comm=comm) if structure is None else structure
     with session_of(case, structure.operators, initial=initial, engine=engine, comm=comm) as opened:
         recorder = opened.recorder
         before: checkpoint.Progress = "running"
-        if resume:
-            before = checkpoint.load(kept, case, engine, opened.engine, recorder, opened.motion)
+        if resume or extend:
+            before = _restored(source, case, engine, opened, extend)
         begin, first = time.perf_counter(), recorder.n_closed
+        decay, enough = settling.judge_of(case, structure, recorder)
         with stop_signals() as is_stopped, reporting(progress, "period") as shown:
             report, save = _callbacks(case, engine, opened, kept, comm, shown)
             stop = Watch(save, report, is_stopped, comm, checkpoint_seconds)
-            outcome = opened.run(stop) if before == "running" else before
+            outcome = opened.run(stop, enough) if before == "running" else before
             _require_a_step(case, recorder)
             seconds = time.perf_counter() - begin
             if before == "running":
                 stop.leave(outcome)
         state = opened.engine.state()
+        arrays = checkpoint.arrays_of(case, engine, opened.engine, recorder, outcome)
     mpi.release(comm)
     summary = _summary(engine, outcome, recorder, recorder.n_closed - first, seconds)
-    result = _result(case, structure, recorder, state, summary)
-    return result if outcome == "interrupted" else replace(result, checkpoint=kept)
+    result = _result(case, structure, recorder, state, summary, decay)
+    final = arrays if outcome == "completed" else None
+    return replace(result, final=final, checkpoint=None if outcome == "interrupted" else kept)
+
+
+def _checkpoint_in(directory: str | Path | None, *, may_exist: bool) -> Path | None:
+    """Return the path of the checkpoint of a run in a folder; refuse that of another run."""
+    kept = None if directory is None else checkpoint.path_in(Path(directory))
+    if kept is not None and kept.exists() and not may_exist:
+        raise CaseError(
+            f"{kept}: belongs to a run that is not finished; go on with --resume, or replace it "
+            "with --overwrite"
+        )
+    return kept
+
+
+def _restored(
+    source: Path | None, case: Case, engine: EngineName, opened: Session, extend: int
+) -> checkpoint.Progress:
+    """Go on from a checkpoint, or from the final state of a shorter run; return how it ended."""
+    into = (engine, opened.engine, opened.recorder, opened.motion)
+    ended = checkpoint.load(source, case, *into, of_shorter=bool(extend))
+    return "running" if extend else ended
 
 
 def checked(case: Case, engine: EngineName = "petsc") -> tuple[Structure, list[str]]:
@@ -130,6 +154,26 @@ def checked(case: Case, engine: EngineName = "petsc") -> tuple[Structure, list[s
     opening = never_opens(case)
     warnings = [] if opening is None else [opening]
     return structure, warnings + quality.quality_warnings(case, structure, residual=0.0)
+
+
+def _extended(
+    case: Case, directory: str | Path | None, periods: int, comm: MPI.Intracomm, *, resume: bool
+) -> tuple[Case, Path]:
+    """Return the case of a longer run, and the file with the final state of the shorter one.
+
+    The folder gets the new case, from which --resume goes on.
+    """
+    if periods < 1 or resume or directory is None or case.excitation.length is not None:
+        raise CaseError(
+            "extend: expected a positive number of periods, the directory of a completed run, no "
+            f"resume, and no swept sine; given {periods} periods, directory {directory}, resume "
+            f"{resume}, an excitation of the kind {case.excitation.kind}"
+        )
+    path = checkpoint.final_in(Path(directory))
+    longer = case.with_overrides({"time.periods": checkpoint.periods_in(path) + periods})
+    if comm.rank == 0:
+        save_case(longer, path.parent)
+    return longer, path
 
 
 def _require_a_step(case: Case, recorder: Recorder) -> None:
@@ -184,7 +228,12 @@ def _summary(
 
 
 def _result(
-    case: Case, structure: Structure, recorder: Recorder, state: State, summary: dict[str, Any]
+    case: Case,
+    structure: Structure,
+    recorder: Recorder,
+    state: State,
+    summary: dict[str, Any],
+    decay: float,
 ) -> Result:
     """Return the result: the dataset of a run with its summary and warnings."""
     from petsc4py import PETSc  # after MPI has started
@@ -200,12 +249,18 @@ def _result(
     }
     history = dataset.history(recorder, structure, case, attributes)
     summary |= diagnostics.summary(history, case)
+    summary |= settling.numbers(recorder, len(structure.layout.parts), case, decay)
+    summary["intervals"] = intervals.of_run(history, case, summary)
+    summary["periods"] = recorder.n_closed
     summary["energy_residual"] = residual
     summary["impact_energy_gain"] = energy_gain.gain_of(recorder)
     summary["unread_keys"] = list(case.unread)
+    at_limit = settling.limit_warning(case, summary)
     gain = energy_gain.gain_warning(case, recorder)
     unforeseen = unforeseen_warning(recorder.effort[: recorder.n_closed, N_SIZES:])
-    warnings = [text for text in (gain, unforeseen, never_opens(case)) if text is not None]
+    warnings = [
+        text for text in (gain, unforeseen, never_opens(case), at_limit) if text is not None
+    ]
     warnings += quality.quality_warnings(case, structure, residual)
     summary["warnings"] = [*plausible.warnings(case), *warnings]  # those of the case are told
     for text in warnings:

@@ -17,8 +17,8 @@ from delam_fem.case.atomic import PREFIX
 from delam_fem.case.toml import CaseError
 
 OUTPUTS = frozenset({
-    "case.toml", "checkpoint.npz", "result.nc", "summary.json", "report.html", "figures", "fields",
-    "sweep.toml", "sweep.nc", "sweep.journal", "convergence.json", "tables.md",
+    "case.toml", "checkpoint.npz", "state.npz", "result.nc", "summary.json", "report.html",
+    "figures", "fields", "sweep.toml", "sweep.nc", "sweep.journal", "convergence.json", "tables.md",
     "detection.json",
     "orbit.json", "orbit.npz", "branch.nc", "points",
 })  # fmt: skip

@@ -101,6 +101,12 @@ class Case(Section):
         self._check_openings()
         self._check_force()
         self._check_attachments()
+        if self.time.periods == "settled" and not self.is_periodic:
+            raise inconsistent(
+                "time.periods",
+                "expected a number, because a motion settles only if its excitation repeats after "
+                'each period; given "settled"',
+            )
         try:
             combination(self.contact.law, self.time.scheme)
         except ValueError as error:
@@ -237,6 +243,8 @@ class Case(Section):
             for own in self.sensor
             if "seed" in own.model_fields_set and not own.noise
         ]
+        if self.time.periods != "settled" and "most_periods" in self.time.model_fields_set:
+            keys.append("time.most_periods")
         return tuple(keys)
 
     @property
@@ -252,10 +260,11 @@ class Case(Section):
 
     @property
     def n_periods(self) -> int:
-        """Number of periods to compute; for a sweep, enough to cover its duration."""
+        """Number of periods to compute, at most; for a sweep, enough to cover its duration."""
         length = self.excitation.length
         if length is None:
-            return self.time.periods
+            periods = self.time.periods
+            return self.time.most_periods if periods == "settled" else periods
         return max(1, math.ceil(length * self.excitation.top_frequency - _ROUND_OFF))
 
     @property
@@ -323,7 +332,7 @@ class Case(Section):
     def to_toml(self) -> str:
         """Return the complete case as TOML; reading the text gives an equal case.
 
-        Contact keys that the law does not read are left out, unless the case sets them.
+        Keys that the run does not read are left out, unless the case sets them.
         """
         data = self.model_dump(exclude_none=True)
         kept = self._read_contact_keys | self.contact.model_fields_set
@@ -331,6 +340,8 @@ class Case(Section):
         for key in ("delamination", "point_mass", "sensor"):
             if not data[key]:
                 del data[key]
+        if self.time.periods != "settled" and "most_periods" not in self.time.model_fields_set:
+            del data["time"]["most_periods"]
         if self.is_apart and "support" not in self.model_fields_set:
             del data["support"]
         return toml_text(data)
@@ -406,11 +417,11 @@ class Case(Section):
             return self
         length = read_series(given.file, given.acts_on).length
         if given.period is None:
-            period = length / self.time.periods
+            period = length / self.n_periods
             return self.model_copy(
                 update={"excitation": given.model_copy(update={"period": period})}
             )
-        if self.time.periods * given.period > length * (1.0 + _ROUND_OFF):
+        if self.n_periods * given.period > length * (1.0 + _ROUND_OFF):
             raise CaseError(
                 f"{label}: excitation.file: expected times up to {self.time.periods} periods of "
                 f"{given.period:g} s, given {length:g} s; set time.periods to at most "

@@ -7,7 +7,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import (
     AfterValidator,
@@ -119,6 +119,10 @@ Refine = Annotated[
 ]
 Count = Annotated[
     int, _WHOLE, Field(ge=1), expected("a whole number of at least 1"), AfterValidator(_countable)
+]
+CountOrSettled = Annotated[
+    Annotated[int, _WHOLE, Field(ge=1), AfterValidator(_countable)] | Literal["settled"],
+    expected('a whole number of at least 1, or "settled"'),
 ]
 CountOrNone = Annotated[
     int, _WHOLE, Field(ge=0), expected("a whole number of at least 0"), AfterValidator(_countable)

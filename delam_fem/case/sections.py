@@ -16,6 +16,7 @@ from pydantic_core import PydanticCustomError
 from delam_fem.case.fields import (
     Count,
     CountOrNone,
+    CountOrSettled,
     DampingRatio,
     Elements,
     FileName,
@@ -278,6 +279,8 @@ class TimeStepping(Section):
             never.
         refine_velocity: gap rate up to which a pair near contact does not divide a step [m/s].
         periods: number of periods of a harmonic run; a sweep runs for its duration instead.
+            "settled": as many as it takes until the motion has settled.
+        most_periods: number of periods after which a run ends that has not settled.
     """
 
     scheme: SchemeName = "newmark"
@@ -285,7 +288,8 @@ class TimeStepping(Section):
     steps_per_period: Steps = 1000
     refine: Refine = 1
     refine_velocity: Annotated[NotNegative, Unit("m/s")] = 0.0
-    periods: Count = 300
+    periods: CountOrSettled = 300
+    most_periods: Count = 3000
 
 
 class Output(Section):

@@ -55,6 +55,13 @@ Folder = Annotated[
     Path | None, typer.Option("-o", "--output", metavar="DIR", help="Folder of the results.")
 ]
 
+Extend = Annotated[
+    int | None,
+    typer.Option(
+        min=1, show_default=False, metavar="N", help="Go on from a completed run by N periods."
+    ),
+]
+
 
 @app.callback()
 def main(
@@ -78,6 +85,7 @@ def run_command(
         Literal["petsc", "compiled"], typer.Option(help="Engine that computes the steps.")
     ] = "petsc",
     resume: Annotated[bool, typer.Option("--resume", help="Continue an interrupted run.")] = False,
+    extend: Extend = None,
     overwrite: Overwrite = False,
     seconds: Annotated[
         float | None,
@@ -100,8 +108,8 @@ def run_command(
 
         require_affordable(run_cost(case, engine), f"case {case.name}", is_confirmed=yes)
         options: dict[str, Any] = {"engine": engine, "resume": resume}
-        if seconds is not None:
-            options["checkpoint_seconds"] = seconds
+        wished = {"extend": extend, "checkpoint_seconds": seconds}
+        options |= {key: value for key, value in wished.items() if value is not None}
         if dry_run:
             show_case(case, engine)
         run_in_folder(

@@ -76,7 +76,7 @@ def run_in_folder(
         claim = claimed(
             directory,
             inputs=[*inputs_of(case), *_own_file(case_file)],
-            may_hold_results=resume or overwrite,
+            may_hold_results=resume or overwrite or bool(options.get("extend")),
         )
         with claim if is_first else nullcontext():
             if dry_run:

@@ -53,9 +53,16 @@ class Session:
     recorder: Recorder
     motion: BaseStates
 
-    def run(self, stop: Stop = lambda period: False) -> Outcome:
-        """Run from the last closed period to the end; return the outcome."""
-        return simulate(self.engine, self.recorder, self.motion, stop=stop)
+    def run(
+        self, stop: Stop = lambda period: False, enough: Stop = lambda period: False
+    ) -> Outcome:
+        """Run from the last closed period to the end; return the outcome.
+
+        Args:
+            stop: called after each period; True interrupts the run.
+            enough: called after each period; True completes it.
+        """
+        return simulate(self.engine, self.recorder, self.motion, stop=stop, enough=enough)
 
     def solution(self, outcome: Outcome) -> Solution:
         """Return the results of the run."""

@@ -1,4 +1,4 @@
-"""Free vibrations of a structure with delaminations that open freely, or that are kept closed."""
+"""Free vibrations of a structure with delaminations that open freely, or are kept closed."""
 
 from __future__ import annotations
 
@@ -8,8 +8,11 @@ from scipy.linalg import eigh
 from scipy.sparse.linalg import eigsh
 
 from delam_fem.model.layout import Layout
+from delam_fem.model.operators import Operators
 from delam_fem.numerics.arrays import FloatArray
 
+DECAYING = 12
+"""Number of lowest modes among which the slowest decay is looked for."""
 DENSE_DOFS = 400
 """Up to here a dense eigenvalue problem is solved: no iteration, and still below 0.1 s."""
 
@@ -41,6 +44,28 @@ def lowest(
         order = np.argsort(squares)
         omega, vectors = np.sqrt(np.maximum(squares[order], 0.0)), vectors[:, order]
     return omega / (2.0 * np.pi), vectors
+
+
+def slowest_decay(operators: Operators, *, is_floating: bool = False) -> float:
+    """Return the rate at which the slowest of the lowest modes dies out without contact [1/s].
+
+    A mode with phiᵀ (M, C, K) phi = (1, 2 s, omega²) decays as e^(-s t), or as
+    e^(-(s - sqrt(s² - omega²)) t) if it is overdamped. Rayleigh damping couples no modes, and the
+    modes beyond the lowest `DECAYING` decay faster with it.
+
+    Args:
+        operators: of the structure.
+        is_floating: whether K is singular; modes without stiffness never die out.
+    """
+    o = operators
+    _, vectors = lowest(o.stiffness, o.mass, min(DECAYING, o.n_dofs), is_floating=is_floating)
+    mass, damping, stiffness = (
+        np.einsum("ij,ij->j", vectors, matrix @ vectors)
+        for matrix in (o.mass, o.damping, o.stiffness)
+    )
+    s, square = damping / (2.0 * mass), stiffness / mass
+    rates = s - np.sqrt(np.maximum(s**2 - square, 0.0))
+    return max(0.0, float(rates.min()))
 
 
 def kept_closed(layout: Layout, n_dofs: int) -> sp.csr_matrix:

@@ -15,15 +15,17 @@ from delam_fem.numerics.arrays import BoolArray, FloatArray, IntArray
 
 TextArray = npt.NDArray[np.object_] | npt.NDArray[np.str_]
 
-PERIOD_1, HIGHER, QUASI_PERIODIC, IRREGULAR, DIVERGED, FAILED, UNDECIDED = range(7)
+PERIOD_1, HIGHER, QUASI_PERIODIC, IRREGULAR, DIVERGED, FAILED, UNDECIDED, UNSETTLED = range(8)
 """Kinds of motion, as indices into `KINDS`.
 
 PERIOD_1 repeats after one period of the excitation, HIGHER after 2 to 8 periods. QUASI_PERIODIC
 does not repeat but has few frequencies; IRREGULAR has many. DIVERGED left all bounds; FAILED was
 not computed. UNDECIDED lies so near to the bound between two of the others that chance decides.
+UNSETTLED is still on its way to one of them.
 """
 KINDS = (
     "period 1", "higher order", "quasi-periodic", "irregular", "diverged", "failed", "undecided",
+    "not settled",
 )  # fmt: skip
 """Names of the kinds of motion."""
 
@@ -46,6 +48,7 @@ def kinds_of_motion(
     periodicity: FloatArray,
     strobes: FloatArray,
     is_decided: BoolArray | None = None,
+    is_settled: BoolArray | None = None,
 ) -> IntArray:
     """Return the kind of motion of each point.
 
@@ -54,6 +57,7 @@ def kinds_of_motion(
         periodicity: see `diagnostics.periodicity`, NaN for none, shape (...).
         strobes: displacement of the tips at the end of periods, shape (..., n_laminae, n) [m].
         is_decided: see `diagnostics.is_decided`, shape (...); None: all are.
+        is_settled: whether the transient of the motion has died out, shape (...); None: of all.
 
     Returns:
         Indices into `KINDS`, shape (...).
@@ -77,6 +81,8 @@ def kinds_of_motion(
     kinds[is_done & (periodicity == 1)] = PERIOD_1
     if is_decided is not None:
         kinds[is_done & ~is_decided] = UNDECIDED
+    if is_settled is not None:
+        kinds[is_done & ~is_settled] = UNSETTLED
     return kinds
 
 

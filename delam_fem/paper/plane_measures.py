@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 KINDS = (
     "one-periodic", "higher order", "quasi-periodic", "irregular", "diverged", "failed",
-    "undecided",
+    "undecided", "not settled",
 )  # fmt: skip
 """The paper's names for the kinds of motion, in the order of `attractors.KINDS`."""
 THRESHOLDS = (2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 15.0, 20.0, 30.0, 50.0)
@@ -101,6 +101,7 @@ def plane_of(data: xr.Dataset) -> Plane:
         data["periodicity"].to_numpy(),
         strobes,
         data["is_decided"].to_numpy() != 0.0,
+        data["settled"].to_numpy() != 0.0 if "settled" in data else None,
     )
     contacts = data["tip_contacts_per_period"].to_numpy()
     n = max(kind.size, 1)

@@ -17,6 +17,7 @@ from delam_fem.case.atomic import atomic_file, write_text
 from delam_fem.case.definition import Case
 from delam_fem.case.files import load_case, save_case
 from delam_fem.case.toml import CaseError
+from delam_fem.simulation.checkpoint import final_in, write
 from delam_fem.simulation.loop import State
 
 if TYPE_CHECKING:
@@ -36,6 +37,8 @@ class Result:
         summary: a few numbers; undefined ones are None.
         state: state at the end, from which another run may start; None if it was not kept.
         checkpoint: file that `save` removes when all results are on the disk; None: no such file.
+        final: the arrays of the final state, which `save` keeps so that the run can be extended;
+            None: the run cannot be.
     """
 
     case: Case
@@ -43,6 +46,7 @@ class Result:
     summary: dict[str, Any]
     state: State | None
     checkpoint: Path | None = None
+    final: Mapping[str, Any] | None = None
 
     @property
     def plot(self) -> Plots:
@@ -116,13 +120,22 @@ class Result:
         """
         return _write_groups(self.groups, Path(path))
 
+    def _save_final(self, directory: Path) -> list[Path]:
+        """Write the final state, or remove that of another run."""
+        path = final_in(directory)
+        if self.final is None:
+            path.unlink(missing_ok=True)
+            return []
+        write(path, self.final)
+        return [path]
+
     def save_numbers(self, directory: str | Path) -> list[Path]:
-        """Write case.toml, result.nc and summary.json only."""
+        """Write case.toml, result.nc, summary.json and the final state only."""
         directory = Path(directory)
         written = [save_case(self.case, directory)]
         written.append(write_dataset(self.history, directory / RESULT))
         text = json.dumps(self.summary, indent=2, allow_nan=False) + "\n"
-        return [*written, write_text(directory / SUMMARY, text)]
+        return [*written, write_text(directory / SUMMARY, text), *self._save_final(directory)]
 
 
 def _write_groups(groups: Mapping[str, xr.Dataset], path: Path) -> Path:
@@ -226,6 +239,8 @@ def json_ready(values: Mapping[str, Any]) -> dict[str, Any]:
     """Return numbers as JSON knows them: no numpy types, None for what is not finite."""
 
     def ready(value: Any) -> Any:
+        if isinstance(value, Mapping):
+            return json_ready(value)
         if isinstance(value, (list, tuple, np.ndarray)):
             return [ready(v) for v in value]
         if isinstance(value, np.generic):

@@ -1,5 +1,8 @@
 """Save and load checkpoints: one file from which a run continues bit for bit.
 
+The same file, under the name of `final_in`, stays beside the results of a run that was completed,
+so that the run can be extended.
+
 The file contains the state with the set of resting pairs, the rows of all periods and the records
 of the window. The checkpoint of a run that has ended contains all that its result is made of.
 """
@@ -15,6 +18,7 @@ import numpy as np
 
 from delam_fem.case.atomic import atomic_file
 from delam_fem.case.definition import Case
+from delam_fem.case.sections import TimeStepping
 from delam_fem.case.toml import CaseError
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.simulation.energy import Energies
@@ -31,6 +35,11 @@ _PERIOD_ARRAYS = ("strobe", "envelope", "ledger", "impulse", "effort")
 def path_in(directory: Path) -> Path:
     """Return the path of the checkpoint in a folder."""
     return directory / "checkpoint.npz"
+
+
+def final_in(directory: Path) -> Path:
+    """Return the path of the final state of a completed run in a folder."""
+    return directory / "state.npz"
 
 
 def save(
@@ -59,9 +68,26 @@ def save(
     Raises:
         OSError: the file cannot be written.
     """
+    arrays = arrays_of(case, name, engine, recorder, outcome)
+    if writes:
+        write(path, arrays)
+
+
+def write(path: Path, arrays: Mapping[str, Any]) -> None:
+    """Write the arrays of a checkpoint.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    with atomic_file(path) as temporary:
+        np.savez(temporary, **arrays)
+
+
+def arrays_of(
+    case: Case, name: str, engine: Engine, recorder: Recorder, outcome: Progress
+) -> dict[str, Any]:
+    """Return the arrays of a checkpoint by name; see `save`."""
     k, state = recorder.n_closed, engine.state()
-    if not writes:
-        return
     arrays: dict[str, Any] = {
         **{key: np.array(text) for key, text in _origin(case, name).items()},
         "outcome": np.array(outcome),
@@ -75,8 +101,7 @@ def save(
     arrays |= {name: getattr(recorder, name)[:k] for name in _PERIOD_ARRAYS}
     for j, record in enumerate(recorder.window):
         arrays |= {f"window_{j}_{name}": values for name, values in _flatten(record).items()}
-    with atomic_file(path) as temporary:
-        np.savez(temporary, **arrays)
+    return arrays
 
 
 def _origin(case: Case, name: str) -> dict[str, str]:
@@ -96,6 +121,8 @@ def load(
     engine: Engine,
     recorder: Recorder,
     motion: Callable[[int], FloatArray],
+    *,
+    of_shorter: bool = False,
 ) -> Progress:
     """Restore an engine and a recorder from a checkpoint.
 
@@ -106,6 +133,7 @@ def load(
         engine: engine that receives the state.
         recorder: recorder that receives the rows and the window.
         motion: states of the base in a period; see `simulate`.
+        of_shorter: whether the file may belong to the same case with fewer periods.
 
     Returns:
         How the run has ended, or "running".
@@ -122,6 +150,8 @@ def load(
         with path.open("rb") as file, np.load(file) as archive:  # each array has a checksum
             data = {key: archive[key] for key in archive.files}
         found = {key: str(data[key]) for key in _origin(case, name)}
+        if of_shorter and _of_any_length(Case.from_toml(found["case"])) == _of_any_length(case):
+            found["case"] = case.to_toml()
     except Exception as error:  # a damaged archive raises a dozen different ones
         raise _damaged(path, error) from None
     _require_origin(path, found, case, name)
@@ -129,6 +159,32 @@ def load(
         return _restored(data, engine, recorder, motion)
     except (ValueError, KeyError, IndexError, TypeError) as error:
         raise _damaged(path, error) from None
+
+
+def periods_in(path: Path) -> int:
+    """Return the number of periods of the completed run whose final state a file holds.
+
+    Raises:
+        CaseError: there is no such file, or it is damaged.
+    """
+    if not path.is_file():
+        raise CaseError(
+            f"extend: expected the final state of a completed run, no file {path}; compute the "
+            "case again with more periods"
+        )
+    try:
+        with path.open("rb") as file, np.load(file) as archive:
+            return int(archive["n_closed"])
+    except Exception as error:
+        raise _damaged(path, error) from None
+
+
+def _of_any_length(case: Case) -> str:
+    """Return a text that is the same for two cases that differ in their numbers of periods only."""
+    time = TimeStepping.model_validate(
+        case.time.model_dump(exclude={"periods", "most_periods"}, exclude_unset=True)
+    )
+    return case.model_copy(update={"time": time}).to_toml()
 
 
 def _damaged(path: Path, error: Exception) -> CaseError:

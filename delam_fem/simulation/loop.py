@@ -156,6 +156,7 @@ def simulate(
     motion: Callable[[int], FloatArray],
     *,
     stop: Callable[[int], bool] = lambda period: False,
+    enough: Callable[[int], bool] = lambda period: False,
 ) -> Outcome:
     """Compute all periods that the recorder has not recorded yet.
 
@@ -166,6 +167,8 @@ def simulate(
             N + 1 steps, shape (N + 1, 3).
         stop: function that takes the number of finished periods after each period and returns
             whether to end the run.
+        enough: function of the same number that returns whether the run is long enough, so that it
+            is completed without the other periods.
 
     Returns:
         "completed", "diverged" or "interrupted". If the motion diverges within a period, the steps
@@ -178,6 +181,8 @@ def simulate(
         is_bounded = recorder.close(record, engine.stepper, n_steps)
         if not is_bounded or n_steps < recorder.steps_per_period:
             return "diverged"
+        if enough(period + 1):
+            return "completed"
         if stop(period + 1) and period + 1 < recorder.n_periods:
             return "interrupted"
     return "completed"

@@ -41,6 +41,7 @@ class FakeRun:
         self.calls: list[tuple[Case, str, Path | None, bool]] = []
         self.overwrites: list[bool] = []
         self.figures: list[bool] = []
+        self.extensions: list[int] = []
 
     def __call__(
         self,
@@ -52,9 +53,11 @@ class FakeRun:
         progress: Callable[[int, int], None] | None = None,
         comm: object = None,
         overwrite: bool = False,
+        extend: int = 0,
     ) -> SimpleNamespace:
         """Pretend to compute a case."""
         self.overwrites.append(overwrite)
+        self.extensions.append(extend)
         self.calls.append((case, engine, directory, resume))
         if self.error is not None:
             raise self.error
@@ -123,6 +126,14 @@ def test_a_folder_with_results_is_refused_unless_told(fake: FakeRun) -> None:
     assert len(refused.stderr.splitlines()) == 1
     assert invoke("run", "paper", "--overwrite").exit_code == 0
     assert fake.overwrites == [False, True]
+
+
+def test_a_finished_run_is_extended_in_its_folder(fake: FakeRun) -> None:
+    assert invoke("run", "paper").exit_code == 0
+    assert invoke("run", "paper", "--extend", "40", "-q").exit_code == 0
+    assert fake.extensions == [0, 40]
+    refused = invoke("run", "paper", "--extend", "0")
+    assert (refused.exit_code, len(fake.extensions)) == (2, 2)
 
 
 def test_report_is_made_again_without_computing(

@@ -138,6 +138,8 @@ def summary_rows(summary: Mapping[str, object]) -> list[tuple[str, str]]:
 
 def _shown(value: object) -> str:
     """Return a value of the summary as text."""
+    if isinstance(value, Mapping):
+        return ", ".join(f"{key} {_shown(entry)}" for key, entry in value.items())
     if isinstance(value, list | tuple):
         return ", ".join(_shown(entry) for entry in value)
     if isinstance(value, float):

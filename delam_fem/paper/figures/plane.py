@@ -45,7 +45,7 @@ CORRECT_SHARE = 0.5
 TOLD_THRESHOLDS = (5.0, 7.0, 8.0, 10.0, 12.0)
 """Thresholds of the scatter that the text quotes [%]."""
 SHOWN_THRESHOLDS = (2.0, 3.0, 5.0, 7.0, 10.0, 15.0, 20.0, 30.0, 50.0)
-KIND_COLOURS = (SKY, ORANGE, GREEN, "#bbbbbb", BLACK, "#ffffff", "#cfe8f7")
+KIND_COLOURS = (SKY, ORANGE, GREEN, "#bbbbbb", BLACK, "#ffffff", "#cfe8f7", "#e0e0e0")
 
 
 @dataclass(frozen=True)
@@ -137,7 +137,13 @@ def _shares(panel: Axes, planes: tuple[Plane, ...], titles: tuple[str, ...]) -> 
         panel.semilogx(thresholds, share, line, color=BLACK, label=title)
     at, margin = 100.0 * PERIODIC_SCATTER, PERIODIC_MARGIN
     panel.axvline(at, color=VERMILLION, linewidth=2.0)
-    panel.axvspan(at / margin, at * margin, color=KIND_COLOURS[-1], zorder=0, label="undecided")
+    panel.axvspan(
+        at / margin,
+        at * margin,
+        color=KIND_COLOURS[attractors.UNDECIDED],
+        zorder=0,
+        label="undecided",
+    )
     panel.set(xlabel="threshold of the scatter one period apart [%]")
     panel.set(ylabel="points below it [%]", ylim=(0.0, 105.0))
     panel.set_xticks(SHOWN_THRESHOLDS, [f"{t:g}" for t in SHOWN_THRESHOLDS])

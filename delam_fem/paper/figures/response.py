@@ -105,8 +105,9 @@ def measure(lab: Laboratory) -> WithContact:
         data[name].transpose("direction", "frequency").to_numpy()
         for name in ("periodicity", "tip_contacts_per_period")
     )
-    decided = data["is_decided"].transpose("direction", "frequency").to_numpy()
-    periodicity = np.where(decided == 0.0, UNDECIDED, periodicity)
+    is_known = (data["is_decided"] != 0.0) & (data["settled"] != 0.0)
+    known = is_known.transpose("direction", "frequency").to_numpy()
+    periodicity = np.where(known, periodicity, UNDECIDED)
     linear = np.stack([case.linear_amplitude(i, np.linspace(*BAND, 50001)) for i in range(2)])
     return WithContact(
         frequency_hz=f,

@@ -52,19 +52,27 @@ def sentence(history: xr.Dataset, summary: Mapping[str, Any], case: Case) -> str
 def _outcome(run: Run) -> str:
     """Say whether the run came to its end."""
     outcome = run.summary.get("outcome", "completed")
-    done, wanted = run.history.sizes["period"], run.case.time.periods
+    done, wanted = run.history.sizes["period"], run.case.n_periods
     return "" if outcome == "completed" else f"{outcome} in period {done} of {wanted}"
 
 
 def _settled(run: Run) -> str:
-    """Say whether the motion has settled, in the word of the summary."""
-    return str(run.summary.get("settled") or "")
+    """Say whether the motion has settled, in the word of the summary, and what is missing."""
+    word, numbers = str(run.summary.get("settled") or ""), run.summary.get("settling") or {}
+    if word != "not settled":
+        return word
+    left, needed = numbers.get("transient"), numbers.get("periods_needed")
+    parts = [] if left is None else [f"{100.0 * left:.2g} % of the amplitude is transient"]
+    parts += [f"at most {needed} further periods are needed"] if needed else []
+    return f"{word} ({'; '.join(parts)})" if parts else word
 
 
 def _periodicity(run: Run) -> str:
     """Say after how many periods of the excitation the motion repeats."""
     if not run.case.is_periodic:
         return "not judged for periods, because the excitation has none"
+    if run.summary.get("settled") == "not settled":
+        return ""
     P = run.summary.get("periodicity")
     if run.summary.get("periodicity_class") == "undecided":
         single = 100.0 * run.summary["strobe_scatters"][0]

@@ -86,10 +86,10 @@ def compute(rung: Rung, engine: EngineName) -> RungResult:
 
 def rung_hours(rung: Rung, engine: EngineName) -> float:
     """Return the estimated time of a rung on one processor, without the run to its start [h]."""
-    periods = rung.case.time.periods
+    periods = rung.case.n_periods
     if rung.method == FREE.name:
         periods = _settling_periods(rung.case) + 1 + RING_PERIODS
-    return step_hours(rung.case, engine) * periods / rung.case.time.periods
+    return step_hours(rung.case, engine) * periods / rung.case.n_periods
 
 
 @dataclass

@@ -142,7 +142,7 @@ def simulated(case: Case, scan: Scan) -> Measurement:
     samples, x = scan.samples(f), scan_positions(case.length, scan.spacing, scan.first)
     N = samples * math.ceil(max(case.time.steps_per_period, LEAST_STEPS) / samples)
     structure = closed_form.assemble(case)
-    periods = max(case.time.periods, settling_periods(case) + scan.periods)
+    periods = max(case.n_periods, settling_periods(case) + scan.periods)
     changed = case.model_copy(
         update={
             "time": case.time.model_copy(update={"steps_per_period": N, "periods": periods}),

@@ -101,6 +101,12 @@ def require(data: xr.Dataset, name: str, remedy: str) -> None:
         raise CaseError(f"diagram: the sweep has no {name}; compute it with {remedy}")
 
 
+def is_unsettled(data: xr.Dataset) -> xr.DataArray:
+    """Return which points were completed, but have not settled."""
+    is_completed = data["outcome"] == "completed"
+    return is_completed & ((data["settled"] == 0.0) if "settled" in data else False)
+
+
 def sweep_keys(data: xr.Dataset) -> dict[str, object]:
     """Return the sweep file as `tomllib` returns it; empty if the dataset does not have it."""
     return tomllib.loads(data.attrs.get("sweep", ""))
@@ -120,5 +126,6 @@ def heading(data: xr.Dataset) -> str:
         parts.append(f"contact: {contact.law}")
     if "contact.restitution" not in keys:
         parts.append(f"e = {contact.restitution:g}")
-    parts.append(f"{case.n_periods} periods per point")
+    is_open = case.time.periods == "settled"
+    parts.append("each point until settled" if is_open else f"{case.n_periods} periods per point")
     return f"{case.name}: {', '.join(parts)}"

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from delam_fem.case.definition import Case
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.numerics.attractors import SAME_ATTRACTOR
+from delam_fem.numerics.attractors import KINDS, SAME_ATTRACTOR, UNSETTLED
 from delam_fem.results.figures.style import (
     BASE_COLOUR,
     BLACK,
@@ -25,7 +25,14 @@ from delam_fem.results.figures.style import (
     legend_above,
 )
 from delam_fem.studies.linear import linear_amplitudes
-from delam_fem.studies.sweeps.axes import DiagramAxis, axes_of, heading, require, sweep_keys
+from delam_fem.studies.sweeps.axes import (
+    DiagramAxis,
+    axes_of,
+    heading,
+    is_unsettled,
+    require,
+    sweep_keys,
+)
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -37,6 +44,8 @@ POINT_STYLE = {"up": (SKY, 3.4), "down": (VERMILLION, 1.4)}
 """Colour and size of stroboscopic points; both directions stay visible where they agree."""
 HEADROOM = 1.15
 """Upper end of the axis over the largest amplitude; linear resonances lie far above it."""
+UNSETTLED_COLOUR = "#888888"
+"""Colour of points that have not settled, in every diagram over one axis."""
 STACK_POINTS = 200
 """Points of the linear response of a bonded stack, which takes a solution each."""
 BARS = 2.0
@@ -60,7 +69,7 @@ def response(data: xr.Dataset) -> Figure:
         _top(panel, 1e3 * data["tip_amplitude"].isel(lamina=i).to_numpy())
         if axis.key == "excitation.frequency":
             _linear(panel, data, axis, i)
-        _mark_missing(panel, data, axis)
+        _mark_points(panel, data, axis)
         panel.set_title(str(name), loc="left")
         panel.set(ylabel=f"half peak-to-peak  $q_{{{i + 1}}}$ [mm]")
     legend_above(panels[0])
@@ -79,12 +88,14 @@ def bifurcation(data: xr.Dataset) -> Figure:
             colour, size = POINT_STYLE.get(label, (BLUE, 1.6))
             strobes = part["strobe_displacement"].isel(lamina=i)
             q = 1e3 * strobes.transpose(axis.name, "strobe").to_numpy()
-            x = np.repeat(axis.shown, q.shape[1])
-            panel.plot(
-                x, q.ravel(), "o", color=colour, markersize=size, alpha=0.5, markeredgewidth=0.0
-            )
+            is_grey = is_unsettled(part).to_numpy()
+            for own, shade in ((~is_grey, colour), (is_grey, UNSETTLED_COLOUR)):
+                panel.plot(
+                    np.repeat(axis.shown[own], q.shape[1]), q[own].ravel(), "o", color=shade,
+                    markersize=size, alpha=0.5, markeredgewidth=0.0,
+                )  # fmt: skip
             panel.plot([], [], "o", color=colour, markersize=2.0 * size, label=label)
-        _mark_missing(panel, data, axis)
+        _mark_points(panel, data, axis)
         panel.set_title(str(name), loc="left")
         panel.set(ylabel=f"tip displacement  $q_{{{i + 1}}}$ at t = nT [mm]")
     legend_above(panels[0])
@@ -105,7 +116,7 @@ def lyapunov(data: xr.Dataset) -> Figure:
             axis.shown, part["lyapunov_exponent"].to_numpy(), yerr=errors, fmt=line, color=colour,
             marker=marker, markersize=3.0, linewidth=1.0, elinewidth=0.8, capsize=2.0, label=label,
         )  # fmt: skip
-    _mark_missing(panel, data, axis)
+    _mark_points(panel, data, axis)
     panel.set(ylabel=f"largest Lyapunov exponent [1/s]\nbars: ±{BARS:g} standard errors")
     legend_above(panel)
     _finish(figure, [panel], data, axis)
@@ -162,17 +173,19 @@ def _linear(panel: Axes, data: xr.Dataset, axis: DiagramAxis, i: int) -> None:
     panel.plot(f, amplitude, ":", color=BASE_COLOUR, linewidth=1.3, label="linear, no contact")
 
 
-def _mark_missing(panel: Axes, data: xr.Dataset, axis: DiagramAxis) -> None:
-    """Mark the points without a result at the bottom of the panel."""
-    is_missing = data["outcome"].to_numpy() != "completed"
-    if is_missing.ndim > 1:
-        is_missing = is_missing.any(axis=0)
-    if is_missing.any():
-        x = axis.shown[is_missing]
-        panel.plot(
-            x, np.zeros(x.size), "x", color=BLACK, markersize=5.0, clip_on=False,
-            transform=panel.get_xaxis_transform(), label="not completed",
-        )  # fmt: skip
+def _mark_points(panel: Axes, data: xr.Dataset, axis: DiagramAxis) -> None:
+    """Mark the points that have not settled or have no result at the bottom of the panel."""
+    for is_marked, marker, colour, label in (
+        (is_unsettled(data), "s", UNSETTLED_COLOUR, KINDS[UNSETTLED]),
+        (data["outcome"] != "completed", "x", BLACK, "not completed"),
+    ):
+        others = [dim for dim in is_marked.dims if dim != axis.name]
+        x = axis.shown[is_marked.any(others).to_numpy()]
+        if x.size:
+            panel.plot(
+                x, np.zeros(x.size), marker, color=colour, markersize=5.0, clip_on=False,
+                transform=panel.get_xaxis_transform(), label=label,
+            )  # fmt: skip
 
 
 def _finish(figure: Figure, panels: Iterable[Axes], data: xr.Dataset, axis: DiagramAxis) -> None:

@@ -30,16 +30,17 @@ from delam_fem.results.figures.style import (
     WIDTH,
     YELLOW,
 )
-from delam_fem.studies.sweeps.axes import DiagramAxis, axes_of, heading, require
+from delam_fem.studies.sweeps.axes import DiagramAxis, axes_of, heading, is_unsettled, require
 
 if TYPE_CHECKING:
     import xarray as xr
 
 
-KIND_COLOURS = (SKY, ORANGE, GREEN, "#bbbbbb", BLACK, "#ffffff", "#cfe8f7")
+KIND_COLOURS = (SKY, ORANGE, GREEN, "#bbbbbb", BLACK, "#ffffff", "#cfe8f7", "#e0e0e0")
 """Colours of the kinds of motion, in the order of `KINDS`."""
 ATTRACTOR_COLOURS = (BLUE, ORANGE, GREEN, SKY, VERMILLION, YELLOW, PURPLE)
 """Colours of the attractors, the most frequent first; all further attractors share a grey."""
+UNSETTLED, HATCH = at.KINDS[at.UNSETTLED], "////"
 OTHERS, ISOLATED, NONE = "#999999", "#dddddd", "#ffffff"
 MOST_LABELS = 900
 """Largest number of cells up to which the periodicity is written into them."""
@@ -58,6 +59,7 @@ def plane(data: xr.Dataset) -> Figure:
             _values(data, "periodicity", x, y),
             _values(data, "strobe_displacement", x, y),
             _values(data, "is_decided", x, y) != 0.0 if "is_decided" in data else None,
+            _values(data, "settled", x, y) != 0.0 if "settled" in data else None,
         )
     except ValueError as error:
         raise CaseError(f"diagram plane: {error}") from None
@@ -70,6 +72,7 @@ def plane(data: xr.Dataset) -> Figure:
         _write_periods(panel, x, y, periods)
     present = [k for k in range(len(at.KINDS)) if (kinds == k).any()]
     shares = [f"{at.KINDS[k]} ({_percent(float((kinds == k).mean()))})" for k in present]
+    _hatch_unsettled(panel, x, y, data)
     _legend(panel, [KIND_COLOURS[k] for k in present], shares)
     _finish(figure, panel, (x, y), data)
     figure.supxlabel(_thresholds(), fontsize=8.0, color="#555555")
@@ -84,7 +87,7 @@ def _thresholds() -> str:
         f"quasi-periodic: {100 * at.LINE_SHARE:g} % of the strobes' power\nin "
         f"{at.LINES} spectral lines; irregular: none of these; undecided: the class changes with "
         f"the {100 * PERIODIC_SCATTER:g} % times or over {PERIODIC_MARGIN:g}; numbers: P of higher "
-        "order"
+        "order;\nhatched: the transient is not over"
     )
 
 
@@ -111,6 +114,7 @@ def basins(data: xr.Dataset) -> Figure:
         (OTHERS, f"{kept.size - shown} others", found.share[kept[shown:]].sum()),
         (ISOLATED, "isolated cells: not decided", isolated.mean()),
         (NONE, "not completed", (found.number < 0).mean()),
+        (NONE, UNSETTLED, _hatch_unsettled(panel, x, y, data)),
     ):
         if share > 0.0:
             labels.append(f"{text} ({_percent(float(share))})")
@@ -149,6 +153,9 @@ def lyapunov_map(data: xr.Dataset) -> Figure:
         norm=TwoSlopeNorm(0.0, -bound or -1.0, bound or 1.0),
     )  # fmt: skip
     figure.colorbar(mesh, ax=panel, label="largest Lyapunov exponent [1/s]")
+    share = _hatch_unsettled(panel, x, y, data)
+    if share > 0.0:
+        _legend(panel, [NONE], [f"{UNSETTLED} ({_percent(share)})"])
     _finish(figure, panel, (x, y), data)
     return figure
 
@@ -179,6 +186,17 @@ def _cells(
     )  # fmt: skip
 
 
+def _hatch_unsettled(panel: Axes, x: DiagramAxis, y: DiagramAxis, data: xr.Dataset) -> float:
+    """Hatch the cells of points that have not settled; return their share."""
+    mask = is_unsettled(data).transpose(x.name, y.name).to_numpy()
+    if mask.any():
+        panel.pcolor(
+            x.shown, y.shown, np.where(mask.T, 0.0, np.nan), shading="nearest", hatch=HATCH,
+            alpha=0.0,
+        )  # fmt: skip
+    return float(mask.mean())
+
+
 def _write_periods(panel: Axes, x: DiagramAxis, y: DiagramAxis, periodicity: FloatArray) -> None:
     """Write the periodicity of motions of higher order into their cells."""
     for i, j in zip(*np.nonzero(periodicity > 1), strict=True):
@@ -191,7 +209,13 @@ def _write_periods(panel: Axes, x: DiagramAxis, y: DiagramAxis, periodicity: Flo
 def _legend(panel: Axes, colours: list[str], labels: list[str]) -> None:
     """Draw the legend of the colours above the panel."""
     handles = [
-        Patch(facecolor=colour, edgecolor="#555555", linewidth=0.5, label=label)
+        Patch(
+            facecolor=colour,
+            edgecolor="#555555",
+            linewidth=0.5,
+            label=label,
+            hatch=HATCH if label.startswith(UNSETTLED) else None,
+        )
         for colour, label in zip(colours, labels, strict=True)
     ]
     panel.legend(

@@ -33,6 +33,7 @@ from delam_fem.results.pages.html import (
     Text,
     embedded,
 )
+from delam_fem.studies.sweeps.axes import is_unsettled
 from delam_fem.studies.sweeps.grid import INITIAL
 
 if TYPE_CHECKING:
@@ -45,7 +46,7 @@ MOST_POINTS = 2500
 DIAGRAMS = ("response", "bifurcation", "plane", "lyapunov", "basins")
 COLOURS = {1: SKY, 2: ORANGE}
 """Colours of periodicities in the map; the further ones are green."""
-IRREGULAR, FAILED = "#bbbbbb", "#ffffff"
+IRREGULAR, FAILED, UNSETTLED = "#bbbbbb", "#ffffff", "#e0e0e0"
 FILES = {
     "sweep.nc": "all numbers of all points, NetCDF",
     "sweep.toml": "the sweep",
@@ -115,10 +116,13 @@ def sentence(data: xr.Dataset) -> str:
     if "periodicity" in data and outcomes["completed"]:
         found = data["periodicity"].to_numpy()[data["outcome"].to_numpy() == "completed"]
         kinds = Counter(int(P) if np.isfinite(P) else 0 for P in found)
+        moving = int(is_unsettled(data).sum())
+        kinds[0] -= moving
         words = [
             f"{kinds[P]} of period {P}" if P else f"{kinds[0]} without a period"
-            for P in sorted(kinds, key=lambda P: P or 99)
+            for P in sorted(+kinds, key=lambda P: P or 99)
         ]
+        words += [f"{moving} not settled"] if moving else []
         text += f"; of these {', '.join(words)}"
     return f"{text}."
 
@@ -178,7 +182,10 @@ def _maps(data: xr.Dataset, found: list[Point], directory: Path) -> Iterator[Blo
     axes = [str(name) for name in grid.dims if name != "direction"]
     if len(axes) != 2:
         return
-    text = "Periods after which the motion repeats, – where it does not; a cell leads to its run."
+    text = (
+        "Periods after which the motion repeats, – where it does not, … where it has not settled; "
+        "a cell leads to its run."
+    )
     yield Paragraph(text, "about")
     numbers = np.arange(grid.size).reshape(grid.shape)
     by_direction = numbers if "direction" in grid.dims else numbers[None]
@@ -200,6 +207,8 @@ def _cell(data: xr.Dataset, point: Point, directory: Path) -> Cell:
     words = ", ".join(f"{name} = {value}" for name, value in point.values.items())
     if outcome != "completed":
         return Cell("×", _target(point, directory), FAILED, f"{words}: {outcome or 'missing'}")
+    if bool(is_unsettled(data).to_numpy()[point.place]):
+        return Cell("…", _target(point, directory), UNSETTLED, f"{words}: not settled")
     if not np.isfinite(P):
         return Cell("–", _target(point, directory), IRREGULAR, words)
     text = f"{P:.0f}"

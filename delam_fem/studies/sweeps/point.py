@@ -24,6 +24,7 @@ from delam_fem.engines.session import session_of
 from delam_fem.model.beams import closed_form
 from delam_fem.model.layout import Layout, Structure
 from delam_fem.numerics.arrays import FloatArray
+from delam_fem.results.settling import decay_of, enough_of
 from delam_fem.simulation.initial import first_mode, initial_state
 from delam_fem.simulation.loop import State
 from delam_fem.simulation.recorder import Recorder
@@ -40,7 +41,7 @@ NOT_ASSEMBLED: Mapping[str, bool | set[str]] = {
     "excitation": True,
     "contact": set(Contact.model_fields) - {"points_per_element"},
     "output": True,
-    "time": {"scheme", "steps_per_period", "periods"},
+    "time": {"scheme", "steps_per_period", "periods", "most_periods"},
 }
 """Sections and keys of a case that do not affect the assembly, in the notation of pydantic."""
 
@@ -111,7 +112,7 @@ class PointRunner:
     """
 
     sweep: Sweep
-    _structures: dict[str, Structure] = field(default_factory=dict)
+    _structures: dict[str, tuple[Structure, float]] = field(default_factory=dict)
 
     def quantities(self, layout: Layout) -> tuple[Quantity, ...]:
         """Return the quantities in a row, in order."""
@@ -137,11 +138,16 @@ class PointRunner:
 
     def structure(self, case: Case) -> Structure:
         """Return the discretised case, from memory if another case with the same model made it."""
+        return self._known(case)[0]
+
+    def _known(self, case: Case) -> tuple[Structure, float]:
+        """Return the discretised case, and the rate at which its slowest mode dies out [1/s]."""
         key = assembly_key(case)
         if key not in self._structures:
             while len(self._structures) >= KEPT_STRUCTURES:
                 del self._structures[next(iter(self._structures))]
-            self._structures[key] = _assemble(case, self.sweep.file.operators)
+            structure = _assemble(case, self.sweep.file.operators)
+            self._structures[key] = structure, decay_of(case, structure)
         return self._structures[key]
 
     def _computed(self, index: int, carried: State | None) -> tuple[Point, State | None]:
@@ -150,13 +156,14 @@ class PointRunner:
         if not record.node_distortion:
             output = case.output.model_copy(update={"fields_per_period": 0})
             case = case.model_copy(update={"output": output})
-        structure = self.structure(case)
-        operators, layout = structure.operators, structure.layout
+        structure, rate = self._known(case)
+        operators, layout, decay = structure.operators, structure.layout, rate * case.period
         if carried is None:
             carried = initial_state(structure, self.sweep.initial(index))
         engine = self.sweep.file.engine
         with session_of(case, operators, initial=carried, engine=engine) as opened:
-            recorder, outcome = opened.recorder, opened.run()
+            recorder = opened.recorder
+            outcome = opened.run(enough=enough_of(case, recorder, len(layout.parts), decay))
             if outcome != "completed":
                 return Point(index, outcome, _where(recorder, case), None), None
             state = opened.engine.state()
@@ -174,7 +181,7 @@ class PointRunner:
                 )
                 extra |= {"lyapunov_exponent": found.value, "lyapunov_error": found.error}
         wanted = self.quantities(layout)
-        row = row_of(wanted, case, recorder, structure, extra)
+        row = row_of(wanted, case, recorder, structure, extra, decay)
         return Point(index, outcome, "", row), state
 
 

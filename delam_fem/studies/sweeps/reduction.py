@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -18,12 +19,14 @@ from delam_fem.numerics.harmonics import (
     harmonic_phases,
     total_harmonic_distortion,
 )
-from delam_fem.results import diagnostics
+from delam_fem.results import diagnostics, settling
 from delam_fem.results.schema import SENSOR
 from delam_fem.simulation.recorder import LEDGER, N_BASE, Recorder
 from delam_fem.simulation.signals import Signal, signals
 from delam_fem.studies.sweeps.quantities import ENERGIES, Quantity
 
+SETTLED = {"settled": 1.0, "not settled": 0.0, "irregular": -1.0}
+"""Numbers of the verdicts in the dataset of a sweep."""
 NO_PAIR = -1
 """In place of a pair if the interface has none at the probes."""
 
@@ -34,6 +37,7 @@ def row_of(
     recorder: Recorder,
     structure: Structure,
     extra: Mapping[str, float],
+    decay: float = 0.0,
 ) -> FloatArray:
     """Return the row of a point.
 
@@ -43,6 +47,7 @@ def row_of(
         recorder: after the run.
         structure: that moved.
         extra: values that do not follow from the record, by name.
+        decay: e-folds of the slowest mode of the structure in a period [-].
 
     Returns:
         One row, NaN for numbers without a meaning, shape (sum of sizes,).
@@ -53,11 +58,13 @@ def row_of(
     values: dict[str, npt.ArrayLike | None] = dict(extra)
     if "tip_min" in names:
         values |= diagnostics.summary_of(motion, case)
+        values |= _settled(settling.numbers(recorder, n_laminae, case, decay))
         values["is_decided"] = _decided(values.pop("periodicity_class"))
         values["tip_amplitude"] = np.ptp(motion.displacement, axis=1) / 2.0
         values["energy_residual"] = recorder.energy_residual()
-    values["strobe_displacement"] = recorder.strobe[:, 0, :n_laminae].T
-    values["strobe_velocity"] = recorder.strobe[:, 1, :n_laminae].T
+    strobe = recorder.strobe[: recorder.n_closed, :, :n_laminae]
+    values["strobe_displacement"], values["strobe_velocity"] = strobe.transpose(1, 2, 0)
+    values["periods_computed"] = recorder.n_closed
     N = case.time.steps_per_period
     if "harmonic_amplitude" in names:
         whole = motion.whole_periods(N)
@@ -147,6 +154,15 @@ def _node_distortion(recorder: Recorder, layout: Layout) -> dict[str, npt.ArrayL
         "node_distortion_factor": distortion_factor(amplitudes),
         "node_thd": total_harmonic_distortion(amplitudes),
     }
+
+
+def _settled(found: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the verdict of a point as numbers, and the periodicity that goes with it."""
+    if found["settled"] is None:
+        return {}
+    entries = {name: value for name, value in found.items() if name != "settling"}
+    code = SETTLED[found["settled"]]
+    return entries | {"settled": code, "transient": found["settling"]["transient"]}
 
 
 def _decided(periodicity_class: object) -> float:

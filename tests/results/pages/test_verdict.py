@@ -50,7 +50,15 @@ def test_a_settled_motion_is_called_so_where_it_was_judged() -> None:
     history = struck(0.6, -0.45)
     assert verdict(history, settled="settled").startswith("Settled, one-periodic, one tip")
     assert verdict(history, settled="not settled", periodicity=None).startswith(
-        "Not settled, no repetition within eight periods, one tip"
+        "Not settled, one tip strike"
+    )
+    numbers = {"transient": 0.0726, "periods_needed": 168}
+    found = verdict(history, settled="not settled", periodicity=None, settling=numbers)
+    assert found.startswith(
+        "Not settled (7.3 % of the amplitude is transient; at most 168 further periods are needed)"
+    )
+    assert verdict(history, settled="irregular", periodicity=None).startswith(
+        "Irregular, no repetition within eight periods, one tip"
     )
 
 

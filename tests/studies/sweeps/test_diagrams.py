@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from matplotlib.collections import QuadMesh
+from matplotlib.figure import Figure
 from typer.testing import CliRunner
 
 from delam_fem.case.files import preset
@@ -15,7 +16,7 @@ from delam_fem.case.toml import CaseError
 from delam_fem.cli.app import app
 from delam_fem.numerics import attractors as at
 from delam_fem.studies.sweeps.diagrams import DiagramName, diagram, save_diagram
-from delam_fem.studies.sweeps.line_diagrams import POINT_STYLE
+from delam_fem.studies.sweeps.line_diagrams import POINT_STYLE, UNSETTLED_COLOUR
 
 N_STROBES = 64
 FREQUENCIES = np.array([3.0, 3.2, 3.4, 3.6, 3.8])
@@ -93,6 +94,52 @@ def plane() -> xr.Dataset:
         },
         attrs={"case": preset("paper").to_toml()},
     )
+
+
+def unsettled(data: xr.Dataset, *places: tuple[int, ...]) -> xr.Dataset:
+    """Return the dataset with a verdict: all points have settled but those at some places."""
+    verdicts = np.ones(data["outcome"].shape)
+    for place in places:
+        verdicts[place] = 0.0
+    data = data.assign(settled=(data["outcome"].dims, verdicts))
+    if "periodicity" in data:
+        data["periodicity"] = data["periodicity"].where(verdicts != 0.0)
+    return data
+
+
+def test_unsettled_points_are_hatched_and_of_no_order() -> None:
+    """One cell of a higher order is not settled; the cell that diverged keeps its colour."""
+    data = unsettled(plane(), (0, 1), (1, 2))
+    for kind in ("plane", "basins", "lyapunov"):
+        figure = diagram(kind, data)
+        panel = figure.axes[0]
+        assert "not settled (17 %)" in legend(figure), kind
+        (hatched,) = [c for c in panel.collections if c.get_hatch()]
+        shown = np.isfinite(np.ma.filled(hatched.get_array(), np.nan))
+        assert np.flatnonzero(shown).size == 1, kind
+        others = diagram(kind, unsettled(plane())).axes[0].collections
+        assert not [c for c in others if c.get_hatch()]
+    texts = legend(diagram("plane", data))
+    assert not any(text.startswith("higher order") for text in texts)
+    assert any(text.startswith("diverged") for text in texts)
+
+
+def test_unsettled_points_over_one_axis_are_grey() -> None:
+    data = unsettled(lines(), (0, 1))
+    figure = diagram("bifurcation", data)
+    grey = [line for line in figure.axes[0].get_lines() if line.get_color() == UNSETTLED_COLOUR]
+    points = [line for line in grey if len(line.get_xdata()) >= N_STROBES]
+    assert [set(line.get_xdata()) for line in points] == [{FREQUENCIES[1]}]
+    assert "not settled" in legend(figure)
+    for kind in ("response", "lyapunov"):
+        drawn = {line.get_label(): line for line in diagram(kind, data).axes[0].get_lines()}
+        assert drawn["not settled"].get_xdata().tolist() == [FREQUENCIES[1]]
+    assert "not settled" not in legend(diagram("bifurcation", unsettled(lines())))
+
+
+def legend(figure: Figure) -> list[str]:
+    """Return the labels of the legend of the first panel."""
+    return [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
 
 
 def test_response_draws_both_directions_and_the_linear_motion() -> None:

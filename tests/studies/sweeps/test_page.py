@@ -49,6 +49,9 @@ def plane(*, directions: bool = False, second: str = "contact.penalty_stiffness"
 def test_the_sentence_counts_outcomes_and_periods() -> None:
     expected = "6 points: 5 completed, 1 diverged; of these 3 of period 1, 1 of period 2"
     assert sentence(plane()) == f"{expected}, 1 without a period."
+    moving = plane().assign(settled=(plane()["outcome"].dims, np.ones((2, 3))))
+    moving["settled"][1, 1] = 0.0
+    assert sentence(moving) == f"{expected}, 1 not settled."
     assert sentence(plane().drop_vars("periodicity")) == "6 points: 5 completed, 1 diverged."
 
 

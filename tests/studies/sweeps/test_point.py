@@ -16,6 +16,7 @@ SHARED: list[dict[str, object]] = [
     {"contact.law": "penalty", "contact.penalty_stiffness": 7.0, "contact.penalty_damping": 1.0},
     {"contact.law": "newton", "contact.restitution": 0.5, "contact.impulse": "consistent"},
     {"time.steps_per_period": 77, "time.periods": 3, "output.fields_per_period": 0},
+    {"time.periods": "settled", "time.most_periods": 7},
     {"time.scheme": "central-difference", "output.window_periods": 2},
 ]
 OWN: list[dict[str, object]] = [
@@ -80,3 +81,27 @@ def test_a_new_section_never_shares_models() -> None:
         BondedCase.model_validate({**data, "bond": {"length": 0.1}}),
     )
     assert len({assembly_key(case) for case in (plain, none, some)}) == 3
+
+
+def test_points_say_whether_they_have_settled_and_may_run_until_they_have() -> None:
+    """A point that ends by itself has the row of one with as many periods; the last strobes are
+    those of its end."""
+    keys = {"time.steps_per_period": 60, "output.window_periods": 4, "time.periods": "settled"}
+    axis = {"key": "excitation.frequency", "values": [1.25, 13.667]}
+    damping = {f"lamina.{name}.damping_ratio": 0.005 for name in ("thick", "thin")}
+    given = {"name": "s", "base": "paper", "axis": [axis], "record": {"strobes": 30}}
+    ends = PointRunner(sweep_of(given | {"set": SMALL | keys}))
+    names = [q.name for q in ends.quantities(ends.structure(ends.sweep.case(0)).layout)]
+    first, _ = ends.point(0, None)
+    assert first.row is not None and first.outcome == "completed"
+    sizes = [q.size for q in ends.quantities(ends.structure(ends.sweep.case(0)).layout)]
+    starts = dict(zip(names, np.cumsum([0, *sizes]), strict=False))
+    periods = int(first.row[starts["periods_computed"]])
+    assert first.row[starts["settled"]] == 1.0 and periods % 20 == 0 and periods < 300
+    counted = PointRunner(sweep_of(given | {"set": SMALL | keys | {"time.periods": periods}}))
+    np.testing.assert_array_equal(counted.point(0, None)[0].row, first.row)
+    few = {"time.periods": 60, "contact.law": "none"}
+    short = PointRunner(sweep_of(given | {"set": SMALL | keys | damping | few}))
+    row = short.point(1, None)[0].row
+    assert row is not None and row[starts["settled"]] == 0.0
+    assert np.isnan(row[starts["periodicity"]]) and row[starts["transient"]] > 0.01
