@@ -124,7 +124,7 @@ def _converted(key: object, value: object) -> object:
 
 
 def _take_material(given: dict[object, object]) -> None:
-    """Fill in density and modulus of a named material; other values beside it are refused."""
+    """Fill in density and modulus of a named material, where the lamina does not give them."""
     name = given.get("material")
     if name is None:
         return
@@ -132,11 +132,8 @@ def _take_material(given: dict[object, object]) -> None:
     if row is None:
         raise inconsistent("material", f"expected one of {', '.join(MATERIALS)}, given {name!r}")
     for key in ("density", "young_modulus"):
-        value = getattr(row, key)
-        if given.setdefault(key, value) != value:
-            raise inconsistent(
-                key, f"expected {value!r}, that of {name}, or no material; given {given[key]!r}"
-            )
+        if key != "density" or "mass_per_length" not in given:
+            given.setdefault(key, getattr(row, key))
 
 
 def _take_section(given: dict[object, object]) -> None:

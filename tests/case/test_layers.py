@@ -183,3 +183,11 @@ def test_bad_tables_are_told(tmp_path: Path, rows: str, text: str) -> None:
     )
     with pytest.raises(CaseError, match=text):
         closed_form.assemble(case)
+
+
+def test_a_number_of_a_lamina_wins_over_that_of_its_material() -> None:
+    lower = preset("embedded").lamina[0].model_dump(exclude_none=True)
+    upper = {**lower, "name": "upper", "material": "steel", "density": 7800.0}
+    del upper["young_modulus"]
+    found = preset("embedded", {"lamina": [lower, upper]}).lamina[1]
+    assert (found.material, found.density, found.young_modulus) == ("steel", 7800.0, 210e9)
