@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from delam_fem.case.definition import Case
 from delam_fem.case.toml import CaseError
 from delam_fem.model import fields
 from delam_fem.model.layout import Layout, Structure
@@ -29,6 +30,12 @@ def scan_positions(length: float, spacing: float, first: float = 0.0) -> FloatAr
             f"{first:g} m and a spacing of {spacing:g} m"
         )
     return np.asarray(np.minimum(first + spacing * np.arange(n), length))
+
+
+def surface_of(case: Case, lamina: str | None) -> str:
+    """Return the name of the lamina that is scanned: the given one, or the thinner outermost."""
+    first, *_, last = case.lamina
+    return lamina or min(last, first, key=lambda own: own.thickness or math.inf).name
 
 
 def part_of(layout: Layout, lamina: str) -> int:

@@ -334,7 +334,7 @@ def _gaps(o: Operators, order: IntArray) -> tuple[FloatArray | None, Points]:
             return None, NO_POINTS
         result[place // lk.ROW * lanes.LANES + place % lanes.LANES] = o.gap0
         return result, NO_POINTS
-    points = None if (o.gap0 <= 0.0).any() else points_of(o, order)
+    points = None if not o.n_pairs or (o.gap0 <= 0.0).any() else points_of(o, order)
     return (None, NO_POINTS) if points is None else (result, points)
 
 

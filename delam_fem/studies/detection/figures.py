@@ -8,7 +8,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from delam_fem.case.atomic import atomic
 from delam_fem.results.figures.style import (
     BASE_COLOUR,
     BLUE,
@@ -21,6 +20,7 @@ from delam_fem.results.figures.style import (
 )
 from delam_fem.studies.detection.detect import Detection
 from delam_fem.studies.detection.locate import SHARE, Mark
+from delam_fem.studies.detection.saving import save_drawings
 
 _TITLES = {
     "curvature": "2f-curvature  |V₂″|",
@@ -34,19 +34,13 @@ _TITLES = {
 
 def save_figures(found: Detection, directory: Path) -> list[Path]:
     """Write the figures of a detection as PNG into a folder, which is made where it is missing."""
-    directory.mkdir(parents=True, exist_ok=True)
-    paths = []
     with styled():
-        for name, figure in (
-            ("detection", detection_figure(found)),
-            ("indices", indices_figure(found)),
-            ("shapes", shapes_figure(found)),
-        ):
-            path = directory / f"{name}.png"
-            with atomic(path) as temporary:
-                figure.savefig(temporary)
-            paths.append(path)
-    return paths
+        drawings = {
+            "detection": detection_figure(found),
+            "indices": indices_figure(found),
+            "shapes": shapes_figure(found),
+        }
+    return save_drawings(drawings, directory)
 
 
 def detection_figure(found: Detection) -> Figure:

@@ -63,11 +63,13 @@ class Repeated:
     Attributes:
         calls: share of the repetitions that call the beam damaged [-].
         start, end: lower and upper bounds of the ends, where it is called, each of shape (2,) [m].
+        middle: medians of start and end, shape (2,) [m].
     """
 
     calls: float
     start: FloatArray
     end: FloatArray
+    middle: FloatArray
 
 
 def mark(name: str, shapes: Shapes, false_calls: float = FALSE_CALLS) -> Mark:
@@ -106,6 +108,7 @@ def repeated(
         found = mark(name, Shapes(shapes.x, shapes.frequency, shapes.orders, noisy.values, noise))
         if found.is_detected:
             ends.append((found.start, found.end))
-    tails = (0.5 * (1.0 - CONFIDENCE), 0.5 * (1.0 + CONFIDENCE))
-    bounds = np.quantile(ends, tails, axis=0) if ends else np.full((2, 2), np.nan)
-    return Repeated(len(ends) / repetitions, bounds[:, 0], bounds[:, 1])
+    shares = (0.5 * (1.0 - CONFIDENCE), 0.5, 0.5 * (1.0 + CONFIDENCE))
+    found_ends = np.quantile(ends, shares, axis=0) if ends else np.full((3, 2), np.nan)
+    bounds = found_ends[[0, 2]]
+    return Repeated(len(ends) / repetitions, bounds[:, 0], bounds[:, 1], found_ends[1])

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+import xarray as xr
 
 from delam_fem.case.definition import Case
 from delam_fem.case.toml import CaseError
@@ -16,7 +17,8 @@ from delam_fem.model.beams import closed_form
 from delam_fem.model.beams.bonded import n_rigid
 from delam_fem.model.vibration import lowest
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.results.scan import scan_field, scan_positions
+from delam_fem.results.measured.reading import scan as measured_scan
+from delam_fem.results.scan import scan_field, scan_positions, surface_of
 from delam_fem.studies.linear import closed_motion
 
 SAMPLES = 50
@@ -61,8 +63,7 @@ class Scan:
 
     def surface(self, case: Case) -> str:
         """Return the name of the lamina that is measured."""
-        first, *_, last = case.lamina
-        return self.lamina or min(last, first, key=lambda lamina: lamina.thickness or 0.0).name
+        return surface_of(case, self.lamina)
 
     def samples(self, frequency: float) -> int:
         """Return the number of samples per period.
@@ -160,15 +161,39 @@ def simulated(case: Case, scan: Scan) -> Measurement:
     return Measurement(times, x, v if scan.quantity == "velocity" else u, f)
 
 
-def settling_periods(case: Case) -> int:
-    """Return after how many periods 0.1 % of a free motion of the lowest mode is left."""
+def read(data: xr.Dataset, case: Case, scan: Scan, frequency: float | None = None) -> Measurement:
+    """Return the field in a dataset of measurements (`results.measured`).
+
+    Args:
+        data: with the histories of points along a lamina.
+        case: gives the frequency of the excitation, unless it is given.
+        scan: gives the lamina and the quantity.
+        frequency: of the excitation [Hz].
+
+    Raises:
+        CaseError: fewer than five points are measured, or their records have gaps.
+    """
+    found = measured_scan(data, scan.quantity, scan.surface(case))
+    field, x = found.to_numpy(), found["position"].to_numpy()
+    if x.size < 5 or not np.all(np.diff(x) > 0.0):
+        raise CaseError(
+            f"measured: expected {scan.quantity} at 5 or more different positions on the lamina "
+            f"{scan.surface(case)!r}, given {x.tolist()}"
+        )
+    whole = np.isfinite(field).all(axis=1)
+    times = found["time"].to_numpy()[whole]
+    return Measurement(times, x, field[whole], frequency or case.excitation.top_frequency)
+
+
+def settling_periods(case: Case, settled: float = SETTLED) -> int:
+    """Return after how many periods that share of a free motion of the lowest mode is left."""
     structure = closed_form.assemble(case)
     o = structure.operators
     rigid = 0 if case.is_apart else n_rigid(case)
     found, _ = lowest(o.stiffness, o.mass, rigid + 1, is_floating=rigid > 0)
     D = min(lamina.damping_ratio for lamina in case.lamina)
     decay = 2.0 * math.pi * D * float(found[rigid])
-    return math.ceil(-math.log(SETTLED) / decay * case.excitation.top_frequency) if decay else 0
+    return math.ceil(-math.log(settled) / decay * case.excitation.top_frequency) if decay else 0
 
 
 def intact(case: Case) -> Case:

@@ -5,22 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from delam_fem.case.atomic import write_text
-from delam_fem.results.pages import html
-from delam_fem.results.pages.html import (
-    Figure,
-    Link,
-    Paragraph,
-    Preformatted,
-    Section,
-    Table,
-    embedded,
-)
+from delam_fem.results.pages.html import Link, Section, Table
 from delam_fem.studies.detection.detect import HEADING, RESULT, Detection
 from delam_fem.studies.detection.locate import CONFIDENCE
+from delam_fem.studies.detection.saving import save_page
 
-PAGE = "report.html"
-"""Name of the page in the folder of a detection."""
 _CAPTIONS = {
     "detection": "The index that calls, with its limit of noise and 30 % of its largest value. "
     "Grey: the delamination of the case. Red bars above: bounds of the ends over repeated noise.",
@@ -31,16 +20,13 @@ _CAPTIONS = {
 
 def write_page(found: Detection, figures: Sequence[Path], directory: Path) -> Path:
     """Write the page of a detection into its folder and return its path."""
-    drawn = [Figure([embedded(p)], _CAPTIONS[p.stem], _CAPTIONS[p.stem]) for p in figures]
-    sections = [
-        Section("", [Paragraph(verdict(found), "verdict")]),
-        Section("Figures", drawn),
+    more = (
         Section("Indices", [Table(HEADING, found.rows())]),
         Section("Files", [Table(("file", "content"), [(Link(RESULT, RESULT), "all numbers")])]),
-        Section("Case", [Preformatted(found.case.to_toml())]),
-    ]
+    )
+    captions = {path: _CAPTIONS[path.stem] for path in figures}
     title = f"Detection in {found.case.name}"
-    return write_text(directory / PAGE, html.page(title, sections, contents=True))
+    return save_page(title, verdict(found), captions, found.case, directory, more)
 
 
 def verdict(found: Detection) -> str:

@@ -17,7 +17,9 @@ import numpy.typing as npt
 from delam_fem.case.atomic import atomic_file
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.results.provenance import provenance
+from delam_fem.results.scan import scan_positions
 from delam_fem.results.schema import Variable
+from delam_fem.studies.detection.shapes import ORDERS
 from delam_fem.studies.sweeps.grid import DIRECTIONS, Dimension, Sweep
 from delam_fem.studies.sweeps.journal import Journal
 from delam_fem.studies.sweeps.point import Point
@@ -94,6 +96,12 @@ def _dimensions(
     if "node" in sizes:
         _known_variable(file, "x", np.float64)
         file["x"][:] = x
+    if "scan_point" in sizes:
+        scan = next(quantity.scan for quantity in wanted if quantity.scan is not None)
+        _known_variable(file, "order", np.float64)
+        file["order"][:] = ORDERS
+        _known_variable(file, "scan_x", np.float64)
+        file["scan_x"][:] = scan_positions(float(x[-1]), scan.spacing, scan.first)
     return sizes
 
 
@@ -102,6 +110,8 @@ def _off_dimension(sweep: Sweep, sizes: Mapping[str, int]) -> Iterator[str]:
     yield from (d.name for d in sweep.dimensions if d.name != d.along)
     if "node" in sizes:
         yield "x"
+    if "scan_point" in sizes:
+        yield "scan_x"
 
 
 def _axis(file: h5netcdf.File, axis: Dimension) -> None:

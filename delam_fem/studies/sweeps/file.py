@@ -12,7 +12,15 @@ import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from delam_fem.case.fields import CountOrNone, Label, Section, expected, inconsistent
+from delam_fem.case.fields import (
+    CountOrNone,
+    Label,
+    NotNegative,
+    Positive,
+    Section,
+    expected,
+    inconsistent,
+)
 
 Value: TypeAlias = int | float | str
 """A value of an axis."""
@@ -131,6 +139,20 @@ class Axis(Section):
         return self.values is None or not isinstance(self.values[0], str)
 
 
+class ScanRecord(Section):
+    """A row of points on the surface of a lamina, as a scanning vibrometer measures it.
+
+    Attributes:
+        lamina: its name; None: the thinner outermost one.
+        spacing: distance of the points [m].
+        first: position of the first point [m].
+    """
+
+    lamina: Label | None = None
+    spacing: Positive
+    first: NotNegative = 0.0
+
+
 class Record(Section):
     """The quantities that a sweep records at each point.
 
@@ -140,6 +162,7 @@ class Record(Section):
         harmonics: number of harmonics of the tips whose amplitudes and phases are recorded.
         node_distortion: whether to record d and THD of the displacement at every node.
         energies: whether to record the energy ledger, averaged over the window.
+        scan: points whose velocity is recorded as complex shapes at multiples of the excitation.
         lyapunov: number of periods for the largest Lyapunov exponent; 0: not computed.
         perturbation: initial distance of the second motion for this exponent, relative to the norm
             of the motion.
@@ -150,6 +173,7 @@ class Record(Section):
     harmonics: CountOrNone = 0
     node_distortion: Annotated[bool, Field(strict=True), expected("true or false")] = False
     energies: Annotated[bool, Field(strict=True), expected("true or false")] = False
+    scan: ScanRecord | None = None
     lyapunov: CountOrNone = 0
     perturbation: _Perturbation = 0.03
 
@@ -163,6 +187,8 @@ class SweepFile(Section):
         set: overrides of the base case.
         initial: tip displacement [m] and velocity [m/s] at the start, in the first mode of each
             lamina, by `LAMINA.displacement` and `LAMINA.velocity`.
+        start: "rest", or "steady": the linear steady motion with delaminations kept as they are at
+            rest, from which a stack under a harmonic excitation settles sooner.
         axis: the axes.
         combine: "product": every combination of values; "zip": the k-th values of all axes
             together.
@@ -186,6 +212,7 @@ class SweepFile(Section):
     operators: Literal["closed-form", "dolfinx"] = "closed-form"
     set: Annotated[dict[str, object], BeforeValidator(_flat), Field(default_factory=dict)]
     initial: Annotated[dict[str, object], BeforeValidator(_flat), Field(default_factory=dict)]
+    start: Literal["rest", "steady"] = "rest"
     axis: Annotated[tuple[Axis, ...], BeforeValidator(_some_tables)]
     record: Record = Record()
 
@@ -203,6 +230,8 @@ class SweepFile(Section):
                     "combine",
                     f'expected axes of one length with "zip", given {counts}; or "product"',
                 )
+        if self.start == "steady" and (self.initial or any(k.startswith("initial.") for k in keys)):
+            raise inconsistent("start", 'expected "rest" beside initial conditions')
         if self.order != "independent":
             self._check_continuation()
         return self

@@ -18,6 +18,8 @@ from delam_fem.case.files import PRESETS, load_case, preset
 from delam_fem.case.overrides import apply_overrides
 from delam_fem.case.toml import CaseError, Data, message, read_toml, toml_text
 from delam_fem.numerics.arrays import IntArray
+from delam_fem.results.scan import scan_positions
+from delam_fem.studies.detection.shapes import LEAST_PERIODS
 from delam_fem.studies.sweeps.file import SweepFile, Value
 
 DIRECTIONS = ("up", "down")
@@ -27,7 +29,9 @@ INITIAL = "initial"
 _INITIAL_QUANTITIES = ("displacement", "velocity")
 CHECKED = 1000
 """Largest number of values of an axis that are checked before the sweep."""
-_TAKEN = {"direction", "lamina", "node", "strobe", "harmonic", "x", "outcome", "error"}
+_TAKEN = {
+    "direction", "lamina", "node", "strobe", "harmonic", "x", "outcome", "error", "order", "scan_x",
+}  # fmt: skip
 """Names that an axis cannot have, because the result uses them."""
 _UNITS = {
     "frequency": "Hz", "start_frequency": "Hz", "end_frequency": "Hz", "duration": "s",
@@ -234,6 +238,8 @@ class Sweep:
             raise CaseError(f'{label}: {what}: expected excitation.kind "harmonic" for it')
         if record.node_distortion:
             self._check_frames(case, label)
+        if record.scan is not None:
+            self._check_scan(case, label)
 
     def _check_frames(self, case: Case, label: str) -> None:
         """Check that all points record evenly spaced frames on the same nodes."""
@@ -249,6 +255,23 @@ class Sweep:
                 f"{label}: record.node_distortion: expected one mesh for all points, given the "
                 f"axis {keys[0]}"
             )
+
+    def _check_scan(self, case: Case, label: str) -> None:
+        """Check that the points of a scan exist, and that the window suffices for its shapes."""
+        scan = self.file.record.scan
+        assert scan is not None
+        N, frames = case.time.steps_per_period, case.output.fields_per_period
+        if frames < 5 or N % frames or case.n_window_periods < LEAST_PERIODS:
+            raise CaseError(
+                f"{label}: record.scan: expected output.window_periods of at least {LEAST_PERIODS},"
+                " and output.fields_per_period of at least 5 that divides time.steps_per_period = "
+                f"{N}, given {case.n_window_periods} and {frames}"
+            )
+        if not case.is_periodic:
+            raise CaseError(f"{label}: record.scan: expected a harmonic excitation")
+        scan_positions(case.length, scan.spacing, scan.first)
+        if any(d.key.endswith(".length") for d in self.dimensions):
+            raise CaseError(f"{label}: record.scan: expected one length for all points")
 
 
 def _some(count: int) -> list[int]:

@@ -28,6 +28,7 @@ from delam_fem.results.settling import decay_of, enough_of
 from delam_fem.simulation.initial import first_mode, initial_state
 from delam_fem.simulation.loop import State
 from delam_fem.simulation.recorder import Recorder
+from delam_fem.studies.linear import closed_motion
 from delam_fem.studies.lyapunov import largest_exponent
 from delam_fem.studies.sweeps.grid import Sweep
 from delam_fem.studies.sweeps.quantities import Quantity, quantities
@@ -153,13 +154,13 @@ class PointRunner:
     def _computed(self, index: int, carried: State | None) -> tuple[Point, State | None]:
         record = self.sweep.file.record
         case = self.sweep.case(index)
-        if not record.node_distortion:
+        if not (record.node_distortion or record.scan):
             output = case.output.model_copy(update={"fields_per_period": 0})
             case = case.model_copy(update={"output": output})
         structure, rate = self._known(case)
         operators, layout, decay = structure.operators, structure.layout, rate * case.period
         if carried is None:
-            carried = initial_state(structure, self.sweep.initial(index))
+            carried = self._initial(case, structure, index)
         engine = self.sweep.file.engine
         with session_of(case, operators, initial=carried, engine=engine) as opened:
             recorder = opened.recorder
@@ -183,6 +184,12 @@ class PointRunner:
         wanted = self.quantities(layout)
         row = row_of(wanted, case, recorder, structure, extra, decay)
         return Point(index, outcome, "", row), state
+
+    def _initial(self, case: Case, structure: Structure, index: int) -> State | None:
+        """Return the state at the start of a point; None: at rest."""
+        if self.sweep.file.start == "steady":
+            return closed_motion(case, structure)
+        return initial_state(structure, self.sweep.initial(index))
 
 
 def assembly_key(case: Case) -> str:

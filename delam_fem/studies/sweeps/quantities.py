@@ -12,9 +12,12 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from delam_fem.model.layout import Layout, SensorRows
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.results.scan import scan_positions
 from delam_fem.results.schema import SENSOR, Variable
 from delam_fem.simulation.recorder import LEDGER
-from delam_fem.studies.sweeps.file import Record
+from delam_fem.studies.detection.shapes import ORDERS
+from delam_fem.studies.sweeps.file import Record, ScanRecord
 
 ENERGIES = tuple(name for name in LEDGER if name != "residual")
 """Columns of the ledger that a sweep keeps."""
@@ -71,6 +74,11 @@ _ENERGIES = tuple(
     )
     for name in ENERGIES
 )
+_SCAN = (
+    Variable("scan_real", ("order", "scan_point"), "m/s", "velocity shape, real part"),
+    Variable("scan_imag", ("order", "scan_point"), "m/s", "velocity shape, imaginary part"),
+    Variable("scan_rms", (), "m/s", "root mean square of the velocity over times and points"),
+)
 _LYAPUNOV = (
     Variable("lyapunov_exponent", (), "1/s", "largest Lyapunov exponent"),
     Variable("lyapunov_error", (), "1/s", "standard error of the largest Lyapunov exponent"),
@@ -85,12 +93,15 @@ _COORDINATES = (
     Variable("strobe", ("strobe",), "1", "period, counted from the end"),
     Variable("harmonic", ("harmonic",), "1", "number of the harmonic"),
     Variable("x", ("node",), "m", "position along the laminae"),
+    Variable("order", ("order",), "1", "multiple of the excitation's frequency"),
+    Variable("scan_x", ("scan_point",), "m", "position of the points of a scan"),
 )
 VARIABLES: Mapping[str, Variable] = MappingProxyType(
     {
         row.name: row
         for group in (
-            _SUMMARY, _STROBES, _HARMONICS, _NODES, _ENERGIES, _LYAPUNOV, _OF_POINTS, _COORDINATES,
+            _SUMMARY, _STROBES, _HARMONICS, _NODES, _ENERGIES, _SCAN, _LYAPUNOV, _OF_POINTS,
+            _COORDINATES,
         )
         for row in group
     }
@@ -119,10 +130,12 @@ class Quantity:
     Attributes:
         variable: of the dataset.
         shape: sizes of its dimensions beside those of the grid.
+        scan: the points of the scan, if the sweep records one.
     """
 
     variable: Variable
     shape: tuple[int, ...]
+    scan: ScanRecord | None = None
 
     @property
     def name(self) -> str:
@@ -140,6 +153,11 @@ class Quantity:
         return math.prod(self.shape)
 
 
+def scanned(scan: ScanRecord, layout: Layout) -> FloatArray:
+    """Return the positions of the points of a scan, shape (n,) [m]."""
+    return scan_positions(float(layout.x[-1]), scan.spacing, scan.first)
+
+
 def quantities(record: Record, layout: Layout) -> tuple[Quantity, ...]:
     """Return the numbers that a sweep keeps of each point, in the order of its row.
 
@@ -152,6 +170,8 @@ def quantities(record: Record, layout: Layout) -> tuple[Quantity, ...]:
         "strobe": record.strobes,
         "harmonic": record.harmonics,
         "node": layout.x.size,
+        "order": len(ORDERS),
+        "scan_point": 0 if record.scan is None else scanned(record.scan, layout).size,
     }
     signals = [row for own in layout.sensors for row in of_sensor(own, record.harmonics)]
     groups: tuple[tuple[bool | int, Sequence[Variable]], ...] = (
@@ -160,11 +180,12 @@ def quantities(record: Record, layout: Layout) -> tuple[Quantity, ...]:
         (record.harmonics, _HARMONICS),
         (record.node_distortion, _NODES),
         (record.energies, _ENERGIES),
+        (record.scan is not None, _SCAN),
         (record.lyapunov, _LYAPUNOV),
         (record.summary, signals),
     )
     return tuple(
-        Quantity(row, tuple(sizes[dim] for dim in row.dims))
+        Quantity(row, tuple(sizes[dim] for dim in row.dims), record.scan)
         for is_wanted, rows in groups
         if is_wanted
         for row in rows

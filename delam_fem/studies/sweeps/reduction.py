@@ -20,10 +20,12 @@ from delam_fem.numerics.harmonics import (
     total_harmonic_distortion,
 )
 from delam_fem.results import diagnostics, settling
+from delam_fem.results.scan import scan_field, surface_of
 from delam_fem.results.schema import SENSOR
 from delam_fem.simulation.recorder import LEDGER, N_BASE, Recorder
 from delam_fem.simulation.signals import Signal, signals
-from delam_fem.studies.sweeps.quantities import ENERGIES, Quantity
+from delam_fem.studies.detection.shapes import ORDERS, shapes_of
+from delam_fem.studies.sweeps.quantities import ENERGIES, Quantity, scanned
 
 SETTLED = {"settled": 1.0, "not settled": 0.0, "irregular": -1.0}
 """Numbers of the verdicts in the dataset of a sweep."""
@@ -74,6 +76,8 @@ def row_of(
         values |= _node_distortion(recorder, structure.layout)
     for signal in signals(recorder, structure, case):
         values |= _of_signal(signal, case)
+    if "scan_real" in names:
+        values |= _scan(case, recorder, structure, wanted)
     window = recorder.ledger[recorder.n_closed - len(recorder.window) : recorder.n_closed]
     means = dict(zip(LEDGER, window.mean(axis=0), strict=True))
     values |= {f"energy_{name}": means[name] for name in ENERGIES}
@@ -163,6 +167,21 @@ def _settled(found: Mapping[str, Any]) -> dict[str, Any]:
     entries = {name: value for name, value in found.items() if name != "settling"}
     code = SETTLED[found["settled"]]
     return entries | {"settled": code, "transient": found["settling"]["transient"]}
+
+
+def _scan(
+    case: Case, recorder: Recorder, structure: Structure, wanted: tuple[Quantity, ...]
+) -> dict[str, npt.ArrayLike]:
+    """Return the complex velocity shapes of the points of a scan; NaN for orders not sampled."""
+    row = next(quantity for quantity in wanted if quantity.name == "scan_real")
+    assert row.scan is not None
+    x = scanned(row.scan, structure.layout)
+    times, _, v = scan_field(recorder, structure, surface_of(case, row.scan.lamina), x)
+    shapes = shapes_of(v, times, case.excitation.top_frequency, x)
+    found = np.full((len(ORDERS), x.size), np.nan, dtype=np.complex128)
+    found[[ORDERS.index(order) for order in shapes.orders]] = shapes.values
+    rms = float(np.sqrt(np.mean(v**2)))
+    return {"scan_real": found.real, "scan_imag": found.imag, "scan_rms": rms}
 
 
 def _decided(periodicity_class: object) -> float:

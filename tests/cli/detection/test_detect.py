@@ -36,3 +36,32 @@ def test_a_bad_scan_leaves_no_folder_behind(tmp_path: Path) -> None:
     assert status == 2
     assert "at least 5 points" in output
     assert not (tmp_path / "d").exists()
+
+
+def test_a_measured_file_is_judged_like_a_simulated_scan(tmp_path: Path) -> None:
+    import numpy as np
+
+    from delam_fem.case.files import preset
+    from delam_fem.studies.detection.measurement import Scan, simulated
+
+    case = preset("embedded", {"mesh.elements": 20, "excitation.frequency": 80.0})
+    own = simulated(case, Scan())
+    own = own.noisy(own.noise_of(Scan()), 3)
+    points = [k for k in range(41) if k % 2 == 0]  # every 20 mm
+    names = [f"P{k}" for k in points]
+    table = np.column_stack([own.times, own.field[:, points]])
+    header = ",".join(["time [s]", *(f"{name} [m/s]" for name in names)])
+    np.savetxt(tmp_path / "scan.csv", table, delimiter=",", header=header, comments="")
+    channels = [
+        text
+        for k, name in zip(points, names, strict=True)
+        for text in ("--channel", f"p{k}={name}:m/s@{own.x[k]:.3f}/upper")
+    ]
+    keys = ("--set", "excitation.frequency=80", "--measured", tmp_path / "scan.csv")
+    status, output = invoke("detect", "embedded", *FAST, *keys, *channels, "-o", tmp_path / "d")
+    assert status == 0, output
+    numbers = json.loads((tmp_path / "d" / "detection.json").read_text("utf-8"))
+    assert numbers["is_measured"] and numbers["detected"] and not numbers["intact_called"]
+    assert (numbers["start"], numbers["end"]) == (0.12, 0.28)
+    status, output = invoke("detect", "embedded", *FAST, *keys, "-o", tmp_path / "e")
+    assert status == 2, output

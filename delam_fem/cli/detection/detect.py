@@ -9,10 +9,11 @@ import typer
 
 from delam_fem.cli.console.terminal import reported, say_files, table
 from delam_fem.cli.inputs import CaseArgument, Overwrite, Quiet, case_of, inputs_of
+from delam_fem.cli.measured import Channels, Rate, Units, assigned
 
 if TYPE_CHECKING:
     from delam_fem.case.definition import Case
-    from delam_fem.studies.detection.measurement import Scan
+    from delam_fem.studies.detection.measurement import Measurement, Scan
 
 Folder = Annotated[
     Path | None,
@@ -38,7 +39,7 @@ QuantityName = Annotated[
     Literal["velocity", "displacement"],
     typer.Option(help="What the sensor measures, in the fixed frame."),
 ]
-Rate = Annotated[
+SamplingRate = Annotated[
     float | None,
     typer.Option("--sampling-rate", metavar="HZ", help="Rate of samples (default: 50 per period)."),
 ]
@@ -57,6 +58,16 @@ Density = Annotated[
 Seed = Annotated[int, typer.Option(min=0, help="Seed of the noise.")]
 
 
+Measured = Annotated[
+    list[Path] | None,
+    typer.Option(
+        metavar="FILE",
+        help="Judge this measurement of the surface instead of a simulated one; repeatable. "
+        "--channel, --units and --rate as for `measure`.",
+    ),
+]
+
+
 def register(app: typer.Typer) -> None:
     """Add the command to the application."""
     app.command("detect")(detect_command)
@@ -72,53 +83,74 @@ def detect_command(
     spacing: Spacing = 0.01,
     first: First = 0.0,
     quantity: QuantityName = "velocity",
-    sampling_rate: Rate = None,
+    sampling_rate: SamplingRate = None,
     periods: Periods = 16,
     averages: Averages = 1,
     noise_db: Noise = 40.0,
     noise_density: Density = None,
     seed: Seed = 1,
+    measured: Measured = None,
+    channels: Channels = None,
+    units: Units = None,
+    rate: Rate = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
     """Measure a case with and without its delaminations, and mark them by what clapping adds."""
     with reported(quiet):
+        from delam_fem.case.claim import claimed
         from delam_fem.studies.detection.measurement import Scan
 
         case = case_of(case_name, overrides)
         scan = Scan(
-            lamina=lamina,
-            spacing=spacing,
-            first=first,
-            quantity=quantity,
-            sampling_rate=sampling_rate,
-            periods=periods,
-            averages=averages,
-            noise_db=noise_db,
-            noise_density=noise_density,
-            seed=seed,
-        )
-        _detect(case, scan, index, output, overwrite=overwrite, quiet=quiet)
+            lamina, spacing, first, quantity, sampling_rate, periods, averages, noise_db,
+            noise_density, seed,
+        )  # fmt: skip
+        field = None
+        if measured:
+            field = _read(measured, (channels, units, rate), case, scan)
+        where = output or Path("runs") / f"{case.name}-detect"
+        inputs = [*inputs_of(case), *(measured or [])]
+        with claimed(where, inputs=inputs, may_hold_results=overwrite) as folder:
+            _detect(case, scan, index, folder, field, quiet=quiet)
+
+
+def _read(
+    paths: list[Path],
+    how: tuple[list[str] | None, str | None, float | None],
+    case: Case,
+    scan: Scan,
+) -> Measurement:
+    """Return the field in files of measurements; `how`: channels, units, rate."""
+    from delam_fem.results.measured.reading import read_measured
+    from delam_fem.studies.detection.measurement import read
+
+    channels, units, rate = how
+    data = read_measured(*paths, channels=assigned(channels), units=units, rate=rate)
+    return read(data, case, scan)
 
 
 def _detect(
-    case: Case, scan: Scan, index: str, output: Path | None, *, overwrite: bool, quiet: bool
+    case: Case,
+    scan: Scan,
+    index: str,
+    directory: Path,
+    field: Measurement | None,
+    *,
+    quiet: bool,
 ) -> None:
     """Detect, write the results and show them."""
-    from delam_fem.case.claim import claimed
     from delam_fem.case.files import save_case
     from delam_fem.model.beams.network import never_opens
     from delam_fem.studies.detection.detect import HEADING, detect
     from delam_fem.studies.detection.figures import save_figures
     from delam_fem.studies.detection.page import verdict, write_page
 
-    folder = output or Path("runs") / f"{case.name}-detect"
-    with claimed(folder, inputs=inputs_of(case), may_hold_results=overwrite) as directory:
-        found = detect(case, scan, index=index)
-        save_case(case, directory)
-        written = [found.save(directory)]
-        figures = save_figures(found, directory / "figures")
-        written += [*figures, write_page(found, figures, directory)]
+    found = detect(case, scan, index=index, measured=field)
+    save_case(case, directory)
+    written = [found.save(directory)]
+    figures = save_figures(found, directory / "figures")
+    written += [*figures, write_page(found, figures, directory)]
     if message := never_opens(case):
         typer.echo(message, err=True)
     if not quiet:

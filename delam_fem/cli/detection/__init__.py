@@ -1,0 +1,1 @@
+"""The commands that find delaminations: detect, excite, pod, infer."""

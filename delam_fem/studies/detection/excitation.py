@@ -1,0 +1,323 @@
+"""Which excitation shows a delamination: the index over frequency, and what to avoid.
+
+With an opening at rest the motion depends on g₀/A, the opening over the amplitude of the base; the
+map then has this ratio as a second axis. A delamination that is closed at rest has no such axis:
+twice the excitation gives exactly twice the motion.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from delam_fem.case.atomic import write_text
+from delam_fem.case.definition import Case
+from delam_fem.case.toml import CaseError
+from delam_fem.model.beams import closed_form
+from delam_fem.numerics.arrays import BoolArray, FloatArray
+from delam_fem.studies.detection.detect import per_shape
+from delam_fem.studies.detection.locate import mark, repeated
+from delam_fem.studies.detection.measurement import settling_periods
+from delam_fem.studies.detection.population import PERIODS, SAMPLES, SETTLED, STEPS
+from delam_fem.studies.detection.shapes import Shapes
+from delam_fem.studies.executors import ExecutorName
+from delam_fem.studies.structure_modes import structure_modes
+from delam_fem.studies.sweeps.file import Axis, Record, ScanRecord, SweepFile
+from delam_fem.studies.sweeps.grid import Sweep
+from delam_fem.studies.sweeps.run import run_sweep
+
+RATIOS = (0.1, 0.3, 1.0, 3.0, 10.0)
+"""Values of g₀/A, if there is an opening."""
+NEAR = 0.04
+"""A frequency is avoided if its double is so near a resonance of the beam, relatively."""
+MISLEADS = 2.0
+"""A frequency is avoided if its contrast is below this."""
+OPENS = 0.3
+"""A mode is an opening mode if it opens a delamination by this part of its largest deflection."""
+SURE = 0.9
+"""Least rate of calls of a recommended excitation."""
+N_MODES = 12
+_REPETITIONS = 50
+
+
+@dataclass(frozen=True)
+class ExcitationMap:
+    """How well each excitation shows a delamination, by the 2f-curvature.
+
+    The arrays have the shape (n_ratios, n_frequencies); without an opening n_ratios is 1.
+
+    Attributes:
+        case: with its delaminations.
+        noise_db: of the simulated sensor.
+        frequencies: of the excitation, shape (n_frequencies,) [Hz].
+        ratios: g₀/A; NaN without an opening, shape (n_ratios,).
+        x: positions of the index, shape (n,) [m].
+        index: over its limit of noise, shape (n_ratios, n_frequencies, n).
+        contrast: largest index inside over that outside, without noise.
+        visibility: largest index inside over the limit of noise.
+        calls: share of repetitions that call.
+        error: larger error of both ends, median over repeated noise [m]; NaN: not called.
+        beam_modes: frequencies of the structure kept closed [Hz].
+        opening_modes: frequencies of the modes that open a delamination [Hz].
+    """
+
+    case: Case
+    noise_db: float
+    frequencies: FloatArray
+    ratios: FloatArray
+    x: FloatArray
+    index: FloatArray
+    contrast: FloatArray
+    visibility: FloatArray
+    calls: FloatArray
+    error: FloatArray
+    beam_modes: FloatArray
+    opening_modes: FloatArray
+
+    @property
+    def is_avoided(self) -> BoolArray:
+        """Which frequencies mislead, shape (n_frequencies,).
+
+        Their double is near a resonance of the closed structure, or the index is nearly as large
+        outside as inside wherever it is above its limit.
+        """
+        near = np.abs(2.0 * self.frequencies[:, None] / self.beam_modes - 1.0) < NEAR
+        seen = self.visibility > 1.0
+        poor = seen.any(axis=0) & ~(seen & (self.contrast >= MISLEADS)).any(axis=0)
+        return np.asarray(near.any(axis=1) | poor)
+
+    @property
+    def recommended(self) -> tuple[int, int] | None:
+        """Numbers of ratio and frequency of the best excitation; None: none shows it surely.
+
+        It is called in 90 % of repetitions and not to be avoided; of those whose ends are within
+        one spacing of the points, or else of all, it has the largest visibility.
+        """
+        spacing = float(np.diff(self.x)[0])
+        sure = (self.calls >= SURE) & ~self.is_avoided[None, :]
+        exact = sure & (self.error <= 1.01 * spacing)
+        allowed = exact if exact.any() else sure
+        if not allowed.any():
+            return None
+        best = np.where(allowed, self.visibility, -np.inf).argmax()
+        ratio, frequency = np.unravel_index(int(best), self.calls.shape)
+        return int(ratio), int(frequency)
+
+    @property
+    def reason(self) -> str:
+        """The recommendation in words."""
+        avoided = [f"{f:g}" for f in self.frequencies[self.is_avoided]]
+        less = (
+            f" Avoided, as their doubles are resonances or their contrast is below {MISLEADS:g}: "
+            f"{', '.join(avoided)} Hz."
+            if avoided
+            else ""
+        )
+        best = self.recommended
+        if best is None:
+            return (
+                f"No excitation is called in {100.0 * SURE:.0f} % of repetitions at "
+                f"{self.noise_db:g} dB; the best is called in {100.0 * self.calls.max():.0f} %."
+                + less
+            )
+        f, ratio = float(self.frequencies[best[1]]), float(self.ratios[best[0]])
+        opening = f", g0/A = {ratio:g}" if math.isfinite(ratio) else ""
+        return (
+            f"{f:g} Hz{opening}: the index is {self.visibility[best]:.1f} times its limit of "
+            f"noise, its contrast is {self.contrast[best]:.1f}, {100.0 * self.calls[best]:.0f} % "
+            f"of repetitions call, and the ends are {1e3 * self.error[best]:.1f} mm wrong at most "
+            f"(median).{self._near_modes(f)}{less}"
+        )
+
+    def _near_modes(self, frequency: float) -> str:
+        """Return which mode is near an excitation, or its double near an opening mode."""
+        texts = []
+        for name, modes, multiple in (
+            ("a mode of the beam", self.beam_modes, 1.0),
+            ("a mode that opens the delamination", self.opening_modes, 1.0),
+            ("a mode that opens the delamination", self.opening_modes, 2.0),
+        ):
+            if modes.size:
+                nearest = float(modes[np.abs(modes - multiple * frequency).argmin()])
+                if abs(multiple * frequency / nearest - 1.0) < 0.1:
+                    subject = "It" if multiple == 1.0 else "Its double"
+                    texts.append(f" {subject} is near {name}, {nearest:.4g} Hz.")
+        return "".join(texts)
+
+    def numbers(self) -> dict[str, object]:
+        """Return the content of excitation.json."""
+        best = self.recommended
+
+        def listed(values: FloatArray) -> list[list[float | None]]:
+            return [[v if math.isfinite(v) else None for v in row] for row in values.tolist()]
+
+        return {
+            "case": self.case.name,
+            "noise_db": self.noise_db,
+            "recommended_frequency": None if best is None else float(self.frequencies[best[1]]),
+            "recommended_ratio": None
+            if best is None or not math.isfinite(self.ratios[best[0]])
+            else float(self.ratios[best[0]]),
+            "reason": self.reason,
+            "frequency": self.frequencies.tolist(),
+            "ratio": [v if math.isfinite(v) else None for v in self.ratios.tolist()],
+            "avoided": self.is_avoided.tolist(),
+            "contrast": listed(self.contrast),
+            "visibility": listed(self.visibility),
+            "call_rate": listed(self.calls),
+            "error": listed(self.error),
+            "beam_modes": self.beam_modes.tolist(),
+            "opening_modes": self.opening_modes.tolist(),
+        }
+
+    def save(self, directory: Path) -> Path:
+        """Write excitation.json into an existing folder and return its path."""
+        text = json.dumps(self.numbers(), indent=2, allow_nan=False)
+        return write_text(directory / "excitation.json", text + "\n")
+
+
+def excitation_map(
+    case: Case,
+    frequencies: FloatArray,
+    directory: str | Path,
+    executor: Executor | ExecutorName | None = None,
+    *,
+    noise_db: float = 40.0,
+    spacing: float = 0.01,
+    workers: int | None = None,
+    resume: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+) -> ExcitationMap:
+    """Compute a map as a sweep in a folder; see `run_sweep`.
+
+    Args:
+        case: with delaminations and a harmonic excitation: base motion, or a force at a point.
+        frequencies: of the excitation, shape (n,) [Hz].
+        directory: folder of the sweep.
+        executor: see `run_sweep`.
+        noise_db: overall root mean square of the signal over that of the noise [dB].
+        spacing: distance of the points [m].
+        workers: see `run_sweep`.
+        resume: whether to go on with what is in the folder.
+        progress: see `run_sweep`.
+
+    Raises:
+        CaseError: the case has no delamination, or see `run_sweep`.
+        KeyboardInterrupt: it was interrupted; `resume` goes on.
+    """
+    if not case.delamination:
+        raise CaseError("excite: expected a case with [[delamination]], given none")
+    ratios = _ratios(case)
+    sweep = _sweep(case, frequencies, ratios, spacing)
+    data = run_sweep(
+        sweep, directory, executor, workers=workers, resume=resume, progress=progress,
+        is_confirmed=True,
+    )  # fmt: skip
+    with data:
+        if data.attrs["outcome"] != "completed":
+            raise KeyboardInterrupt
+        return _map_of(case, data.load(), frequencies, ratios, noise_db)
+
+
+def _map_of(
+    case: Case, data: xr.Dataset, frequencies: FloatArray, ratios: FloatArray, noise_db: float
+) -> ExcitationMap:
+    """Return the map that the dataset of a sweep gives."""
+    values = data["scan_real"].to_numpy() + 1j * data["scan_imag"].to_numpy()
+    orders = tuple(data["order"].to_numpy().tolist())
+    x, noise = data["scan_x"].to_numpy(), per_shape(1.0, PERIODS * SAMPLES)
+    judged = [
+        _judged(case, Shapes(x, f, orders, own), noise * rms, noise_db)
+        for own, rms, f in zip(
+            values, data["scan_rms"].to_numpy(), frequencies.tolist() * ratios.size, strict=True
+        )
+    ]
+    shape = (ratios.size, frequencies.size)
+    numbers = np.array([found[1] for found in judged]).reshape(*shape, 4)
+    contrast, visibility, calls, error = np.moveaxis(numbers, -1, 0)
+    beam, opening = _modes(case)
+    return ExcitationMap(
+        case,
+        noise_db,
+        frequencies,
+        ratios,
+        x[1:-1],
+        np.array([found[0] for found in judged]).reshape(*shape, x.size - 2),
+        contrast,
+        visibility,
+        calls,
+        error,
+        beam,
+        opening,
+    )
+
+
+def _ratios(case: Case) -> FloatArray:
+    """Return g₀/A of the map, NaN without an opening or under a force."""
+    is_open = max(own.opening for own in case.delamination) > 0.0
+    return np.array(RATIOS if is_open and case.excitation.acts_on == "base" else (math.nan,))
+
+
+def _sweep(case: Case, frequencies: FloatArray, ratios: FloatArray, spacing: float) -> Sweep:
+    """Return the sweep over ratios (outer) and frequencies (inner)."""
+    n = ratios.size
+    settling = settling_periods(case, SETTLED) / case.excitation.top_frequency
+    periods = [PERIODS + math.ceil(settling * f) for f in frequencies.tolist()]
+    axes = [
+        Axis(key="excitation.frequency", values=tuple(frequencies.tolist() * n)),
+        Axis(key="time.periods", values=tuple(periods * n)),
+    ]
+    if np.isfinite(ratios).all():
+        opening = max(own.opening for own in case.delamination)
+        amplitudes = np.repeat(opening / ratios, frequencies.size)
+        axes.append(Axis(key="excitation.amplitude", values=tuple(amplitudes.tolist())))
+    file = SweepFile.model_validate(
+        dict(
+            name="excitation",
+            base="case.toml",
+            combine="zip",
+            start="steady",
+            axis=tuple(axes),
+            record=Record(summary=False, strobes=0, scan=ScanRecord(spacing=spacing)),
+        )
+    )
+    fast = {
+        "time.steps_per_period": SAMPLES * math.ceil(STEPS / SAMPLES),
+        "output.window_periods": PERIODS,
+        "output.fields_per_period": SAMPLES,
+    }
+    sweep = Sweep(file, case.with_overrides(fast))
+    sweep.check()
+    return sweep
+
+
+def _judged(
+    case: Case, pure: Shapes, per_rms: float, noise_db: float
+) -> tuple[FloatArray, tuple[float, float, float, float]]:
+    """Return the index over its limit, and contrast, visibility, calls, error."""
+    noise = per_rms * 10.0 ** (-noise_db / 20.0)
+    start = min(own.start for own in case.delamination)
+    end = max(own.end for own in case.delamination)
+    limited = mark("curvature", Shapes(pure.x, pure.frequency, pure.orders, pure.values, noise))
+    visible = limited.index.values / limited.index.limits
+    inside = (limited.index.x >= start - 1e-9) & (limited.index.x <= end + 1e-9)
+    again = repeated("curvature", pure, noise, repetitions=_REPETITIONS)
+    error = max(abs(float(again.middle[0]) - start), abs(float(again.middle[1]) - end))
+    numbers = (limited.contrast(start, end), float(visible[inside].max()), again.calls, error)
+    return visible, numbers
+
+
+def _modes(case: Case) -> tuple[FloatArray, FloatArray]:
+    """Return the frequencies of the closed structure, and of the free modes that open [Hz]."""
+    structure = closed_form.assemble(case)
+    closed = structure_modes(structure, case, N_MODES, kind="closed").frequencies
+    free = structure_modes(structure, case, N_MODES, kind="free")
+    opening = free.openings.max(axis=1) > OPENS
+    return closed, free.frequencies[opening]

@@ -1,0 +1,171 @@
+"""Infer start, end and depth of a delamination from a noisy scan: a posterior, not a point.
+
+Likelihood-free: one table of simulations from the prior serves every observation, by semi-automatic
+summaries, rejection and regression (`numerics.inference`). The statistics of a simulation contain
+noise as the observation does.
+
+The parameters are the middle, the length and the depth, uniform within bounds; start and end
+follow.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from delam_fem.numerics.arrays import FloatArray, IntArray
+from delam_fem.numerics.inference import Posterior, Table
+from delam_fem.studies.detection.indices import curvature
+from delam_fem.studies.detection.locate import mark
+from delam_fem.studies.detection.population import Population, Specimen
+from delam_fem.studies.detection.shapes import Shapes
+
+FREQUENCIES = (92.0, 250.0)
+"""Excitations of the scans of one structure [Hz]: a low one and one that shows short ones, too."""
+COMPONENTS = 3
+"""Principal components of the curvature along the beam that serve as statistics, per frequency."""
+ACCEPTED = 0.08
+"""Share of the table that is accepted: chosen for calibration with a few thousand structures."""
+NAMES = ("start", "end", "depth")
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Uniform distributions of the parameters.
+
+    Attributes:
+        middle, length, depth: lowest and highest value [m].
+    """
+
+    middle: tuple[float, float] = (0.10, 0.30)
+    length: tuple[float, float] = (0.03, 0.16)
+    depth: tuple[float, float] = (0.0002, 0.0009)
+
+    @property
+    def bounds(self) -> FloatArray:
+        """Shape (3, 2) [m]."""
+        return np.array([self.middle, self.length, self.depth])
+
+    def sample(self, n: int, seed: int) -> FloatArray:
+        """Return parameters, shape (n, 3) [m]."""
+        low, high = self.bounds.T
+        return np.asarray(np.random.default_rng(seed).uniform(low, high, size=(n, 3)))
+
+
+def specimens_of(
+    parameters: FloatArray, support: str, frequencies: tuple[float, ...] = FREQUENCIES
+) -> list[Specimen]:
+    """Return the structures of parameters at the first frequency, then at the second, …."""
+    return [
+        Specimen(middle - 0.5 * length, middle + 0.5 * length, depth, support, frequency)
+        for frequency in frequencies
+        for middle, length, depth in parameters.tolist()
+    ]
+
+
+@dataclass(frozen=True)
+class Knowledge:
+    """A table of simulations, and how a scan becomes the statistics of the table.
+
+    Attributes:
+        table: parameters and statistics.
+        bases: mean and principal components of the curvature at each frequency, shape (1 +
+            COMPONENTS, n_points).
+        frequencies: of the scans of one structure [Hz].
+        noise_db: noise in the statistics [dB].
+    """
+
+    table: Table
+    bases: tuple[FloatArray, ...]
+    frequencies: tuple[float, ...]
+    noise_db: float
+
+    def posterior(self, scans: tuple[Shapes, ...]) -> Posterior:
+        """Return the posterior of middle, length and depth for noisy scans, one per frequency."""
+        observed = [_statistics(own, basis) for own, basis in zip(scans, self.bases, strict=True)]
+        return self.table.posterior(np.concatenate(observed), accepted=ACCEPTED)
+
+
+def knowledge(
+    found: Population, parameters: FloatArray, prior: Prior, noise_db: float, seed: int = 3
+) -> Knowledge:
+    """Return what a population says; structures with a run that failed are left out.
+
+    Args:
+        found: the specimens of `specimens_of`.
+        parameters: of the structures, shape (n, 3) [m].
+        prior: from which they were drawn.
+        noise_db: of the sensor.
+        seed: of the noise.
+    """
+    n = len(parameters)
+    numbers = np.arange(len(found.specimens)).reshape(-1, n)
+    whole = np.isfinite(found.rms[numbers]).all(axis=0)
+    rng = np.random.default_rng(seed)
+    columns, bases = [], []
+    for row in numbers:
+        noisy = [found.shapes(int(k), noise_db, rng) for k in row[whole]]
+        bases.append(_basis(np.stack([_profile(own) for own in noisy])))
+        columns.append(np.stack([_statistics(own, bases[-1]) for own in noisy]))
+    frequencies = tuple(found.specimens[row[0]].frequency for row in numbers)
+    table = Table(parameters[whole], np.concatenate(columns, axis=1), prior.bounds)
+    return Knowledge(table, tuple(bases), frequencies, noise_db)
+
+
+def edges(parameters: FloatArray) -> FloatArray:
+    """Return start, end and depth for middle, length and depth, shape (n, 3) [m]."""
+    middle, length, depth = parameters.T
+    return np.stack([middle - 0.5 * length, middle + 0.5 * length, depth], axis=1)
+
+
+def edge_posterior(posterior: Posterior) -> Posterior:
+    """Return the posterior of start, end and depth."""
+    return Posterior(edges(posterior.samples), posterior.weights)
+
+
+def covered(known: Knowledge, indices: IntArray, level: float = 0.9) -> FloatArray:
+    """Return whether intervals of start, end and depth contain the truth, shape (k, 3).
+
+    Each of the simulations with these indices serves once as an observation and is left out of the
+    table then (simulation-based calibration).
+    """
+    table = known.table
+    truths = edges(table.parameters[indices])
+    found = []
+    for index, truth in zip(indices.tolist(), truths, strict=True):
+        own = _without(table, index).posterior(table.statistics[index], accepted=ACCEPTED)
+        low, high = edge_posterior(own).interval(level).T
+        found.append((truth >= low) & (truth <= high))
+    return np.array(found)
+
+
+def _without(table: Table, index: int) -> Table:
+    """Return a table without one simulation."""
+    parameters, statistics = (
+        np.delete(values, index, axis=0) for values in (table.parameters, table.statistics)
+    )
+    return Table(parameters, statistics, table.bounds)
+
+
+def _profile(shapes: Shapes) -> FloatArray:
+    """Return the 2f-curvature over its largest value, shape (n_points,)."""
+    values = curvature(shapes).values
+    return np.asarray(values / values.max())
+
+
+def _basis(profiles: FloatArray) -> FloatArray:
+    """Return the mean and the principal components of profiles, shape (1 + COMPONENTS, n)."""
+    mean = profiles.mean(axis=0)
+    _, _, components = np.linalg.svd(profiles - mean, full_matrices=False)
+    return np.vstack([mean, components[:COMPONENTS]])
+
+
+def _statistics(shapes: Shapes, basis: FloatArray) -> FloatArray:
+    """Return the statistics of one scan, shape (COMPONENTS + 5,)."""
+    called = mark("curvature", shapes)
+    sizes = [np.sqrt(np.mean(np.abs(shapes.order(k)) ** 2)) for k in (1.0, 2.0)]
+    largest = float((called.index.values / called.index.limits).max())
+    start, end = (called.start, called.end) if called.is_detected else (0.0, shapes.x[-1])
+    numbers = [start, end, np.log(largest), np.log(sizes[1] / sizes[0]), np.log(sizes[0])]
+    return np.concatenate([basis[1:] @ (_profile(shapes) - basis[0]), numbers])

@@ -1,0 +1,77 @@
+"""Which excitation: what is recommended, what is avoided, and the part of an opening."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from delam_fem.case.files import preset
+from delam_fem.case.toml import CaseError
+from delam_fem.studies.detection.excitation import RATIOS, ExcitationMap, excitation_map
+from delam_fem.studies.detection.measurement import intact
+
+COARSE = {"mesh.elements": 20}
+
+
+def short(directory: Path, noise_db: float) -> ExcitationMap:
+    """A delamination of a tenth of the length, near the clamp."""
+    case = preset("embedded", COARSE | {"delamination.0.start": 0.05, "delamination.0.end": 0.09})
+    return excitation_map(
+        case, np.array([60.0, 360.0]), directory, "serial", noise_db=noise_db, resume=True
+    )
+
+
+def test_a_short_delamination_needs_a_high_frequency_and_little_noise(tmp_path: Path) -> None:
+    found = short(tmp_path, 40.0)
+    assert found.calls.tolist() == [[0.0, 1.0]]
+    assert found.recommended == (0, 1)
+    assert found.reason.startswith("360 Hz: ")
+    assert found.error[0, 1] <= 0.01
+    hidden = short(tmp_path, 20.0)
+    assert hidden.recommended is None
+    assert hidden.reason.startswith("No excitation is called in 90 %")
+    numbers = json.loads(found.save(tmp_path).read_text("utf-8"))
+    assert numbers["recommended_frequency"] == 360.0
+    assert numbers["ratio"] == [None]
+    assert numbers["error"][0][0] is None
+
+
+def test_doubles_of_resonances_are_avoided(tmp_path: Path) -> None:
+    found = excitation_map(preset("embedded", COARSE), np.array([80.0, 150.0]), tmp_path, "serial")
+    assert np.abs(found.beam_modes - 300.0).min() < 5.0
+    assert found.is_avoided.tolist() == [False, True]
+    assert found.contrast[0, 0] > 5.0 * found.contrast[0, 1]
+    assert found.recommended == (0, 0)
+    assert "Avoided, as their doubles are resonances" in found.reason
+
+
+def test_an_opening_claps_only_if_the_motion_closes_it(tmp_path: Path) -> None:
+    case = preset("embedded", COARSE | {"delamination.0.opening": 1e-5})
+    found = excitation_map(case, np.array([50.0]), tmp_path, "serial")
+    assert found.ratios.tolist() == list(RATIOS)
+    assert found.visibility[0, 0] > 1.0 > found.visibility[-1, 0]
+    wider = case.with_overrides({"delamination.0.opening": 1e-4})  # g₀/A is what matters
+    again = excitation_map(wider, np.array([50.0]), tmp_path / "wider", "serial")
+    np.testing.assert_allclose(again.visibility[:2], found.visibility[:2], rtol=1e-3)
+
+
+def test_a_beam_without_delamination_has_no_map(tmp_path: Path) -> None:
+    with pytest.raises(CaseError, match=r"expected a case with \[\[delamination\]\]"):
+        excitation_map(intact(preset("embedded")), np.array([50.0]), tmp_path)
+
+
+def test_a_force_has_no_ratio(tmp_path: Path) -> None:
+    force = {
+        "excitation.kind": "force",
+        "excitation.lamina": "upper",
+        "excitation.position": 0.2,
+        "excitation.amplitude": 0.1,
+        "excitation.frequency": 80.0,
+        "lamina.upper.thickness": 0.001,
+        "lamina.lower.thickness": 0.001,
+    }
+    found = excitation_map(preset("embedded", COARSE | force), np.array([80.0]), tmp_path, "serial")
+    assert math.isnan(found.ratios[0])
+    assert found.calls[0, 0] == 1.0  # a force on one lamina opens what base motion does not

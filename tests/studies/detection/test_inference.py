@@ -1,0 +1,60 @@
+"""Posteriors of start, end and depth: near the truth, and calibrated on made-up scans."""
+
+import numpy as np
+import pytest
+
+from delam_fem.numerics.inference import Posterior
+from delam_fem.studies.detection.inference import (
+    Prior,
+    covered,
+    edge_posterior,
+    edges,
+    knowledge,
+    specimens_of,
+)
+from delam_fem.studies.detection.population import Population
+
+X = np.linspace(0.0, 0.4, 41)
+N = 1500
+
+
+@pytest.fixture(scope="module")
+def made_up() -> tuple[Population, np.ndarray]:
+    """Second harmonics that are arches over the delamination, larger for thinner laminae."""
+    parameters = Prior().sample(N, 5)
+    specimens = specimens_of(parameters, "clamped", (92.0,))
+    values = np.zeros((N, 2, X.size), dtype=complex)
+    values[:, 0] = np.sin(np.pi * X / 0.4)
+    for own, V, (middle, length, depth) in zip(specimens, values, parameters, strict=True):
+        assert own.length == pytest.approx(length)
+        s = np.clip((X - middle + 0.5 * length) / length, 0.0, 1.0)
+        V[1] = 3e-5 / depth * np.sin(np.pi * s) ** 2
+    return Population(tuple(specimens), X, (1.0, 2.0), values, np.full(N, 0.7)), parameters
+
+
+def test_edges_follow_from_middle_and_length() -> None:
+    found = edges(np.array([[0.2, 0.1, 0.0005]]))
+    np.testing.assert_allclose(found, [[0.15, 0.25, 0.0005]])
+    posterior = edge_posterior(Posterior(np.array([[0.2, 0.1, 0.0005]]), np.ones(1)))
+    np.testing.assert_allclose(posterior.samples, found)
+
+
+def test_a_posterior_is_near_the_truth_and_narrower_than_the_prior(
+    made_up: tuple[Population, np.ndarray],
+) -> None:
+    population, parameters = made_up
+    known = knowledge(population, parameters, Prior(), 40.0)
+    scan = population.shapes(7, 40.0, np.random.default_rng(8))
+    found = edge_posterior(known.posterior((scan,)))
+    truth = edges(parameters[7:8])[0]
+    np.testing.assert_allclose(found.quantile(0.5)[:2], truth[:2], atol=0.02)
+    assert found.quantile(0.5)[2] == pytest.approx(truth[2], rel=0.2)
+    widths = np.diff(found.interval(), axis=1).ravel()
+    assert (widths < [0.06, 0.06, 0.0003]).all()
+
+
+def test_90_percent_intervals_cover_the_truth(made_up: tuple[Population, np.ndarray]) -> None:
+    population, parameters = made_up
+    known = knowledge(population, parameters, Prior(), 40.0)
+    hits = covered(known, np.arange(100)).sum(axis=0)
+    assert (hits >= 82).all(), hits  # 90, less 2.7 standard deviations
