@@ -26,8 +26,9 @@ PENALTIES = np.geomspace(1e-4, 1e2, 13)
 """Penalties of the ridge regression, for statistics of variance 1; cross-validation chooses."""
 FOLDS = 10
 """Number of parts of the simulations, each of which is predicted from the others."""
-ACCEPTED = 0.03
-"""Share of the simulations that are accepted."""
+ACCEPTED = 0.08
+"""Share of the simulations that are accepted; with 3 % the 90 % intervals of 3000 simulations of a
+clapping rig covered the truth in 85 to 91 of 100 cases, with 8 % in 89 to 91."""
 FEWEST = 100
 """Smallest number of simulations that are accepted."""
 EDGE = 1e-6

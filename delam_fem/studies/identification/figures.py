@@ -17,7 +17,9 @@ if TYPE_CHECKING:
     from delam_fem.studies.identification.resonance import Amplitudes, Resonance
 
 BINS = 24
-"""Number of bars of a histogram over the range of the prior."""
+"""Number of bars of a histogram."""
+TAIL = 0.005
+"""Share of the samples beyond either end of an axis."""
 PANEL = 2.2
 """Size of a panel [in]."""
 
@@ -30,12 +32,13 @@ def posterior_figure(
 
     Args:
         posterior: the sample.
-        unknowns: with their priors, which are the ranges of the axes.
+        unknowns: in the order of the columns.
         truth: values of a synthetic measurement; None: not known.
     """
     import matplotlib.pyplot as plt
 
     n = len(unknowns)
+    low, high = _ranges(posterior, truth)
     figure, axes = plt.subplots(n, n, figsize=(PANEL * n, PANEL * n), squeeze=False)
     for i, row in enumerate(unknowns):
         for j, column in enumerate(unknowns):
@@ -43,10 +46,10 @@ def posterior_figure(
             if j > i:
                 figure.delaxes(panel)
                 continue
-            panel.set_xlim(column.low, column.high)
+            panel.set_xlim(low[j], high[j])
             values = posterior.samples[:, j]
             if i == j:
-                edges = np.linspace(column.low, column.high, BINS + 1)
+                edges = np.linspace(low[j], high[j], BINS + 1)
                 panel.hist(values, edges, weights=posterior.weights, color=BLUE, alpha=0.7)
                 for end in posterior.interval(0.9)[j]:
                     panel.axvline(end, color=BLUE, linestyle=":")
@@ -54,19 +57,36 @@ def posterior_figure(
             else:
                 sizes = 12.0 * posterior.weights / posterior.weights.max()
                 panel.scatter(values, posterior.samples[:, i], s=sizes, color=BLUE, alpha=0.5)
-                panel.set_ylim(row.low, row.high)
+                panel.set_ylim(low[i], high[i])
+                if truth is not None:
+                    panel.axhline(truth[i], color=VERMILLION, linewidth=0.8)
             if truth is not None:
-                panel.axvline(truth[j], color=VERMILLION)
-            panel.set_xlabel(column.key)
+                panel.axvline(truth[j], color=VERMILLION, linewidth=0.8)
+            panel.set_xlabel(_short(column))
+            panel.xaxis.set_major_locator(plt.MaxNLocator(3))
             if j == 0 and i > 0:
-                panel.set_ylabel(row.key)
+                panel.set_ylabel(_short(row))
     figure.suptitle(_posterior_title(truth))
     figure.tight_layout()
     return figure
 
 
+def _ranges(posterior: Posterior, truth: list[float] | None) -> tuple[FloatArray, FloatArray]:
+    """Return the ends of the axes: nearly all samples, and the truth."""
+    low, high = posterior.quantile(TAIL), posterior.quantile(1.0 - TAIL)
+    if truth is not None:
+        low, high = np.minimum(low, truth), np.maximum(high, truth)
+    margin = 0.1 * (high - low)
+    return low - margin, high + margin
+
+
+def _short(unknown: Unknown) -> str:
+    """Return the key of an unknown in the words of its last part."""
+    return unknown.key.rsplit(".", 1)[-1].replace("_", " ")
+
+
 def _posterior_title(truth: list[float] | None) -> str:
-    text = "posterior over the range of the prior; dotted: central 90 %"
+    text = "posterior; dotted: central 90 %"
     return text if truth is None else f"{text}; red: the truth"
 
 
