@@ -36,6 +36,7 @@ def posterior_figure(
         truth: values of a synthetic measurement; None: not known.
     """
     import matplotlib.pyplot as plt
+    from matplotlib.ticker import MaxNLocator
 
     n = len(unknowns)
     low, high = _ranges(posterior, truth)
@@ -63,7 +64,7 @@ def posterior_figure(
             if truth is not None:
                 panel.axvline(truth[j], color=VERMILLION, linewidth=0.8)
             panel.set_xlabel(_short(column))
-            panel.xaxis.set_major_locator(plt.MaxNLocator(3))
+            panel.xaxis.set_major_locator(MaxNLocator(3))
             if j == 0 and i > 0:
                 panel.set_ylabel(_short(row))
     figure.suptitle(_posterior_title(truth))
