@@ -23,7 +23,7 @@ _log = logging.getLogger(__name__)
 EASY, HARD = 5, 10
 """Iterations up to which the next step is longer, and from which it is shorter."""
 LONGER, SHORTER = 1.3, 0.5
-DEVIATION = 1.0
+DEVIATION = 2.0
 """Largest correction, in steps."""
 LOOSE = 4.0
 """Standard errors within which a point is kept, and marked as not solved, where shorter steps do
