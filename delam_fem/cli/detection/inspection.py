@@ -32,6 +32,7 @@ def register(app: typer.Typer) -> None:
     """Add the commands to the application."""
     app.command("excite")(excite_command)
     app.command("pod")(pod_command)
+    app.command("infer")(infer_command)
 
 
 def excite_command(
@@ -179,3 +180,68 @@ def _numbers(text: str) -> list[float]:
 
 _POD = "Hits over length, the logistic regression on ln a, and its lower 95 % bound."
 _ROC = "Rates of detection and of false calls for every threshold, in classes of length."
+
+
+def infer_command(
+    case_name: CaseArgument,
+    output: Folder = None,
+    overrides: Overrides = None,
+    *,
+    number: Annotated[
+        int, typer.Option("-n", "--number", min=100, help="Structures in the table.")
+    ] = 5000,
+    noise_db: Noise = 40.0,
+    workers: Workers = None,
+    resume: Resume = False,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+) -> None:
+    """Infer start, end and depth of a delamination from two noisy scans: a posterior."""
+    with reported(quiet):
+        case = case_of(case_name, overrides)
+        folder = output or Path("runs") / f"{case.name}-infer"
+        options = {"workers": workers, "resume": resume, "overwrite": overwrite}
+        _infer(case, number, noise_db, folder, options, quiet=quiet)
+
+
+def _infer(
+    case: Case, number: int, noise_db: float, folder: Path, options: dict[str, Any], *,
+    quiet: bool,
+) -> None:  # fmt: skip
+    """Compute the table and the scans, write the posterior and show it."""
+    import numpy as np
+    from rich.console import Console
+
+    from delam_fem.case.claim import claimed
+    from delam_fem.cli.console.progress import progress
+    from delam_fem.studies.detection import inference
+    from delam_fem.studies.detection.population import population
+    from delam_fem.studies.detection.posterior import Inferred, observed
+    from delam_fem.studies.detection.saving import save_drawings, save_page
+    from delam_fem.studies.sweeps.run import remove_results
+
+    overwrite, prior = options.pop("overwrite"), inference.Prior.of(case)
+    parameters = prior.sample(number, 7)
+    specimens = inference.specimens_of(parameters, case.support.end)
+    own = observed(case, inference.FREQUENCIES)
+    may = options["resume"] or overwrite
+    with claimed(folder, inputs=inputs_of(case), may_hold_results=may) as directory:
+        if overwrite:
+            remove_results(directory)
+        with progress(Console(stderr=True, quiet=quiet)) as report:
+            runs = population(case, [*own, *specimens], directory, progress=report, **options)
+        table_runs, scans = runs.without(len(own)), runs.first(len(own))
+        known = inference.knowledge(table_runs, parameters, prior, noise_db)
+        rng = np.random.default_rng(1)
+        shapes = tuple(scans.shapes(k, noise_db, rng) for k in range(len(own)))
+        posterior = inference.edge_posterior(known.posterior(shapes))
+        found = Inferred(case, posterior, number, noise_db)
+        figures = save_drawings({"posterior": found.figure()}, directory / "figures")
+        captions = {figures[0]: "Prior and posterior of start, end and depth."}
+        text = f"{number} structures from the prior, {noise_db:g} dB."
+        page = save_page(f"Delamination of {case.name}", text, captions, case, directory)
+        written = [found.save(directory), *figures, page]
+    if not quiet:
+        heading = ("parameter", "truth [mm]", "median [mm]", "90 % interval [mm]")
+        table(f"posterior, {case.name}", heading, found.rows())
+        say_files(written)

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from delam_fem.case.definition import Case
 from delam_fem.numerics.arrays import FloatArray, IntArray
 from delam_fem.numerics.inference import Posterior, Table
 from delam_fem.studies.detection.indices import curvature
@@ -41,6 +42,12 @@ class Prior:
     middle: tuple[float, float] = (0.10, 0.30)
     length: tuple[float, float] = (0.03, 0.16)
     depth: tuple[float, float] = (0.0002, 0.0009)
+
+    @classmethod
+    def of(cls, case: Case) -> Prior:
+        """Return the prior in the proportions of a case; for `embedded` that of the class."""
+        L, h = case.length, sum(own.thickness or 0.0 for own in case.lamina)
+        return cls((0.25 * L, 0.75 * L), (0.075 * L, 0.4 * L), (0.1 * h, 0.45 * h))
 
     @property
     def bounds(self) -> FloatArray:

@@ -87,6 +87,14 @@ class Population:
         pure = Shapes(self.x, frequency, self.orders, self.values[index])
         return pure.noisy(self.noise(index, noise_db), rng)
 
+    def first(self, n: int) -> Population:
+        """Return the first n specimens."""
+        return Population(self.specimens[:n], self.x, self.orders, self.values[:n], self.rms[:n])
+
+    def without(self, n: int) -> Population:
+        """Return all specimens but the first n."""
+        return Population(self.specimens[n:], self.x, self.orders, self.values[n:], self.rms[n:])
+
     def is_there(self, index: int) -> bool:
         """Return whether the run of a specimen was completed."""
         return bool(np.isfinite(self.rms[index]))

@@ -45,3 +45,13 @@ def test_pod(tmp_path: Path) -> None:
     assert line["a90"] < line["a90_95"] < 0.25 * 0.4
     assert line["false_calls"] <= 10
     assert line["median_end_error"] <= 0.03 * 0.4
+
+
+@pytest.mark.nightly
+def test_infer(tmp_path: Path) -> None:
+    status, output = invoke("infer", "embedded", "-n", "200", "-j", "1", "-q", "-o", tmp_path)
+    assert status == 0, output
+    found = json.loads((tmp_path / "inference.json").read_text("utf-8"))
+    for truth, (low, high) in zip(found["truth"], found["interval_90"], strict=True):
+        assert low < truth < high
+    assert (tmp_path / "figures" / "posterior.png").is_file()

@@ -1,0 +1,39 @@
+"""What is written and drawn of a posterior."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from delam_fem.case.files import preset
+from delam_fem.numerics.inference import Posterior
+from delam_fem.studies.detection.inference import Prior
+from delam_fem.studies.detection.posterior import Inferred, observed, truth_of
+from delam_fem.studies.detection.saving import save_drawings
+
+CASE = preset("embedded")
+
+
+def test_the_prior_of_a_case_has_its_proportions() -> None:
+    np.testing.assert_allclose(Prior.of(CASE).bounds, Prior().bounds)
+
+
+def test_the_case_itself_is_observed_at_each_frequency() -> None:
+    np.testing.assert_allclose(truth_of(CASE), [0.12, 0.28, 0.0006])
+    both = observed(CASE, (92.0, 250.0))
+    assert [own.frequency for own in both] == [92.0, 250.0]
+    assert both[0].length == pytest.approx(0.16)
+    assert both[0].support == "clamped"
+
+
+def test_a_posterior_is_written_and_drawn(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    samples = truth_of(CASE) * rng.normal(1.0, 0.02, size=(400, 3))
+    found = Inferred(CASE, Posterior(samples, np.full(400, 1 / 400)), 400, 40.0)
+    numbers = json.loads(found.save(tmp_path).read_text("utf-8"))
+    np.testing.assert_allclose(numbers["median"], truth_of(CASE), rtol=0.01)
+    low, high = np.array(numbers["interval_90"]).T
+    np.testing.assert_allclose((high - low) / truth_of(CASE), 2 * 1.645 * 0.02, rtol=0.2)
+    assert found.rows()[0][:2] == ("start", "120")
+    assert save_drawings({"posterior": found.figure()}, tmp_path)[0].is_file()
