@@ -35,8 +35,9 @@ def orbit_figure(found: Orbit) -> Figure:
     _motion(motion, found)
     _plane(plane, found)
     numbers = found.numbers
+    is_closed = found.exact is not None or found.coarse.solved.is_solved
     figure.suptitle(
-        f"{title(found.case)}\n{found.kind} orbit of {found.periods} period"
+        f"{title(found.case)}\n{found.kind if is_closed else 'no'} orbit of {found.periods} period"
         f"{'s' * (found.periods > 1)}, residual {numbers['residual']:.1e} ± "
         f"{numbers['residual_error']:.1e}: {found.stability}"
     )
