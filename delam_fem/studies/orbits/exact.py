@@ -18,7 +18,7 @@ EXACT = 1e-10
 """Relative residual at which an orbit counts as exact."""
 DIFFERENCE = 1e-7
 """Relative size of the differences; the derivative is good to about this."""
-FLOOR = 1e-12
+FLOOR = 1e-11
 """Relative residual at which the iteration ends."""
 ITERATIONS = 9
 SLOWEST, FAILURES = 0.5, 2
@@ -34,7 +34,7 @@ class Root:
     Attributes:
         state: z, shape (2 n,).
         shift: of the grid of time steps on which it is an orbit, as a share of a step.
-        residual: largest change of a coordinate in P periods, relative to the largest displacement
+        residual: rms change of the coordinates in P periods, relative to the largest displacement
             or velocity.
         derivative: of the map of P periods, shape (2 n, 2 n).
         iterations: Newton steps.
@@ -71,7 +71,7 @@ def newton(
     best, failures = (np.inf, state, np.zeros((0, 0)), 0), 0
     for number in range(ITERATIONS):
         change = powered.after(state[None])[0] - state
-        residual = float(np.abs(change / scales(state)).max())
+        residual = float(np.sqrt(np.mean((change / scales(state)) ** 2)))
         if not np.isfinite(residual):
             break
         failures = 0 if residual < SLOWEST * best[0] else failures + 1
