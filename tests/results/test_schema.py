@@ -15,7 +15,9 @@ from synthetic import small_case, synthetic_history
 
 import delam_fem as df
 from delam_fem.results import schema
+from delam_fem.results.measured.assembly import BESIDES
 from delam_fem.results.pages import numbers
+from delam_fem.studies.branches.dataset import VARIABLES as OF_BRANCHES
 from delam_fem.studies.sweeps.quantities import VARIABLES as OF_SWEEPS
 
 SOURCES = sorted((ROOT / "delam_fem").rglob("*.py"))
@@ -24,7 +26,8 @@ SELECTING = {"isel", "sel", "copy", "load", "set_coords", "assign_coords"}
 """Methods that return a dataset with the same variables."""
 MAKING = {"xr.Dataset", "dataset.history"}
 """Functions that return a dataset."""
-NAMES = {*schema.VARIABLES, *schema.DIMENSIONS, *OF_SWEEPS}
+OF_ORBITS = {*OF_BRANCHES, *(dim for row in OF_BRANCHES.values() for dim in row.dims)}
+NAMES = {*schema.VARIABLES, *schema.DIMENSIONS, *OF_SWEEPS, *BESIDES, *OF_ORBITS}
 DOCUMENT = ROOT / "docs" / "results.md"
 MARKED = re.compile(r"<!-- schema -->\n(.*?)\n<!-- end -->", re.DOTALL)
 

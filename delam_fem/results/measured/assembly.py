@@ -45,6 +45,18 @@ TABLE = {
     "source": "file and column, with the unit there",
 }
 """Variables `channel_…` with their meaning."""
+BESIDES = {
+    "frequency": "frequency",
+    "output": "name of a frequency response",
+    "response": "frequency response",
+    "response_real": "its real part, in a file",
+    "response_imag": "its imaginary part, in a file",
+    "response_units": "unit of each frequency response, where they differ",
+    "coherence": "coherence",
+    "channel": "name of a channel",
+    **{f"channel_{name}": meaning for name, meaning in TABLE.items()},
+}
+"""Variables and coordinates that a run's dataset does not have, with their meaning."""
 
 
 def dataset(channels: Sequence[Channel], notes: Sequence[str] = ()) -> xr.Dataset:
@@ -184,18 +196,18 @@ def _with_responses(data: xr.Dataset, channels: Sequence[Channel], notes: list[s
             units[channel.name] = channel.unit.units
     names = list(dict.fromkeys([*by_kind["response"], *by_kind["coherence"]]))
     data = data.assign_coords(
-        frequency=("frequency", frequency, {"units": "Hz", "long_name": "frequency"}),
+        frequency=("frequency", frequency, {"units": "Hz", "long_name": BESIDES["frequency"]}),
         output=names,
     )
     none = np.full(frequency.size, np.nan)
     common = set(units.values())
     about = {
         "units": common.pop() if len(common) == 1 else "see channel_units",
-        "long_name": "frequency response",
+        "long_name": BESIDES["response"],
     }
     for kind, long in (
         ("response", about),
-        ("coherence", {"units": "1", "long_name": "coherence"}),
+        ("coherence", {"units": "1", "long_name": BESIDES["coherence"]}),
     ):
         if by_kind[kind]:
             table = np.array([by_kind[kind].get(name, none) for name in names]).T

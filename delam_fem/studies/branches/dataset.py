@@ -14,11 +14,57 @@ import xarray as xr
 from delam_fem.case.definition import Case
 from delam_fem.case.toml import CaseError
 from delam_fem.results.provenance import provenance
+from delam_fem.results.schema import Variable
 from delam_fem.studies.branches.events import Event
 from delam_fem.studies.branches.point import Point
 from delam_fem.studies.orbits.coarse import SMOOTH, WITHIN
 
 _log = logging.getLogger(__name__)
+
+
+_POINT, _SLOW, _CYCLE, _PROBE = (
+    ("point",),
+    ("point", "slow"),
+    ("point", "cycle"),
+    ("point", "probe"),
+)
+_BEGIN = "at the beginning of each period of the drive"
+VARIABLES: Mapping[str, Variable] = {
+    row.name: row
+    for row in (
+        Variable("branch", _POINT, "1", "number of the branch"),
+        Variable("periods", _POINT, "1", "periods of the drive in it"),
+        Variable("parameter", _POINT, "", "the key that is followed"),
+        Variable("parameter_error", _POINT, "", "its standard error"),
+        Variable("residual", _POINT, "1", "residual of the mean map"),
+        Variable("residual_error", _POINT, "1", "its standard error"),
+        Variable("is_solved", _POINT, "1", "residual is 0 within its error"),
+        Variable("stability", _POINT, "", "by the 95 % interval of |μ|"),
+        Variable("largest_low", _POINT, "1", "lower end of the 95 % interval of max |μ|"),
+        Variable("largest_high", _POINT, "1", "upper end of the 95 % interval of max |μ|"),
+        Variable("multiplier_real", _SLOW, "1", "real part of the multipliers"),
+        Variable("multiplier_imaginary", _SLOW, "1", "imaginary part of the multipliers"),
+        Variable("multiplier_error", _SLOW, "1", "standard error"),
+        Variable(
+            "strobe_displacement", (*_CYCLE, "probe"), "m", f"displacement of the probes {_BEGIN}"
+        ),
+        Variable(
+            "smallest_gap", _CYCLE, "m",
+            "smallest gap between the tips in each period of the drive",
+        ),
+        Variable("low", _PROBE, "m", "smallest displacement of the probes"),
+        Variable("high", _PROBE, "m", "largest displacement of the probes"),
+        Variable("iterations", _POINT, "1", "evaluations of the mean map"),
+        Variable("state", ("point", "coordinate"), "", "state at the beginning of the orbit"),
+        Variable("event_kind", ("event",), "", "what happens"),
+        Variable("event_parameter", ("event",), "", "where"),
+        Variable("event_low", ("event",), "", "lower end of its 95 % interval"),
+        Variable("event_high", ("event",), "", "upper end of its 95 % interval"),
+        Variable("event_branch", ("event",), "", "number of the branch"),
+        Variable("event_point", ("event",), "", "number of the point behind it"),
+    )
+}  # fmt: skip
+"""All variables of branches by name."""
 
 
 @dataclass(frozen=True)
@@ -83,57 +129,53 @@ def _add_points(data: xr.Dataset, branches: Sequence[Branch], key: str) -> None:
     values = np.array([m.values for m in found])
     solved = [p.residual <= max(SMOOTH, WITHIN * p.residual_error) for p in points]
     largest = np.array([m.largest for m in found])
-    one, slow = ("point",), ("point", "slow")
-    at = "at the beginning of each period of the drive"
-    rows: list[tuple[str, tuple[str, ...], Any, str, str]] = [
-        ("branch", one, [n for n, *_ in every], "1", "number of the branch"),
-        ("periods", one, [b.periods for _, b, _ in every], "1", "periods of the drive in it"),
-        ("parameter", one, [p.parameter for p in points], "", key),
-        ("parameter_error", one, [p.parameter_error for p in points], "", "its standard error"),
-        ("residual", one, [p.residual for p in points], "1", "residual of the mean map"),
-        ("residual_error", one, [p.residual_error for p in points], "1", "its standard error"),
-        ("is_solved", one, np.array(solved, dtype=np.int8), "1", "residual is 0 within its error"),
-        ("stability", one, [m.stability for m in found], "", "by the 95 % interval of |μ|"),
-        ("largest_low", one, largest[:, 0], "1", "lower end of the 95 % interval of max |μ|"),
-        ("largest_high", one, largest[:, 1], "1", "upper end of the 95 % interval of max |μ|"),
-        ("multiplier_real", slow, values.real, "1", "real part of the multipliers"),
-        ("multiplier_imaginary", slow, values.imag, "1", "imaginary part of the multipliers"),
-        ("multiplier_error", slow, np.array([m.errors for m in found]), "1", "standard error"),
-        ("strobe_displacement", ("point", "cycle", "probe"), padded([p.strobes for p in points]),
-         "m", f"displacement of the probes {at}"),
-        ("smallest_gap", ("point", "cycle"), padded([p.gaps for p in points]), "m",
-         "smallest gap between the tips in each period of the drive"),
-        ("low", ("point", "probe"), np.array([p.low for p in points]), "m",
-         "smallest displacement of the probes"),
-        ("high", ("point", "probe"), np.array([p.high for p in points]), "m",
-         "largest displacement of the probes"),
-        ("iterations", one, [p.iterations for p in points], "1", "evaluations of the mean map"),
-        ("state", ("point", "coordinate"), np.array([p.state for p in points]), "",
-         "state at the beginning of the orbit"),
-    ]  # fmt: skip
-    for name, dims, content, units, meaning in rows:
-        labels = {"long_name": meaning} | ({"units": units} if units else {})
-        data[name] = (dims, np.asarray(content), labels)
+    data_of_points: dict[str, Any] = {
+        "branch": [n for n, *_ in every],
+        "periods": [branch.periods for _, branch, _ in every],
+        "parameter": [p.parameter for p in points],
+        "parameter_error": [p.parameter_error for p in points],
+        "residual": [p.residual for p in points],
+        "residual_error": [p.residual_error for p in points],
+        "is_solved": np.array(solved, dtype=np.int8),
+        "stability": [m.stability for m in found],
+        "largest_low": largest[:, 0],
+        "largest_high": largest[:, 1],
+        "multiplier_real": values.real,
+        "multiplier_imaginary": values.imag,
+        "multiplier_error": np.array([m.errors for m in found]),
+        "strobe_displacement": padded([p.strobes for p in points]),
+        "smallest_gap": padded([p.gaps for p in points]),
+        "low": np.array([p.low for p in points]),
+        "high": np.array([p.high for p in points]),
+        "iterations": [p.iterations for p in points],
+        "state": np.array([p.state for p in points]),
+    }
+    for name, content in data_of_points.items():
+        _add(data, name, content)
+    data["parameter"].attrs["long_name"] = key
 
 
 def _add_events(data: xr.Dataset, branches: Sequence[Branch]) -> None:
     """Add a row of each variable for each event."""
     every = [(n, event) for n, branch in enumerate(branches) for event in branch.events]
     offsets = np.cumsum([0, *(len(branch.points) for branch in branches)])
-    rows: list[tuple[str, Any, str]] = [
-        ("event_kind", np.array([e.kind for _, e in every], dtype=object), "what happens"),
-        ("event_parameter", np.array([e.parameter for _, e in every]), "where"),
-        ("event_low", np.array([e.low for _, e in every]), "lower end of its 95 % interval"),
-        ("event_high", np.array([e.high for _, e in every]), "upper end of its 95 % interval"),
-        ("event_branch", np.array([n for n, _ in every], np.int64), "number of the branch"),
-        (
-            "event_point",
-            np.array([offsets[n] + e.index for n, e in every], np.int64),
-            "number of the point behind it",
-        ),
-    ]
-    for name, content, meaning in rows:
-        data[name] = (("event",), content, {"long_name": meaning})
+    data_of_events: dict[str, Any] = {
+        "event_kind": np.array([e.kind for _, e in every], dtype=object),
+        "event_parameter": np.array([e.parameter for _, e in every]),
+        "event_low": np.array([e.low for _, e in every]),
+        "event_high": np.array([e.high for _, e in every]),
+        "event_branch": np.array([n for n, _ in every], np.int64),
+        "event_point": np.array([offsets[n] + e.index for n, e in every], np.int64),
+    }
+    for name, content in data_of_events.items():
+        _add(data, name, content)
+
+
+def _add(data: xr.Dataset, name: str, content: Any) -> None:
+    """Add a variable of `VARIABLES`; one without a unit has no attribute `units`."""
+    row = VARIABLES[name]
+    labels = {"long_name": row.long_name} | ({"units": row.units} if row.units else {})
+    data[name] = (row.dims, np.asarray(content), labels)
 
 
 def read(path: Path) -> xr.Dataset:
