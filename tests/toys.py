@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.studies.orbits.protocol import Passage, Slow
+from delam_fem.studies.orbits.protocol import Nature, Passage, Slow
 
 
 class Toy:
@@ -16,6 +16,7 @@ class Toy:
     """
 
     slow = Slow(np.eye(2), np.eye(2))
+    nature = Nature("toy", {"x": 1, "y": 1})
 
     def __init__(self, roughness: float = 0.0) -> None:
         self.roughness = roughness

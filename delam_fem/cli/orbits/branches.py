@@ -9,6 +9,7 @@ import typer
 
 from delam_fem.cli.console.terminal import FAILED, INTERRUPTED, fail, reported, say_files, table
 from delam_fem.cli.inputs import CaseArgument, Overwrite, Quiet, case_of, inputs_of
+from delam_fem.cli.orbits.find import Fine, Kick, ModelName, Modes, Seed, kicks, model_options
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -54,10 +55,11 @@ def continue_command(
     step: Annotated[
         float, typer.Option(min=1e-4, max=0.5, help="First steps, relative to state and range.")
     ] = 0.04,
-    kick: Annotated[
-        float, typer.Option(min=1e-6, max=0.5, help="Size of kicks, relative to the state.")
-    ] = 0.06,
-    seed: Annotated[int, typer.Option(help="Seed of the fixed perturbations.")] = 0,
+    kick: Kick = None,
+    seed: Seed = 0,
+    model: ModelName = "full",
+    modes: Modes = None,
+    refine: Fine = None,
     over: Over = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on with the points there.")] = False,
     overwrite: Overwrite = False,
@@ -66,12 +68,11 @@ def continue_command(
     """Follow the orbits of a case over a key; write DIR/branch.nc and its diagram."""
     with reported(quiet):
         from delam_fem.case.claim import claimed
-        from delam_fem.studies.orbits.ensemble import Perturbations
 
         options = {
             "periods": period, "doublings": doublings, "step": step, "resume": resume,
-            "perturbations": Perturbations(kick=kick, seed=seed),
-            "report": _Progress(key, quiet),
+            "perturbations": kicks(model, kick, seed), "report": _Progress(key, quiet),
+            **model_options(model, modes, refine),
         }  # fmt: skip
         case = case_of(case_name, overrides)
         swept = None if over is None else _swept(over)

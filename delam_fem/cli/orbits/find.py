@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
 from delam_fem.cli.console.terminal import reported, say_files, table
 from delam_fem.cli.inputs import CaseArgument, Overwrite, Quiet, case_of, inputs_of
+
+if TYPE_CHECKING:
+    from delam_fem.studies.orbits.ensemble import Perturbations
+    from delam_fem.studies.orbits.models import Model
 
 Folder = Annotated[
     Path | None,
@@ -27,10 +32,22 @@ Settle = Annotated[
 ]
 Seed = Annotated[int, typer.Option(metavar="N", help="Seed of the fixed perturbations.")]
 Kick = Annotated[
-    float,
+    float | None,
     typer.Option(
-        min=1e-6, max=0.5, metavar="X", help="Size of kicks, relative to the state; see orbits.md."
+        min=1e-6, max=0.5, metavar="X",
+        help="Size of kicks, relative to the state (default: 0.06; reduced model: 0.03).",
     ),
+]  # fmt: skip
+ModelName = Annotated[
+    str, typer.Option("--model", metavar="NAME", help="full, or reduced (docs/reduced.md).")
+]
+Modes = Annotated[
+    int | None,
+    typer.Option(metavar="N", help="Modes of each lamina of a reduced model (default: 12)."),
+]
+Fine = Annotated[
+    int | None,
+    typer.Option("--refine", metavar="R", help="Its fine steps near contact (default: 64)."),
 ]
 
 
@@ -46,8 +63,11 @@ def orbit_command(
     *,
     period: Period = 1,
     settle: Settle = 300,
-    kick: Kick = 0.06,
+    kick: Kick = None,
     seed: Seed = 0,
+    model: ModelName = "full",
+    modes: Modes = None,
+    refine: Fine = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
@@ -55,13 +75,12 @@ def orbit_command(
     with reported(quiet):
         case = case_of(case_name, overrides)
         from delam_fem.case.claim import claimed
-        from delam_fem.studies.orbits.ensemble import Perturbations
         from delam_fem.studies.orbits.run import orbit
 
+        options = model_options(model, modes, refine) | {"perturbations": kicks(model, kick, seed)}
         folder = output or Path("runs") / f"{case.name}-orbit"
         with claimed(folder, inputs=inputs_of(case), may_hold_results=overwrite) as directory:
-            chosen = Perturbations(kick=kick, seed=seed)
-            found = orbit(case, periods=period, settle=settle, perturbations=chosen)
+            found = orbit(case, periods=period, settle=settle, **options)
             paths = found.save(directory)
         if not quiet:
             table(f"orbit of {case.name}", ("", "value"), _rows(found.numbers))
@@ -70,10 +89,23 @@ def orbit_command(
             say_files(paths)
 
 
+def model_options(model: str, modes: int | None, refine: int | None) -> dict[str, Any]:
+    """Return the options of a model as studies of orbits take them."""
+    return {"model": model, "modes": modes, "refine": refine}
+
+
+def kicks(model: str, kick: float | None, seed: int) -> Perturbations:
+    """Return the perturbations of a model with the given size of kicks and seed."""
+    from delam_fem.studies.orbits.models import usual
+
+    found = replace(usual(cast("Model", model)), seed=seed)
+    return found if kick is None else replace(found, kick=kick)
+
+
 def _rows(numbers: dict[str, object]) -> list[tuple[str, str]]:
     """Return the rows of the table that is shown at the end."""
     shown = (
-        "kind", "residual", "residual_error", "period", "stability", "largest_multiplier",
+        "kind", "model", "residual", "residual_error", "period", "stability", "largest_multiplier",
         "settled_scatter", "smallest_tip_gap", "processor_seconds",
     )  # fmt: skip
     return [(name.replace("_", " "), _shown(numbers[name])) for name in shown]

@@ -33,7 +33,7 @@ from delam_fem.studies.branches.events import events_of
 from delam_fem.studies.branches.journal import PointJournal
 from delam_fem.studies.branches.point import Point
 from delam_fem.studies.orbits.ensemble import USUAL, Ensemble, Perturbations
-from delam_fem.studies.orbits.family import CaseFamily
+from delam_fem.studies.orbits.models import Model, map_of, usual
 from delam_fem.studies.orbits.protocol import PeriodMap
 from delam_fem.studies.orbits.search import SETTLE, mean_of_motion, settled_map
 
@@ -79,7 +79,10 @@ def follow(
     periods: int = 1,
     doublings: int = 1,
     settle: int = SETTLE,
-    perturbations: Perturbations = USUAL,
+    perturbations: Perturbations | None = None,
+    model: Model = "full",
+    modes: int | None = None,
+    refine: int | None = None,
     step: float = Way.step,
     resume: bool = False,
     report: Report = lambda branch, count, parameter: None,
@@ -95,7 +98,11 @@ def follow(
         periods: P of the first branch, in periods of the drive.
         doublings: how often a branch of twice the period is followed from a doubling of another.
         settle: periods that are computed before the first orbit is sought.
-        perturbations: what the mean is taken over, and the size of kicks.
+        perturbations: what the mean is taken over, and the size of kicks; None: what suits the
+            model.
+        model: "full", or "reduced" for a few modes of each part (docs/reduced.md).
+        modes: modes of each part of a reduced model; None: 12.
+        refine: its fine steps in a coarse one near contact; None: 64.
         step: length of the first steps, relative to the state and the range.
         resume: whether to go on with the points in the folder.
         report: called after each point.
@@ -111,19 +118,24 @@ def follow(
     """
     if not start != stop:
         raise CaseError(f"{key}: expected a range to follow, given {start:g} to {stop:g}")
+    perturbations = perturbations or usual(model)
     plan = Plan(key, Way(start, stop, step), periods, doublings, settle, perturbations)
     for value in (stop, start):
         case = case.with_overrides({key: value})
-    family = CaseFamily(case, key)
+    family = map_of(case, key, model, modes=modes, refine=refine)
     directory, begin = Path(directory), time.process_time()
-    identity = json.dumps({"plan": asdict(plan), "case": case.to_toml()}, indent=1)
+    about = {"plan": asdict(plan), "model": family.nature.name, "case": case.to_toml()}
+    identity = json.dumps(about, indent=1)
     journal = PointJournal(directory, identity, resume=resume)
     save_case(case, directory)
     map_, state = settled_map(family, start, settle)
     with stop_signals() as is_stopped:
         branches = _branches(_Origin(map_, state), plan, journal, is_stopped, report)
     seconds = time.process_time() - begin
-    attributes = {"key": key, "processor_seconds": seconds, "seed": perturbations.seed}
+    attributes = {
+        "key": key, "model": family.nature.name, "processor_seconds": seconds,
+        "seed": perturbations.seed,
+    }  # fmt: skip
     data = dataset.of(branches, case, plan.way.span, attributes)
     write_dataset(data, directory / RESULT)
     return data

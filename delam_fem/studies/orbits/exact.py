@@ -34,8 +34,8 @@ class Root:
     Attributes:
         state: z, shape (2 n,).
         shift: of the grid of time steps on which it is an orbit, as a share of a step.
-        residual: rms change of the coordinates in P periods, relative to the largest displacement
-            or velocity.
+        residual: rms change of the coordinates in P periods, relative to the largest of its part
+            of the state (displacements, velocities).
         derivative: of the map of P periods, shape (2 n, 2 n).
         iterations: Newton steps.
     """
@@ -71,7 +71,8 @@ def newton(
     best, failures = (np.inf, state, np.zeros((0, 0)), 0), 0
     for number in range(ITERATIONS):
         change = powered.after(state[None])[0] - state
-        residual = float(np.sqrt(np.mean((change / scales(state)) ** 2)))
+        sizes = map_.nature.scales(state)
+        residual = float(np.sqrt(np.mean((change / sizes) ** 2)))
         if not np.isfinite(residual):
             break
         failures = 0 if residual < SLOWEST * best[0] else failures + 1
@@ -82,7 +83,6 @@ def newton(
             D = derivative(powered, state)
         if failures == FAILURES or best[0] <= FLOOR:
             break
-        sizes = scales(state)
         try:
             state = state + sizes * np.linalg.solve(np.eye(state.size) - D, change / sizes)
         except np.linalg.LinAlgError:
@@ -108,14 +108,8 @@ class Powered:
         return states
 
 
-def scales(state: FloatArray) -> FloatArray:
-    """Return the largest displacement and velocity of a state, at each coordinate, shape (2 n,)."""
-    halves = np.abs(state.reshape(2, -1)).max(axis=1, keepdims=True)
-    return np.broadcast_to(np.where(halves > 0.0, halves, 1.0), (2, state.size // 2)).ravel()
-
-
 def derivative(powered: Powered, state: FloatArray, size: float = DIFFERENCE) -> FloatArray:
-    """Return the derivative of the map by two-sided differences, in units of `scales`.
+    """Return the derivative of the map by two-sided differences, in units of `Nature.scales`.
 
     Args:
         powered: the map.
@@ -125,7 +119,7 @@ def derivative(powered: Powered, state: FloatArray, size: float = DIFFERENCE) ->
     Returns:
         Shape (2 n, 2 n); its eigenvalues are those of the derivative in any units.
     """
-    sizes, n = scales(state), state.size
+    sizes, n = powered.map.nature.scales(state), state.size
     columns = np.empty((n, n))
     for first in range(0, n, BATCH):
         kicks = size * np.diag(sizes)[first : first + BATCH]

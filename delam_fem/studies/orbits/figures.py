@@ -37,8 +37,8 @@ def orbit_figure(found: Orbit) -> Figure:
     numbers = found.numbers
     is_closed = found.exact is not None or found.coarse.solved.is_solved
     figure.suptitle(
-        f"{title(found.case)}\n{found.kind if is_closed else 'no'} orbit of {found.periods} period"
-        f"{'s' * (found.periods > 1)}, residual {numbers['residual']:.1e} ± "
+        f"{title(found.case)}\n{found.nature.name}: {found.kind if is_closed else 'no'} orbit of "
+        f"{found.periods} period{'s' * (found.periods > 1)}, residual {numbers['residual']:.1e} ± "
         f"{numbers['residual_error']:.1e}: {found.stability}"
     )
     return figure

@@ -20,7 +20,7 @@ from delam_fem.simulation.loop import Engine, State, set_initial
 from delam_fem.simulation.recorder import N_BASE, PeriodRecord, Recorder
 from delam_fem.simulation.setup import Prescribed
 from delam_fem.simulation.span import Span
-from delam_fem.studies.orbits.protocol import Passage, Slow
+from delam_fem.studies.orbits.protocol import Nature, Passage, Slow
 
 KEPT = 4
 """Engines that are kept: continuation returns to neighbouring parameters."""
@@ -55,6 +55,7 @@ class StrobeMap:
 
     Attributes:
         slow: coordinates for Newton's method.
+        nature: what the map is of.
         evaluations: periods computed so far.
     """
 
@@ -69,6 +70,8 @@ class StrobeMap:
             phase: where in a period of the drive a period of the map begins, 0 to 1.
         """
         self.slow, self.evaluations, self._phase = slow, 0, phase
+        n = slow.basis.shape[0] // 2
+        self.nature = Nature("finite elements", {"displacement": n, "velocity": n}, is_stepped=True)
         self._problem_of = problem_of
         self._ready: dict[float, _Ready] = {}
 

@@ -1,18 +1,47 @@
 """What a map of one period must offer, so that orbits of it can be found and followed.
 
-A state is z = (u, v), shape (2 n,), at the beginning of a period of the drive. The map Φ(z, λ)
-leads to the state one period later; λ is any number that the map depends on, such as a frequency.
+A state z at the beginning of a period of the drive is (u, v), shape (2 n,), or what else a map says
+of its `Nature`. The map Φ(z, λ) leads to the state one period later; λ is any number that the map
+depends on, such as a frequency.
 Nothing here knows what computes the map: an engine, a reduced model or a formula.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
 
 from delam_fem.numerics.arrays import FloatArray
+
+
+@dataclass(frozen=True)
+class Nature:
+    """What a map is of, for files, pictures and words.
+
+    Attributes:
+        name: of the model.
+        parts: name and number of the coordinates of a state, in order; those of a part have one
+            unit.
+        is_stepped: whether contact is seen at time steps only, so that an orbit depends on where
+            their grid lies.
+    """
+
+    name: str
+    parts: Mapping[str, int]
+    is_stepped: bool = False
+
+    def split(self, state: FloatArray) -> dict[str, FloatArray]:
+        """Return the coordinates of a state by part."""
+        ends = np.cumsum(list(self.parts.values()))[:-1]
+        return dict(zip(self.parts, np.split(state, ends), strict=True))
+
+    def scales(self, state: FloatArray) -> FloatArray:
+        """Return the largest size in the part of each coordinate, 1 in a part that is 0."""
+        largest = [float(np.abs(part).max(initial=0.0)) for part in self.split(state).values()]
+        return np.repeat([size or 1.0 for size in largest], list(self.parts.values()))
 
 
 @dataclass(frozen=True)
@@ -75,9 +104,11 @@ class PeriodMap(Protocol):
 
     Attributes:
         slow: coordinates for Newton's method. They are fixed: they do not depend on the parameter.
+        nature: what the map is of.
     """
 
     slow: Slow
+    nature: Nature
 
     def after(
         self, states: FloatArray, parameter: float, shifts: FloatArray | None = None
@@ -96,3 +127,17 @@ class PeriodMap(Protocol):
 
     def watched(self, state: FloatArray, parameter: float, periods: int) -> Passage:
         """Return what is seen in some periods from a state."""
+
+
+class CaseMap(PeriodMap, Protocol):
+    """The map of a case, whose periods may begin elsewhere in those of the drive."""
+
+    def opened(self, state: FloatArray, parameter: float) -> tuple[PeriodMap, FloatArray]:
+        """Return the map whose periods begin where the tips are farthest apart, and the state.
+
+        A kick there violates no gap. A map without tips is returned as it is.
+
+        Args:
+            state: at the beginning of a period.
+            parameter: λ.
+        """

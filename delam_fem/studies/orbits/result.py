@@ -16,7 +16,7 @@ from delam_fem.results.provenance import versions
 from delam_fem.studies.findings import save_findings
 from delam_fem.studies.orbits.exact import EXACT
 from delam_fem.studies.orbits.multipliers import Multipliers, Stability
-from delam_fem.studies.orbits.protocol import Passage
+from delam_fem.studies.orbits.protocol import Nature, Passage
 from delam_fem.studies.orbits.search import Coarse, Exact
 
 LISTED = 0.05
@@ -34,6 +34,7 @@ class Orbit:
         exact: the orbit of the map itself; None: there is none.
         best_residual: smallest residual of the exact search.
         scatter: rms distance of the settled motion from its mean state, relative to it.
+        nature: of the map.
         passage: the motion from the state of the orbit through its periods.
         seconds: processor time of the search [s].
         evaluations: periods that were computed.
@@ -45,6 +46,7 @@ class Orbit:
     exact: Exact | None
     best_residual: float
     scatter: float
+    nature: Nature
     passage: Passage
     seconds: float
     evaluations: int
@@ -56,7 +58,7 @@ class Orbit:
 
     @property
     def state(self) -> FloatArray:
-        """(u, v) at the beginning of a period, shape (2 n,)."""
+        """The state at the beginning of a period, see `nature.parts`."""
         return self.coarse.solved.state if self.exact is None else self.exact.root.state
 
     @property
@@ -82,6 +84,7 @@ class Orbit:
         gap = self.passage.smallest_gap
         return {
             "kind": self.kind,
+            "model": self.nature.name,
             "residual": found.residual if self.exact is None else self.exact.root.residual,
             "residual_error": found.residual_error if self.exact is None else 0.0,
             "period": self.periods * self.case.period,
@@ -119,9 +122,10 @@ class Orbit:
         found = self.coarse.solved
         known = f"{found.residual:.2g} ± {found.residual_error:.2g} of the state"
         if self.exact is not None:
+            grid = f" on a grid of time steps shifted by {self.exact.root.shift:g} of a step"
             first = (
-                f"An exact orbit: it closes to {self.exact.root.residual:.1e} on a grid of time "
-                f"steps shifted by {self.exact.root.shift:g} of a step."
+                f"An exact orbit: it closes to {self.exact.root.residual:.1e}"
+                f"{grid * self.nature.is_stepped}."
             )
         elif found.is_solved:
             first = (
@@ -145,9 +149,10 @@ class Orbit:
                 f"{high:.3f} (95 %), {m.stability}."
             )
         if self.exact is not None:
+            blind = " Differences so small see no shift of an impact to another time step."
             lines.append(
-                f"Its derivative: largest multiplier {abs(self.exact.values[0]):.4f}. Differences "
-                "so small see no shift of an impact to another time step."
+                f"Its derivative: largest multiplier {abs(self.exact.values[0]):.4f}."
+                f"{blind * self.nature.is_stepped}"
             )
         return [*lines, f"Together: {self.stability}."]
 
@@ -171,9 +176,9 @@ class Orbit:
         directory = Path(directory)
         written = [save_case(self.case, directory)]
         path = directory / "orbit.npz"
-        u, v = self.state.reshape(2, -1)
+        parts = self.nature.split(self.state)
         with atomic_file(path) as temporary:
-            np.savez(temporary, displacement=u, velocity=v, tip_displacement=self.passage.history)
+            np.savez(temporary, tip_displacement=self.passage.history, **parts)
         with styled():
             return [
                 *written,

@@ -16,8 +16,9 @@ import numpy as np
 from delam_fem.case.definition import Case
 from delam_fem.case.toml import CaseError
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.studies.orbits.ensemble import USUAL, Perturbations
-from delam_fem.studies.orbits.family import FREQUENCY, CaseFamily
+from delam_fem.studies.orbits.ensemble import Perturbations
+from delam_fem.studies.orbits.family import FREQUENCY
+from delam_fem.studies.orbits.models import Model, map_of, usual
 from delam_fem.studies.orbits.protocol import PeriodMap
 from delam_fem.studies.orbits.result import Orbit
 from delam_fem.studies.orbits.search import (
@@ -39,7 +40,10 @@ def orbit(
     *,
     periods: int = 1,
     settle: int = SETTLE,
-    perturbations: Perturbations = USUAL,
+    perturbations: Perturbations | None = None,
+    model: Model = "full",
+    modes: int | None = None,
+    refine: int | None = None,
     map_: PeriodMap | None = None,
     start: FloatArray | None = None,
 ) -> Orbit:
@@ -52,10 +56,14 @@ def orbit(
         case: the case; its drive must be periodic.
         periods: P, number of periods of the drive in one of the orbit.
         settle: periods that are computed first.
-        perturbations: what the mean is taken over, and the size of kicks.
+        perturbations: what the mean is taken over, and the size of kicks; None: what suits the
+            model.
+        model: "full", or "reduced" for a few modes of each part (docs/reduced.md).
+        modes: modes of each part of a reduced model; None: 12.
+        refine: its fine steps in a coarse one near contact; None: 64.
         map_: map of the case, with the parameter excitation.frequency, and `start` near its orbit;
-            None: that of the compiled engine, whose periods begin where the tips are far apart.
-        start: state to start from, shape (2 n,); None: rest.
+            None: that of the model, whose periods begin where the tips are far apart.
+        start: state to start from, see `protocol.Nature`; None: rest.
 
     Raises:
         CaseError: the drive is not periodic, the motion diverges, or P is out of range.
@@ -66,11 +74,13 @@ def orbit(
     parameter = 1.0 / case.period
     try:
         if map_ is None:
-            map_, start = settled_map(CaseFamily(case, FREQUENCY), parameter, settle, start)
+            map_, start = settled_map(
+                map_of(case, FREQUENCY, model, modes=modes, refine=refine), parameter, settle, start
+            )
         first = np.zeros(map_.slow.basis.shape[0]) if start is None else start
         at_end = settled(map_, parameter, first, RESETTLE)
         guess, scatter = mean_of_motion(map_, parameter, at_end, periods)
-        coarse = coarse_orbit(map_, parameter, guess, periods, perturbations)
+        coarse = coarse_orbit(map_, parameter, guess, periods, perturbations or usual(model))
         exact, best = exact_orbit(map_, parameter, at_end, periods)
     except (ArithmeticError, np.linalg.LinAlgError) as error:
         raise CaseError(f"case {case.name}: no orbit is found: {error}") from None
@@ -82,6 +92,7 @@ def orbit(
         exact,
         best.residual,
         scatter,
+        map_.nature,
         map_.watched(state, parameter, periods),
         time.process_time() - began,
         getattr(map_, "evaluations", 0),

@@ -6,6 +6,7 @@ on another. The exact search tries several, and the result says which one it is.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,8 +21,6 @@ from delam_fem.studies.orbits.exact import (
     derivative,
     newton,
 )
-from delam_fem.studies.orbits.family import CaseFamily
-from delam_fem.studies.orbits.maps import StrobeMap
 from delam_fem.studies.orbits.multipliers import (
     ComplexArray,
     Multipliers,
@@ -29,7 +28,8 @@ from delam_fem.studies.orbits.multipliers import (
     matched,
     multipliers,
 )
-from delam_fem.studies.orbits.protocol import PeriodMap
+from delam_fem.studies.orbits.protocol import CaseMap, PeriodMap
+from delam_fem.studies.orbits.shooting import shoot
 
 GRIDS = (0.0, 0.25, 0.5, 0.75)
 """Shifts of the grid of time steps, as shares of a step, on which an exact orbit is sought."""
@@ -86,12 +86,12 @@ def settled(map_: PeriodMap, parameter: float, start: FloatArray, periods: int) 
 
 
 def settled_map(
-    family: CaseFamily, parameter: float, periods: int, start: FloatArray | None = None
-) -> tuple[StrobeMap, FloatArray]:
+    map_: CaseMap, parameter: float, periods: int, start: FloatArray | None = None
+) -> tuple[PeriodMap, FloatArray]:
     """Return the map of a case that begins where the tips of its settled motion are far apart.
 
     Args:
-        family: the case.
+        map_: the map of the case from the beginning of a period of the drive.
         parameter: λ.
         periods: after which the motion counts as settled.
         start: state at the beginning of a period of the drive; None: rest.
@@ -102,7 +102,6 @@ def settled_map(
     Raises:
         ArithmeticError: the motion diverges.
     """
-    map_ = family.map()
     first = np.zeros(map_.slow.basis.shape[0]) if start is None else start
     return map_.opened(settled(map_, parameter, first, periods), parameter)
 
@@ -153,7 +152,10 @@ def kicked(ensemble: Ensemble, at: Solved, kick: float) -> Multipliers:
 def exact_orbit(
     map_: PeriodMap, parameter: float, start: FloatArray, periods: int
 ) -> tuple[Exact | None, Root]:
-    """Look for an orbit to round-off, on several grids of time steps.
+    """Look for an orbit to round-off, on several grids of time steps if there is a grid.
+
+    Newton's method in all coordinates is tried first, then from where Newton's method in the slow
+    coordinates ends: the full derivative is that of one small piece of the map.
 
     Args:
         map_: the map of one period.
@@ -165,15 +167,17 @@ def exact_orbit(
         The orbit, None if there is none on any grid; and the best point.
     """
     best: Root | None = None
-    for shift in GRIDS:
+    for shift in GRIDS if map_.nature.is_stepped else GRIDS[:1]:
         powered = Powered(map_, parameter, periods, shift)
         states = start[None]
         for _ in range(RESETTLE if shift else 0):
             states = powered.after(states)
-        root = newton(map_, states[0], parameter, periods, shift=shift)
-        if best is None or root.residual < best.residual:
-            best = root
-        if best.is_exact:
+        for root in _roots(powered, states[0]):
+            if best is None or root.residual < best.residual:
+                best = root
+            if best.is_exact:
+                break
+        if best is not None and best.is_exact:
             break
     assert best is not None
     if not best.is_exact:
@@ -183,3 +187,14 @@ def exact_orbit(
     again = derivative(powered, best.state, LARGER * DIFFERENCE)
     others = matched(np.linalg.eigvals(again), values)
     return Exact(best, values, np.abs(others - values)), best
+
+
+def _roots(powered: Powered, start: FloatArray) -> Iterator[Root]:
+    """Yield where Newton's method ends from a state, and from where shooting from it ends."""
+    p = powered
+    yield newton(p.map, start, p.parameter, p.periods, shift=p.shift)
+    try:
+        shot = shoot(p.map, start, p.parameter, periods=p.periods, shift=p.shift)
+    except (ArithmeticError, np.linalg.LinAlgError):
+        return
+    yield newton(p.map, shot.state, p.parameter, p.periods, shift=p.shift)

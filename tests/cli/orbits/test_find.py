@@ -57,6 +57,8 @@ def test_a_coarse_orbit_says_so(tmp_path: Path) -> None:
     ("arguments", "message"),
     [
         (("paper", "--period", "0"), "period: expected 1 to 64"),
+        (("paper", "--model", "small"), "model: expected full or reduced, given 'small'"),
+        (("paper", "--modes", "8"), "modes: expected with model 'reduced' only"),
         (("nothing",), "neither a file nor a preset"),
     ],
 )
@@ -64,3 +66,13 @@ def test_bad_input(tmp_path: Path, arguments: tuple[str, ...], message: str) -> 
     status, output = invoke(*arguments, "-o", tmp_path / "o")
     assert status == 2 and message in " ".join(output.split())
     assert not (tmp_path / "o").exists()
+
+
+def test_an_orbit_of_a_reduced_model(tmp_path: Path) -> None:
+    few = ("--set", "mesh.elements=6", "--set", "time.steps_per_period=100", "--settle", "60")
+    model = ("--model", "reduced", "--modes", "2", "--refine", "4")
+    status, output = invoke("default", *few, *model, "--quiet", "-o", tmp_path / "o")
+    assert status == 0, output
+    found = json.loads((tmp_path / "o" / "orbit.json").read_text("utf-8"))
+    assert found["model"] == "2 modes of each part, r = 4"
+    assert set(found["coarse"]["kicks"]) == {"0.03", "0.015"}

@@ -58,3 +58,16 @@ def test_a_drive_that_does_not_repeat_has_no_map() -> None:
     case = df.preset("default", {f"excitation.{k}": v for k, v in sweep.items()})
     with pytest.raises(df.CaseError, match="repeats after each period"):
         ReducedMap(case)
+
+
+def test_periods_may_begin_where_the_tips_are_far_apart(strobe: ReducedMap) -> None:
+    """The later map goes through the same motion: it meets the states of the first one."""
+    start = strobe.at(3.25).advance(strobe.at(3.25).rest, 3)
+    later, state = strobe.opened(start, 3.25)
+    seen, same = strobe.watched(start, 3.25, 2), later.watched(state, 3.25, 1)
+    first = int(np.argmax(seen.history[:250, 1] - seen.history[:250, 0])) + 1
+    assert 0 < first < 250
+    np.testing.assert_allclose(same.history, seen.history[first : first + 250], atol=1e-12)
+    np.testing.assert_allclose(same.strobes[0], seen.strobes[0], atol=1e-12)
+    assert same.openings[0] > 0.5 * np.ptp(seen.history[:, 1] - seen.history[:, 0])
+    np.testing.assert_array_equal(later.opened(state, 3.25)[1], same.states[0])

@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from delam_fem.numerics.arrays import FloatArray
+from delam_fem.studies.orbits.exact import Powered
 from delam_fem.studies.orbits.protocol import PeriodMap
 
 SOLVED = 1e-11
@@ -51,6 +52,8 @@ def shoot(
     *,
     kick: float = 0.03,
     iterations: int = 25,
+    periods: int = 1,
+    shift: float = 0.0,
 ) -> Shot:
     """Iterate from a state near a periodic orbit, and return the best point.
 
@@ -60,15 +63,18 @@ def shoot(
         parameter: of the map.
         kick: size of two-sided kicks for the derivative, relative to the slow coordinates.
         iterations: largest number of iterations.
+        periods: P, number of periods of the drive in one of the orbit.
+        shift: of the grid of time steps, as a share of a step.
 
     Raises:
         ArithmeticError: the motion diverges.
     """
     slow, z, residuals = strobe.slow, start, []
+    powered = Powered(strobe, parameter, periods, shift)
     scale, best = float(np.linalg.norm(slow.of(start))), start
     derivative = np.eye(slow.size)
     for number in range(iterations):
-        after, y = strobe.after(z[None], parameter)[0], slow.of(z)
+        after, y = powered.after(z[None])[0], slow.of(z)
         gap = slow.of(after) - y
         residuals.append(float(np.linalg.norm(gap)) / scale)
         if not np.isfinite(residuals[-1]):
@@ -78,19 +84,18 @@ def shoot(
         if residuals[-1] < SOLVED:
             break
         if number < RENEWED or number % SELDOM == 0:
-            derivative = derivative_at(strobe, z, parameter, kick * scale)
+            derivative = derivative_at(powered, z, kick * scale)
         step: Any = np.linalg.solve(np.eye(slow.size) - derivative, gap)
         step *= min(1.0, LONGEST * scale / float(np.linalg.norm(step)))
         z = after - slow.lifted(slow.of(after)) + slow.lifted(y + step)
-    values = np.linalg.eigvals(derivative_at(strobe, best, parameter, kick * scale))
+    values = np.linalg.eigvals(derivative_at(powered, best, kick * scale))
     ordered = values[np.argsort(-np.abs(values))].astype(np.complex128)
     return Shot(best, min(residuals), ordered, tuple(residuals))
 
 
-def derivative_at(
-    strobe: PeriodMap, state: FloatArray, parameter: float, size: float
-) -> FloatArray:
+def derivative_at(powered: Powered, state: FloatArray, size: float) -> FloatArray:
     """Return the derivative of the slow coordinates by two-sided kicks, shape (m, m)."""
-    kicks = size * strobe.slow.basis.T
-    ends = strobe.slow.of(strobe.after(np.concatenate([state + kicks, state - kicks]), parameter))
+    slow = powered.map.slow
+    kicks = size * slow.basis.T
+    ends = slow.of(powered.after(np.concatenate([state + kicks, state - kicks])))
     return np.asarray((ends[: len(kicks)] - ends[len(kicks) :]).T / (2.0 * size))

@@ -5,8 +5,8 @@ import pytest
 
 import delam_fem as df
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.studies.orbits.protocol import Passage, Slow
-from delam_fem.studies.reduced.shooting import shoot
+from delam_fem.studies.orbits.protocol import Nature, Passage, Slow
+from delam_fem.studies.orbits.shooting import shoot
 from delam_fem.studies.reduced.strobe import ReducedMap
 
 
@@ -14,6 +14,7 @@ class Known:
     """A map with the fixed point (λ, 2, 3), the multipliers -1.5, 0.9 and a fast rest of 0.2."""
 
     slow = Slow(np.eye(3)[:, :2], np.eye(3)[:2])
+    nature = Nature("known", {"x": 3})
 
     def after(
         self, states: FloatArray, parameter: float, shifts: FloatArray | None = None
