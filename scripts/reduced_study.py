@@ -67,8 +67,11 @@ def measured(given: argparse.Namespace) -> dict[str, object]:
     case = df.preset("default", {"mesh.elements": min(points)})
     growth = {}
     for name, strobe in (
-        ("finite elements", CaseFamily(case, FREQUENCY).map()),
-        (f"{modes[0]} modes", ReducedMap(case, modes=modes[0], refine=given.refine)),
+        ("finite elements, r = 64", CaseFamily(case, FREQUENCY).map()),
+        (
+            f"{modes[0]} modes, r = {given.refine}",
+            ReducedMap(case, modes=modes[0], refine=given.refine),
+        ),
     ):
         state = 0.0 * strobe.slow.basis[:, :1].T
         for _ in range(given.settle):

@@ -133,6 +133,7 @@ def follow(
         branches = _branches(_Origin(map_, state), plan, journal, is_stopped, report)
     seconds = time.process_time() - begin
     attributes = {
+        "title": f"orbits of {case.name}, {family.nature.name}",
         "key": key, "model": family.nature.name, "processor_seconds": seconds,
         "seed": perturbations.seed,
     }  # fmt: skip

@@ -53,7 +53,7 @@ def _motion(panel: Axes, found: Orbit) -> None:
         panel.plot(t, 1e3 * u[:, i], color=colour, label=name)
         panel.plot(t[-1], 1e3 * u[-1, i], "o", color=colour, markersize=4.0)
     panel.set(xlabel="time / period of the drive  t/T  [–]", ylabel="tip displacement  q  [mm]")
-    panel.legend(loc="upper right")
+    panel.legend(loc="best")
 
 
 def _plane(panel: Axes, found: Orbit) -> None:

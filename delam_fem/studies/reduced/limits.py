@@ -123,7 +123,7 @@ def figure(
     kicks.set_xlabel("kick, relative to the state")
     kicks.set_ylabel("growth in one period")
     kicks.set_title("smoothness", loc="left")
-    kicks.legend()
+    kicks.legend(loc="lower center", bbox_to_anchor=(0.5, 1.08))
     return canvas
 
 

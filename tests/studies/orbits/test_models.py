@@ -15,7 +15,7 @@ from delam_fem.studies.orbits.models import map_of, usual
 
 SMALL = {"mesh.elements": 8, "time.steps_per_period": 200, "excitation.frequency": 3.45}
 REDUCED: dict[str, Any] = {"model": "reduced", "modes": 3, "refine": 8}
-FEW = Perturbations(copies=2, size=1e-3, kick=0.03)
+FEW = Perturbations(copies=4, size=1e-3, kick=0.03)
 
 
 def test_an_orbit_of_a_reduced_case(tmp_path: Path) -> None:

@@ -70,4 +70,3 @@ def test_periods_may_begin_where_the_tips_are_far_apart(strobe: ReducedMap) -> N
     np.testing.assert_allclose(same.history, seen.history[first : first + 250], atol=1e-12)
     np.testing.assert_allclose(same.strobes[0], seen.strobes[0], atol=1e-12)
     assert same.openings[0] > 0.5 * np.ptp(seen.history[:, 1] - seen.history[:, 0])
-    np.testing.assert_array_equal(later.opened(state, 3.25)[1], same.states[0])
