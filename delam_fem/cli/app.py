@@ -18,6 +18,7 @@ from delam_fem.cli.console.terminal import reported, say_files, table
 from delam_fem.cli.converge import register as register_convergence
 from delam_fem.cli.detection.detect import register as register_detection
 from delam_fem.cli.detection.inspection import register as register_inspection
+from delam_fem.cli.detection.modulation import register as register_modulation
 from delam_fem.cli.identify import register as register_identification
 from delam_fem.cli.inputs import CaseArgument, DryRun, Overwrite, Quiet, Yes, case_of
 from delam_fem.cli.measured import register as register_measurements
@@ -229,6 +230,7 @@ register_schema(app)
 register_detection(app)
 register_identification(app)
 register_inspection(app)
+register_modulation(app)
 register_measurements(app)
 register_reduced(app)
 for command in app.registered_commands:

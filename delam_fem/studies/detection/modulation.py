@@ -1,0 +1,266 @@
+"""Simulate a test with two excitations at once: vibro-acoustic modulation along the beam.
+
+The case gives the high frequency (probe). A low one (pump) of the same kind is added to it. Where
+the pump opens and closes a contact, the motion at the probe's frequency is modulated.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import asdict, dataclass, replace
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+
+from delam_fem.case.atomic import write_text
+from delam_fem.case.definition import Case
+from delam_fem.case.motion.excitation import drive
+from delam_fem.case.toml import CaseError
+from delam_fem.engines.choose import law_of, scheme_of
+from delam_fem.engines.session import session
+from delam_fem.model.beams import closed_form
+from delam_fem.model.layout import Structure
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.results.scan import scan_field, scan_positions
+from delam_fem.simulation.loop import State
+from delam_fem.simulation.setup import by_period, span_of
+from delam_fem.studies.detection.indices import FALSE_CALLS, sideband_ratio
+from delam_fem.studies.detection.measurement import (
+    LEAST_STEPS,
+    Measurement,
+    Scan,
+    intact,
+    settling_periods,
+)
+from delam_fem.studies.linear import closed_motion
+
+RESULT = "modulation.json"
+"""Name of the file with the numbers."""
+MOST_TURNS = 1000
+"""Largest number of periods of the probe in a common period of both frequencies."""
+_REPETITIONS = 200
+_INTACT_SEED = 1_000_003
+
+
+@dataclass(frozen=True)
+class Tones:
+    """A pump beside the harmonic excitation of a case.
+
+    Attributes:
+        probe: case with the high frequency.
+        pump: the same case with the low frequency and its amplitude.
+    """
+
+    probe: Case
+    pump: Case
+
+    @classmethod
+    def of(cls, case: Case, frequency: float, amplitude: float) -> Tones:
+        """Return a case with a pump.
+
+        Args:
+            case: with a harmonic excitation, the probe.
+            frequency: of the pump [Hz].
+            amplitude: of the pump, in the unit in which the case gives its own: m, m/s2 or N.
+
+        Raises:
+            CaseError: the excitation is not harmonic, or the frequencies do not go together.
+        """
+        if not case.is_periodic or case.excitation.length is not None:
+            raise CaseError("modulate: expected a harmonic excitation, given another kind")
+        probe = case.excitation.top_frequency
+        if not 0.0 < frequency < probe or (probe / frequency).is_integer():
+            raise CaseError(
+                f"pump frequency: expected one below the excitation's {probe:g} Hz that does not "
+                f"divide it, given {frequency:g} Hz"
+            )
+        is_shaken = getattr(case.excitation, "acceleration", None) is not None
+        size = "acceleration" if is_shaken else "amplitude"
+        keys = {"excitation.frequency": frequency, f"excitation.{size}": amplitude}
+        tones = cls(case, case.with_overrides(keys))
+        if tones.turns > MOST_TURNS:
+            raise CaseError(
+                f"pump frequency: expected a common period with {probe:g} Hz of at most "
+                f"{MOST_TURNS} of its periods, given {tones.turns}; choose rounder frequencies"
+            )
+        return tones
+
+    @property
+    def frequencies(self) -> tuple[float, float]:
+        """Frequencies of pump and probe [Hz]."""
+        return self.pump.excitation.top_frequency, self.probe.excitation.top_frequency
+
+    @property
+    def turns(self) -> int:
+        """Periods of the probe in a common period of both."""
+        pump, probe = (Fraction(str(f)) for f in self.frequencies)
+        return (probe / pump).numerator
+
+    def states(self, times: FloatArray) -> FloatArray:
+        """Return both excitations together with two derivatives, shape (k, 3)."""
+        return drive(self.pump).states(times) + drive(self.probe).states(times)
+
+    def intact(self) -> Tones:
+        """Return the same excitations of the structure without delaminations."""
+        return Tones(intact(self.probe), intact(self.pump))
+
+    def start(self, structure: Structure) -> State | None:
+        """Return the steady motion of the closed structure under both, at t = 0."""
+        parts = [closed_motion(case, structure) for case in (self.pump, self.probe)]
+        known = [part for part in parts if part is not None]
+        if len(known) < len(parts):
+            return None
+        return replace(known[0], motion=known[0].motion + known[1].motion)
+
+
+@dataclass(frozen=True)
+class Modulation:
+    """What a test with two excitations shows.
+
+    Attributes:
+        case: that was measured; its excitation is the probe.
+        pump: frequency of the pump [Hz].
+        pump_amplitude: in the unit of the case's own amplitude.
+        scan: how it was measured; its periods are common periods of both frequencies.
+        x: positions of the points, shape (n,) [m].
+        ratio: sideband ratio of each point [-].
+        intact_ratio: the same without delaminations, with noise of its own [-].
+        limits: what noise on the intact structure exceeds at some point in 1 % of beams [-].
+    """
+
+    case: Case
+    pump: float
+    pump_amplitude: float
+    scan: Scan
+    x: FloatArray
+    ratio: FloatArray
+    intact_ratio: FloatArray
+    limits: FloatArray
+
+    @property
+    def gain(self) -> float:
+        """Median along the beam of the ratio over the median of that of the intact structure."""
+        return float(np.median(self.ratio) / np.median(self.intact_ratio))
+
+    @property
+    def is_called(self) -> bool:
+        """Whether some point exceeds its limit."""
+        return bool(np.any(self.ratio > self.limits))
+
+    @property
+    def is_intact_called(self) -> bool:
+        """Whether some point of the intact structure exceeds its limit."""
+        return bool(np.any(self.intact_ratio > self.limits))
+
+    def numbers(self) -> dict[str, object]:
+        """Return the content of modulation.json; lengths in m."""
+        return {
+            "case": self.case.name,
+            "pump_frequency": self.pump,
+            "pump_amplitude": self.pump_amplitude,
+            "probe_frequency": self.case.excitation.top_frequency,
+            "called": self.is_called,
+            "intact_called": self.is_intact_called,
+            "false_call_rate": FALSE_CALLS,
+            "median": float(np.median(self.ratio)),
+            "intact_median": float(np.median(self.intact_ratio)),
+            "gain": self.gain,
+            "x": self.x.tolist(),
+            "sideband_ratio": self.ratio.tolist(),
+            "intact_sideband_ratio": self.intact_ratio.tolist(),
+            "ratio_to_intact": (self.ratio / self.intact_ratio).tolist(),
+            "limits": self.limits.tolist(),
+            "scan": asdict(self.scan) | {"lamina": self.scan.surface(self.case)},
+        }
+
+    def save(self, directory: Path) -> Path:
+        """Write modulation.json into an existing folder and return its path."""
+        text = json.dumps(self.numbers(), indent=2, allow_nan=False)
+        return write_text(directory / RESULT, text + "\n")
+
+    @property
+    def verdict(self) -> str:
+        """What was found, in a sentence."""
+        f = self.case.excitation.top_frequency
+        return (
+            f"Sidebands of {f:g} Hz at ±{self.pump:g} Hz: "
+            f"{'above' if self.is_called else 'not above'} the limit of noise; median ratio "
+            f"{np.median(self.ratio):.3g}, {self.gain:.3g} times that of the intact structure."
+        )
+
+
+def modulation(tones: Tones, scan: Scan | None = None) -> Modulation:
+    """Measure a case under two excitations, with and without its delaminations.
+
+    Args:
+        tones: the case with its pump.
+        scan: how it is measured, at least one common period of both frequencies.
+
+    Raises:
+        CaseError: the scan does not fit the case, or a motion diverges.
+    """
+    scan = scan or Scan(periods=4)
+    pump, probe = tones.frequencies
+    pure, bare = two_tone(tones, scan), two_tone(tones.intact(), scan)
+    noise = pure.noise_of(scan)
+    inside = np.ptp(pure.field, axis=0) > 1e-9 * np.ptp(pure.field)  # a clamp may be at rest
+
+    def ratio(measured: Measurement, seed: int) -> FloatArray:
+        own = measured.noisy(noise, seed)
+        return sideband_ratio(own.field[:, inside], own.times, pump, probe)
+
+    again = [ratio(bare, scan.seed + _INTACT_SEED + 1 + k) for k in range(_REPETITIONS)]
+    typical = np.median(again, axis=0)
+    largest = np.quantile([np.max(one / typical) for one in again], 1.0 - FALSE_CALLS)
+    size = getattr(tones.pump.excitation, "acceleration", None)
+    return Modulation(
+        tones.probe,
+        pump,
+        size if size is not None else getattr(tones.pump.excitation, "amplitude", math.nan),
+        scan,
+        pure.x[inside],
+        ratio(pure, scan.seed),
+        ratio(bare, scan.seed + _INTACT_SEED),
+        typical * largest,
+    )
+
+
+def two_tone(tones: Tones, scan: Scan) -> Measurement:
+    """Return the field that a sensor without noise would measure under two excitations.
+
+    The run begins with the linear motion of the closed structure under both, and its record begins
+    when 0.1 % of a free motion is left. It has whole common periods, so that no line leaks.
+
+    Args:
+        tones: the case with its pump.
+        scan: how to measure.
+
+    Raises:
+        CaseError: the scan does not fit the case, or the motion diverges.
+    """
+    case, turns = tones.probe, tones.turns
+    f = case.excitation.top_frequency
+    samples, x = scan.samples(f), scan_positions(case.length, scan.spacing, scan.first)
+    steps = samples * math.ceil(max(case.time.steps_per_period, LEAST_STEPS) / samples)
+    settling = math.ceil(settling_periods(case) / turns)
+    structure = closed_form.assemble(case)
+    span = replace(
+        span_of(case),
+        time_step=1.0 / (f * steps),
+        steps_per_period=steps * turns,
+        periods=settling + scan.periods,
+        window_periods=scan.periods,
+        frames_per_period=samples * turns,
+    )
+    motion = by_period(tones, span, is_periodic=True)
+    with session(
+        structure.operators, law_of(case), scheme_of(case), motion, span,
+        initial=tones.start(structure),
+    ) as opened:  # fmt: skip
+        outcome = opened.run()
+        if outcome != "completed":
+            raise CaseError(f"modulate: the motion of case {case.name} has {outcome}")
+        times, u, v = scan_field(opened.recorder, structure, scan.surface(case), x)
+    return Measurement(times, x, v if scan.quantity == "velocity" else u, f)
