@@ -6,7 +6,10 @@ The numbers are rough, a factor of two up or down on a processor that has nothin
 
 from __future__ import annotations
 
+import os
+import shutil
 from dataclasses import dataclass
+from pathlib import Path
 
 from delam_fem.case.definition import Case
 from delam_fem.case.toml import CaseError
@@ -93,22 +96,57 @@ def run_cost(case: Case, engine: EngineName) -> Cost:
     return Cost(hours, _DOUBLE * memory, FILE_BYTES + _DOUBLE * disk)
 
 
-def require_affordable(cost: Cost, what: str, *, is_confirmed: bool) -> None:
+def require_affordable(
+    cost: Cost, what: str, *, is_confirmed: bool, folder: Path | None = None
+) -> None:
     """Refuse a computation that needs much, unless the user has confirmed it.
 
     Args:
         cost: the estimated cost.
         what: name of the computation, for the message.
         is_confirmed: whether the user has said `--yes`.
+        folder: where the files go, which need not exist; None: the working directory.
 
     Raises:
-        CaseError: the computation is large and not confirmed.
+        CaseError: the computation is large, or the machine has less than it needs, and the user
+            has not confirmed it.
     """
     if cost.is_large and not is_confirmed:
         raise CaseError(
             f"{what}: needs {cost}; more than {MOST_HOURS:g} h or {MOST_BYTES / _GIGA:g} GB must "
             "be confirmed by --yes"
         )
+    if not is_confirmed:
+        _require_machine(cost, what, (folder or Path()).absolute())
+
+
+def _require_machine(cost: Cost, what: str, folder: Path) -> None:
+    """Refuse a computation that needs more than the machine has.
+
+    Raises:
+        CaseError: the disk of the folder, or the memory, is too small.
+    """
+    there = next(path for path in (folder, *folder.parents) if path.exists())
+    free = shutil.disk_usage(there).free
+    if cost.disk > free:
+        raise CaseError(
+            f"{what}: needs about {_size(cost.disk)} of files, but {there} has {_size(free)} free; "
+            "choose another folder, or confirm by --yes"
+        )
+    memory, needed = _machine_memory(), cost.memory + cost.programs
+    if needed > memory:
+        raise CaseError(
+            f"{what}: needs about {_size(needed)} of memory, but the machine has {_size(memory)}; "
+            "record less or use fewer workers, or confirm by --yes"
+        )
+
+
+def _machine_memory() -> float:
+    """Return the memory of the machine [bytes]; infinite where the system does not tell."""
+    try:
+        return float(os.sysconf("SC_PAGE_SIZE")) * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, OSError, ValueError):
+        return float("inf")
 
 
 def _duration(hours: float) -> str:

@@ -1,5 +1,10 @@
 """The estimate of time and space before a computation."""
 
+import os
+import shutil
+from pathlib import Path
+from types import SimpleNamespace
+
 import pytest
 
 from delam_fem.case.files import preset
@@ -90,3 +95,22 @@ def test_costs_are_told_in_units_that_suit_them() -> None:
     assert str(Cost(30.0, 0.0, 0.0, programs=0.0)).startswith("about 30 h, 0 MB")
     many = Cost(1.0, 0.0, 0.0, programs=64 * 0.3e9)
     assert not many.is_large  # many workers alone are no reason to ask
+
+
+def test_what_the_machine_does_not_have_must_be_confirmed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A disk with 5 MB free and a machine with 1 GB of memory."""
+    monkeypatch.setattr(
+        shutil, "disk_usage", lambda path: SimpleNamespace(free=5e6) if path == tmp_path else None
+    )
+    monkeypatch.setattr(os, "sysconf", {"SC_PAGE_SIZE": 1000, "SC_PHYS_PAGES": 1_000_000}.get)
+    small, folder = Cost(0.1, 1e6, 4e6, programs=0.9e9), tmp_path / "runs" / "new"
+    require_affordable(small, "x", is_confirmed=False, folder=folder)
+    for cost, text in (
+        (Cost(0.1, 1e6, 6e6), r"6 MB of files, but .* has 5 MB free; .* --yes$"),
+        (Cost(0.1, 0.2e9, 4e6, programs=0.9e9), "1.1 GB of memory, but the machine has 1 GB; "),
+    ):
+        with pytest.raises(CaseError, match=f"^x: needs about {text}"):
+            require_affordable(cost, "x", is_confirmed=False, folder=folder)
+        require_affordable(cost, "x", is_confirmed=True, folder=folder)

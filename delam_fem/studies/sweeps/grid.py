@@ -12,11 +12,13 @@ from html import escape
 from pathlib import Path
 
 import numpy as np
+from pydantic_core import PydanticCustomError
 
 from delam_fem.case.definition import Case
 from delam_fem.case.files import PRESETS, load_case, preset
 from delam_fem.case.overrides import apply_overrides
 from delam_fem.case.toml import CaseError, Data, message, read_toml, toml_text
+from delam_fem.case.units import in_si
 from delam_fem.numerics.arrays import IntArray
 from delam_fem.results.scan import scan_positions
 from delam_fem.studies.detection.shapes import LEAST_PERIODS
@@ -324,7 +326,7 @@ def sweep_of(
 
     label = f"sweep {data.get('name')}"
     try:
-        file = SweepFile.model_validate(data)
+        file = SweepFile.model_validate(_with_numbers(data))
     except ValidationError as error:
         raise CaseError(message(label, error, data)) from None
     values = file.set | dict(overrides or {})
@@ -335,6 +337,40 @@ def sweep_of(
     sweep = Sweep(file, base)
     sweep.check()
     return sweep
+
+
+def _with_numbers(data: Data) -> Data:
+    """Return a sweep file whose axes have numbers in SI where their values carry a unit.
+
+    Raises:
+        CaseError: a unit is unknown, or does not fit the key.
+    """
+    axes = data.get("axis")
+    if not isinstance(axes, list | tuple):
+        return data
+    changed = []
+    for number, axis in enumerate(axes, start=1):
+        if not isinstance(axis, dict):
+            return data
+        unit = _UNITS.get(str(axis.get("key")).rsplit(".", 1)[-1], "")
+        own = dict(axis)
+        for name in {"start", "stop", "values"} & set(axis) if unit else ():
+            label = f"sweep {data.get('name')}: axis.{number}.{name}"
+            value = axis[name]
+            is_list = isinstance(value, list | tuple)
+            own[name] = (
+                [_in_si(v, unit, label) for v in value] if is_list else _in_si(value, unit, label)
+            )
+        changed.append(own)
+    return data | {"axis": changed}
+
+
+def _in_si(value: object, unit: str, label: str) -> object:
+    """Return a value with a unit as a number in SI, anything else as it is."""
+    try:
+        return in_si(value, unit)
+    except PydanticCustomError as error:
+        raise CaseError(f"{label}: {error.message()}") from None
 
 
 def _file(name: str, values: Mapping[str, object], folder: Path | None) -> Case:

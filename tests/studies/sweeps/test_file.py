@@ -220,3 +220,26 @@ def test_an_axis_of_laws_names_each_with_its_scheme() -> None:
     )  # of the base; given, not refused
     with pytest.raises(CaseError, match='the law "penalty" goes with the scheme "newmark"'):
         sweep({"key": "contact.law", "values": ["none", "penalty@moreau-jean"]})
+
+
+def test_values_of_axes_may_carry_units() -> None:
+    tones = {"key": "excitation.frequency", "start": "3000 mHz", "stop": "0.004 kHz", "count": 3}
+    sweep = sweep_of(
+        {
+            "name": "s",
+            "base": "paper",
+            "axis": [tones, {"key": "gap.tip", "values": ["1 mm", 0.002, "0.3 cm"]}],
+        }
+    )
+    assert sweep.dimensions[0].values == (3.0, 3.5, 4.0)
+    assert sweep.dimensions[1].values == (0.001, 0.002, 0.003)
+    assert "mm" not in sweep.to_toml("paper")
+
+
+@pytest.mark.parametrize("value", ["5 mm", "5 Hzz", "5 rpm"])
+def test_a_unit_that_does_not_fit_is_refused(value: str) -> None:
+    axis = {"key": "excitation.frequency", "values": [value]}
+    with pytest.raises(
+        CaseError, match=r"^sweep s: axis\.1\.values: expected a frequency .*, given '5 "
+    ):
+        sweep_of({"name": "s", "base": "paper", "axis": [axis]})
