@@ -108,7 +108,9 @@ def run_command(
         case = case_of(case_name, overrides)
         from delam_fem.engines.cost import require_affordable, run_cost
 
-        require_affordable(run_cost(case, engine), f"case {case.name}", is_confirmed=yes)
+        folder = output or Path("runs") / case.name
+        what = f"case {case.name}"
+        require_affordable(run_cost(case, engine), what, is_confirmed=yes, folder=folder)
         options: dict[str, Any] = {"engine": engine, "resume": resume}
         wished = {"extend": extend, "checkpoint_seconds": seconds}
         options |= {key: value for key, value in wished.items() if value is not None}
@@ -117,7 +119,7 @@ def run_command(
         run_in_folder(
             case,
             Path(case_name),
-            output or Path("runs") / case.name,
+            folder,
             quiet=quiet,
             overwrite=overwrite,
             figures=figures,

@@ -127,8 +127,8 @@ def converge_command(
             LIMIT_STEPS if limit_steps is None else limit_steps,
             engine,
         )
-        needed = _affordable(ladder, workers, yes)
         directory = output or Path("runs") / f"{case.name}-converge"
+        needed = _affordable(ladder, workers, yes, directory)
         may_hold = resume or overwrite
         with claimed(directory, inputs=inputs_of(case), may_hold_results=may_hold):
             if dry_run:
@@ -150,7 +150,9 @@ def _computed(
         return run_ladder(ladder, directory, workers=workers, resume=resume, progress=report)
 
 
-def _affordable(ladder: Ladder, workers: int | None, yes: bool) -> list[tuple[str, str]]:
+def _affordable(
+    ladder: Ladder, workers: int | None, yes: bool, folder: Path
+) -> list[tuple[str, str]]:
     """Return rows that say what a ladder needs.
 
     Raises:
@@ -160,7 +162,7 @@ def _affordable(ladder: Ladder, workers: int | None, yes: bool) -> list[tuple[st
     from delam_fem.studies.convergence.run import ladder_cost
 
     cost, n_rungs = ladder_cost(ladder, workers), len(ladder.rungs())
-    require_affordable(cost, f"ladder of {n_rungs} runs", is_confirmed=yes)
+    require_affordable(cost, f"ladder of {n_rungs} runs", is_confirmed=yes, folder=folder)
     return [("runs", str(n_rungs)), ("needs", str(cost))]
 
 

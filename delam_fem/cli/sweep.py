@@ -197,7 +197,7 @@ def _computed(
         if check is not None:
             check(sweep)
         if overwrite:
-            run.require_computable(sweep, executor, workers, is_confirmed=yes)
+            run.require_computable(sweep, executor, workers, is_confirmed=yes, folder=directory)
             run.remove_results(directory)
         with progress(error_console(quiet)) as report:
             data = run.run_sweep(sweep, directory, executor, progress=report, **options)

@@ -124,7 +124,8 @@ def _require_machine(cost: Cost, what: str, folder: Path) -> None:
     """Refuse a computation that needs more than the machine has.
 
     Raises:
-        CaseError: the disk of the folder, or the memory, is too small.
+        CaseError: the disk of the folder, or the memory, is too small. Workers are not counted,
+            as they may be on other machines.
     """
     there = next(path for path in (folder, *folder.parents) if path.exists())
     free = shutil.disk_usage(there).free
@@ -133,11 +134,11 @@ def _require_machine(cost: Cost, what: str, folder: Path) -> None:
             f"{what}: needs about {_size(cost.disk)} of files, but {there} has {_size(free)} free; "
             "choose another folder, or confirm by --yes"
         )
-    memory, needed = _machine_memory(), cost.memory + cost.programs
+    memory, needed = _machine_memory(), cost.memory + min(cost.programs, RUN_BYTES)
     if needed > memory:
         raise CaseError(
             f"{what}: needs about {_size(needed)} of memory, but the machine has {_size(memory)}; "
-            "record less or use fewer workers, or confirm by --yes"
+            "record less, or confirm by --yes"
         )
 
 

@@ -105,11 +105,11 @@ def test_what_the_machine_does_not_have_must_be_confirmed(
         shutil, "disk_usage", lambda path: SimpleNamespace(free=5e6) if path == tmp_path else None
     )
     monkeypatch.setattr(os, "sysconf", {"SC_PAGE_SIZE": 1000, "SC_PHYS_PAGES": 1_000_000}.get)
-    small, folder = Cost(0.1, 1e6, 4e6, programs=0.9e9), tmp_path / "runs" / "new"
+    small, folder = Cost(0.1, 1e6, 4e6, programs=64 * 0.3e9), tmp_path / "runs" / "new"
     require_affordable(small, "x", is_confirmed=False, folder=folder)
     for cost, text in (
         (Cost(0.1, 1e6, 6e6), r"6 MB of files, but .* has 5 MB free; .* --yes$"),
-        (Cost(0.1, 0.2e9, 4e6, programs=0.9e9), "1.1 GB of memory, but the machine has 1 GB; "),
+        (Cost(0.1, 0.4e9, 4e6), "1.1 GB of memory, but the machine has 1 GB; "),
     ):
         with pytest.raises(CaseError, match=f"^x: needs about {text}"):
             require_affordable(cost, "x", is_confirmed=False, folder=folder)

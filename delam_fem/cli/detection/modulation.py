@@ -55,8 +55,8 @@ def modulate_command(
 
 def _modulate(tones: Tones, scan: Scan, directory: Path, *, quiet: bool) -> None:
     """Measure, write the results and show them."""
+    from delam_fem.studies.detection.figures import modulation_figure
     from delam_fem.studies.detection.modulation import modulation
-    from delam_fem.studies.detection.modulation_figure import modulation_figure
     from delam_fem.studies.detection.saving import save_drawings, save_page
 
     found = modulation(tones, scan)

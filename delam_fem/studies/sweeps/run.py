@@ -101,7 +101,9 @@ def run_sweep(
     path = directory / RESULT
     if resume and is_complete(directory, sweep):
         return open_result(path)
-    layout, wanted = require_computable(sweep, executor, workers, is_confirmed=is_confirmed)
+    layout, wanted = require_computable(
+        sweep, executor, workers, is_confirmed=is_confirmed, folder=directory
+    )
     directory.mkdir(parents=True, exist_ok=True)
     with Journal(directory / JOURNAL, sweep.identity, resume=resume) as journal:
         save_case(sweep.base, directory)
@@ -128,6 +130,7 @@ def require_computable(
     workers: int | None,
     *,
     is_confirmed: bool,
+    folder: Path | None = None,
 ) -> tuple[Layout, tuple[Quantity, ...]]:
     """Check the first point and the cost of a sweep before anything is written.
 
@@ -141,7 +144,7 @@ def require_computable(
     wanted = quantities(sweep.file.record, layout)
     what = f"sweep {sweep.file.name} of {sweep.n_points:g} points"
     cost = _cost(sweep, wanted, _n_workers(executor, workers))
-    require_affordable(cost, what, is_confirmed=is_confirmed)
+    require_affordable(cost, what, is_confirmed=is_confirmed, folder=folder)
     return layout, wanted
 
 
