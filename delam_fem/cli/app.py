@@ -108,9 +108,8 @@ def run_command(
         case = case_of(case_name, overrides)
         from delam_fem.engines.cost import require_affordable, run_cost
 
-        folder = output or Path("runs") / case.name
-        what = f"case {case.name}"
-        require_affordable(run_cost(case, engine), what, is_confirmed=yes, folder=folder)
+        cost, folder = run_cost(case, engine), output or Path("runs") / case.name
+        require_affordable(cost, f"case {case.name}", is_confirmed=yes, folder=folder)
         options: dict[str, Any] = {"engine": engine, "resume": resume}
         wished = {"extend": extend, "checkpoint_seconds": seconds}
         options |= {key: value for key, value in wished.items() if value is not None}
