@@ -72,3 +72,15 @@ class DelayedLogistic(Toy):
 
     def fixed(self, a: float) -> FloatArray:
         return np.full(2, 1.0 - 1.0 / a)
+
+
+class Cubic(Toy):
+    """x' = 1 - a (x - 1) + (x - 1)³, y' = y / 5: the fixed point (1, 0) doubles at a = 1.
+
+    Its derivative by two-sided kicks h is h² too large, and so the doubling is found at 1 + h².
+    """
+
+    doubling = 1.0
+
+    def image(self, x: FloatArray, y: FloatArray, parameter: float) -> FloatArray:
+        return np.stack([1.0 - parameter * (x - 1.0) + (x - 1.0) ** 3, 0.2 * y], axis=-1)

@@ -28,9 +28,12 @@ DEVIATION = 2.0
 LOOSE = 4.0
 """Standard errors within which a point is kept, and marked as not solved, where shorter steps do
 not help either."""
-ONSETS = (0.1, 0.14, 0.2, 0.3)
-"""Amplitudes at which a doubled branch is sought, relative to the state: at small ones λ depends on
-the amplitude too little, at large ones the branch is no longer along its first direction."""
+ONSETS = (0.2, 0.3, 0.14, 0.1)
+"""Amplitudes at which a doubled branch is sought, relative to the state, the best first. At those
+not much larger than the kicks the two orbits are smeared into one another and λ may be far off; at
+large ones the branch is no longer along its first direction."""
+KNOWN = 0.002
+"""Standard error of λ at the first point of a doubled branch that is small enough, in ranges."""
 FARTHEST = 0.3
 """Largest correction of the first point of a doubled branch, in states and ranges."""
 ROUNDS = 3
@@ -102,20 +105,37 @@ def doubled_point(ensemble: Ensemble, near: Point, parameter: float, path: Path)
     values, vectors = np.linalg.eig(near.multipliers.derivative)
     direction = np.real(vectors[:, np.argmin(np.abs(values + 1.0))])
     direction *= _opening_side(ensemble, near, parameter, direction) / np.linalg.norm(direction)
+    best: Solved | None = None
     for onset in ONSETS:
         state = near.state + slow.lifted(onset * scale * direction)
         predicted = np.append(slow.of(state) / scale, parameter / path.span)
-        guess = Guess(state, parameter, scale)
-        for _ in range(ROUNDS):
-            J = ensemble.derivatives(guess.state, guess.parameter, scale).mean(axis=0)
-            slope = by_parameter(ensemble, guess, SLOPE * path.span)
-            border = Border(np.append(direction, 0.0), predicted, path.span, slope)
+        found = _across(ensemble, Guess(state, parameter, scale), direction, predicted, path.span)
+        if found is not None and (best is None or found.uncertainty[-1] < best.uncertainty[-1]):
+            best = found
+        if best is not None and best.uncertainty[-1] < KNOWN:
+            break
+    if best is None:
+        raise ArithmeticError("no orbit of twice the period is found at the doubling")
+    way = np.append(slow.of(best.state) - near.slow, best.parameter - parameter)
+    return measured(ensemble, best, heading=way, span=path.span, step=path.step)
+
+
+def _across(
+    ensemble: Ensemble, guess: Guess, direction: FloatArray, predicted: FloatArray, span: float
+) -> Solved | None:
+    """Return the orbit in the plane across a direction with λ free; None if there is none near."""
+    for _ in range(ROUNDS):
+        J = ensemble.derivatives(guess.state, guess.parameter, guess.scale).mean(axis=0)
+        slope = by_parameter(ensemble, guess, SLOPE * span)
+        border = Border(np.append(direction, 0.0), predicted, span, slope)
+        try:
             found = solved(ensemble, guess, J, border)
-            guess = found.guess(scale)
-            if found.is_solved and found.away < FARTHEST:
-                way = np.append(slow.of(found.state) - near.slow, found.parameter - parameter)
-                return measured(ensemble, found, heading=way, span=path.span, step=path.step)
-    raise ArithmeticError("no orbit of twice the period is found at the doubling")
+        except (ArithmeticError, np.linalg.LinAlgError):
+            return None
+        guess = found.guess(guess.scale)
+        if found.is_solved and found.away < FARTHEST:
+            return found
+    return None
 
 
 def _opening_side(
