@@ -52,9 +52,7 @@ def _widened(ensemble: Ensemble, event: Event, points: Sequence[Point], span: fl
     halved = [_test(event, _halved(ensemble, point)) for point in near[both]]
     at = _root(place[both], tests[both], place[both])
     moved = REMAINING * (_root(place[both], np.array(halved), place[both]) - at)
-    curved = [
-        _root(place[i : i + 3], tests[i : i + 3], place[both]) for i in range(len(near) - 2)
-    ]
+    curved = [_root(place[i : i + 3], tests[i : i + 3], place[both]) for i in range(len(near) - 2)]
     parameters = np.array([point.parameter for point in near])
     ends = np.array([at, at - moved, at + moved, *curved])
     shift = np.interp(ends[np.isfinite(ends)], place, parameters) - np.interp(at, place, parameters)
