@@ -28,12 +28,12 @@ DEVIATION = 2.0
 LOOSE = 4.0
 """Standard errors within which a point is kept, and marked as not solved, where shorter steps do
 not help either."""
-ONSETS = (0.2, 0.3, 0.14, 0.1)
-"""Amplitudes at which a doubled branch is sought, relative to the state, the best first. At those
-not much larger than the kicks the two orbits are smeared into one another and λ may be far off; at
-large ones the branch is no longer along its first direction."""
-KNOWN = 0.002
-"""Standard error of λ at the first point of a doubled branch that is small enough, in ranges."""
+ONSETS = (0.1, 0.14, 0.2, 0.3)
+"""Amplitudes at which a doubled branch is sought, relative to the state. At those not much larger
+than the kicks the two orbits are smeared into one another and λ may be far off; at large ones the
+branch is no longer along its first direction."""
+LEADS_ON = 2
+"""Steps that must be accepted behind the first point of a doubled branch."""
 FARTHEST = 0.3
 """Largest correction of the first point of a doubled branch, in states and ranges."""
 ROUNDS = 3
@@ -105,19 +105,29 @@ def doubled_point(ensemble: Ensemble, near: Point, parameter: float, path: Path)
     values, vectors = np.linalg.eig(near.multipliers.derivative)
     direction = np.real(vectors[:, np.argmin(np.abs(values + 1.0))])
     direction *= _opening_side(ensemble, near, parameter, direction) / np.linalg.norm(direction)
-    best: Solved | None = None
+    first: Point | None = None
     for onset in ONSETS:
         state = near.state + slow.lifted(onset * scale * direction)
         predicted = np.append(slow.of(state) / scale, parameter / path.span)
         found = _across(ensemble, Guess(state, parameter, scale), direction, predicted, path.span)
-        if found is not None and (best is None or found.uncertainty[-1] < best.uncertainty[-1]):
-            best = found
-        if best is not None and best.uncertainty[-1] < KNOWN:
-            break
-    if best is None:
+        if found is None:
+            continue
+        way = np.append(slow.of(found.state) - near.slow, found.parameter - parameter)
+        point = measured(ensemble, found, heading=way, span=path.span, step=path.step)
+        first = first or point
+        if _leads_on(ensemble, point, path):
+            return point
+    if first is None:
         raise ArithmeticError("no orbit of twice the period is found at the doubling")
-    way = np.append(slow.of(best.state) - near.slow, best.parameter - parameter)
-    return measured(ensemble, best, heading=way, span=path.span, step=path.step)
+    return first
+
+
+def _leads_on(ensemble: Ensemble, point: Point, path: Path) -> bool:
+    """Return whether some steps are accepted behind a point."""
+    after: Point | None = point
+    for _ in range(LEADS_ON):
+        after = None if after is None else next_point(ensemble, after, path)
+    return after is not None
 
 
 def _across(
