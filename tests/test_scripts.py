@@ -11,7 +11,7 @@ from project import SCRIPTS, script
 
 @pytest.mark.slow
 def test_reference_motions_are_those_of_the_paper(capsys: pytest.CaptureFixture[str]) -> None:
-    assert script("reference_motions").main(["--periods", "90"]) == 0
+    assert script("reference_motions").main(["--periods", "300", "--engine", "compiled"]) == 0
     table = capsys.readouterr().out
     assert table.count("yes") == 4
     assert "0.50" in table  # one contact in two periods

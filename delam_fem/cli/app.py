@@ -69,7 +69,7 @@ Extend = Annotated[
 def main(
     version: Annotated[bool, typer.Option("--version", help="Show the version and exit.")] = False,
 ) -> None:
-    """Simulate two delaminated laminae that clap under base motion, by finite elements."""
+    """Simulate delaminated layers that clap under base motion or forces, by finite elements."""
     if version:
         from delam_fem import __version__
 

@@ -35,7 +35,7 @@ from delam_fem.paper.page import (
 from delam_fem.studies.executors import Serial
 
 PLAN = Plan(
-    plane_points=2, plane_periods=80, response_periods=40, thresholds=2, has_long_ladders=False
+    plane_points=2, plane_periods=200, response_periods=40, thresholds=2, has_long_ladders=False
 )
 SHORT = Plan(periods=45, thresholds=2, gap_exponents=(1.0, 2.0))
 """For figures that are drawn, not judged."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -245,7 +246,7 @@ def _claim_on_penalty(numbers: Planes) -> Claim:
         *judged(
             Criterion(
                 "one-periodic in the best decade over method 3.2",
-                best.one_periodic / share[0], "<", 1.0, "",
+                _over(best.one_periodic, share[0]), "<", 1.0, "",
                 (best.one_periodic / ours.one_periodic_within[1],
                  best.one_periodic_within[1] / share[0]),
             ),
@@ -274,3 +275,8 @@ PLANES = Piece(
     draw,
     judge,
 )
+
+
+def _over(part: float, whole: float) -> float:
+    """Return a ratio; NaN, with which no criterion holds, if the whole is 0."""
+    return part / whole if whole else math.nan
