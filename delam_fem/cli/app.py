@@ -20,7 +20,7 @@ from delam_fem.cli.detection.detect import register as register_detection
 from delam_fem.cli.detection.inspection import register as register_inspection
 from delam_fem.cli.detection.modulation import register as register_modulation
 from delam_fem.cli.identify import register as register_identification
-from delam_fem.cli.inputs import CaseArgument, DryRun, Overwrite, Quiet, Yes, case_of
+from delam_fem.cli.inputs import CaseArgument, DryRun, Overrides, Overwrite, Quiet, Yes, case_of
 from delam_fem.cli.measured import register as register_measurements
 from delam_fem.cli.orbits.branches import register as register_branches
 from delam_fem.cli.orbits.find import register as register_orbits
@@ -37,15 +37,6 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-Overrides = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set",
-        metavar="KEY=VALUE",
-        help="Override a key of the case, e.g. excitation.frequency=3.65; repeatable. "
-        "KEY= without a value removes an optional key.",
-    ),
-]
 Figures = Annotated[
     bool,
     typer.Option(

@@ -9,7 +9,7 @@ import typer
 
 from delam_fem.cli.console.messages import tell
 from delam_fem.cli.console.terminal import BAD_INPUT, reported, table
-from delam_fem.cli.inputs import case_of
+from delam_fem.cli.inputs import Overrides, case_of
 
 if TYPE_CHECKING:
     from delam_fem.case.definition import Case
@@ -26,10 +26,6 @@ Kind = Annotated[
 ]
 CaseNames = Annotated[
     list[str], typer.Argument(metavar="CASE…", help="Presets, case files, or sweep files.")
-]
-Overrides = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="Override a key of the cases; repeatable."),
 ]
 EngineOption = Annotated[
     Literal["petsc", "compiled"], typer.Option(help="Engine that is to compute the steps.")

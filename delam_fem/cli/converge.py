@@ -19,6 +19,7 @@ from delam_fem.cli.console.terminal import (
 from delam_fem.cli.inputs import (
     CaseArgument,
     DryRun,
+    Overrides,
     Overwrite,
     Quiet,
     Workers,
@@ -37,10 +38,6 @@ Folder = Annotated[
     typer.Option(
         "-o", "--output", metavar="DIR", help="Folder of the results (default: runs/NAME-converge)."
     ),
-]
-Overrides = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="Override a key of the case; repeatable."),
 ]
 Direction = Annotated[
     Literal["elements", "points", "steps", "both"],

@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from delam_fem.cli.console.terminal import reported, say_files, table
-from delam_fem.cli.inputs import CaseArgument, Overwrite, Quiet, Workers, case_of, inputs_of
+from delam_fem.cli.inputs import (
+    CaseArgument,
+    Overrides,
+    Overwrite,
+    Quiet,
+    Workers,
+    case_of,
+    inputs_of,
+)
 
 if TYPE_CHECKING:
     from delam_fem.studies.identification.contact import Experiment
@@ -17,10 +25,6 @@ if TYPE_CHECKING:
 Folder = Annotated[
     Path | None,
     typer.Option("-o", "--output", metavar="DIR", help="Folder of the results."),
-]
-Overrides = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="Override a key of the case; repeatable."),
 ]
 Noise = Annotated[
     float,

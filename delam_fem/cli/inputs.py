@@ -13,6 +13,15 @@ if TYPE_CHECKING:
 CaseArgument = Annotated[
     str, typer.Argument(metavar="CASE", help="A preset by name, or a case file (.toml).")
 ]
+Overrides = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Override a key of the case, e.g. excitation.frequency=3.65; repeatable. "
+        "KEY= without a value removes an optional key.",
+    ),
+]
 Workers = Annotated[
     int | None,
     typer.Option("-j", "--workers", min=1, metavar="N", help="Processes (default: one per core)."),

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from delam_fem.cli.console.terminal import FAILED, fail, reported, say_files, summary_rows, table
-from delam_fem.cli.inputs import CaseArgument, Overwrite, Quiet, case_of, inputs_of
+from delam_fem.cli.inputs import CaseArgument, Overrides, Overwrite, Quiet, case_of, inputs_of
 
 Folder = Annotated[
     Path | None,
@@ -16,10 +16,6 @@ Folder = Annotated[
 ]
 File = Annotated[
     Path, typer.Option("-o", "--output", metavar="FILE", help="A file that ends in .npz or .mat.")
-]
-Overrides = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="Override a key of the case; repeatable."),
 ]
 Modes = Annotated[int, typer.Option(min=1, metavar="N", help="Modes of each lamina.")]
 Fine = Annotated[

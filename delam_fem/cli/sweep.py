@@ -21,7 +21,7 @@ from delam_fem.cli.console.terminal import (
     say_files,
     table,
 )
-from delam_fem.cli.inputs import DryRun, Overwrite, Quiet, Workers, Yes, inputs_of
+from delam_fem.cli.inputs import DryRun, Overrides, Overwrite, Quiet, Workers, Yes, inputs_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -49,10 +49,6 @@ Kind = Annotated[
 Folder = Annotated[
     Path | None,
     typer.Option("-o", "--output", metavar="DIR", help="Folder (default: runs/NAME)."),
-]
-Overrides = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="Override a key of the base case; repeatable."),
 ]
 Resume = Annotated[bool, typer.Option("--resume", help="Continue an interrupted sweep.")]
 ExecutorOption = Annotated[

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from delam_fem.cli.console.terminal import reported, say_files, table
-from delam_fem.cli.inputs import CaseArgument, Overwrite, Quiet, case_of, inputs_of
+from delam_fem.cli.inputs import CaseArgument, Overrides, Overwrite, Quiet, case_of, inputs_of
 from delam_fem.cli.measured import Channels, Rate, Units, assigned
 
 if TYPE_CHECKING:
@@ -20,10 +20,6 @@ Folder = Annotated[
     typer.Option(
         "-o", "--output", metavar="DIR", help="Folder of the results (default: runs/NAME-detect)."
     ),
-]
-Overrides = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="Override a key of the case; repeatable."),
 ]
 IndexName = Annotated[
     Literal["curvature", "V2", "V3", "V1/2", "distortion", "thd"],

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from delam_fem.cli.console.terminal import reported, say_files
-from delam_fem.cli.detection.inspection import Folder, Noise, Overrides
-from delam_fem.cli.inputs import CaseArgument, Overwrite, Quiet, case_of, inputs_of
+from delam_fem.cli.detection.inspection import Folder, Noise
+from delam_fem.cli.inputs import CaseArgument, Overrides, Overwrite, Quiet, case_of, inputs_of
 
 if TYPE_CHECKING:
     from delam_fem.studies.detection.measurement import Scan

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from delam_fem.cli.console.terminal import FAILED, INTERRUPTED, fail, reported, say_files, table
-from delam_fem.cli.inputs import CaseArgument, Overwrite, Quiet, case_of, inputs_of
+from delam_fem.cli.inputs import CaseArgument, Overrides, Overwrite, Quiet, case_of, inputs_of
 from delam_fem.cli.orbits.find import Fine, Kick, ModelName, Modes, Seed, kicks, model_options
 
 if TYPE_CHECKING:
@@ -19,10 +19,6 @@ if TYPE_CHECKING:
 Folder = Annotated[
     Path | None,
     typer.Option("-o", "--output", metavar="DIR", help="Folder (default: runs/NAME-branch)."),
-]
-Overrides = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="Override a key of the case; repeatable."),
 ]
 Key = Annotated[str, typer.Option("--key", metavar="KEY", help="Key of the case to vary.")]
 Start = Annotated[float, typer.Option("--from", metavar="X", help="Value where to start.")]

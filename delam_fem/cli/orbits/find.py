@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 import typer
 
 from delam_fem.cli.console.terminal import reported, say_files, table
-from delam_fem.cli.inputs import CaseArgument, Overwrite, Quiet, case_of, inputs_of
+from delam_fem.cli.inputs import CaseArgument, Overrides, Overwrite, Quiet, case_of, inputs_of
 
 if TYPE_CHECKING:
     from delam_fem.studies.orbits.ensemble import Perturbations
@@ -18,10 +18,6 @@ if TYPE_CHECKING:
 Folder = Annotated[
     Path | None,
     typer.Option("-o", "--output", metavar="DIR", help="Folder (default: runs/NAME-orbit)."),
-]
-Overrides = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="Override a key of the case; repeatable."),
 ]
 Period = Annotated[
     int,

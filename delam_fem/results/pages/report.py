@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import xarray as xr
 
 from delam_fem.case.atomic import write_text
@@ -23,6 +24,7 @@ from delam_fem.results.pages.html import (
     Table,
     embedded,
 )
+from delam_fem.results.schema import SENSOR, sensors_of
 
 CAPTIONS = {
     "laminae": "The deformed laminae about the strongest strike of the window.",
@@ -102,6 +104,7 @@ def page(history: xr.Dataset, summary: Mapping[str, Any], case: Case, directory:
         Section("In motion", [film(history, case) or Paragraph(NO_FRAMES, "about")]),
         Section("Numbers", [Paragraph(about, "about"), table]),
         Section("Figures", _figures(directory / "figures")),
+        *_sensors(history),
         Section("Energy", [Paragraph(flows, "about"), energy]),
         Section("Files", [html.files(directory, FILES)]),
         Section("Case", [Preformatted(case.to_toml())]),
@@ -111,6 +114,25 @@ def page(history: xr.Dataset, summary: Mapping[str, Any], case: Case, directory:
 
 
 NO_FRAMES = "There is no film, because output.fields_per_period is 0 or the motion is not finite."
+
+
+def _sensors(history: xr.Dataset) -> Iterator[Section]:
+    """Yield the section on the sensors, if there are any."""
+    if found := sensor_rows(history):
+        heading = ("sensor", "what it measures", "smallest", "largest", "rms")
+        yield Section("Sensors", [Table(heading, found)])
+
+
+def sensor_rows(history: xr.Dataset) -> list[tuple[str, ...]]:
+    """Return table rows of all sensors over the window: what, smallest, largest, rms."""
+    rows = []
+    for name in sensors_of(history):
+        own = history[name]
+        values, unit = own.to_numpy(), str(own.attrs["units"])
+        numbers_of = (values.min(), values.max(), np.sqrt(np.mean(values**2)))
+        shown = (f"{value:.4g} {unit}".replace("-", "−") for value in numbers_of)
+        rows.append((name.removeprefix(SENSOR), str(own.attrs["long_name"]), *shown))
+    return rows
 
 
 def energy_rows(history: xr.Dataset) -> list[tuple[str, str, str]]:

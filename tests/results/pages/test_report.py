@@ -1,7 +1,9 @@
 import base64
+import re
 from html.parser import HTMLParser
 from pathlib import Path
 
+import numpy as np
 import pytest
 from stack import three_laminae
 from synthetic import small_case, synthetic_history
@@ -127,6 +129,19 @@ def test_energy_rows_add_up(case: Case) -> None:
     rows = report.energy_rows(synthetic_history(case))
     assert sum(float(last.replace("−", "-")) for _, _, last in rows) == pytest.approx(0.0, abs=1e-9)
     assert [label for label, _, _ in rows if "dampers" in label] == []  # nothing flowed there
+
+
+def test_sensors_have_their_extremes_and_rms(case: Case, tmp_path: Path) -> None:
+    history = synthetic_history(case)
+    assert report.sensor_rows(history) == []
+    about = {"units": "m/s", "long_name": "velocity of thin at 0.2 m"}
+    history["sensor_mid"] = ("sensor_mid_time", np.array([3.0, -4.0, 0.0]), about)
+    assert report.sensor_rows(history) == [
+        ("mid", "velocity of thin at 0.2 m", "−4 m/s", "3 m/s", "2.887 m/s")
+    ]
+    assert "<h2>Sensors</h2>" in re.sub(
+        r"<h2[^>]*>", "<h2>", report.page(history, {}, case, tmp_path)
+    )
 
 
 def test_names_are_escaped(tmp_path: Path) -> None:
