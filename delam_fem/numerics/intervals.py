@@ -39,7 +39,7 @@ def block_means(values: FloatArray, blocks: int = BLOCKS) -> FloatArray:
 def interval(means: FloatArray, confidence: float = CONFIDENCE) -> tuple[FloatArray, FloatArray]:
     """Return the mean of independent values and half the width of its confidence interval.
 
-    >>> interval(np.array([1.0, 2.0, 3.0]))[1].round(3)
+    >>> float(interval(np.array([1.0, 2.0, 3.0]))[1].round(3))
     2.484
 
     Args:

@@ -36,6 +36,8 @@ VISIBLE = 1.0
 """Decay 2 d L of the power of a transient within L judged periods that can be seen in scatter."""
 SLOWEST = 0.1
 """Smallest decay d L within the judged periods that the model can tell from no decay at all."""
+HIGHEST = 150.0
+"""Largest e-folds of a transient within the judged periods; more says nothing, and overflows."""
 SURE = 2.0
 """Standard errors within which a fitted transient counts as none."""
 
@@ -134,7 +136,7 @@ def _creeping(z: FloatArray, P: int, rate: float) -> tuple[FloatArray, FloatArra
         of shape (n_probes,), and the rest, of the shape of the strobes.
     """
     n = z.shape[-1]
-    grown = np.exp(rate * np.arange(n - 1.0, -1.0, -1.0))
+    grown = _growth(rate, n)
     rest = np.empty_like(z)
     squares, variances = np.zeros(z.shape[1]), np.zeros(z.shape[1])
     for phase in range(P):
@@ -147,6 +149,11 @@ def _creeping(z: FloatArray, P: int, rate: float) -> tuple[FloatArray, FloatArra
         squares += (b**2).sum(axis=0) / P
         variances += (noise / (g @ g)).sum(axis=0) / P
     return np.sqrt(squares), np.sqrt(variances), rest
+
+
+def _growth(rate: float, n: int) -> FloatArray:
+    """Return e^(rate (n - k)) of the periods k = 1 … n, shape (n,); at most e^`HIGHEST`."""
+    return np.asarray(np.exp(np.minimum(rate * np.arange(n - 1.0, -1.0, -1.0), HIGHEST)))
 
 
 def _memory(rest: FloatArray) -> FloatArray:
@@ -164,7 +171,7 @@ def _memory(rest: FloatArray) -> FloatArray:
 def _decaying(rest: FloatArray, decay: float) -> FloatArray:
     """Return t if all of the rest is a transient that decays as slowly as it can, (n_probes,)."""
     power = (rest**2).sum(axis=0)
-    grown = np.exp(2.0 * decay * np.arange(power.shape[-1] - 1.0, -1.0, -1.0))
+    grown = _growth(2.0 * decay, power.shape[-1])
     found: FloatArray = np.sqrt(power.mean(axis=-1) / grown.mean())
     return found
 
@@ -176,7 +183,7 @@ def _beating(rest: FloatArray, rate: float) -> tuple[FloatArray, FloatArray]:
     """
     power = (rest**2).sum(axis=0)
     n = power.shape[-1]
-    grown = np.exp(2.0 * rate * np.arange(n - 1.0, -1.0, -1.0))
+    grown = _growth(2.0 * rate, n)
     g = grown - grown.mean()
     slope = power @ g / (g @ g)
     left = power - power.mean(axis=-1, keepdims=True) - slope[:, None] * g

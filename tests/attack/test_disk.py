@@ -73,8 +73,9 @@ def test_a_run_on_a_full_disk_is_finished_later(
     folder, resize = disk
     resize(size)
     line = command(
-        "run", "paper", "-o", folder / "run", "--checkpoint-seconds=0.2", "-q", keys=CASE
-    )
+        "run", "paper", "-o", folder / "run", "--checkpoint-seconds=0.2", "-q", "--yes",
+        keys=CASE,
+    )  # fmt: skip
     status, errors = ended(line)
     assert status == 1, errors
     require_few_lines(errors, most=40 if size < ROOM_FOR_THE_CHECKPOINT else 3)

@@ -59,6 +59,7 @@ def test_a_beat_of_a_linear_motion_is_measured(left: float) -> None:
     )
 
 
+@example(damping=0.046875, ratios=[8.0], n=303, P=None, phase=0.0)
 @given(
     damping=st.floats(1e-4, 0.05),
     ratios=st.lists(st.floats(0.02, 8.0), min_size=1, max_size=4),

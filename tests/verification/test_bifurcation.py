@@ -181,7 +181,7 @@ def test_the_fold_and_the_period_doubling(tmp_path: Path) -> None:
         "name": "fold",
         "base": "paper",
         "order": "both",
-        "set": {"time.periods": 100, "output.fields_per_period": 0},
+        "set": {"time.periods": 200, "output.fields_per_period": 0},
         "axis": [
             {"key": "excitation.frequency", "values": [3.40, 3.45, 3.50, 3.52, 3.60, 3.65, 3.70]}
         ],
