@@ -14,7 +14,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
-from scipy.signal import firwin, kaiserord, oaconvolve
 
 from delam_fem.case.attachments import Sensor
 from delam_fem.case.definition import Case
@@ -175,6 +174,9 @@ def low_passed(value: FloatArray, rate: float) -> FloatArray:
     """
     if rate >= 1.0 or value.size < 2:
         return value
+    # imported here: every run and every worker of a sweep imports this module
+    from scipy.signal import firwin, kaiserord, oaconvolve
+
     n_taps, beta = kaiserord(ATTENUATION, 2.0 * (STOP - PASS) * rate)
     n_taps |= 1  # an odd number has no delay of half a step
     taps = firwin(n_taps, (PASS + STOP) * rate, window=("kaiser", beta))
