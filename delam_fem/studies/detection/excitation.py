@@ -25,11 +25,11 @@ from delam_fem.numerics.arrays import BoolArray, FloatArray
 from delam_fem.studies.detection.detect import per_shape
 from delam_fem.studies.detection.locate import mark, repeated
 from delam_fem.studies.detection.measurement import settling_periods
-from delam_fem.studies.detection.population import PERIODS, SAMPLES, SETTLED, STEPS
+from delam_fem.studies.detection.population import PERIODS, SAMPLES, SETTLED, STEPS, scans
 from delam_fem.studies.detection.shapes import Shapes
 from delam_fem.studies.executors import ExecutorName
 from delam_fem.studies.structure_modes import structure_modes
-from delam_fem.studies.sweeps.file import Axis, Record, ScanRecord, SweepFile
+from delam_fem.studies.sweeps.file import Axis, ScanRecord
 from delam_fem.studies.sweeps.grid import Sweep
 from delam_fem.studies.sweeps.run import run_sweep
 
@@ -278,24 +278,13 @@ def _sweep(case: Case, frequencies: FloatArray, ratios: FloatArray, spacing: flo
         opening = max(own.opening for own in case.delamination)
         amplitudes = np.repeat(opening / ratios, frequencies.size)
         axes.append(Axis(key="excitation.amplitude", values=tuple(amplitudes.tolist())))
-    file = SweepFile.model_validate(
-        dict(
-            name="excitation",
-            base="case.toml",
-            combine="zip",
-            start="steady",
-            axis=tuple(axes),
-            record=Record(summary=False, strobes=0, scan=ScanRecord(spacing=spacing)),
-        )
-    )
     fast = {
         "time.steps_per_period": SAMPLES * math.ceil(STEPS / SAMPLES),
         "output.window_periods": PERIODS,
         "output.fields_per_period": SAMPLES,
     }
-    sweep = Sweep(file, case.with_overrides(fast))
-    sweep.check()
-    return sweep
+    scan = ScanRecord(spacing=spacing)
+    return scans("excitation", case.with_overrides(fast), tuple(axes), scan)
 
 
 def _judged(

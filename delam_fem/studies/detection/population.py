@@ -152,20 +152,9 @@ def sweep_of_specimens(
         )
     surface = surface_of(case, None)
     columns = _columns(case, specimens, surface)
-    file = SweepFile.model_validate(
-        dict(
-            name=name,
-            base="case.toml",
-            combine="zip",
-            start="steady",
-            axis=tuple(
-                Axis(key=key, name=key.replace(".", "_"), values=tuple(values))
-                for key, values in columns.items()
-            ),
-            record=Record(
-                summary=False, strobes=0, scan=ScanRecord(lamina=surface, spacing=spacing)
-            ),
-        )
+    axes = tuple(
+        Axis(key=key, name=key.replace(".", "_"), values=tuple(values))
+        for key, values in columns.items()
     )
     fast = {
         "mesh.elements": ELEMENTS,
@@ -173,7 +162,27 @@ def sweep_of_specimens(
         "output.window_periods": PERIODS,
         "output.fields_per_period": SAMPLES,
     }
-    sweep = Sweep(file, case.with_overrides(fast))
+    scan = ScanRecord(lamina=surface, spacing=spacing)
+    return scans(name, case.with_overrides(fast), axes, scan)
+
+
+def scans(name: str, case: Case, axes: tuple[Axis, ...], scan: ScanRecord) -> Sweep:
+    """Return a sweep that keeps nothing but scans, of motions that begin in their steady state.
+
+    Args:
+        name: of the sweep.
+        case: its base.
+        axes: whose k-th values belong together.
+        scan: the points that are kept.
+
+    Raises:
+        CaseError: a value of an axis is not valid.
+    """
+    record = Record(summary=False, strobes=0, scan=scan)
+    file = SweepFile.model_validate(
+        dict(name=name, base="case.toml", combine="zip", start="steady", axis=axes, record=record)
+    )
+    sweep = Sweep(file, case)
     sweep.check()
     return sweep
 
