@@ -43,13 +43,16 @@ ensure_home()  # dolfinx asks for it when it is imported
 with _symbols_stay_local():
     import dolfinx
     import dolfinx.fem.petsc
+    import dolfinx.graph
     import dolfinx.io
     import dolfinx.mesh
 
+import basix  # noqa: E402
 import ffcx.codegeneration.jit  # noqa: E402
 import ufl  # noqa: E402  (after dolfinx, which brings it)
 
 forms.protect(ffcx.codegeneration.jit)
+_is_old = not hasattr(dolfinx.fem, "functionspace")
 version: str = dolfinx.__version__
 has_adios2: bool = dolfinx.common.has_adios2
 
@@ -81,20 +84,55 @@ def create_interval_mesh(comm: MPI.Intracomm, x: FloatArray, cells: IntArray) ->
     Returns:
         The mesh, distributed over `comm`; both ends of an interface facet may be on any rank.
     """
+    return create_mesh(comm, "interval", x, cells)
+
+
+@_compiling_in_silence()
+def create_mesh(
+    comm: MPI.Intracomm, cell: str, x: FloatArray, cells: IntArray, ranks: IntArray | None = None
+) -> Any:
+    """Build a mesh with straight cells that need not be connected.
+
+    Args:
+        comm: communicator of the mesh.
+        cell: "interval", "triangle", "quadrilateral", "tetrahedron" or "hexahedron".
+        x: node coordinates, shape (n_nodes,) or (n_nodes, dim) [m]; only those of rank 0 are used.
+        cells: vertices of the cells, shape (n_cells, k); only those of rank 0 are used.
+        ranks: the rank that owns each cell, shape (n_cells,); None: a graph partitioner decides.
+
+    Returns:
+        The mesh, distributed over `comm`.
+    """
     points = np.ascontiguousarray(x, dtype=np.float64).reshape(len(x), -1)
-    if comm.rank > 0:
-        points, cells = points[:0], np.empty((0, 2), dtype=np.int64)
-    dim = points.shape[1]
     cells = np.ascontiguousarray(cells, dtype=np.int64)
+    if comm.rank > 0:
+        points, cells = points[:0], cells[:0]
+        ranks = None if ranks is None else ranks[:0]
+    dim = points.shape[1]
+    further: dict[str, Any] = {}
+    if ranks is not None and comm.size > 1:
+        further["partitioner"] = _given_ranks(np.asarray(ranks, dtype=np.int32))
+        if _is_old:  # later versions find shared vertices without ghost cells by themselves
+            further["ghost_mode"] = dolfinx.mesh.GhostMode.none
     if hasattr(dolfinx.fem, "functionspace"):
         import basix.ufl
 
-        coordinates = basix.ufl.element("Lagrange", "interval", 1, shape=(dim,))
+        coordinates = basix.ufl.element("Lagrange", cell, 1, shape=(dim,))
         # keyword arguments, because up to 0.9 the points come before the element
-        return dolfinx.mesh.create_mesh(comm, cells, e=coordinates, x=points)
-    cell = ufl.Cell("interval", geometric_dimension=dim)
-    domain = ufl.Mesh(ufl.VectorElement("Lagrange", cell, 1))
-    return dolfinx.mesh.create_mesh(comm, cells, points, domain)
+        return dolfinx.mesh.create_mesh(comm, cells, e=coordinates, x=points, **further)
+    domain = ufl.Mesh(ufl.VectorElement("Lagrange", ufl.Cell(cell, geometric_dimension=dim), 1))
+    return dolfinx.mesh.create_mesh(comm, cells, points, domain, **further)
+
+
+def _given_ranks(ranks: npt.NDArray[np.int32]) -> Callable[..., Any]:
+    """Return a partitioner that sends the cells of this rank to given ranks."""
+
+    def partition(*_: Any) -> Any:
+        name = "create_adjacencylist" if _is_old else "adjacencylist"
+        destinations = getattr(dolfinx.graph, name)(ranks.reshape(-1, 1))
+        return getattr(destinations, "_cpp_object", destinations)
+
+    return partition
 
 
 @_compiling_in_silence()
@@ -115,6 +153,58 @@ def space(mesh: Any, family: str, degree: int) -> Any:
     if hasattr(dolfinx.fem, "functionspace"):
         return dolfinx.fem.functionspace(mesh, (family, degree))
     return dolfinx.fem.FunctionSpace(mesh, (family, degree))
+
+
+@_compiling_in_silence()
+def vector_space(mesh: Any, degree: int) -> Any:
+    """Return the Lagrange space of vectors of a degree, with a component for each dimension."""
+    dim = mesh.geometry.dim
+    if hasattr(dolfinx.fem, "functionspace"):
+        return dolfinx.fem.functionspace(mesh, ("Lagrange", degree, (dim,)))
+    element = ufl.VectorElement("Lagrange", mesh.ufl_cell(), degree, dim)
+    return dolfinx.fem.FunctionSpace(mesh, element)
+
+
+def tabulate(cell: str, degree: int, derivatives: int, points: FloatArray) -> FloatArray:
+    """Return the basis of `vector_space`, for one component, at points of the reference cell.
+
+    Args:
+        cell: name of the cell.
+        degree: degree of the space.
+        derivatives: highest order of derivatives.
+        points: reference coordinates, shape (n, dim).
+
+    Returns:
+        Values in the order of the dofs of a cell, shape (n_derivatives, n, n_basis); first the
+        values, then the first derivatives along each reference coordinate.
+    """
+    shape, variant = getattr(basix.CellType, cell), basix.LagrangeVariant.gll_warped
+    element = basix.create_element(basix.ElementFamily.P, shape, degree, variant)
+    table = element.tabulate(derivatives, np.ascontiguousarray(points, dtype=np.float64))
+    return np.asarray(table[:, :, :, 0], dtype=np.float64)
+
+
+def cell_dofs(space: Any) -> npt.NDArray[np.int32]:
+    """Return the local dofs of all cells of this rank, ghosts included, shape (n_cells, k).
+
+    A dof of a space of vectors stands for all components.
+    """
+    table = space.dofmap.list
+    if isinstance(table, np.ndarray):
+        return table
+    return np.asarray(table.array).reshape(table.num_nodes, -1)
+
+
+def facet_dofs(space: Any, n_facets: int) -> list[list[int]]:
+    """Return the positions in `cell_dofs` of the dofs on each facet of a cell, edges included."""
+    layout, dim = space.dofmap.dof_layout, space.mesh.topology.dim
+    of_facet = layout.entity_closure_dofs
+    return [[int(k) for k in of_facet(dim - 1, facet)] for facet in range(n_facets)]
+
+
+def constant(mesh: Any, value: float) -> Any:
+    """Return a constant of forms, whose value may change without another compilation."""
+    return dolfinx.fem.Constant(mesh, np.float64(value))
 
 
 def input_nodes(linear: Any) -> IntArray:

@@ -1,0 +1,1 @@
+"""Laminae as solids in two or three dimensions: meshes, elasticity, contact between surfaces."""
