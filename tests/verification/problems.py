@@ -253,8 +253,29 @@ class Bar:
         """Force on the wall during contact, ρ c S v [N]."""
         return self.density * self.wave_speed * self.area * self.speed
 
-    def operators(self, n: int) -> Operators:
-        """Return n linear elements with lumped mass; dof 0 meets the wall."""
+    def displacement(self, x: FloatArray, times: FloatArray) -> FloatArray:
+        """Return d'Alembert's solution, shape (n_times, n_points) [m].
+
+        The front of compression leaves the wall with contact and stops each section it meets; from
+        the free end it comes back as a release, and throws each section upwards with the speed of
+        the fall. When it reaches the wall, the bar is undeformed and leaves it for ever.
+
+        Args:
+            x: distance of the sections from the wall's end of the bar, shape (n_points,) [m].
+            times: shape (n_times,) [s].
+        """
+        since = np.asarray(times)[:, None] - self.contact_start
+        stopped, thrown = x / self.wave_speed, (2.0 * self.length - x) / self.wave_speed
+        fallen = np.minimum(since, stopped) + self.contact_start
+        return np.asarray(self.speed * (np.maximum(since - thrown, 0.0) - fallen))
+
+    def operators(self, n: int, *, consistent: bool = False) -> Operators:
+        """Return n linear elements; dof 0 meets the wall.
+
+        Args:
+            n: number of elements.
+            consistent: take the mass matrix of the form, not the lumped one.
+        """
         h = self.length / n
         k = self.young_modulus * self.area / h
         main = np.full(n + 1, 2.0 * k)
@@ -262,8 +283,10 @@ class Bar:
         off = np.full(n, -k)
         m = np.full(n + 1, self.density * self.area * h)
         m[[0, -1]] /= 2.0
+        sixth = np.full(n, self.density * self.area * h / 6.0)
+        full = sp.diags([sixth, 2.0 / 3.0 * m, sixth], [-1, 0, 1], format="csr")
         return Operators(
-            mass=sp.diags(m, format="csr"),
+            mass=full if consistent else sp.diags(m, format="csr"),
             damping=sp.csr_matrix((n + 1, n + 1)),
             stiffness=sp.diags([off, main, off], [-1, 0, 1], format="csr"),
             lumped_mass=m,
