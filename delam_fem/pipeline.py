@@ -22,8 +22,7 @@ from delam_fem.case.files import save_case
 from delam_fem.case.toml import CaseError
 from delam_fem.engines.choose import EngineName
 from delam_fem.engines.session import Session, session_of
-from delam_fem.model import _dolfinx
-from delam_fem.model.beams import bending
+from delam_fem.model import _dolfinx, discretise
 from delam_fem.model.beams.network import never_opens
 from delam_fem.model.layout import Structure
 from delam_fem.mpi import MPI
@@ -71,7 +70,7 @@ def run(
             the case may have any number of periods. The result is that of one run, bit for bit.
         progress: called after each period with the number of finished periods and of all periods;
             True: a bar, in a notebook as on a terminal.
-        structure: the discretised case; None: `beam.assemble` makes it.
+        structure: the discretised case; None: `discretise.assemble` makes it.
         initial: state at t = 0, for example `Result.state` of another run; None: at rest. The run
             computes the accelerations of this state anew.
         comm: communicator whose ranks share the work; every rank returns the result. With the
@@ -94,7 +93,7 @@ def run(
     if extend:
         case, source = _extended(case, directory, extend, comm, resume=resume)
     mpi.hold(comm)
-    structure = bending.assemble(case, comm=comm) if structure is None else structure
+    structure = discretise.assemble(case, comm=comm) if structure is None else structure
     with session_of(case, structure.operators, initial=initial, engine=engine, comm=comm) as opened:
         recorder = opened.recorder
         before: checkpoint.Progress = "running"
@@ -148,7 +147,7 @@ def checked(case: Case, engine: EngineName = "petsc") -> tuple[Structure, list[s
     Raises:
         CaseError: the case cannot be computed.
     """
-    structure = bending.assemble(case)
+    structure = discretise.assemble(case)
     with session_of(case, structure.operators, engine=engine):
         pass
     opening = never_opens(case)

@@ -31,6 +31,7 @@ from delam_fem.case.sections import (
     Gap,
     Lamina,
     Mesh,
+    Model,
     Output,
     TimeStepping,
 )
@@ -69,6 +70,7 @@ class Case(Section):
         delamination: where neighbours are apart; elsewhere they are bonded. Without any, laminae
             with a gap are apart over their whole length.
         mesh: the mesh of both laminae.
+        model: what the laminae are computed as: beams, or solids.
         damping: the damping model.
         excitation: the motion of the base, or the force at a point.
         contact: the contact law.
@@ -86,6 +88,7 @@ class Case(Section):
     support: Support = Support()
     delamination: tuple[Delamination, ...] = ()
     mesh: Mesh
+    model: Model = Model()
     damping: Damping = Damping()
     excitation: Excitation
     contact: Contact
@@ -245,6 +248,7 @@ class Case(Section):
         ]
         if self.time.periods != "settled" and "most_periods" in self.time.model_fields_set:
             keys.append("time.most_periods")
+        keys += [f"model.{key}" for key in self.model.unread]
         return tuple(keys)
 
     @property
@@ -344,6 +348,8 @@ class Case(Section):
             del data["time"]["most_periods"]
         if self.is_apart and "support" not in self.model_fields_set:
             del data["support"]
+        if self.model == Model():
+            del data["model"]
         return toml_text(data)
 
     @classmethod
@@ -435,5 +441,6 @@ class Case(Section):
         named = {f"delamination.{i}.file": own.file for i, own in enumerate(self.delamination)}
         named["gap.file"] = None if self.gap is None else self.gap.file
         named["mesh.file"] = self.mesh.file
+        named["model.file"] = self.model.file
         named["excitation.file"] = getattr(self.excitation, "file", None)
         return {key: file for key, file in named.items() if file is not None}

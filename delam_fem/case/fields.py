@@ -111,6 +111,11 @@ Elements = Annotated[
 PointsPerElement = Annotated[
     int, _WHOLE, Field(ge=1, le=64), expected("a whole number from 1 to 64")
 ]
+CellCount = Annotated[int, _WHOLE, Field(ge=1, le=100), expected("a whole number from 1 to 100")]
+Poisson = Annotated[
+    float, _FINITE, Field(ge=0.0, lt=0.5), expected("a number of at least 0 and below 0.5")
+]
+Degree = Annotated[int, _WHOLE, Field(ge=2, le=3), expected("2 or 3")]
 Steps = Annotated[
     int, _WHOLE, Field(ge=4, le=100_000_000), expected("a whole number from 4 to 100000000")
 ]

@@ -36,7 +36,8 @@ def load_case(path: str | Path, overrides: Mapping[str, object] | None = None) -
     data = read_toml(path)
     delaminations = data.get("delamination")
     listed = delaminations if isinstance(delaminations, list) else []
-    for table in (data.get("gap"), data.get("mesh"), data.get("excitation"), *listed):
+    sections = [data.get(name) for name in ("gap", "mesh", "model", "excitation")]
+    for table in (*sections, *listed):
         if isinstance(table, dict) and isinstance(table.get("file"), str):
             table["file"] = os.path.join(path.absolute().parent, table["file"])
     return _case(data, overrides, f"case {path}")

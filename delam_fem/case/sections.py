@@ -7,6 +7,7 @@ Numbers are SI and float64. A whole number is accepted for a float; no other con
 from __future__ import annotations
 
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
@@ -14,15 +15,18 @@ from pydantic import model_validator
 from pydantic_core import PydanticCustomError
 
 from delam_fem.case.fields import (
+    CellCount,
     Count,
     CountOrNone,
     CountOrSettled,
     DampingRatio,
+    Degree,
     Elements,
     FileName,
     Label,
     NotNegative,
     PointsPerElement,
+    Poisson,
     Positive,
     Refine,
     Restitution,
@@ -225,6 +229,57 @@ class Mesh(Section):
                 {"given": "none" if self.file is None else "both"},
             )
         return self
+
+
+ModelKind = Literal["beam", "plane-stress", "solid", "reduced"]
+_READS: Mapping[ModelKind, frozenset[str]] = MappingProxyType(
+    {
+        "beam": frozenset(),
+        "plane-stress": frozenset({"poisson", "degree", "layers"}),
+        "solid": frozenset({"poisson", "degree", "layers", "strips"}),
+        "reduced": frozenset({"file"}),
+    }
+)
+
+
+class Model(Section):
+    """What the laminae are computed as.
+
+    Attributes:
+        kind: "beam" (Euler-Bernoulli), "plane-stress" (two dimensions), "solid" (three dimensions)
+            or "reduced" (the modes of a file); see docs/continuum.md.
+        poisson: Poisson's ratio of all laminae [-].
+        degree: degree of the elements.
+        layers: number of cells through the thickness of each lamina.
+        strips: number of cells across the width.
+        file: file of `delam-fem reduce`; a relative name counts from the case file.
+    """
+
+    kind: ModelKind = "beam"
+    poisson: Annotated[Poisson, Unit("1")] = 0.0
+    degree: Degree = 2
+    layers: CellCount = 1
+    strips: CellCount = 1
+    file: FileName | None = None
+
+    @model_validator(mode="after")
+    def _file_of_modes(self) -> Self:
+        """Check that a file is given if and only if the model is read from one."""
+        if self.kind == "reduced" and self.file is None:
+            raise inconsistent("file", 'missing, but required with kind = "reduced"')
+        if self.kind != "reduced" and self.file is not None:
+            raise inconsistent("file", f'expected only with kind = "reduced", given {self.kind!r}')
+        return self
+
+    @property
+    def is_continuum(self) -> bool:
+        """Whether it has a mesh of solids."""
+        return self.kind in ("plane-stress", "solid")
+
+    @property
+    def unread(self) -> tuple[str, ...]:
+        """Keys that are given, but that this kind of model does not read."""
+        return tuple(sorted(self.model_fields_set - _READS[self.kind] - {"kind"}))
 
 
 class Damping(Section):

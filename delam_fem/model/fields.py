@@ -18,8 +18,10 @@ def nodal(layout: Layout, vectors: FloatArray, base: FloatArray) -> FloatArray:
         base: values of the base, shape (k,); the slope of the base is zero.
 
     Returns:
-        Values and slopes at the points, shape (2 components, n_parts, k, n_points).
+        Values and slopes at the points, shape (2 components, n_parts, k, n_points). Of a solid:
+        those of the middle lines of its parts.
     """
+    vectors = layout.read(vectors, base)
     result = np.zeros((2, len(layout.parts), vectors.shape[0], layout.x.size))
     for number, part in enumerate(layout.parts):
         for component, dofs in enumerate(part.dofs.T):

@@ -8,13 +8,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
+import scipy.sparse as sp
 
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.arrays import FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from delam_fem.mpi import MPI
 
 BASE, FIXED = -1, -2
 """Values in `Part.dofs` in place of a free dof: the point moves with the base, or never moves."""
@@ -30,7 +34,7 @@ class Part:
         name: name of the part.
         x: positions of its points along the structure, increasing, shape (n_points,) [m].
         dofs: the free dofs of displacement and slope at each point, or BASE, or FIXED, shape
-            (n_points, 2).
+            (n_points, 2). With a `Reading` they are its rows.
         flexural_rigidity: EI of each cell between two points, shape (n_points - 1,) [N m2].
         mass_per_length: ρA of each cell, shape (n_points - 1,) [kg/m].
     """
@@ -198,6 +202,47 @@ class Support:
 
 
 @dataclass(frozen=True)
+class Reading:
+    """Deflection and slope of the parts of a solid, as functionals of its dofs.
+
+    The middle line of each part stands for the part, as a beam does. Row r reads
+
+        matrix[r] u + base[r] q,   u of the free dofs, q of the base.
+
+    On several ranks each one holds the columns of its own dofs, and what it reads is the sum over
+    all ranks.
+
+    Attributes:
+        matrix: CSR (n_readings, n_own), n_own = number of free dofs of this rank.
+        base: shape (n_readings,).
+        part: number of the part to which each free dof of this rank belongs; -1 where bonded parts
+            share it, shape (n_own,).
+        comm: the communicator whose ranks share the dofs; None: this process has them all.
+    """
+
+    matrix: sp.csr_matrix
+    base: FloatArray
+    part: IntArray
+    comm: MPI.Intracomm | None = None
+
+    def of(self, vectors: FloatArray, base: FloatArray) -> FloatArray:
+        """Return what states read (collective), shape (k, n_readings).
+
+        Args:
+            vectors: values of the free dofs of this rank, shape (k, n_own).
+            base: values of the base, shape (k,).
+        """
+        read = np.ascontiguousarray((self.matrix @ vectors.T).T)
+        if self.comm is not None:
+            read = np.sum(self.comm.allgather(read), axis=0)
+        return np.asarray(read + base[:, None] * self.base)
+
+    def rows(self, of_readings: sp.spmatrix) -> sp.csr_matrix:
+        """Return functionals of readings as functionals of dofs, shape (k, n_own)."""
+        return sp.csr_matrix(of_readings @ self.matrix)
+
+
+@dataclass(frozen=True)
 class Layout:
     """The meaning of the rows and columns of operators.
 
@@ -209,6 +254,8 @@ class Layout:
         sensors: the sensors.
         gap_row: row of `Operators.sensors` at which the rows of all gaps begin; None: there are
             none, because no sensor reads contact forces.
+        reading: what the points of the parts read from the dofs of a solid; None: `Part.dofs` are
+            dofs.
     """
 
     parts: tuple[Part, ...]
@@ -217,6 +264,45 @@ class Layout:
     supports: tuple[Support, ...] = ()
     sensors: tuple[SensorRows, ...] = ()
     gap_row: int | None = None
+    reading: Reading | None = None
+
+    def n_numbered(self, n_dofs: int) -> int:
+        """Return how many numbers `Part.dofs` may have: of readings, or of free dofs."""
+        return n_dofs if self.reading is None else self.reading.base.size
+
+    def read(self, vectors: FloatArray, base: FloatArray) -> FloatArray:
+        """Return the values that `Part.dofs` number (collective), shape (k, n_numbered).
+
+        Args:
+            vectors: values of the free dofs, shape (k, n).
+            base: values of the base, shape (k,).
+        """
+        return vectors if self.reading is None else self.reading.of(vectors, base)
+
+    def of_dofs(self, rows: sp.spmatrix) -> sp.csr_matrix:
+        """Return functionals of what `Part.dofs` number as functionals of free dofs.
+
+        Args:
+            rows: shape (k, n_numbered), or (k, n_numbered + 1) with a column of the base.
+
+        Returns:
+            Shape (k, n), or (k, n + 1).
+        """
+        rows = sp.csr_matrix(rows)
+        if self.reading is None:
+            return rows
+        n = self.reading.base.size
+        own = self.reading.rows(rows[:, :n])
+        if rows.shape[1] == n:
+            return own
+        base = rows[:, n].toarray().ravel() + rows[:, :n] @ self.reading.base
+        return sp.hstack([own, sp.csr_matrix(base[:, None])], format="csr")
+
+    def own_dofs(self, number: int) -> IntArray:
+        """Return the free dofs of a part, increasing, shape (n,)."""
+        if self.reading is None:
+            return self.parts[number].own_dofs
+        return np.asarray(np.flatnonzero(self.reading.part == number))
 
     @property
     def x(self) -> FloatArray:
@@ -295,10 +381,10 @@ class Structure:
         """
         o, layout = self.operators, self.layout
         dofs = np.concatenate([part.dofs.ravel() for part in layout.parts])
-        if dofs.max() >= o.n_dofs:
-            raise ValueError(
-                f"layout: dof {dofs.max()}, expected below {o.n_dofs}, the number of free dofs"
-            )
+        n = layout.n_numbered(o.n_dofs)
+        if dofs.max() >= n:
+            what = "free dofs" if layout.reading is None else "readings"
+            raise ValueError(f"layout: dof {dofs.max()}, expected below {n}, the number of {what}")
         n_pairs = sum(len(interface.points) for interface in layout.interfaces)
         for what, given, expected in (
             ("pairs", n_pairs, o.n_pairs),

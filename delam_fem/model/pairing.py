@@ -189,7 +189,7 @@ def probe_rows(layout: Layout, n_dofs: int) -> sp.csr_matrix:
     Shape (n_probes, n_dofs).
     """
     dofs = [layout.parts[p.part].dofs[p.point, DISPLACEMENT] for p in layout.probes]
-    return selection(dofs, n_dofs)
+    return layout.of_dofs(selection(dofs, layout.n_numbered(n_dofs)))
 
 
 def selection(dofs: Sequence[int] | IntArray, n_dofs: int) -> sp.csr_matrix:

@@ -82,7 +82,7 @@ def _sensor(
     if own.quantity == "strain":
         row = strain(number, place, -1.0 if own.surface == "bottom" else 1.0)
     else:
-        row = columns_of(part, place, o.n_dofs)
+        row = layout.of_dofs(columns_of(part, place, layout.n_numbered(o.n_dofs)))
     of_dofs, of_base = row.toarray()[0, :-1], 0.0 if o.base.is_force else float(row[0, -1])
     if own.quantity == "acceleration":
         return _acceleration(own.name, o, of_dofs, of_base, rows)
@@ -126,11 +126,13 @@ def _acceleration(
 
 def _of_single_laminae(case: Case, layout: Layout, n: int) -> StrainRows:
     """Return the strains of laminae that bend about their own middles."""
+    numbered = layout.n_numbered(n)
 
     def rows(lamina: int, place: float, side: float) -> sp.csr_matrix:
         part = layout.parts[lamina]
         cells = cells_at(part, place)
-        mean = sum(columns_of(part, place, n, CURVATURE, cell) for cell in cells) / len(cells)
+        bends = [columns_of(part, place, numbered, CURVATURE, cell) for cell in cells]
+        mean = layout.of_dofs(sum(bends) / len(cells))
         return sp.csr_matrix(-0.5 * side * case.lamina[lamina].thickness * mean)
 
     return rows

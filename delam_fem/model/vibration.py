@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import eigh
-from scipy.sparse.linalg import eigsh
+from scipy.sparse.linalg import eigsh, splu
 
-from delam_fem.model.layout import Layout
+from delam_fem.model.layout import Layout, Structure
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.arrays import FloatArray
 
@@ -94,6 +94,35 @@ def kept_closed(layout: Layout, n_dofs: int) -> sp.csr_matrix:
     kept, place = np.unique(master, return_inverse=True)
     entries = np.ones(n_dofs), (np.arange(n_dofs), place)
     return sp.csr_matrix(entries, shape=(n_dofs, kept.size))
+
+
+def keeping_closed(structure: Structure) -> sp.csr_matrix:
+    """Return the matrix S of u = S u_closed, with equal motion on both sides of every pair.
+
+    Of beams see `kept_closed`. Of solids: each row of H u = 0 gives one dof through the others.
+    """
+    layout, H = structure.layout, structure.operators.gap_matrix
+    n = structure.operators.n_dofs
+    if layout.reading is None:
+        return kept_closed(layout, n)
+    pivots = np.empty(H.shape[0], dtype=np.int64)
+    is_free = np.ones(n, dtype=np.bool_)
+    for k in range(H.shape[0]):
+        row = H[k]
+        own = row.indices[is_free[row.indices]]
+        size = np.abs(row.data[is_free[row.indices]])
+        if not own.size:
+            raise ValueError("pairs: more of them than dofs that they can tie")
+        pivots[k] = own[size.argmax()]
+        is_free[pivots[k]] = False
+    kept = np.flatnonzero(is_free)
+    S = sp.identity(n, format="lil")
+    if pivots.size:
+        S[pivots] = (
+            sp.csr_matrix(-splu(H[:, pivots].tocsc()).solve(H[:, kept].toarray()))
+            @ sp.identity(n, format="csr")[kept]
+        )
+    return sp.csr_matrix(sp.csr_matrix(S)[:, kept])
 
 
 def _shift(K: sp.csr_matrix, M: sp.csr_matrix) -> float:

@@ -28,7 +28,7 @@ def first_mode(structure: Structure, number: int) -> FloatArray:
         Mode in all free dofs, 1 at the probe, shape (n,) [-, 1/m].
     """
     operators = structure.operators
-    own = structure.layout.parts[number].own_dofs
+    own = structure.layout.own_dofs(number)
     K, M = (matrix[own][:, own] for matrix in (operators.stiffness, operators.mass))
     probe = operators.probes[number, own]
     solve = splu(K.tocsc()).solve

@@ -14,7 +14,7 @@ from delam_fem.case.motion.drive import Excitation, ForceExcitation, HarmonicExc
 from delam_fem.model.beams import closed_form
 from delam_fem.model.beams.bonded import n_rigid
 from delam_fem.model.layout import Structure
-from delam_fem.model.vibration import kept_closed, lowest
+from delam_fem.model.vibration import keeping_closed, lowest
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.simulation.initial import first_mode
 from delam_fem.simulation.loop import State
@@ -65,7 +65,7 @@ def closed_motion(case: Case, structure: Structure) -> State | None:
     if case.is_apart or not given.is_periodic:
         return None
     o, f = structure.operators, given.top_frequency
-    S = kept_closed(structure.layout, o.n_dofs)
+    S = keeping_closed(structure)
     M, C, K = (S.T @ matrix @ S for matrix in (o.mass, o.damping, o.stiffness))
     omega = 2.0 * math.pi * f
     load = -(o.base.stiffness + 1j * omega * o.base.damping - omega**2 * o.base.mass)

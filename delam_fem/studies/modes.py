@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 
 from delam_fem.case.definition import Case
 from delam_fem.case.toml import CaseError
-from delam_fem.model.layout import DISPLACEMENT, Part, Structure
-from delam_fem.model.operators import Operators
+from delam_fem.model import discretise, fields
+from delam_fem.model.layout import Structure
 from delam_fem.model.vibration import lowest
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.numerics.cantilever import cantilever_mode
@@ -121,9 +121,7 @@ def modes(case: Case, n: int = 6, *, delaminations: Kind = "free") -> Modes | St
     Raises:
         CaseError: n is below 1 or above the number of dofs.
     """
-    from delam_fem.model.beams import bending  # dolfinx is imported when its matrices are asked for
-
-    structure = bending.assemble(case)
+    structure = discretise.assemble(case)
     if not case.is_apart or case.point_mass:
         return structure_modes(structure, case, n, kind=delaminations)
     whole = structure_modes(structure, case, n, kind=delaminations)
@@ -145,28 +143,28 @@ def modes_of(structure: Structure, case: Case, n: int = 6) -> Modes:
         CaseError: n is below 1 or above the number of dofs of a lamina.
     """
     layout = structure.layout
-    most = min(part.own_dofs.size for part in layout.parts)
+    most = min(layout.own_dofs(i).size for i in range(len(layout.parts)))
     if not 1 <= n <= most:
         raise CaseError(f"number of modes: expected 1 to {most} (dofs of a lamina), given {n}")
     shapes = np.zeros((len(layout.parts), n, layout.x.size))
     frequencies = np.zeros((len(layout.parts), n))
-    for i, part in enumerate(layout.parts):
-        frequencies[i], vectors = lowest(*_own_block(structure.operators, part), n)
-        shapes[i] = _deflections(part, vectors)
+    for i in range(len(layout.parts)):
+        frequencies[i], vectors = lowest(*_own_block(structure, i), n)
+        shapes[i] = _deflections(structure, i, vectors)
     exact = [np.asarray(lamina.angular_frequencies(n)) / (2.0 * np.pi) for lamina in case.lamina]
     return Modes(layout.names, frequencies, np.stack(exact), layout.x, shapes)
 
 
-def _own_block(operators: Operators, part: Part) -> tuple[sp.csr_matrix, sp.csr_matrix]:
+def _own_block(structure: Structure, number: int) -> tuple[sp.csr_matrix, sp.csr_matrix]:
     """Return (K, M) of one part alone."""
-    own = part.own_dofs
-    return operators.stiffness[own][:, own], operators.mass[own][:, own]
+    o, own = structure.operators, structure.layout.own_dofs(number)
+    return o.stiffness[own][:, own], o.mass[own][:, own]
 
 
-def _deflections(part: Part, vectors: FloatArray) -> FloatArray:
-    """Return the deflections at the points, 1 at the last one, shape (n, n_points)."""
-    free = part.dofs[:, DISPLACEMENT] >= 0
-    shapes = np.zeros((vectors.shape[1], part.x.size))
-    places = np.searchsorted(part.own_dofs, part.dofs[free, DISPLACEMENT])
-    shapes[:, free] = vectors[places].T
+def _deflections(structure: Structure, number: int, vectors: FloatArray) -> FloatArray:
+    """Return the deflections of a part at its points, 1 at the last one, shape (n, n_points)."""
+    layout, n = structure.layout, vectors.shape[1]
+    whole = np.zeros((n, structure.operators.n_dofs))
+    whole[:, layout.own_dofs(number)] = vectors.T
+    shapes = fields.nodal(layout, whole, np.zeros(n))[0, number]
     return np.asarray(shapes / shapes[:, -1:])

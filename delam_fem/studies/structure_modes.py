@@ -22,7 +22,7 @@ from delam_fem.case.toml import CaseError
 from delam_fem.model import fields
 from delam_fem.model.beams.bonded import n_rigid
 from delam_fem.model.layout import Structure
-from delam_fem.model.vibration import kept_closed, lowest
+from delam_fem.model.vibration import keeping_closed, lowest
 from delam_fem.numerics.arrays import FloatArray, IntArray
 from delam_fem.results.figures.style import GAP_COLOUR, label_x, lamina_colours
 from delam_fem.studies.findings import save_findings
@@ -183,7 +183,7 @@ def structure_modes(
     if kind not in get_args(Kind):
         raise CaseError(f"delaminations: expected free or closed, given {kind!r}")
     o, layout = structure.operators, structure.layout
-    S = {"free": sp.identity(o.n_dofs, format="csr"), "closed": kept_closed(layout, o.n_dofs)}
+    S = {"free": sp.identity(o.n_dofs, format="csr"), "closed": keeping_closed(structure)}
     most = S["closed"].shape[1]
     if not 1 <= n <= most:
         raise CaseError(f"number of modes: expected 1 to {most}, given {n}")

@@ -148,4 +148,5 @@ def point_load(layout: Layout, lamina: str, position: float, n_dofs: int) -> Flo
     """
     part = layout.parts[layout.names.index(lamina)]
     place = np.interp([position], part.x, np.arange(part.x.size, dtype=np.float64))
-    return np.asarray(interpolation_rows(part, place, n_dofs).toarray()[0])
+    row = interpolation_rows(part, place, layout.n_numbered(n_dofs))
+    return np.asarray(layout.of_dofs(row).toarray()[0])

@@ -24,6 +24,7 @@ from delam_fem.case.motion.excitation import drive
 from delam_fem.engines.choose import EngineName
 from delam_fem.engines.cost import step_hours
 from delam_fem.engines.session import session_of
+from delam_fem.model import discretise
 from delam_fem.model.beams import closed_form
 from delam_fem.model.layout import Structure
 from delam_fem.model.mesh import node_coordinates
@@ -284,6 +285,8 @@ class _Watch:
 
 
 def _structure(case: Case) -> Structure:
-    """Assemble a case in closed form, which equals dolfinx to round-off and needs no start-up."""
+    """Assemble a case; beams in closed form, which equals dolfinx and needs no start-up."""
+    if case.model.kind != "beam":
+        return discretise.assemble(case)
     x = node_coordinates(case) if case.mesh.file is not None else None
     return closed_form.assemble(case, x)

@@ -20,7 +20,7 @@ import xarray as xr
 from delam_fem.case.atomic import write_text
 from delam_fem.case.definition import Case
 from delam_fem.case.toml import CaseError
-from delam_fem.model.beams import closed_form
+from delam_fem.model import discretise
 from delam_fem.numerics.arrays import BoolArray, FloatArray
 from delam_fem.studies.detection.detect import per_shape
 from delam_fem.studies.detection.locate import mark, repeated
@@ -305,7 +305,7 @@ def _judged(
 
 def _modes(case: Case) -> tuple[FloatArray, FloatArray]:
     """Return the frequencies of the closed structure, and of the free modes that open [Hz]."""
-    structure = closed_form.assemble(case)
+    structure = discretise.assemble(case, needs_dolfinx=False)
     closed = structure_modes(structure, case, N_MODES, kind="closed").frequencies
     free = structure_modes(structure, case, N_MODES, kind="free")
     opening = free.openings.max(axis=1) > OPENS

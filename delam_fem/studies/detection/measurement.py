@@ -13,7 +13,7 @@ import xarray as xr
 from delam_fem.case.definition import Case
 from delam_fem.case.toml import CaseError
 from delam_fem.engines.session import session_of
-from delam_fem.model.beams import closed_form
+from delam_fem.model import discretise
 from delam_fem.model.beams.bonded import n_rigid
 from delam_fem.model.vibration import lowest
 from delam_fem.numerics.arrays import FloatArray
@@ -142,7 +142,7 @@ def simulated(case: Case, scan: Scan) -> Measurement:
     f = case.excitation.top_frequency
     samples, x = scan.samples(f), scan_positions(case.length, scan.spacing, scan.first)
     N = samples * math.ceil(max(case.time.steps_per_period, LEAST_STEPS) / samples)
-    structure = closed_form.assemble(case)
+    structure = discretise.assemble(case, needs_dolfinx=False)
     periods = max(case.n_periods, settling_periods(case) + scan.periods)
     changed = case.model_copy(
         update={
@@ -187,7 +187,7 @@ def read(data: xr.Dataset, case: Case, scan: Scan, frequency: float | None = Non
 
 def settling_periods(case: Case, settled: float = SETTLED) -> int:
     """Return after how many periods that share of a free motion of the lowest mode is left."""
-    structure = closed_form.assemble(case)
+    structure = discretise.assemble(case, needs_dolfinx=False)
     o = structure.operators
     rigid = 0 if case.is_apart else n_rigid(case)
     found, _ = lowest(o.stiffness, o.mass, rigid + 1, is_floating=rigid > 0)

@@ -20,7 +20,7 @@ from delam_fem.case.motion.excitation import drive
 from delam_fem.case.toml import CaseError
 from delam_fem.engines.choose import law_of, scheme_of
 from delam_fem.engines.session import session
-from delam_fem.model.beams import closed_form
+from delam_fem.model import discretise
 from delam_fem.model.layout import Structure
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.results.scan import scan_field, scan_positions
@@ -245,7 +245,7 @@ def two_tone(tones: Tones, scan: Scan) -> Measurement:
     samples, x = scan.samples(f), scan_positions(case.length, scan.spacing, scan.first)
     steps = samples * math.ceil(max(case.time.steps_per_period, LEAST_STEPS) / samples)
     settling = math.ceil(settling_periods(case) / turns)
-    structure = closed_form.assemble(case)
+    structure = discretise.assemble(case, needs_dolfinx=False)
     span = replace(
         span_of(case),
         time_step=1.0 / (f * steps),

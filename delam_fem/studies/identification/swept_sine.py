@@ -14,7 +14,7 @@ from delam_fem.case.motion.drive import SweepExcitation
 from delam_fem.case.motion.excitation import base_motion
 from delam_fem.case.toml import CaseError
 from delam_fem.engines.session import session_of
-from delam_fem.model.beams import closed_form
+from delam_fem.model import discretise
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.studies.identification import resonance
 from delam_fem.studies.identification.resonance import Amplitudes, Resonance
@@ -122,7 +122,7 @@ def _simulated(case: Case) -> tuple[FloatArray, FloatArray]:
             "output.fields_per_period": 0,
         }
     )
-    structure = closed_form.assemble(free)
+    structure = discretise.assemble(free, needs_dolfinx=False)
     with session_of(free, structure.operators, engine="compiled") as opened:
         opened.run()
         tips = probe_motion(opened.recorder, structure).displacement

@@ -8,7 +8,7 @@ from delam_fem.case.definition import Case
 from delam_fem.case.motion.excitation import drive
 from delam_fem.case.toml import CaseError
 from delam_fem.engines.choose import law_of, scheme_of
-from delam_fem.model.beams import closed_form
+from delam_fem.model import discretise
 from delam_fem.model.layout import Structure
 from delam_fem.model.operators import Operators
 from delam_fem.model.vibration import lowest
@@ -66,7 +66,7 @@ class CaseFamily:
         """Return the discretised case; it is assembled again only if the key changes it."""
         key = assembly_key(case)
         if key not in self._structures:
-            self._structures = {key: closed_form.assemble(case)}
+            self._structures = {key: discretise.assemble(case, needs_dolfinx=False)}
         return self._structures[key]
 
     def map(self) -> StrobeMap:

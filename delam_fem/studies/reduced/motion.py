@@ -18,7 +18,7 @@ from delam_fem.case.definition import Case
 from delam_fem.case.toml import CaseError
 from delam_fem.engines.modal.periods import Period, Periods
 from delam_fem.engines.modal.state import Drive
-from delam_fem.model.beams import closed_form
+from delam_fem.model import discretise
 from delam_fem.model.layout import Structure
 from delam_fem.model.operators import Operators
 from delam_fem.model.reduced import Reduced, reduce
@@ -145,7 +145,7 @@ def reduced(
     Raises:
         CaseError: the case cannot be reduced to so many modes.
     """
-    structure = closed_form.assemble(case) if structure is None else structure
+    structure = discretise.assemble(case, needs_dolfinx=False) if structure is None else structure
     try:
         operators = structure.operators
         if case.contact.law == "none":

@@ -21,7 +21,7 @@ from delam_fem.case.sections import Contact
 from delam_fem.case.toml import CaseError
 from delam_fem.engines.choose import initialise_petsc_alone
 from delam_fem.engines.session import session_of
-from delam_fem.model.beams import closed_form
+from delam_fem.model import discretise
 from delam_fem.model.layout import Layout, Structure
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.results.settling import decay_of, enough_of
@@ -230,12 +230,10 @@ def _runner(packed: bytes) -> PointRunner:
 
 def _assemble(case: Case, operators: str) -> Structure:
     """Assemble a case; the closed form needs no dolfinx and equals its matrices to round-off."""
-    if operators == "closed-form":
-        return closed_form.assemble(case)
-    initialise_petsc_alone()
-    from delam_fem.model.beams import bending
-
-    return bending.assemble(case)
+    needs_dolfinx = operators != "closed-form"
+    if needs_dolfinx or case.model.is_continuum:
+        initialise_petsc_alone()
+    return discretise.assemble(case, needs_dolfinx=needs_dolfinx)
 
 
 def _where(recorder: Recorder, case: Case) -> str:
