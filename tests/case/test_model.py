@@ -22,7 +22,7 @@ def test_what_a_kind_does_not_read_is_named() -> None:
     ("given", "words"),
     [
         ({"model.kind": "reduced"}, 'model.file: missing, but required with kind = "reduced"'),
-        ({"model.file": "a.nc"}, 'model.file: expected only with kind = "reduced", given \'beam\''),
+        ({"model.file": "a.nc"}, "model.file: expected only with kind = \"reduced\", given 'beam'"),
         ({"model.poisson": 0.5}, "model.poisson: expected a number of at least 0 and below 0.5"),
         ({"model.degree": 1}, "model.degree: expected 2 or 3, given 1"),
         ({"model.kind": "shell"}, "model.kind: expected 'beam', 'plane-stress'"),

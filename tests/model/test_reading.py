@@ -9,7 +9,7 @@ from delam_fem.model import fields
 from delam_fem.model.beams import closed_form
 from delam_fem.model.layout import BASE, Layout, Reading, Structure
 from delam_fem.model.sensors import with_sensors
-from delam_fem.model.vibration import kept_closed, keeping_closed
+from delam_fem.model.vibration import keeping_closed, kept_closed
 from delam_fem.simulation.initial import first_mode
 
 CASE = preset("default", {"mesh.elements": 6}).with_overrides({"contact.points_per_element": 2})
