@@ -1,0 +1,304 @@
+"""Contact between the facing surfaces of two laminae: pairs by projection along the normal.
+
+A pair is a point on the upper surface of the lower lamina, and the place where the normal there
+meets the lower surface of the upper lamina. The two meshes need not match. The gap of a pair is
+the distance along the normal; its rate is
+
+    n · (u̇(place on the upper lamina) − u̇(point on the lower lamina)),
+
+with n constant: the rotations of contact surfaces are small.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+
+from delam_fem.model.layout import Interface, Part
+from delam_fem.model.solids.elasticity import Solid
+from delam_fem.model.solids.evaluation import INSIDE, evaluate, shape_functions
+from delam_fem.model.solids.mesh import Facing, SolidMesh
+from delam_fem.model.solids.rays import FACET_OF, Hits, meetings
+from delam_fem.numerics.arrays import BoolArray, FloatArray, IntArray
+
+MANY = 0.2
+"""Share of points without an opposite facet above which the user is told."""
+_AT_POINT = 1e-9
+"""Share of a cell of a part within which a pair is at its end."""
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Points:
+    """Points on the upper surface of a lower lamina.
+
+    Attributes:
+        x: positions, shape (n, dim) [m].
+        cells: a cell of the lower lamina in which each point is, shape (n,).
+        normals: outward unit normals, shape (n, dim).
+        weights: the length (in two dimensions) or area of the surface that belongs to each point,
+            shape (n,) [m or m2].
+    """
+
+    x: FloatArray
+    cells: IntArray
+    normals: FloatArray
+    weights: FloatArray
+
+    def chosen(self, kept: BoolArray | IntArray) -> Points:
+        """Return some of the points."""
+        return Points(self.x[kept], self.cells[kept], self.normals[kept], self.weights[kept])
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """Contact pairs of one interface.
+
+    Attributes:
+        lower: the points on the lower lamina.
+        upper: opposite places on the upper lamina, shape (n, dim) [m].
+        cells: the cell of the upper lamina in which each place is, shape (n,).
+        gap: distance along the normal, shape (n,) [m]; negative if the surfaces overlap.
+    """
+
+    lower: Points
+    upper: FloatArray
+    cells: IntArray
+    gap: FloatArray
+
+    @property
+    def x(self) -> FloatArray:
+        """Position of each pair along the laminae, shape (n,) [m]."""
+        return self.lower.x[:, 0]
+
+    @property
+    def weights(self) -> FloatArray:
+        """Tributary length or area of each pair, shape (n,) [m or m2]."""
+        return self.lower.weights
+
+    def chosen(self, kept: BoolArray | IntArray) -> Pairs:
+        """Return some of the pairs, for example those that can move."""
+        return Pairs(self.lower.chosen(kept), self.upper[kept], self.cells[kept], self.gap[kept])
+
+
+def at_vertices(mesh: SolidMesh, facing: Facing) -> Points:
+    """Return the vertices of the lower side, by x, then by z.
+
+    Vertices that the upper lamina shares are left out: the laminae are bonded there. A vertex has
+    its share of the area of each of its facets; its normal is the mean of theirs, weighted by area.
+    """
+    cells, _ = mesh.cells_with(facing.lower)
+    normals, shares = _at_corners(mesh, facing.lower, cells)
+    vertices, number = np.unique(facing.lower, return_inverse=True)
+    number = number.reshape(facing.lower.shape)
+    normal = np.zeros((len(vertices), mesh.dim))
+    weight = np.zeros(len(vertices))
+    np.add.at(normal, number, normals)
+    np.add.at(weight, number, shares)
+    cell = np.full(len(vertices), len(mesh.cells))
+    np.minimum.at(cell, number, cells[:, None])
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    found = Points(mesh.points[vertices], cell, normal, weight)
+    is_apart = ~np.isin(vertices, facing.upper)
+    order = np.lexsort([*found.x.T[::-1]])
+    return found.chosen(order[is_apart[order]])
+
+
+def at_places(
+    mesh: SolidMesh, facing: Facing, x: FloatArray, z: FloatArray | None = None
+) -> Points:
+    """Return points on the lower side above given places, all z of the first x first.
+
+    Weights are half of the distances to the next places or vertices on both sides, along x and
+    across, as those of beams are.
+
+    Args:
+        mesh: the mesh.
+        facing: the sides.
+        x: places along the laminae, shape (n,) [m].
+        z: places across the width, shape (m,) [m]; None: in two dimensions.
+
+    Raises:
+        ValueError: the side does not pass above a place.
+    """
+    across = np.zeros(1) if z is None else z
+    origins = np.zeros((x.size * across.size, mesh.dim))
+    origins[:, 0] = np.repeat(x, across.size)
+    upwards = np.zeros_like(origins)
+    upwards[:, 1] = 1.0
+    corners = mesh.points[facing.lower]
+    weights = np.repeat(_halves(x, corners[..., 0]), across.size)
+    if z is not None:
+        origins[:, 2] = np.tile(across, x.size)
+        weights = weights * np.tile(_halves(across, corners[..., 2]), x.size)
+    hits = meetings(corners, origins, upwards, FACET_OF[mesh.cell])
+    first = _first(hits, len(origins), hits.facet)
+    if np.any(first < 0):
+        at = origins[int(np.flatnonzero(first < 0)[0])]
+        raise ValueError(f"facing: expected the lower side above {at}, it does not reach there")
+    facet, local = hits.facet[first], hits.local[first]
+    cells, _ = mesh.cells_with(facing.lower)
+    normals, _ = _at_corners(mesh, facing.lower, cells)
+    N, _ = shape_functions(FACET_OF[mesh.cell], local)
+    normal = np.einsum("kv,kvi->ki", N, _smooth(facing.lower, normals)[facet])
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    places = origins + hits.distance[first, None] * upwards
+    return Points(places, cells[facet], normal, weights)
+
+
+def project(mesh: SolidMesh, facing: Facing, points: Points) -> Pairs:
+    """Return the pairs of points of the lower side with the upper side.
+
+    A point whose normal meets no facet of the upper side that faces it is left out, which is usual
+    at the ends of surfaces that do not match. A warning says if they are many.
+
+    Args:
+        mesh: the mesh.
+        facing: the sides.
+        points: on the lower side.
+    """
+    corners = mesh.points[facing.upper]
+    cells, _ = mesh.cells_with(facing.upper)
+    outward, _ = _at_corners(mesh, facing.upper, cells)
+    hits = meetings(corners, points.x, points.normals, FACET_OF[mesh.cell])
+    turned = np.einsum("ki,ki->k", outward.sum(axis=1)[hits.facet], points.normals[hits.line])
+    distance = np.where(turned < 0.0, np.abs(hits.distance), np.inf)
+    first = _first(hits, len(points.x), distance)
+    kept = np.flatnonzero(first >= 0)
+    lost = len(points.x) - kept.size
+    if lost > MANY * len(points.x):
+        _log.warning(
+            "contact between the laminae %d and %d: %d of %d points have no facet opposite; they "
+            "cannot touch",
+            *facing.parts,
+            lost,
+            len(points.x),
+        )
+    chosen = first[kept]
+    gap = hits.distance[chosen]
+    lower = points.chosen(kept)
+    upper = lower.x + gap[:, None] * lower.normals
+    return Pairs(lower, upper, cells[hits.facet[chosen]], gap)
+
+
+def gap_rows(solid: Solid, pairs: Pairs) -> sp.csr_matrix:
+    """Return rows that give the gap rates of pairs, this rank's share, shape (n_pairs, n_dofs).
+
+    Of a pair whose two points move alike (both held) the row is zero without held dofs; such pairs
+    must be left out.
+    """
+    normals = pairs.lower.normals
+    upper = evaluate(solid, pairs.upper, pairs.cells).along(normals)
+    lower = evaluate(solid, pairs.lower.x, pairs.lower.cells).along(normals)
+    return (upper - lower).tocsr()
+
+
+def interface(
+    parts: Sequence[Part],
+    between: tuple[int, int],
+    x: FloatArray,
+    first_pair: int = 0,
+    *,
+    at_points: bool = False,
+) -> Interface:
+    """Return the interface of pairs at given positions; pairs at one position share a station.
+
+    Args:
+        parts: all parts, which share their points.
+        between: numbers of the lower and the upper part.
+        x: positions of the pairs, shape (n,) [m].
+        first_pair: row of the first pair in the gap matrix.
+        at_points: take for each pair the nearest point of the parts, for meshes whose pairs lie
+            anywhere.
+    """
+    grid = parts[between[0]].x
+    place = np.interp(x, grid, np.arange(grid.size, dtype=np.float64))
+    nearest = np.round(place)
+    is_at_point = np.abs(place - nearest) < _AT_POINT
+    place = np.where(is_at_point | at_points, nearest, place)
+    end = np.ceil(place).astype(np.int64)
+    local = np.where(place == end, 1.0, place - end + 1.0)
+    both = [np.column_stack([values] * 2) for values in (end, local)]
+    name = "-".join(parts[number].name for number in between)
+    is_plain = bool(np.all(local == 1.0))
+    return Interface(name, between, both[0], first_pair, None if is_plain else both[1])
+
+
+def _first(hits: Hits, n_lines: int, key: FloatArray | IntArray) -> IntArray:
+    """Return the hit with the smallest finite key of each line, or -1, shape (n_lines,)."""
+    order = np.lexsort([hits.facet, key, hits.line])
+    order = order[np.isfinite(key[order])]
+    lines, first = np.unique(hits.line[order], return_index=True)
+    result = np.full(n_lines, -1, dtype=np.int64)
+    result[lines] = order[first]
+    return result
+
+
+def _halves(at: FloatArray, grid: FloatArray) -> FloatArray:
+    """Return half of the distances to the next places of both arrays on both sides [m]."""
+    span = float(np.ptp(grid))
+    every = np.sort(np.concatenate([at, grid.ravel()]))
+    every = every[np.concatenate([[True], np.diff(every) > INSIDE * span])]
+    steps = np.diff(every)
+    halves = np.zeros(every.size)
+    halves[:-1] += 0.5 * steps
+    halves[1:] += 0.5 * steps
+    return np.asarray(halves[np.abs(every - at[:, None]).argmin(axis=1)])
+
+
+def _at_corners(
+    mesh: SolidMesh, facets: IntArray, cells: IntArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the share of each facet's area vector (outward) and area that each vertex has.
+
+    The share of vertex v is the integral of its linear function N_v over the facet.
+
+    Args:
+        mesh: the mesh.
+        facets: as vertices, shape (n, m).
+        cells: of which they are facets, shape (n,).
+
+    Returns:
+        Vectors, shape (n, m, dim), and areas, shape (n, m) [m or m2].
+    """
+    corners = mesh.points[facets]
+    kind = FACET_OF[mesh.cell]
+    places, weights = _quadrature(kind)
+    vectors = np.zeros(corners.shape)
+    areas = np.zeros(facets.shape)
+    for place, weight in zip(places, weights, strict=True):
+        N, dN = shape_functions(kind, place[None])
+        tangents = np.einsum("kvi,vj->kji", corners, dN[0])
+        if mesh.dim == 2:
+            normal = np.column_stack([tangents[:, 0, 1], -tangents[:, 0, 0]])
+        else:
+            normal = np.cross(tangents[:, 0], tangents[:, 1])
+        vectors += weight * N[0][None, :, None] * normal[:, None, :]
+        areas += weight * N[0][None, :] * np.linalg.norm(normal, axis=1)[:, None]
+    outward = corners.mean(axis=1) - mesh.points[mesh.cells[cells]].mean(axis=1)
+    sign = np.sign(np.einsum("ki,kvi->k", outward, vectors))
+    return sign[:, None, None] * vectors, areas
+
+
+def _quadrature(kind: str) -> tuple[FloatArray, FloatArray]:
+    """Return points and weights of Gauss's rule that integrate N_v on a flat facet."""
+    if kind == "triangle":
+        return np.full((1, 2), 1.0 / 3.0), np.array([0.5])
+    at = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3.0)
+    if kind == "interval":
+        return at[:, None], np.full(2, 0.5)
+    return np.array([(a, b) for a in at for b in at]), np.full(4, 0.25)
+
+
+def _smooth(facets: IntArray, vectors: FloatArray) -> FloatArray:
+    """Return the sum at each vertex of the vectors of all its facets, shape (n, m, dim)."""
+    vertices, number = np.unique(facets, return_inverse=True)
+    total = np.zeros((len(vertices), vectors.shape[-1]))
+    number = number.reshape(facets.shape)
+    np.add.at(total, number, vectors)
+    unit = total / np.linalg.norm(total, axis=1)[:, None]
+    return np.asarray(unit[number])

@@ -1,0 +1,70 @@
+"""Small meshes of two bodies, one upon the other, whose facing surfaces need not match."""
+
+from itertools import permutations
+
+import numpy as np
+import numpy.typing as npt
+
+from delam_fem.model.solids.mesh import FACETS, Facing, SolidMesh
+
+Array = npt.NDArray[np.float64]
+
+
+def brick(cell: str, counts: tuple[int, ...], low: Array, high: Array) -> tuple[Array, Array]:
+    """Return points and cells of a box that is divided evenly."""
+    dim = len(counts)
+    axes = [np.linspace(a, b, n + 1) for a, b, n in zip(low, high, counts, strict=True)]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, dim)
+    number = np.arange(len(points)).reshape([n + 1 for n in counts])
+    corners = []
+    for offset in range(2**dim):
+        shift = [(offset >> axis) & 1 for axis in range(dim)]
+        own = tuple(slice(s, s + n) for s, n in zip(shift, counts, strict=True))
+        corners.append(number[own].ravel())
+    boxes = np.column_stack(corners)
+    if cell in ("quadrilateral", "hexahedron"):
+        return points, boxes
+    paths = []
+    for order in permutations(range(dim)):  # Kuhn's division of a box into simplices
+        steps = np.cumsum([0, *(2**axis for axis in order)])
+        paths.append(boxes[:, steps])
+    return points, np.concatenate(paths)
+
+
+def facets_at(points: Array, cells: Array, cell: str, height: float) -> npt.NDArray[np.int64]:
+    """Return the facets that lie in the plane y = height."""
+    facets = np.concatenate([cells[:, list(own)] for own in FACETS[cell]])
+    return facets[np.all(np.abs(points[facets][..., 1] - height) < 1e-12, axis=1)]
+
+
+def two_bricks(
+    cell: str,
+    lower: tuple[int, ...],
+    upper: tuple[int, ...],
+    gap: float = 0.0,
+    size: tuple[float, ...] = (2.0, 0.5, 0.8),
+    ends: tuple[float, float] = (0.0, 2.0),
+) -> SolidMesh:
+    """Return two boxes at a distance; the upper one reaches from one end to the other along x."""
+    dim = len(lower)
+    half = np.zeros(3)
+    half[2] = 0.5 * size[2]
+    low, high = -half[:dim], (np.array(size) - half)[:dim]
+    first = brick(cell, lower, low, high)
+    low, high = low.copy(), high.copy()
+    low[0], high[0] = ends
+    low[1], high[1] = size[1] + gap, 2.0 * size[1] + gap
+    second = brick(cell, upper, low, high)
+    shift = len(first[0])
+    sides = Facing(
+        (0, 1),
+        facets_at(*first, cell, size[1]),
+        shift + facets_at(*second, cell, size[1] + gap),
+    )
+    return SolidMesh(
+        np.concatenate([first[0], second[0]]),
+        np.concatenate([first[1], shift + second[1]]),
+        cell,
+        np.repeat([0, 1], [len(first[1]), len(second[1])]),
+        sides=(sides,),
+    )
