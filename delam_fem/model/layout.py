@@ -349,6 +349,9 @@ class Layout:
     def at_stations(self, interface: Interface, of_pairs: npt.NDArray[Any]) -> npt.NDArray[Any]:
         """Arrange the values of an interface's pairs by stations.
 
+        Pairs across the width of a solid share a station: of states (integers) it has the largest,
+        of other values the sum.
+
         Args:
             interface: one of `interfaces`.
             of_pairs: values of all pairs of the structure, shape (…, n_pairs).
@@ -357,7 +360,8 @@ class Layout:
             Values at the stations, 0 where there is no pair, shape (…, n_stations).
         """
         result = np.zeros((*of_pairs.shape[:-1], self.stations.size), dtype=of_pairs.dtype)
-        result[..., self.stations_of(interface)] = of_pairs[..., interface.pairs]
+        collect = np.maximum if np.issubdtype(of_pairs.dtype, np.integer) else np.add
+        collect.at(result.T, self.stations_of(interface), of_pairs[..., interface.pairs].T)
         return result
 
 

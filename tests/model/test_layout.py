@@ -85,6 +85,15 @@ def test_values_of_pairs_stand_at_their_points() -> None:
     assert spread.dtype == np.int8
 
 
+def test_pairs_of_one_station_are_combined() -> None:
+    """Pairs across a width: the largest of their states, the sum of their impulses."""
+    across = Interface("a-b", (0, 1), np.array([[1, 1], [1, 1], [2, 2]]))
+    layout = Layout((part("a"), part("b")), (across,))
+    states = layout.at_stations(across, np.array([[2, 1, 0], [0, 1, 3]], dtype=np.int8))
+    assert states.tolist() == [[0, 2, 0], [0, 1, 3]]
+    assert layout.at_stations(across, np.array([2.0, 1.0, 0.5])).tolist() == [0.0, 3.0, 0.5]
+
+
 @pytest.mark.parametrize(
     ("name", "value", "text"),
     [

@@ -1,31 +1,21 @@
 """Displacements and their derivatives at points inside the cells of a solid, as sparse rows.
 
-The cell of a point is found on the mesh as it was given, so that all ranks find the same one. The
-rank that owns the cell evaluates the basis there.
+The cell of a point is found on the mesh as it was given (`cells.locate`), so that all ranks find
+the same one. The rank that owns the cell evaluates the basis there.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.spatial import cKDTree
 
 from delam_fem.model import _dolfinx
+from delam_fem.model.solids.cells import jacobians_of, reference_coordinates
 from delam_fem.model.solids.elasticity import Solid
-from delam_fem.model.solids.mesh import SolidMesh
 from delam_fem.mpi import MPI
 from delam_fem.numerics.arrays import FloatArray, IntArray
-
-INSIDE = 1e-6
-"""How far outside its cell a point may be, in reference coordinates: round-off of thin cells."""
-_ITERATIONS = 30
-_CONVERGED = 1e-13
-_MOST_CANDIDATES = 2_000_000
-"""Points times cells that are looked at in one go: a bound for the memory."""
-TENSOR = ("quadrilateral", "hexahedron")
 
 
 @dataclass(frozen=True)
@@ -112,116 +102,3 @@ def gathered(rows: sp.csr_matrix, comm: MPI.Intracomm) -> sp.csr_matrix:
         for pieces in zip(*comm.allgather((coo.data, coo.row, coo.col)), strict=True)
     )
     return sp.csr_matrix((data, (row, column)), shape=rows.shape)
-
-
-def locate(mesh: SolidMesh, points: FloatArray, lamina: IntArray | int) -> IntArray:
-    """Return the cell of the lamina in which each point is, the same on all ranks, shape (k,).
-
-    Of several cells that share the point it is the one with the lowest number.
-
-    Args:
-        mesh: the mesh.
-        points: shape (k, dim) [m].
-        lamina: number of the lamina of each point, shape (k,), or of all.
-
-    Raises:
-        ValueError: a point is in no cell of its lamina.
-    """
-    of_point = np.broadcast_to(np.asarray(lamina, dtype=np.int64), len(points))
-    result = np.full(len(points), -1, dtype=np.int64)
-    for number in np.unique(of_point):
-        chosen = np.flatnonzero(of_point == number)
-        cells = np.flatnonzero(mesh.lamina == number)
-        result[chosen] = _cells_of(mesh, points[chosen], cells)
-    if np.any(result < 0):
-        worst = int(np.flatnonzero(result < 0)[0])
-        raise ValueError(f"point {points[worst]} is in no cell of lamina {of_point[worst]}")
-    return result
-
-
-def _cells_of(mesh: SolidMesh, points: FloatArray, cells: IntArray) -> IntArray:
-    """Return the cell of each point among `cells`, or -1, shape (k,)."""
-    corners = mesh.points[mesh.cells[cells]]
-    result = np.full(len(points), len(mesh.cells), dtype=np.int64)
-    for point, place in _candidates(corners, points):
-        X = reference_coordinates(mesh.cell, corners[place], points[point])
-        is_in = overshoot(mesh.cell, X) <= INSIDE
-        np.minimum.at(result, point[is_in], cells[place[is_in]])
-    result[result == len(mesh.cells)] = -1
-    return result
-
-
-def _candidates(corners: FloatArray, points: FloatArray) -> Iterator[tuple[IntArray, IntArray]]:
-    """Yield points with cells whose boxes contain them: numbers of both, each of shape (m,)."""
-    low, high = corners.min(axis=1), corners.max(axis=1)
-    margin = 1e-6 * (high - low).max(axis=0)
-    low, high = low - margin, high + margin
-    scale = 0.5 * (high - low).max(axis=0)  # every box lies within 1 of its centre
-    tree = cKDTree(0.5 * (low + high) / scale)
-    step = max(1, _MOST_CANDIDATES // len(corners))
-    for first in range(0, len(points), step):
-        some = points[first : first + step]
-        near = tree.query_ball_point(some / scale, 1.0 + 1e-9, p=np.inf)
-        point = np.repeat(np.arange(len(some)), [len(found) for found in near])
-        place = np.array([k for found in near for k in found], dtype=np.int64)
-        is_in = np.all((some[point] >= low[place]) & (some[point] <= high[place]), axis=1)
-        yield first + point[is_in], place[is_in]
-
-
-def reference_coordinates(cell: str, corners: FloatArray, points: FloatArray) -> FloatArray:
-    """Return the reference coordinates of points in straight-edged cells, shape (k, dim).
-
-    Newton's method on the map of the cell; one step is exact for simplices.
-
-    Args:
-        cell: kind of the cells.
-        corners: of the cell of each point, shape (k, n_vertices, dim) [m].
-        points: shape (k, dim) [m].
-    """
-    dim = points.shape[1]
-    X = np.full(points.shape, 0.5 if cell in TENSOR else 1.0 / (dim + 1))
-    for _ in range(_ITERATIONS if cell in TENSOR else 2):
-        N, _ = shape_functions(cell, X)
-        residual = points - np.einsum("kv,kvi->ki", N, corners)
-        jacobians = jacobians_of(cell, corners, X)
-        jacobians[np.linalg.det(jacobians) == 0.0] = np.eye(dim)  # outside a cell that is no brick
-        step = np.clip(np.linalg.solve(jacobians, residual[..., None])[..., 0], -2.0, 2.0)
-        X = X + step
-        if np.abs(step).max(initial=0.0) < _CONVERGED:
-            break
-    return X
-
-
-def shape_functions(cell: str, X: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the linear or multilinear functions of the vertices, and their derivatives.
-
-    Args:
-        cell: kind of the cells or facets.
-        X: reference coordinates, shape (k, d).
-
-    Returns:
-        Values, shape (k, n_vertices), and derivatives, shape (k, n_vertices, d).
-    """
-    k, d = X.shape
-    if cell not in (*TENSOR, "interval"):
-        N = np.column_stack([1.0 - X.sum(axis=1), X])
-        slopes = np.vstack([-np.ones(d), np.eye(d)])
-        return N, np.broadcast_to(slopes, (k, d + 1, d))
-    bits = (np.arange(2**d)[:, None] >> np.arange(d)) & 1  # (n_vertices, d)
-    factors = np.where(bits, X[:, None, :], 1.0 - X[:, None, :])
-    dN = np.empty((k, 2**d, d))
-    for j in range(d):
-        others = np.prod(np.delete(factors, j, axis=2), axis=2)
-        dN[:, :, j] = (2.0 * bits[:, j] - 1.0) * others
-    return np.prod(factors, axis=2), dN
-
-
-def jacobians_of(cell: str, corners: FloatArray, X: FloatArray) -> FloatArray:
-    """Return dx_i/dX_j, shape (k, dim, d)."""
-    return np.asarray(np.einsum("kvi,kvj->kij", corners, shape_functions(cell, X)[1]))
-
-
-def overshoot(cell: str, X: FloatArray) -> FloatArray:
-    """Return how far reference coordinates are outside the cell, shape (k,)."""
-    above = X.max(axis=1) if cell in (*TENSOR, "interval") else X.sum(axis=1)
-    return np.asarray(np.maximum(-X.min(axis=1), above - 1.0))

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from delam_fem.model.solids.evaluation import INSIDE, overshoot, shape_functions
-from delam_fem.numerics.arrays import FloatArray, IntArray
+from delam_fem.model.solids.cells import INSIDE, overshoot, shape_functions
+from delam_fem.numerics.arrays import BoolArray, FloatArray, IntArray
 
 FACET_OF = {
     "triangle": "interval",
@@ -79,7 +79,7 @@ def _near(
 
 def _meet(
     corners: FloatArray, origins: FloatArray, directions: FloatArray, facet: str
-) -> tuple[FloatArray, FloatArray, np.ndarray]:
+) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Solve X(local) = origin + distance direction; return local, distance, and whether it is in.
 
     Newton's method; one step is exact for intervals and triangles.

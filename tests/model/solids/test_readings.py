@@ -1,0 +1,104 @@
+"""The middle line of solid laminae: deflection and slope."""
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+import scipy.sparse as sp
+from bricks import two_bricks
+
+from delam_fem.case.files import preset
+from delam_fem.case.toml import CaseError
+from delam_fem.model.layout import DISPLACEMENT, SLOPE
+from delam_fem.model.solids import readings
+from delam_fem.model.solids.elasticity import Solid
+from delam_fem.model.solids.mesh import SolidMesh
+from delam_fem.mpi import MPI
+
+Array = npt.NDArray[np.float64]
+ROUND_OFF = 1e-11
+COUNTS = {
+    "triangle": ((5, 2), (7, 1)),
+    "quadrilateral": ((5, 1), (7, 3)),
+    "tetrahedron": ((3, 2, 2), (4, 1, 3)),
+    "hexahedron": ((3, 1, 3), (4, 2, 1)),
+}
+X = np.array([0.0, 0.4, 0.53, 1.0, 2.0])
+
+
+def read(solid: Solid, u: Array) -> Array:
+    """Return what the parts read of given displacements, shape (n_parts, n, 2)."""
+    values = readings.reading_rows(solid, X) @ u.ravel()
+    parts = readings.parts(preset("paper"), X)
+    return np.stack([values[part.dofs] for part in parts])
+
+
+@pytest.mark.parametrize("cell", COUNTS)
+def test_bending_is_read_at_half_height_and_width(cell: str) -> None:
+    mesh = two_bricks(cell, *COUNTS[cell], gap=0.1)
+    solid = Solid.on(mesh, MPI.COMM_SELF, 2)
+    x, y = solid.coordinates[:, 0], solid.coordinates[:, 1]
+    z = solid.coordinates[:, 2] if mesh.dim == 3 else 0.0
+    u = np.zeros((solid.n_nodes, mesh.dim))
+    u[:, 0] = 11.0 * x * y
+    u[:, 1] = 0.3 * x**2 - x + 0.2 * x * y + 5.0 * y + 7.0 * z * x
+    found = read(solid, u)
+    for number, height in enumerate((0.25, 0.85)):
+        at = found[number]
+        deflection = 0.3 * X**2 - X + 0.2 * X * height + 5.0 * height
+        np.testing.assert_allclose(at[:, DISPLACEMENT], deflection, atol=ROUND_OFF)
+        np.testing.assert_allclose(at[:, SLOPE], 0.6 * X - 1.0 + 0.2 * height, atol=ROUND_OFF)
+
+
+def test_slope_between_cells_is_the_mean_of_both() -> None:
+    """Of x³ the quadratic interpolants have slopes too low by h²/2 on both sides of a vertex."""
+    mesh = two_bricks("quadrilateral", (5, 1), (5, 1))
+    solid = Solid.on(mesh, MPI.COMM_SELF, 2)
+    h, u = 0.4, np.zeros((solid.n_nodes, 2))
+    u[:, 1] = solid.coordinates[:, 0] ** 3
+    slope = read(solid, u)[0, :, SLOPE]
+    assert slope[1] == pytest.approx(3 * 0.4**2 - 0.5 * h**2, abs=ROUND_OFF)
+    u[:, 1] = np.abs(solid.coordinates[:, 0] - 0.4)
+    assert read(solid, u)[0, 1, SLOPE] == pytest.approx(0.0, abs=ROUND_OFF)
+
+
+def test_middle_line_follows_a_bent_lamina() -> None:
+    mesh = two_bricks("quadrilateral", (40, 2), (40, 1))
+    points = mesh.points.copy()
+    points[:, 1] += 0.2 * points[:, 0] ** 2
+    bent = SolidMesh(points, mesh.cells, mesh.cell, mesh.lamina)
+    line = readings.middle_line(bent, 1, X)
+    np.testing.assert_allclose(line[:, 1], 0.75 + 0.2 * X**2, atol=0.2 * 0.05**2)
+
+
+def test_lamina_that_is_too_short_is_refused() -> None:
+    mesh = two_bricks("quadrilateral", (5, 1), (5, 1), ends=(0.0, 1.5))
+    with pytest.raises(CaseError, match=r"lamina 1 .* from x = 0 m to 2 m, .* nothing .* at 2 m"):
+        readings.middle_line(mesh, 1, X)
+
+
+def test_what_moves_with_the_base_is_read_through_it() -> None:
+    """The base carries the nodes at x = 0; the others follow their dofs."""
+    mesh = two_bricks("quadrilateral", (5, 1), (5, 1))
+    solid = Solid.on(mesh, MPI.COMM_SELF, 2)
+    is_held = np.repeat(solid.coordinates[:, 0] < 1e-9, 2)
+    free = sp.eye(is_held.size, format="csc")[:, ~is_held]
+    base = np.where(is_held & (np.arange(is_held.size) % 2 == 1), 1.0, 0.0)
+    rows = readings.reading_rows(solid, X)
+    found = readings.reading(rows, free, base, np.zeros(free.shape[1], dtype=np.int64))
+    u = np.zeros((1, free.shape[1]))
+    parts = readings.parts(preset("paper"), X)
+    still = found.of(u, np.array([2.0]))[0]
+    for part in parts:
+        np.testing.assert_allclose(still[part.dofs[:, DISPLACEMENT]], [2, 0, 0, 0, 0], atol=1e-13)
+    rigid = np.where(np.arange(is_held.size) % 2 == 1, 2.0, 0.0)[None, ~is_held]
+    whole = found.of(rigid, np.array([2.0]))[0]
+    for part in parts:
+        np.testing.assert_allclose(whole[part.dofs[:, DISPLACEMENT]], 2.0, atol=1e-12)
+        np.testing.assert_allclose(whole[part.dofs[:, SLOPE]], 0.0, atol=ROUND_OFF)
+
+
+def test_points_along_a_mesh_of_a_file_are_as_dense_as_its_cells() -> None:
+    mesh = two_bricks("quadrilateral", (50, 1), (50, 1))
+    np.testing.assert_allclose(readings.points_along(mesh, 2.0), np.linspace(0, 2, 51), atol=1e-14)
+    coarse = two_bricks("quadrilateral", (3, 1), (3, 1))
+    assert readings.points_along(coarse, 2.0).size == readings.FEWEST + 1
