@@ -12,8 +12,8 @@ import scipy.sparse as sp
 from delam_fem.case.definition import Case
 from delam_fem.case.toml import CaseError
 from delam_fem.model.layout import Part, Reading
-from delam_fem.model.solids.elasticity import Solid
 from delam_fem.model.solids.cells import locate
+from delam_fem.model.solids.elasticity import Solid
 from delam_fem.model.solids.evaluation import evaluate
 from delam_fem.model.solids.mesh import FACETS, SolidMesh
 from delam_fem.model.solids.rays import FACET_OF, meetings
