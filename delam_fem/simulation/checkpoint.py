@@ -4,7 +4,8 @@ The same file, under the name of `final_in`, stays beside the results of a run t
 so that the run can be extended.
 
 The file contains the state with the set of resting pairs, the rows of all periods and the records
-of the window. The checkpoint of a run that has ended contains all that its result is made of.
+of the window. The checkpoint of a run that has ended contains all that its result is made of. State
+and frames of a run on several ranks are gathered; the first rank writes them.
 """
 
 from __future__ import annotations
@@ -100,7 +101,8 @@ def arrays_of(
         arrays["internal"] = state.internal
     arrays |= {name: getattr(recorder, name)[:k] for name in _PERIOD_ARRAYS}
     for j, record in enumerate(recorder.window):
-        arrays |= {f"window_{j}_{name}": values for name, values in _flatten(record).items()}
+        flat = _flatten(record) | {"frames": engine.whole(np.array(record.frames))}
+        arrays |= {f"window_{j}_{name}": values for name, values in flat.items()}
     return arrays
 
 
@@ -232,14 +234,16 @@ def _restored(
     for j in range(min(k, recorder.window.maxlen or k)):
         prefix = f"window_{j}_"
         names = [name for name in data if name.startswith(prefix)]
-        recorder.window.append(_rebuild({n.removeprefix(prefix): data[n] for n in names}))
+        record = _rebuild({n.removeprefix(prefix): data[n] for n in names})
+        record.frames = [engine.share(frame) for frame in data[f"{prefix}frames"]]
+        recorder.window.append(record)
     recorder.n_closed = k
     engine.restore(state, motion(min(k, recorder.n_periods - 1))[0])
     return outcome
 
 
 def _flatten(record: PeriodRecord) -> dict[str, Any]:
-    """Return the record of a period as arrays by name."""
+    """Return the record of a period as arrays by name, without its frames."""
     energies, dissipated, contact_damped = record.start
     stored = [energies.kinetic, energies.strain, energies.spring, energies.momentum]
     return {
@@ -248,7 +252,6 @@ def _flatten(record: PeriodRecord) -> dict[str, Any]:
         "v": record.v,
         "frame_steps": record.frame_steps,
         "start": [*stored, dissipated, contact_damped],
-        "frames": np.array(record.frames),
         "contact": np.array(record.contact, dtype=np.int8),
         "resting": record.resting,
         "totals": [record.released, record.impact, record.n_steps, record.ticks_per_step],
@@ -257,7 +260,7 @@ def _flatten(record: PeriodRecord) -> dict[str, Any]:
 
 
 def _rebuild(arrays: dict[str, Any]) -> PeriodRecord:
-    """Return the record of a period from the arrays that `_flatten` made."""
+    """Return the record of a period, without its frames, from the arrays of `_flatten`."""
     start = [float(x) for x in arrays["start"]]
     released, impact, n_steps, ticks = (float(x) for x in arrays["totals"])
     columns = Columns(*(arrays[f"jump_{name}"] for name in Columns._fields))
@@ -267,12 +270,11 @@ def _rebuild(arrays: dict[str, Any]) -> PeriodRecord:
         arrays["v"],
         arrays["frame_steps"],
         (Energies(*start[:4]), start[4], start[5]),
-        list(arrays["frames"]),
-        list(arrays["contact"]),
-        Jumps(columns),
-        released,
-        impact,
-        int(n_steps),
+        contact=list(arrays["contact"]),
+        jumps=Jumps(columns),
+        released=released,
+        impact=impact,
+        n_steps=int(n_steps),
         ticks_per_step=int(ticks),
         resting=arrays["resting"],
     )

@@ -50,10 +50,16 @@ class Engine(Protocol):
         """The stepper, from which a recorder reads the state."""
 
     def state(self) -> State:
-        """Return the present state."""
+        """Return the present state of all dofs (collective)."""
 
     def restore(self, state: State, base_state: FloatArray) -> None:
         """Set the state as given, with (q, q', q'') of the base at that time, shape (3,)."""
+
+    def whole(self, share: FloatArray) -> FloatArray:
+        """Return values of all dofs from those of this rank, the last axis (collective)."""
+
+    def share(self, of_all: FloatArray) -> FloatArray:
+        """Return the values of this rank's dofs among those of all dofs, the last axis."""
 
     def destroy(self) -> None:
         """Free the PETSc objects that the engine holds, if any."""
@@ -77,7 +83,13 @@ class Advancing(Moving, Kinematics, Protocol):
     is_resting: bool
 
     def restore(self, state: FloatArray) -> None:
-        """Set (u, v, a), shape (3, n)."""
+        """Set (u, v, a) of the own dofs, shape (3, n_own)."""
+
+    def whole(self, share: FloatArray) -> FloatArray:
+        """Return values of all dofs from those of the own dofs, the last axis (collective)."""
+
+    def share(self, of_all: FloatArray) -> FloatArray:
+        """Return the values of the own dofs among those of all dofs, the last axis."""
 
     def rest(self, pairs: BoolArray) -> None:
         """Set which pairs are at rest, shape (n_pairs,)."""
@@ -103,17 +115,25 @@ class StepByStep:
     supervisor: Supervisor
 
     def state(self) -> State:
-        """Return the present state."""
+        """Return the present state of all dofs (collective)."""
         s = self.stepper
-        return State(s.state(), s.resting.copy(), (s.dissipated, s.contact_damped))
+        return State(s.whole(s.state()), s.resting.copy(), (s.dissipated, s.contact_damped))
 
     def restore(self, state: State, base_state: FloatArray) -> None:
         """Set the state as given; see `Engine`."""
         stepper = self.stepper
         stepper.begin(base_state[None, :])
-        stepper.restore(state.motion)
+        stepper.restore(stepper.share(state.motion))
         stepper.rest(state.resting.copy())
         stepper.dissipated, stepper.contact_damped = state.losses
+
+    def whole(self, share: FloatArray) -> FloatArray:
+        """Return values of all dofs from those of this rank (collective); see `Engine`."""
+        return self.stepper.whole(share)
+
+    def share(self, of_all: FloatArray) -> FloatArray:
+        """Return the values of this rank's dofs among those of all dofs; see `Engine`."""
+        return self.stepper.share(of_all)
 
     def destroy(self) -> None:
         """Free the PETSc objects of the stepper, if any."""

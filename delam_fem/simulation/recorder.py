@@ -68,7 +68,7 @@ class Stepper(Protocol):
         """Return the stored energies of the present state."""
 
     def state(self) -> FloatArray:
-        """Return (u, v, a) of all dofs, shape (3, n)."""
+        """Return (u, v, a) of the dofs of this rank, shape (3, n_own)."""
 
     def observe(self) -> None:
         """Compute `seen_u` and `seen_v` from the present state."""
@@ -84,7 +84,7 @@ class PeriodRecord:
         v: `seen_v` at each step, start included, shape (N + 1, n_probes + n_sensors).
         frame_steps: steps at which the whole state is recorded (the frames), increasing.
         start: energies stored and lost so far when the period began.
-        frames: (u, v) at the frames, each of shape (2, n).
+        frames: (u, v) of the dofs of this rank at the frames, each of shape (2, n_own).
         contact: contact states at the frames, each of shape (n_pairs,): 0 open, 1 hit, 2 resting.
         jumps: impacts with their ticks, decisions and energy changes.
         released: energy that switching springs on and off has added [J].

@@ -8,14 +8,14 @@ import numpy as np
 import scipy.sparse as sp
 
 from delam_fem.engines.petsc import linear_algebra
-from delam_fem.model.operators import Operators
+from delam_fem.model.distributed import DistributedOperators
 from delam_fem.numerics.arrays import FloatArray, IntArray
 
 
 class Responding(Protocol):
     """An object that computes the response of all gaps to a load on one pair; see dynamics.py."""
 
-    operators: Operators
+    operators: DistributedOperators
 
     def response(self, factor: linear_algebra.Factor, pair: int) -> FloatArray:
         """Return H x, where x is the factor's solution for a unit load on a pair, (n_pairs,)."""
@@ -57,10 +57,11 @@ class LazyCompliance:
 class LumpedCompliance:
     """H D^-1 H^T of the lumped mass D; pairs of different nodes do not influence one another."""
 
-    def __init__(self, operators: Operators) -> None:
-        """Compute the matrix, which is sparse."""
-        H = operators.gap_matrix
-        self._W = (H @ sp.diags(1.0 / operators.require_lumped_mass()) @ H.T).tocsr()
+    def __init__(self, operators: DistributedOperators) -> None:
+        """Compute the matrix, which is sparse (collective)."""
+        H, comm = operators.gap_matrix, operators.comm
+        own = (H @ sp.diags(1.0 / operators.require_lumped_mass()) @ H.T).tocsr()
+        self._W = own if comm.size == 1 else sum(comm.allgather(own), 0 * own)
         self._diagonal = self._W.diagonal()
 
     def diagonal(self, pairs: IntArray) -> FloatArray:

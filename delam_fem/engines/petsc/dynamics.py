@@ -1,6 +1,8 @@
 """The PETSc state that every stepper shares: matrices, vectors, gaps, resting pairs, energies.
 
 A stepper adds the time integration. All vectors are allocated once; the time loop only fills them.
+They are the own shares of the rank. Ranks exchange gaps, gap rates, recorded quantities and
+energies, apart from what the products and solves of coupled ranks exchange.
 """
 
 from __future__ import annotations
@@ -13,7 +15,9 @@ import scipy.sparse as sp
 from petsc4py import PETSc
 
 from delam_fem.engines.petsc import linear_algebra
+from delam_fem.model.distributed import DistributedOperators, spread, whole
 from delam_fem.model.operators import Operators
+from delam_fem.mpi import MPI
 from delam_fem.numerics.arrays import BoolArray, FloatArray
 from delam_fem.simulation.energy import Energies
 
@@ -26,47 +30,88 @@ class Dynamics:
 
     Attributes:
         operators: the semi-discrete problem.
-        u, v, a: displacements, velocities and accelerations of the free dofs.
+        u, v, a: displacements, velocities and accelerations of the own free dofs.
         resting: pairs at rest, shape (n_pairs,); the array is replaced, never written to.
         is_resting: whether any pair rests.
         spring_stiffness: stiffness of the spring that a resting pair carries [N/m]; 0: no spring.
-        dissipated: energy that damping has taken from the free dofs so far [J].
         contact_damped: energy that contact dampers have taken so far [J].
     """
 
-    def __init__(self, operators: Operators, time_step: float, comm: PETSc.Comm) -> None:
+    def __init__(
+        self, operators: Operators | DistributedOperators, time_step: float, comm: MPI.Intracomm
+    ) -> None:
         """Create all matrices and vectors; the state is at rest.
 
         Args:
-            operators: the semi-discrete problem.
+            operators: the semi-discrete problem; `Operators` are spread over the ranks.
             time_step: size of the steps until `use` chooses another one [s].
-            comm: PETSc communicator.
+            comm: communicator that shares the work.
         """
-        self.operators, self.time_step, self.comm = operators, time_step, comm
-        o = operators
-        self._M, self._C, self._K, self._H = (
-            linear_algebra.matrix(m, comm) for m in (o.mass, o.damping, o.stiffness, o.gap_matrix)
+        self._is_owner = isinstance(operators, Operators)
+        o = spread(operators, comm) if isinstance(operators, Operators) else operators
+        self.operators, self.time_step, self.comm = o, time_step, o.comm
+        self._M, self._C, self._K = (
+            linear_algebra.product(m, o.is_uncoupled) for m in (o.mass, o.damping, o.stiffness)
         )
+        self._H = linear_algebra.local(o.gap_matrix)
         self.u, self.v, self.a, self._residual, self._load, self._response = (
-            self._M.createVecRight() for _ in range(6)
+            self._vector() for _ in range(6)
         )
         self._base_mass, self._base_damping, self._base_stiffness = (
             self._vector(c) for c in (o.base.mass, o.base.damping, o.base.stiffness)
         )
-        self._kept = [self._M.createVecRight() for _ in range(3)]
+        self._kept = [self._vector() for _ in range(3)]
         self._kept_losses = (0.0, 0.0)
         self._gap0 = self._H.createVecLeft()
-        self._set(self._gap0, o.gap0)
+        if o.comm.rank == 0:  # the contributions of all ranks are added
+            self._gap0.array[:] = o.gap0
         self._gap, self._rate, self._impulse, self._force = (
-            linear_algebra.Shared(self._H.createVecLeft()) for _ in range(4)
+            linear_algebra.Shared(o.n_pairs, o.comm) for _ in range(4)
         )
         self._make_observation()
         self._base_states: Sequence[BaseState] = [[0.0, 0.0, 0.0]]
         self._step = 0
-        self.dissipated = self.contact_damped = 0.0
+        self._dissipated = self.contact_damped = 0.0
         self.resting: BoolArray = np.zeros(o.n_pairs, dtype=np.bool_)
         self.is_resting = False
         self.spring_stiffness = 0.0
+
+    def _vector(self, values: FloatArray | None = None) -> PETSc.Vec:
+        """Return a new vector of the own dofs, 0 or with given values, shape (n_own,)."""
+        result = PETSc.Vec().createSeq(self.operators.n_own)
+        if values is not None:
+            result.array[:] = values
+        return result
+
+    def _factor(
+        self, of_damping: float, of_stiffness: float, prefix: str, scale: float
+    ) -> linear_algebra.Factor:
+        """Return the factor of scale (M + of_damping C + of_stiffness K) (collective)."""
+        o = self.operators
+        rows = linear_algebra.rows_of(o.mass, o.is_uncoupled)
+        if of_damping or of_stiffness:
+            rows = rows + of_damping * linear_algebra.rows_of(o.damping, o.is_uncoupled)
+            rows = rows + of_stiffness * linear_algebra.rows_of(o.stiffness, o.is_uncoupled)
+        comm = MPI.COMM_SELF if o.is_uncoupled else o.comm
+        return linear_algebra.Factor(rows, comm, prefix, scale)
+
+    @property
+    def dissipated(self) -> float:
+        """Energy that damping has taken from the free dofs so far [J] (collective).
+
+        Reading it adds the shares of the ranks; a run continued from a file has the same bits.
+        """
+        total = self._total(self._dissipated)
+        self._dissipated = total if self.comm.rank == 0 else 0.0
+        return total
+
+    @dissipated.setter
+    def dissipated(self, value: float) -> None:
+        self._dissipated = value if self.comm.rank == 0 else 0.0
+
+    def _total(self, share: float) -> float:
+        """Return the sum of the shares of all ranks (collective)."""
+        return share if self.comm.size == 1 else linear_algebra.added([share], self.comm)[0]
 
     def begin(self, base_states: FloatArray) -> None:
         """Begin a period.
@@ -90,13 +135,13 @@ class Dynamics:
         """Keep the present state for `undo`."""
         for kept, vector in zip(self._kept, (self.u, self.v, self.a), strict=True):
             vector.copy(kept)
-        self._kept_losses = self.dissipated, self.contact_damped
+        self._kept_losses = self._dissipated, self.contact_damped
 
     def undo(self) -> None:
         """Return to the state of the last `keep`; resting pairs are those of the present."""
         for kept, vector in zip(self._kept, (self.u, self.v, self.a), strict=True):
             kept.copy(vector)
-        self.dissipated, self.contact_damped = self._kept_losses
+        self._dissipated, self.contact_damped = self._kept_losses
 
     def near(self, ahead: float) -> tuple[BoolArray, FloatArray]:
         """Return which pairs may close (F1 of refinement.py), and gap rates, both (n_pairs,).
@@ -104,54 +149,52 @@ class Dynamics:
         Args:
             ahead: time over which gap rates are extrapolated; negative: backwards [s].
         """
-        self._H.multAdd(self.u, self._gap0, self._gap.vector)
-        gap, rate = self._gap.gather(), self.gap_rate()
+        self._find_gap()
+        gap, rate = self._gap.values, self.gap_rate()
         if self.is_resting and self.spring_stiffness:  # these must not open
             sign = np.where(self.resting, -1.0, 1.0)
             gap, rate = sign * gap, sign * rate
         return np.asarray(gap + np.minimum(ahead * rate, 0.0) <= 0.0), rate
 
+    def _find_gap(self) -> None:
+        """Compute the gaps of the present displacements on all ranks."""
+        self._H.multAdd(self.u, self._gap0, self._gap.own)
+        self._gap.gather()
+
     def _make_observation(self) -> None:
         """Create the matrices and vectors of the recorded quantities."""
         o = self.operators
         rows = sp.csr_matrix(np.vstack([o.base.mass, o.base.damping, o.base.stiffness]))
-        self._observe_u = linear_algebra.matrix(sp.vstack([rows, o.observed]), self.comm)
-        self._observe_v = linear_algebra.matrix(o.observed, self.comm)
-        self._seen_u = linear_algebra.Shared(self._observe_u.createVecLeft())
-        self._seen_v = linear_algebra.Shared(self._observe_v.createVecLeft())
-        self.seen_u: FloatArray = self._seen_u.values
-        self.seen_v: FloatArray = self._seen_v.values
-
-    def _set(self, vector: PETSc.Vec, values: FloatArray) -> None:
-        vector.array[:] = values[slice(*vector.getOwnershipRange())]
-
-    def _vector(self, values: FloatArray) -> PETSc.Vec:
-        result = self._M.createVecRight()
-        self._set(result, values)
-        return result
+        self._observe_u = linear_algebra.local(sp.vstack([rows, o.observed]))
+        self._observe_v = linear_algebra.local(o.observed)
+        n_u, n_v = (m.getSize()[0] for m in (self._observe_u, self._observe_v))
+        self._seen = linear_algebra.Shared(n_u + n_v, o.comm)
+        of_u, of_v = slice(0, n_u), slice(n_u, n_u + n_v)
+        self._own_seen_u, self._own_seen_v = self._seen.part(of_u), self._seen.part(of_v)
+        self.seen_u: FloatArray = self._seen.values[of_u]
+        self.seen_v: FloatArray = self._seen.values[of_v]
 
     # -- for contact laws ------------------------------------------------------------------------
 
     @property
     def gap(self) -> FloatArray:
         """Gaps of the candidate state, shape (n_pairs,) [m]."""
-        return self._gap.gather()
+        return self._gap.values
 
     def gap_rate(self) -> FloatArray:
-        """Return H v, shape (n_pairs,) [m/s]."""
-        self._H.mult(self.v, self._rate.vector)
+        """Return H v, shape (n_pairs,) [m/s] (collective)."""
+        self._H.mult(self.v, self._rate.own)
         return self._rate.gather()
 
     def response(self, factor: linear_algebra.Factor, pair: int) -> FloatArray:
         """Return H x, where x is the factor's solution for a unit load on a pair, (n_pairs,)."""
         self._impulse.values[:] = 0.0
         self._impulse.values[pair] = 1.0
-        self._impulse.spread()
-        self._H.multTranspose(self._impulse.vector, self._load)
+        self._H.multTranspose(self._impulse.total, self._load)
         factor.solve(self._load, self._response)
         # new vectors, because a law may still read the values of the usual ones
-        gaps = linear_algebra.Shared(self._H.createVecLeft())
-        self._H.mult(self._response, gaps.vector)
+        gaps = linear_algebra.Shared(self.operators.n_pairs, self.comm)
+        self._H.mult(self._response, gaps.own)
         result = gaps.gather().copy()
         gaps.destroy()
         return result
@@ -160,20 +203,21 @@ class Dynamics:
 
     def observe(self) -> None:
         """Update `seen_u` = (m_b·u, c_b·u, k_b·u, probes of u) and `seen_v` = (probes of v)."""
-        self._observe_u.mult(self.u, self._seen_u.vector)
-        self._observe_v.mult(self.v, self._seen_v.vector)
-        self._seen_u.gather()
-        self._seen_v.gather()
+        self._observe_u.mult(self.u, self._own_seen_u)
+        self._observe_v.mult(self.v, self._own_seen_v)
+        self._seen.gather()
 
     def energies(self) -> Energies:
         """Return the energies of the whole system, base included, in the fixed frame [J]."""
         base = self.operators.base
         q, dq, _ = self._base_states[self._step]
         self._M.mult(self.v, self._load)
-        momentum = self._base_mass.dot(self.v)
-        kinetic = 0.5 * self._load.dot(self.v) + dq * momentum
+        own = [self._base_mass.dot(self.v), self._load.dot(self.v)]
         self._K.mult(self.u, self._load)
-        strain = 0.5 * self._load.dot(self.u) + q * self._base_stiffness.dot(self.u)
+        own += [self._load.dot(self.u), self._base_stiffness.dot(self.u)]
+        momentum, of_mass, of_stiffness, attachment = linear_algebra.added(own, self.comm)
+        kinetic = 0.5 * of_mass + dq * momentum
+        strain = 0.5 * of_stiffness + q * attachment
         return Energies(
             kinetic + 0.5 * base.corner[0] * dq * dq,
             strain + 0.5 * base.corner[2] * q * q,
@@ -185,62 +229,42 @@ class Dynamics:
         """Return the energy of springs on some pairs at the current gaps [J]."""
         if not self.spring_stiffness:
             return 0.0
-        self._H.multAdd(self.u, self._gap0, self._gap.vector)
-        gap = self._gap.gather()[pairs]
+        self._find_gap()
+        gap = self._gap.values[pairs]
         if self.operators.pair_weights is not None:
             gap = gap * np.sqrt(self.operators.pair_weights[pairs])
         return 0.5 * self.spring_stiffness * float(gap @ gap)
 
     def state(self) -> FloatArray:
-        """Return (u, v, a) of all dofs on every rank, shape (3, n)."""
-        result = np.empty((3, self.operators.n_dofs))
-        for row, vector in zip(result, (self.u, self.v, self.a), strict=True):
-            row[:] = self._whole(vector)
-        return result
+        """Return (u, v, a) of the own dofs, shape (3, n_own)."""
+        return np.array([vector.array for vector in (self.u, self.v, self.a)])
 
     def restore(self, state: FloatArray) -> None:
-        """Take over (u, v, a), shape (3, n)."""
+        """Take over (u, v, a) of the own dofs, shape (3, n_own)."""
         for row, vector in zip(state, (self.u, self.v, self.a), strict=True):
-            self._set(vector, row)
+            vector.array[:] = row
 
-    def _whole(self, vector: PETSc.Vec) -> FloatArray:
-        if self.comm.size == 1:
-            return np.array(vector.array)
-        scatter, whole = PETSc.Scatter.toAll(vector)
-        scatter.scatter(vector, whole)
-        result = np.array(whole.array)
-        scatter.destroy()
-        whole.destroy()
-        return result
+    def whole(self, share: FloatArray) -> FloatArray:
+        """Return values of all dofs from those of the own dofs, the last axis (collective)."""
+        return whole(share, self.comm)
+
+    def share(self, of_all: FloatArray) -> FloatArray:
+        """Return the values of the own dofs among those of all dofs, the last axis."""
+        return of_all[..., self.operators.own]
 
     def destroy(self) -> None:
         """Free all PETSc objects."""
-        for shared in (
-            self._gap,
-            self._rate,
-            self._impulse,
-            self._force,
-            self._seen_u,
-            self._seen_v,
-        ):
-            shared.destroy()
+        o = self.operators
+        for product in (self._M, self._C, self._K):
+            if isinstance(product, linear_algebra.SpreadProduct):
+                product.destroy()
+        matrices = (o.mass, o.damping, o.stiffness) if self._is_owner else ()
         for thing in (
-            self._M,
-            self._C,
-            self._K,
-            self._H,
-            self._observe_u,
-            self._observe_v,
-            self.u,
-            self.v,
-            self.a,
-            self._residual,
-            self._load,
-            self._response,
-            *self._kept,
-            self._gap0,
-            self._base_mass,
-            self._base_damping,
-            self._base_stiffness,
+            *(self._gap, self._rate, self._impulse, self._force),
+            *(self._own_seen_u, self._own_seen_v, self._seen),
+            *(*matrices, self._H, self._observe_u, self._observe_v),
+            *(self.u, self.v, self.a, self._residual, self._load, self._response),
+            *(*self._kept, self._gap0),
+            *(self._base_mass, self._base_damping, self._base_stiffness),
         ):
             thing.destroy()

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from petsc4py import PETSc
-
 from delam_fem.contact.decision import Setting
 from delam_fem.contact.laws import ContactLaw
 from delam_fem.engines.petsc.newmark import Newmark
 from delam_fem.engines.petsc.theta import MoreauJean
+from delam_fem.model.distributed import DistributedOperators
 from delam_fem.model.operators import Operators
 from delam_fem.mpi import MPI
 from delam_fem.numerics.schemes import Scheme
@@ -19,7 +18,7 @@ from delam_fem.simulation.refinement import NOT_REFINED, Refinement
 
 
 def petsc_engine(
-    operators: Operators,
+    operators: Operators | DistributedOperators,
     law: ContactLaw,
     scheme: Scheme,
     time_step: float,
@@ -29,18 +28,18 @@ def petsc_engine(
     """Return the engine that computes single steps in PETSc.
 
     Args:
-        operators: the semi-discrete problem.
+        operators: the semi-discrete problem; `Operators` are spread over the ranks.
         law: the contact law: one of the table, or a law of your own.
         scheme: the time integration.
         time_step: Δt [s].
         refinement: how steps near contact are divided.
-        comm: communicator that shares the work.
+        comm: communicator that shares the work of `Operators`; others have their own.
 
     Raises:
         ValueError: the law does not go with the scheme.
     """
     sizes = [time_step / n for n in refinement.divisions]
-    stepper = _stepper(operators, law, scheme, sizes, PETSc.Comm(comm))
+    stepper = _stepper(operators, law, scheme, sizes, comm)
     supervisor = law.supervisor(scheme, Setting(operators.n_pairs, stepper.compliance))
     if refinement.factor == 1:
         return StepByStep(stepper, supervisor)
@@ -48,11 +47,11 @@ def petsc_engine(
 
 
 def _stepper(
-    operators: Operators,
+    operators: Operators | DistributedOperators,
     law: ContactLaw,
     scheme: Scheme,
     time_steps: Sequence[float],
-    comm: PETSc.Comm,
+    comm: MPI.Intracomm,
 ) -> Newmark | MoreauJean:
     """Return the stepper of a scheme, set up for a law."""
     if scheme.has_impulses_within:

@@ -1,66 +1,134 @@
-"""PETSc objects from CSR matrices: distributed matrices, factors that are kept, shared vectors.
+"""PETSc objects of a stepper: local matrices, products, factors that are kept, shared vectors.
 
-Every rank holds the whole (small) operators; a PETSc matrix holds the rows of its rank. Serial
-factors are PETSc's own, which solve 80 dofs in about 1 µs; parallel factors are MUMPS. The code
-that creates an object also destroys it.
+All vectors of a stepper are the own shares of its rank, sequential PETSc vectors. If the ranks are
+not coupled, or there is only one, matrices and factors are sequential too. Otherwise products and
+solves copy the shares into distributed vectors and back, which costs little beside them.
 """
 
 from __future__ import annotations
+
+from typing import Protocol
 
 import numpy as np
 import scipy.sparse as sp
 from petsc4py import PETSc
 
+from delam_fem.model.distributed import matrix
+from delam_fem.mpi import MPI
 from delam_fem.numerics.arrays import FloatArray
 
 
-def matrix(csr: sp.spmatrix, comm: PETSc.Comm) -> PETSc.Mat:
-    """Return a CSR matrix as a PETSc matrix whose rows are distributed over `comm`.
+class Product(Protocol):
+    """A square matrix, as a product with own shares of vectors; PETSc's sequential one is one."""
 
-    Args:
-        csr: the whole matrix, the same on every rank.
-        comm: PETSc communicator.
-    """
+    def mult(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Write B x into y (collective)."""
+
+    def multAdd(self, x: PETSc.Vec, v: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Write v + B x into y (collective)."""
+
+
+def local(csr: sp.spmatrix) -> PETSc.Mat:
+    """Return a CSR matrix as a sequential PETSc matrix, which may have any number of rows."""
     csr = sp.csr_matrix(csr)
     csr.sort_indices()
-    rows, columns = csr.shape
-    local, start = _share_of(rows, comm), _first_of(rows, comm)
-    mine = csr[start : start + local]
-    result = PETSc.Mat().create(comm)
-    result.setSizes(((local, rows), (_share_of(columns, comm), columns)))
-    result.setType(PETSc.Mat.Type.AIJ)
     index = PETSc.IntType
-    result.setPreallocationCSR(
-        (mine.indptr.astype(index), mine.indices.astype(index), mine.data.astype(float))
-    )
+    arrays = csr.indptr.astype(index), csr.indices.astype(index), csr.data.astype(float)
+    result = PETSc.Mat().createAIJ(csr.shape, csr=arrays, comm=PETSc.COMM_SELF)
     result.assemble()
     return result
 
 
-def _share_of(size: int, comm: PETSc.Comm) -> int:
-    """Return how many of `size` rows this rank owns (the same split as PETSc's)."""
-    return size // comm.size + (1 if comm.rank < size % comm.size else 0)
+def product(whole: PETSc.Mat, is_uncoupled: bool) -> Product:
+    """Return a matrix as a product with own shares of vectors.
+
+    Args:
+        whole: the matrix, which must live as long as the product.
+        is_uncoupled: whether no entry couples two ranks.
+    """
+    if whole.comm.size > 1 and not is_uncoupled:
+        return SpreadProduct(whole)
+    return whole if whole.comm.size == 1 else whole.getDiagonalBlock()
 
 
-def _first_of(size: int, comm: PETSc.Comm) -> int:
-    """Return the number of the first row that this rank owns, of `size` rows."""
-    return comm.rank * (size // comm.size) + min(comm.rank, size % comm.size)
+class SpreadProduct:
+    """The product with a matrix whose rows are spread over the ranks."""
+
+    def __init__(self, whole: PETSc.Mat) -> None:
+        """Create vectors for the product.
+
+        Args:
+            whole: the matrix, which the caller owns.
+        """
+        self._whole = whole
+        self._in, self._out = (Portion(vector) for vector in whole.createVecs())
+
+    def mult(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Write B x into y (collective)."""
+        x.copy(self._in.own)
+        self._whole.mult(self._in.vector, self._out.vector)
+        self._out.own.copy(y)
+
+    def multAdd(self, x: PETSc.Vec, v: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Write v + B x into y (collective)."""
+        x.copy(self._in.own)
+        self._whole.mult(self._in.vector, self._out.vector)
+        y.waxpy(1.0, self._out.own, v)
+
+    def destroy(self) -> None:
+        """Free the vectors."""
+        self._in.destroy()
+        self._out.destroy()
+
+
+class Portion:
+    """A distributed vector and its own share, a sequential vector in the same memory.
+
+    Attributes:
+        vector: the distributed vector.
+        own: its own share.
+    """
+
+    def __init__(self, vector: PETSc.Vec) -> None:
+        """Take over a distributed vector, which this object destroys."""
+        self.vector = vector
+        self._memory = vector.array
+        self.own = PETSc.Vec().createWithArray(self._memory, comm=PETSc.COMM_SELF)
+
+    def destroy(self) -> None:
+        """Free both vectors."""
+        self.own.destroy()
+        self.vector.destroy()
+
+
+def rows_of(whole: PETSc.Mat, is_uncoupled: bool) -> sp.csr_matrix:
+    """Return the own rows of a matrix, CSR (n_own, n), or (n_own, n_own) of uncoupled ranks."""
+    if is_uncoupled and whole.comm.size > 1:
+        whole = whole.getDiagonalBlock()
+    (own, _), (_, columns) = whole.getSizes()
+    indptr, indices, data = whole.getValuesCSR()
+    return sp.csr_matrix((data, indices, indptr), shape=(own, columns))
 
 
 class Factor:
-    """A factorised matrix B; `solve(b, x)` is PETSc's MatSolve on preallocated vectors.
+    """A factorised matrix B; `solve(b, x)` writes x = B⁻¹ b / s for own shares b, x (collective).
+
+    Serial factors are PETSc's own, which solve 80 dofs in about 1 µs; distributed factors are those
+    of MUMPS. If ranks are uncoupled, each has a serial factor of its own part.
 
     Attributes:
         scale: s. The factor is that of s B, so that `solve` gives x = B⁻¹ b / s. Steppers choose s
             such that the solution for a residual needs no further scaling.
     """
 
-    def __init__(self, csr: sp.spmatrix, comm: PETSc.Comm, prefix: str, scale: float = 1.0) -> None:
+    def __init__(
+        self, rows: sp.spmatrix, comm: MPI.Intracomm, prefix: str, scale: float = 1.0
+    ) -> None:
         """Factorise s B.
 
         Args:
-            csr: B, the whole square matrix, the same on every rank.
-            comm: PETSc communicator.
+            rows: the own rows of B, CSR (n_own, n).
+            comm: communicator over which the rows are spread; COMM_SELF: this rank alone.
             prefix: prefix of the PETSc options; it names the owner and ends in `_`.
             scale: s.
 
@@ -68,7 +136,7 @@ class Factor:
             PETSc.Error: the matrix is singular.
         """
         self.scale = scale
-        self._matrix = matrix(scale * csr, comm)
+        self._matrix = matrix(scale * rows, comm)
         self._solver = PETSc.KSP().create(comm)
         self._solver.setOptionsPrefix(prefix)
         self._solver.setType(PETSc.KSP.Type.PREONLY)
@@ -82,10 +150,22 @@ class Factor:
         self._solver.setFromOptions()
         self._solver.setUp()
         self._factor = preconditioner.getFactorMatrix()
-        self.solve = self._factor.solve
+        self._sides = (
+            [] if comm.size == 1 else [Portion(vector) for vector in self._matrix.createVecs()]
+        )
+        self.solve = self._factor.solve if comm.size == 1 else self._solve_together
+
+    def _solve_together(self, b: PETSc.Vec, x: PETSc.Vec) -> None:
+        """Solve with the distributed factor."""
+        right, left = self._sides
+        b.copy(right.own)
+        self._factor.solve(right.vector, left.vector)
+        left.own.copy(x)
 
     def destroy(self) -> None:
         """Free the factor and its matrix; petsc4py defers this if Python collects them instead."""
+        for side in self._sides:
+            side.destroy()
         self._factor.destroy()
         self._preconditioner.destroy()
         self._solver.destroy()
@@ -93,43 +173,51 @@ class Factor:
 
 
 class Shared:
-    """A short vector whose entries are all known on every rank.
+    """A few numbers that are sums of what each rank contributes, known to all ranks.
 
-    In serial `values` is the memory of the vector itself, so that gathering and spreading cost
-    nothing.
+    One collective call adds the contributions, on every rank in the order of the ranks, so that all
+    ranks have the same bits and decide the same. In serial `values` is the memory of the
+    contributions, so that gathering costs nothing.
 
     Attributes:
-        vector: the PETSc vector.
-        values: its entries on every rank, shape (size,).
+        own: vector of the own contributions.
+        values: the sums, shape (size,).
+        total: vector of the sums, in the memory of `values`.
     """
 
-    def __init__(self, vector: PETSc.Vec) -> None:
-        """Take over `vector`, which this object destroys."""
-        self.vector = vector
-        self._local = vector.array
-        self._scatter: PETSc.Scatter | None = None
-        if vector.comm.size == 1:
-            self.values: FloatArray = self._local
-        else:
-            self._scatter, self._whole = PETSc.Scatter.toAll(vector)
-            self.values = np.zeros(vector.getSize())
-            self._range = slice(*vector.getOwnershipRange())
+    def __init__(self, size: int, comm: MPI.Intracomm) -> None:
+        """Create the vectors.
+
+        Args:
+            size: number of the numbers.
+            comm: communicator of the ranks that contribute.
+        """
+        self._comm = comm
+        self.own = PETSc.Vec().createSeq(size)
+        self._memory: FloatArray = self.own.array
+        self.values, self.total = self._memory, self.own
+        if comm.size > 1:
+            self._parts = np.zeros((comm.size, size))
+            self.values = np.zeros(size)
+            self.total = PETSc.Vec().createWithArray(self.values, comm=PETSc.COMM_SELF)
+
+    def part(self, rows: slice) -> PETSc.Vec:
+        """Return a vector in the memory of some of the own contributions."""
+        return PETSc.Vec().createWithArray(self._memory[rows], comm=PETSc.COMM_SELF)
 
     def gather(self) -> FloatArray:
-        """Update `values` from the vector (collective) and return them."""
-        if self._scatter is not None:
-            self._scatter.scatter(self.vector, self._whole)
-            self.values[:] = self._whole.array
+        """Update `values` from the contributions of all ranks (collective) and return them."""
+        if self._comm.size > 1:
+            self._comm.Allgather(self._memory, self._parts)
+            np.sum(self._parts, axis=0, out=self.values)
         return self.values
-
-    def spread(self) -> None:
-        """Update the vector from `values`."""
-        if self._scatter is not None:
-            self._local[:] = self.values[self._range]
 
     def destroy(self) -> None:
         """Free the PETSc objects."""
-        if self._scatter is not None:
-            self._scatter.destroy()
-            self._whole.destroy()
-        self.vector.destroy()
+        self.total.destroy()
+        self.own.destroy()
+
+
+def added(values: list[float], comm: MPI.Intracomm) -> list[float]:
+    """Return numbers summed over the ranks, in their order (collective); in serial as they are."""
+    return values if comm.size == 1 else np.sum(comm.allgather(values), axis=0).tolist()

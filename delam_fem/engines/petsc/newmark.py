@@ -21,13 +21,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from petsc4py import PETSc
-
 from delam_fem.contact.decision import Compliance, Decision
 from delam_fem.engines.petsc import linear_algebra
 from delam_fem.engines.petsc.compliance import LazyCompliance, LumpedCompliance
 from delam_fem.engines.petsc.dynamics import Dynamics
+from delam_fem.model.distributed import DistributedOperators
 from delam_fem.model.operators import Operators
+from delam_fem.mpi import MPI
 from delam_fem.numerics.arrays import BoolArray, FloatArray, IntArray
 
 DIRECT_PAIRS = 64
@@ -68,13 +68,13 @@ class Newmark(Dynamics):
 
     def __init__(
         self,
-        operators: Operators,
+        operators: Operators | DistributedOperators,
         *time_steps: float,
         beta: float = 0.25,
         gamma: float = 0.5,
         coupled_impulses: bool = False,
         spring: tuple[float, float] = (0.0, 0.0),
-        comm: PETSc.Comm = PETSc.COMM_SELF,
+        comm: MPI.Intracomm = MPI.COMM_SELF,
     ) -> None:
         """Factorise M, and A for each size of steps; the state is at rest.
 
@@ -86,17 +86,17 @@ class Newmark(Dynamics):
             coupled_impulses: True: impulses act through M⁻¹ ("consistent"); False: through the
                 lumped mass alone.
             spring: stiffness [N/m] and damping [N s/m] of a resting pair's spring.
-            comm: PETSc communicator.
+            comm: communicator that shares the work.
         """
         super().__init__(operators, time_steps[-1], comm)
-        o = operators
+        o = self.operators
         self.spring_stiffness, self._spring_damping = spring
         self._sizes = [self._size(dt, beta, gamma) for dt in time_steps]
         self._now = self._sizes[-1]
-        self._M_factor = linear_algebra.Factor(o.mass, comm, "newmark_mass_", scale=-1.0)
-        self._velocities = self._M.createVecRight()
+        self._M_factor = self._factor(0.0, 0.0, "newmark_mass_", scale=-1.0)
+        self._velocities = self._vector()
         self._coupled = coupled_impulses
-        inverse = np.zeros(o.n_dofs) if coupled_impulses else 1.0 / o.require_lumped_mass()
+        inverse = np.zeros(o.n_own) if coupled_impulses else 1.0 / o.require_lumped_mass()
         self._inverse_lumped = self._vector(inverse)
         self.compliance: Compliance = (
             LazyCompliance(self, self._M_factor) if coupled_impulses else LumpedCompliance(o)
@@ -108,9 +108,8 @@ class Newmark(Dynamics):
         """Return a size of steps with its factor."""
         o, dt = self.operators, time_step
         to_u, to_v = beta * dt**2, gamma * dt
-        A = o.mass + to_v * o.damping + to_u * o.stiffness
         # scale -1: solving with the residual K u + C v - f gives an acceleration
-        factor = linear_algebra.Factor(A, self.comm, "newmark_", scale=-1.0)
+        factor = self._factor(to_v, to_u, "newmark_", scale=-1.0)
         softness = self.spring_stiffness * to_u + self._spring_damping * to_v
         S = LazyCompliance(self, factor)
         return _Size(dt, to_u, to_v, (0.5 - beta) * dt**2, (1.0 - gamma) * dt, softness, factor, S)
@@ -143,13 +142,13 @@ class Newmark(Dynamics):
             self._push_springs()
         both.axpy(1.0, v)  # twice the mean velocity of the step
         self._C.mult(both, self._load)
-        self.dissipated += 0.25 * self.time_step * self._load.dot(both)
+        self._dissipated += 0.25 * self.time_step * self._load.dot(both)
         if self._spring_damping and self._pairs.size:
-            self._H.mult(both, self._rate.vector)
+            self._H.mult(both, self._rate.own)
             rate = self._of_springs(self._rate.gather())
             self.contact_damped += 0.25 * self.time_step * self._spring_damping * float(rate @ rate)
-        self._H.multAdd(u, self._gap0, self._gap.vector)
-        return float(self._gap.vector.min()[1])
+        self._find_gap()
+        return float(self._gap.total.min()[1])
 
     def _find_residual(self) -> None:
         """Write the residual K u + C v - f, the negative right-hand side of N1."""
@@ -166,8 +165,8 @@ class Newmark(Dynamics):
     def _push_springs(self) -> None:
         """Correct the candidate by the spring forces (N2)."""
         k, c = self.spring_stiffness, self._spring_damping
-        self._H.multAdd(self.u, self._gap0, self._gap.vector)
-        drive = k * self._of_springs(self._gap.gather())
+        self._find_gap()
+        drive = k * self._of_springs(self._gap.values)
         if c:
             drive += c * self._of_springs(self.gap_rate())
         now = self._now
@@ -191,8 +190,7 @@ class Newmark(Dynamics):
         if self._roots is not None:
             forces = self._roots[self._pairs] * forces
         self._force.values[self._pairs] = forces
-        self._force.spread()
-        self._H.multTranspose(self._force.vector, self._load)
+        self._H.multTranspose(self._force.total, self._load)
 
     def _iterate_springs(self, drive: FloatArray) -> FloatArray:
         """Solve N2 by conjugate gradients; each product with S_PP is one solve with A."""
@@ -205,7 +203,7 @@ class Newmark(Dynamics):
                 break
             self._push(direction)
             self._now.A.solve(self._load, self._response)
-            self._H.mult(self._response, self._rate.vector)
+            self._H.mult(self._response, self._rate.own)
             image = direction - self._now.softness * self._of_springs(self._rate.gather())
             length = square / float(direction @ image)
             forces += length * direction
@@ -258,9 +256,8 @@ class Newmark(Dynamics):
         """Change the velocities by impulses; return the change of kinetic energy [J]."""
         self._impulse.values[:] = 0.0
         self._impulse.values[decision.hit] = decision.impulses
-        self._impulse.spread()
         load, change, mean = self._load, self._response, self._velocities
-        self._H.multTranspose(self._impulse.vector, load)
+        self._H.multTranspose(self._impulse.total, load)
         if self._coupled:
             self._M_factor.solve(load, change)
             change.scale(self._M_factor.scale)
@@ -269,14 +266,14 @@ class Newmark(Dynamics):
         mean.waxpy(0.5, change, self.v)  # of the velocities before and after the impact
         self._M.mult(change, load)
         self.v.axpy(1.0, change)
-        return float(load.dot(mean))
+        return self._total(float(load.dot(mean)))
 
     def renew_acceleration(self) -> None:
         """Compute a from M a = f - C v - K u - H^T λ at the current state."""
         self._find_residual()
         if self._pairs.size:
-            self._H.multAdd(self.u, self._gap0, self._gap.vector)
-            forces = self.spring_stiffness * self._of_springs(self._gap.gather())
+            self._find_gap()
+            forces = self.spring_stiffness * self._of_springs(self._gap.values)
             if self._spring_damping:
                 forces += self._spring_damping * self._of_springs(self.gap_rate())
             self._push(forces)

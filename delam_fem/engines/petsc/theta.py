@@ -13,14 +13,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from petsc4py import PETSc
 
 from delam_fem.contact.decision import Decision
 from delam_fem.contact.moreau import CLOSED
 from delam_fem.engines.petsc import linear_algebra
 from delam_fem.engines.petsc.compliance import LazyCompliance
 from delam_fem.engines.petsc.dynamics import Dynamics
+from delam_fem.model.distributed import DistributedOperators
 from delam_fem.model.operators import Operators
+from delam_fem.mpi import MPI
 from delam_fem.numerics.arrays import FloatArray, IntArray
 
 
@@ -54,10 +55,10 @@ class MoreauJean(Dynamics):
 
     def __init__(
         self,
-        operators: Operators,
+        operators: Operators | DistributedOperators,
         *time_steps: float,
         theta: float = 0.5,
-        comm: PETSc.Comm = PETSc.COMM_SELF,
+        comm: MPI.Intracomm = MPI.COMM_SELF,
     ) -> None:
         """Factorise Â for each size of steps; the state is at rest.
 
@@ -65,29 +66,28 @@ class MoreauJean(Dynamics):
             operators: the semi-discrete problem.
             time_steps: sizes of steps, from coarse to fine [s]; the last one is in use at first.
             theta: θ, from 1/2 (no numerical damping) to 1.
-            comm: PETSc communicator.
+            comm: communicator that shares the work.
         """
         super().__init__(operators, time_steps[-1], comm)
         self._theta = theta
-        factors = [self._factor(dt) for dt in time_steps]
+        # the scale lets the residual of J1 give v⁺ - v
+        factors = [
+            self._factor(theta * dt, (theta * dt) ** 2, "moreau_", scale=-1.0 / dt)
+            for dt in time_steps
+        ]
         self._sizes = [
             _Size(dt, factor, LazyCompliance(self, factor))
             for dt, factor in zip(time_steps, factors, strict=True)
         ]
         self._now = self._sizes[-1]
         self.compliance = _PresentCompliance(self)
-        self._start, self._point = (self._M.createVecRight() for _ in range(2))
+        self._start, self._point = (self._vector() for _ in range(2))
         self._is_touching = bool((operators.gap0 <= 0.0).any())
         self._none_resting = self.resting
         self._is_unaccounted = False
-        self._predicted = linear_algebra.Shared(self._H.createVecLeft())
-        self._rate_start = linear_algebra.Shared(self._H.createVecLeft())
-
-    def _factor(self, time_step: float) -> linear_algebra.Factor:
-        """Return the factor of Â, scaled so that the residual of J1 gives v⁺ - v."""
-        o, to = self.operators, self._theta * time_step
-        A = o.mass + to * o.damping + to**2 * o.stiffness
-        return linear_algebra.Factor(A, self.comm, "moreau_", scale=-1.0 / time_step)
+        self._predicted, self._rate_start = (
+            linear_algebra.Shared(self.operators.n_pairs, self.comm) for _ in range(2)
+        )
 
     def use(self, level: int) -> None:
         """Choose the size of the next steps by its number."""
@@ -102,7 +102,7 @@ class MoreauJean(Dynamics):
     @property
     def gap(self) -> FloatArray:
         """Predicted gaps of J2, shape (n_pairs,) [m]."""
-        return self._predicted.gather()
+        return self._predicted.values
 
     def rate_pre(self) -> FloatArray:
         """Return gap rates at the start of the step, shape (n_pairs,) [m/s]."""
@@ -116,10 +116,11 @@ class MoreauJean(Dynamics):
         """Compute the free motion of the next step; return the smallest predicted gap [m]."""
         u, v, dt, theta = self.u, self.v, self.time_step, self._theta
         residual, point = self._residual, self._point
-        predicted, rate = self._predicted.vector, self._rate_start.vector
-        self._H.multAdd(u, self._gap0, self._gap.vector)
+        rate = self._rate_start.own
+        self._H.multAdd(u, self._gap0, self._gap.own)
         self._H.mult(v, rate)
-        predicted.waxpy(0.5 * dt, rate, self._gap.vector)
+        self._predicted.own.waxpy(0.5 * dt, rate, self._gap.own)
+        self._predicted.gather()
         if self.is_resting:
             self.rest(self._none_resting)
         v.copy(self._start)
@@ -138,8 +139,8 @@ class MoreauJean(Dynamics):
         u.axpy(dt * theta, v)
         if self._is_touching:
             fastest = np.abs(self.gap_rate()).max(initial=0.0)
-            predicted.shift(-CLOSED * dt * fastest)
-        return float(predicted.min()[1])
+            self._predicted.total.shift(-CLOSED * dt * fastest)
+        return float(self._predicted.total.min()[1])
 
     def jump(self, decision: Decision) -> tuple[float, float]:
         """Add the impulses of a decision to the step.
@@ -149,8 +150,7 @@ class MoreauJean(Dynamics):
         """
         self._impulse.values[:] = 0.0
         self._impulse.values[decision.hit] = decision.impulses
-        self._impulse.spread()
-        self._H.multTranspose(self._impulse.vector, self._load)
+        self._H.multTranspose(self._impulse.total, self._load)
         self._now.A.solve(self._load, self._response)
         self.v.axpy(self._now.A.scale, self._response)
         self.u.axpy(-self._theta, self._response)
@@ -168,7 +168,7 @@ class MoreauJean(Dynamics):
         mean, theta = self._point, self._theta
         mean.waxpy((1.0 - theta) / theta, self._start, self.v)  # v_θ / θ
         self._C.mult(mean, self._load)
-        self.dissipated += theta**2 * self.time_step * self._load.dot(mean)
+        self._dissipated += theta**2 * self.time_step * self._load.dot(mean)
 
     def renew_acceleration(self) -> None:
         """Do nothing: the scheme has no acceleration."""
