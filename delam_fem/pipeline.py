@@ -110,12 +110,23 @@ def run(
             if before == "running":
                 stop.leave(outcome)
         state = opened.engine.state()
-        arrays = checkpoint.arrays_of(case, engine, opened.engine, recorder, outcome)
+        arrays = _gathered(case, structure, engine, opened, outcome)
     mpi.release(comm)
     summary = _summary(engine, outcome, recorder, recorder.n_closed - first, seconds)
     result = _result(case, structure, recorder, state, summary, decay)
     final = arrays if outcome == "completed" else None
     return replace(result, final=final, checkpoint=None if outcome == "interrupted" else kept)
+
+
+def _gathered(
+    case: Case, structure: Structure, engine: EngineName, opened: Session, outcome: Outcome
+) -> dict[str, Any]:
+    """Return the arrays of the last checkpoint; complete the frames if the layout numbers dofs."""
+    recorder = opened.recorder
+    arrays = checkpoint.arrays_of(case, engine, opened.engine, recorder, outcome)
+    if structure.layout.reading is None:
+        recorder.complete(opened.engine.whole)
+    return arrays
 
 
 def _checkpoint_in(directory: str | Path | None, *, may_exist: bool) -> Path | None:

@@ -7,6 +7,7 @@ always contains the latest periods, also when a run is interrupted or diverges.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -234,6 +235,15 @@ class Recorder:
             self.impulse[k] = jumps.impulses.sum(), jumps.hit.size, gains.sum()
             self.ledger[k] = self._ledger_row(record, record.end)
         return bool(largest < self.limit)
+
+    def complete(self, whole: Callable[[FloatArray], FloatArray]) -> None:
+        """Replace the frames by those of all dofs.
+
+        Args:
+            whole: function that returns values of all dofs from those of this rank.
+        """
+        for record in self.window:
+            record.frames = [whole(frame) for frame in record.frames]
 
     def energy_residual(self) -> float:
         """Return the largest residual of a period over the largest energy exchanged in one [-]."""

@@ -73,7 +73,8 @@ class SpreadProduct:
         """Write v + B x into y (collective)."""
         x.copy(self._in.own)
         self._whole.mult(self._in.vector, self._out.vector)
-        y.waxpy(1.0, self._out.own, v)
+        v.copy(y)
+        y.axpy(1.0, self._out.own)
 
     def destroy(self) -> None:
         """Free the vectors."""

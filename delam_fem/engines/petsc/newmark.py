@@ -21,6 +21,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+
 from delam_fem.contact.decision import Compliance, Decision
 from delam_fem.engines.petsc import linear_algebra
 from delam_fem.engines.petsc.compliance import LazyCompliance, LumpedCompliance
@@ -106,7 +107,7 @@ class Newmark(Dynamics):
 
     def _size(self, time_step: float, beta: float, gamma: float) -> _Size:
         """Return a size of steps with its factor."""
-        o, dt = self.operators, time_step
+        dt = time_step
         to_u, to_v = beta * dt**2, gamma * dt
         # scale -1: solving with the residual K u + C v - f gives an acceleration
         factor = self._factor(to_v, to_u, "newmark_", scale=-1.0)

@@ -1,0 +1,88 @@
+"""The PETSc engine on several ranks: histories of one rank, with and without coupled ranks."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+SCRIPT = """
+import sys
+import numpy as np
+from delam_fem.mpi import MPI
+from delam_fem.case.files import preset
+from delam_fem.engines.choose import law_of, scheme_of
+from delam_fem.engines.session import solve
+from delam_fem.model.beams import closed_form
+from delam_fem.model.distributed import DistributedOperators, matrix
+from delam_fem.model.operators import BaseCoupling
+from delam_fem.case.motion.excitation import drive
+from delam_fem.simulation.refinement import Refinement
+
+way, law, impulse, refine = sys.argv[1:]
+comm = MPI.COMM_WORLD
+keys = {"time.periods": 2, "time.steps_per_period": 500, "mesh.elements": 10}
+case = preset("paper", keys | {"contact.law": law, "contact.impulse": impulse})
+structure = closed_form.assemble(case)
+o = structure.operators
+given = o
+if way == "uncoupled":  # each lamina on a rank of its own; further ranks have no dofs
+    laminae = [part.own_dofs for part in structure.layout.parts]
+    of_rank = [*laminae, *[np.zeros(0, int)] * (comm.size - 2)]
+    order, own = np.concatenate(of_rank), of_rank[comm.rank]
+    M, C, K = (matrix(m.tocsr()[own][:, order], comm) for m in (o.mass, o.damping, o.stiffness))
+    b = o.base
+    given = DistributedOperators(
+        comm, M, C, K, BaseCoupling(b.mass[own], b.damping[own], b.stiffness[own], b.corner),
+        o.gap_matrix[:, own], o.gap0, o.lumped_mass[own], o.pair_weights,
+        o.probes[:, own], is_uncoupled=True,
+    )
+options = dict(steps_per_period=500, periods=2, time_step=case.time_step, frames_per_period=4,
+               refinement=Refinement(int(refine)))
+args = law_of(case), scheme_of(case), drive(case)
+one = solve(o, *args, **options)
+both = solve(given, *args, **options, comm=comm)
+assert len(one.recorder.window[0].jumps) > 0
+for mine, its in zip(one.recorder.window, both.recorder.window, strict=True):
+    a, b = mine.jumps.columns(), its.jumps.columns()
+    assert np.array_equal(a.ticks, b.ticks) and np.array_equal(a.hit, b.hit)
+    scale = np.abs(mine.u).max(axis=0)
+    assert (np.abs(mine.u - its.u).max(axis=0) <= 1e-9 * scale).all(), (mine.u - its.u) / scale
+    same = comm.bcast((its.u, its.v, b.impulses))
+    assert all(np.array_equal(x, y) for x, y in zip(same, (its.u, its.v, b.impulses), strict=True))
+ledger = one.recorder.ledger
+assert np.allclose(ledger, both.recorder.ledger, rtol=1e-6, atol=1e-9 * ledger.max())
+assert both.recorder.energy_residual() < 1e-9
+frame = comm.allgather(both.recorder.window[0].frames[1])
+if way == "uncoupled":
+    expected = one.recorder.window[0].frames[1][:, order]
+    assert np.allclose(np.concatenate(frame, axis=1), expected, rtol=1e-8, atol=1e-10)
+"""
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("ranks", [2, 3])
+@pytest.mark.parametrize(
+    ("way", "law", "impulse", "refine"),
+    [
+        ("uncoupled", "newton-penalty", "lumped", "1"),
+        ("uncoupled", "newton@moreau-jean", "consistent", "4"),
+        ("sliced", "newton@moreau-jean", "consistent", "1"),
+    ],
+)
+def test_ranks_have_the_histories_of_one(
+    way: str, law: str, impulse: str, refine: str, ranks: int, tmp_path: Path
+) -> None:
+    script = tmp_path / "ranks.py"
+    script.write_text(SCRIPT)
+    command = ["mpirun", "--allow-run-as-root", "--oversubscribe", "-n", str(ranks)]
+    done = subprocess.run(
+        [*command, sys.executable, str(script), way, law, impulse, refine],
+        capture_output=True,
+        text=True,
+        env=os.environ | {"OMP_NUM_THREADS": "1"},
+    )
+    assert done.returncode == 0, done.stderr
