@@ -69,7 +69,8 @@ COMPUTED_BY_THE_CASE = {
 ABOVE_DOLFINX = {
     "model._dolfinx", "model.beams.hermite", "model.beams.bending", "model.beams.stack",
     "model.solids.elasticity", "model.solids.evaluation", "model.solids.facing",
-    "model.solids.readings", "results.fields.vtx", "pipeline",
+    "model.solids.readings", "model.solids.pressure", "model.solids.stress", "model.solids.body",
+    "results.fields.vtx", "pipeline",
 }  # fmt: skip
 ABOVE_PETSC = {"engines.petsc", "mpi", *ABOVE_DOLFINX}
 FROM_THE_DISTRIBUTION = {"basix", "dolfinx", "ffcx", "mpi4py", "petsc4py", "slepc4py", "ufl"}

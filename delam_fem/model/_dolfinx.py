@@ -178,10 +178,19 @@ def tabulate(cell: str, degree: int, derivatives: int, points: FloatArray) -> Fl
         Values in the order of the dofs of a cell, shape (n_derivatives, n, n_basis); first the
         values, then the first derivatives along each reference coordinate.
     """
-    shape, variant = getattr(basix.CellType, cell), basix.LagrangeVariant.gll_warped
-    element = basix.create_element(basix.ElementFamily.P, shape, degree, variant)
-    table = element.tabulate(derivatives, np.ascontiguousarray(points, dtype=np.float64))
+    table = _lagrange(cell, degree).tabulate(derivatives, np.ascontiguousarray(points, np.float64))
     return np.asarray(table[:, :, :, 0], dtype=np.float64)
+
+
+def reference_nodes(cell: str, degree: int) -> FloatArray:
+    """Return the places of the dofs of `vector_space` in the reference cell, (n_basis, dim)."""
+    return np.asarray(_lagrange(cell, degree).points, dtype=np.float64)
+
+
+def _lagrange(cell: str, degree: int) -> Any:
+    """Return basix's element of one component of `vector_space`."""
+    shape, variant = getattr(basix.CellType, cell), basix.LagrangeVariant.gll_warped
+    return basix.create_element(basix.ElementFamily.P, shape, degree, variant)
 
 
 def cell_dofs(space: Any) -> npt.NDArray[np.int32]:

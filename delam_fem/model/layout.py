@@ -18,6 +18,7 @@ from delam_fem.model.operators import Operators
 from delam_fem.numerics.arrays import FloatArray, IntArray
 
 if TYPE_CHECKING:
+    from delam_fem.model.solids.body import Body
     from delam_fem.mpi import MPI
 
 BASE, FIXED = -1, -2
@@ -372,10 +373,12 @@ class Structure:
     Attributes:
         operators: M, C, K, base coupling, gap operator, gaps at rest, probes.
         layout: the meaning of their rows and columns.
+        body: of a solid structure, for the output of its fields; None: beams, or no output.
     """
 
     operators: Operators
     layout: Layout
+    body: Body | None = None
 
     def __post_init__(self) -> None:
         """Check that both describe the same problem.

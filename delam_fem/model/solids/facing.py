@@ -93,7 +93,7 @@ def at_vertices(mesh: SolidMesh, facing: Facing) -> Points:
     its share of the area of each of its facets; its normal is the mean of theirs, weighted by area.
     """
     cells, _ = mesh.cells_with(facing.lower)
-    normals, shares = _at_corners(mesh, facing.lower, cells)
+    normals, shares = corner_shares(mesh, facing.lower, cells)
     vertices, number = np.unique(facing.lower, return_inverse=True)
     number = number.reshape(facing.lower.shape)
     normal = np.zeros((len(vertices), mesh.dim))
@@ -143,7 +143,7 @@ def at_places(
         raise ValueError(f"facing: expected the lower side above {at}, it does not reach there")
     facet, local = hits.facet[first], hits.local[first]
     cells, _ = mesh.cells_with(facing.lower)
-    normals, _ = _at_corners(mesh, facing.lower, cells)
+    normals, _ = corner_shares(mesh, facing.lower, cells)
     N, _ = shape_functions(FACET_OF[mesh.cell], local)
     normal = np.einsum("kv,kvi->ki", N, _smooth(facing.lower, normals)[facet])
     normal /= np.linalg.norm(normal, axis=1)[:, None]
@@ -164,7 +164,7 @@ def project(mesh: SolidMesh, facing: Facing, points: Points) -> Pairs:
     """
     corners = mesh.points[facing.upper]
     cells, _ = mesh.cells_with(facing.upper)
-    outward, _ = _at_corners(mesh, facing.upper, cells)
+    outward, _ = corner_shares(mesh, facing.upper, cells)
     hits = meetings(corners, points.x, points.normals, FACET_OF[mesh.cell])
     turned = np.einsum("ki,ki->k", outward.sum(axis=1)[hits.facet], points.normals[hits.line])
     distance = np.where(turned < 0.0, np.abs(hits.distance), np.inf)
@@ -251,7 +251,7 @@ def _halves(at: FloatArray, grid: FloatArray) -> FloatArray:
     return np.asarray(halves[np.abs(every - at[:, None]).argmin(axis=1)])
 
 
-def _at_corners(
+def corner_shares(
     mesh: SolidMesh, facets: IntArray, cells: IntArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return the share of each facet's area vector (outward) and area that each vertex has.
