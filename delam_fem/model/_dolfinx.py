@@ -18,6 +18,7 @@ from typing import Any
 import llvmlite.binding
 import numpy as np
 import numpy.typing as npt
+import scipy.sparse as sp
 
 from delam_fem.caches import forms
 from delam_fem.caches.folders import ensure_home
@@ -105,15 +106,12 @@ def create_mesh(
     """
     points = np.ascontiguousarray(x, dtype=np.float64).reshape(len(x), -1)
     cells = np.ascontiguousarray(cells, dtype=np.int64)
-    if comm.rank > 0:
-        points, cells = points[:0], cells[:0]
-        ranks = None if ranks is None else ranks[:0]
-    dim = points.shape[1]
     further: dict[str, Any] = {}
     if ranks is not None and comm.size > 1:
-        further["partitioner"] = _given_ranks(np.asarray(ranks, dtype=np.int32))
-        if _is_old:  # later versions find shared vertices without ghost cells by themselves
-            further["ghost_mode"] = dolfinx.mesh.GhostMode.none
+        further["partitioner"] = _given_ranks(cells, ranks, is_first=comm.rank == 0)
+    if comm.rank > 0:
+        points, cells = points[:0], cells[:0]
+    dim = points.shape[1]
     if hasattr(dolfinx.fem, "functionspace"):
         import basix.ufl
 
@@ -124,12 +122,26 @@ def create_mesh(
     return dolfinx.mesh.create_mesh(comm, cells, points, domain, **further)
 
 
-def _given_ranks(ranks: npt.NDArray[np.int32]) -> Callable[..., Any]:
-    """Return a partitioner that sends the cells of this rank to given ranks."""
+def _given_ranks(cells: IntArray, ranks: IntArray, *, is_first: bool) -> Callable[..., Any]:
+    """Return a partitioner that sends cells to given ranks, and copies to those of neighbours.
+
+    Args:
+        cells: vertices of all cells, shape (n_cells, k).
+        ranks: the rank of each cell, shape (n_cells,).
+        is_first: whether this is rank 0, which has the cells.
+    """
+    n, k = cells.shape
+    rows = np.repeat(np.arange(n), k)
+    touches = sp.csr_matrix((np.ones(n * k), (rows, cells.ravel())))
+    owns = sp.csr_matrix((np.ones(n), (np.arange(n), ranks)))
+    near = (touches @ (touches.T @ owns)).tolil().rows
+    lists = [[r, *(q for q in near[c] if q != r)] for c, r in enumerate(ranks) if is_first]
+    flat = np.array([rank for own in lists for rank in own], dtype=np.int32)
+    offsets = np.cumsum([0, *map(len, lists)]).astype(np.int32)
 
     def partition(*_: Any) -> Any:
         name = "create_adjacencylist" if _is_old else "adjacencylist"
-        destinations = getattr(dolfinx.graph, name)(ranks.reshape(-1, 1))
+        destinations = getattr(dolfinx.graph, name)(flat, offsets)
         return getattr(destinations, "_cpp_object", destinations)
 
     return partition
