@@ -92,6 +92,11 @@ class Solid:
         """Number of cells that this rank owns, the first of `input_cell`."""
         return int(self.domain.topology.index_map(self.dim).size_local)
 
+    @property
+    def local_nodes(self) -> IntArray:
+        """Local nodes of the cells of this rank, own nodes first, shape (n_local_cells, n_basis)."""
+        return np.asarray(_dolfinx.cell_dofs(self.space), dtype=np.int64)
+
     def nodes_of(self, cells: IntArray) -> IntArray:
         """Return the global nodes of input cells in the order of basix, shape (n, n_basis).
 
@@ -112,7 +117,7 @@ class Solid:
 
     def _global_nodes(self) -> IntArray:
         """Return the global nodes of the cells that this rank owns."""
-        table = _dolfinx.cell_dofs(self.space)[: self.n_own_cells]
+        table = self.local_nodes[: self.n_own_cells]
         flat = np.ascontiguousarray(table.ravel(), dtype=np.int32)
         nodes = self.space.dofmap.index_map.local_to_global(flat)
         return np.asarray(nodes, dtype=np.int64).reshape(table.shape)
@@ -143,6 +148,20 @@ class Solid:
         """Coordinates of the nodes that this rank owns, shape (n_own_nodes, dim) [m]."""
         points = self.space.tabulate_dof_coordinates()[: self.n_own_nodes, : self.dim]
         return np.asarray(points, dtype=np.float64)
+
+    def coordinates_of(self, nodes: IntArray) -> FloatArray:
+        """Return the coordinates of global nodes on every rank (collective), shape (n, dim) [m].
+
+        Args:
+            nodes: the same on every rank, shape (n,).
+        """
+        local = nodes - self.first_node
+        own = np.flatnonzero((local >= 0) & (local < self.n_own_nodes))
+        pieces = self.comm.allgather((own, self.coordinates[local[own]]))
+        result = np.full((nodes.size, self.dim), np.nan)
+        for place, coordinates in pieces:
+            result[place] = coordinates
+        return result
 
     def of_cells(self, values: FloatArray) -> Any:
         """Return a coefficient that is constant in each cell.

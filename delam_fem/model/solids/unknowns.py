@@ -1,0 +1,210 @@
+"""The free dofs of a solid: their order, and matrices restricted to them.
+
+The order follows the bodies one after another, and each body along x, then upwards and across. The
+matrices of slender laminae are then narrow bands. On several ranks each one orders its own dofs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from delam_fem.model.solids.elasticity import Solid
+from delam_fem.model.solids.supports import Held
+from delam_fem.numerics.arrays import FloatArray, IntArray
+
+SHARED = -1
+"""Stands for the part of a node that bonded laminae share."""
+_SAME = 1e-9
+"""Share of the extent along an axis within which nodes are at the same place."""
+
+
+@dataclass(frozen=True)
+class Restricted:
+    """A matrix restricted to the free dofs (S1 of supports.py).
+
+    Attributes:
+        rows: this rank's rows of Tᵀ A T, CSR (n_own, n_free).
+        column: this rank's part of Tᵀ A g, shape (n_own,).
+        corner: gᵀ A g.
+    """
+
+    rows: sp.csr_matrix
+    column: FloatArray
+    corner: float
+
+
+@dataclass(frozen=True)
+class Unknowns:
+    """The free dofs of this rank and where they are among those of all ranks.
+
+    Attributes:
+        solid: the solid.
+        held: its held dofs.
+        own: the dof of the solid that each free dof of this rank stands for, shape (n_own,). At a
+            pinned end it gives its place to phi.
+        first: number of the first free dof of this rank.
+        n_free: number of free dofs of all ranks.
+        column_of: number of the free dof that stands for each dof in `held.place`, -1: none,
+            shape (n_held,).
+    """
+
+    solid: Solid
+    held: Held
+    own: IntArray
+    first: int
+    n_free: int
+    column_of: IntArray
+
+    @classmethod
+    def of(cls, solid: Solid, held: Held) -> Unknowns:
+        """Number the free dofs (collective)."""
+        dim, comm = solid.dim, solid.comm
+        start = dim * solid.first_node
+        every = start + np.arange(dim * solid.n_own_nodes)
+        kept = ~np.isin(every, np.setdiff1d(held.dofs, held.place))
+        order = _order(solid)
+        own = every[order][kept[order]]
+        counts = comm.allgather(own.size)
+        first = sum(counts[: comm.rank])
+        places = np.unique(held.place[held.place >= 0])
+        number = {int(d): first + k for k, d in enumerate(own.tolist()) if d in places}
+        everywhere = {d: k for piece in comm.allgather(number) for d, k in piece.items()}
+        column_of = np.array([everywhere.get(int(d), -1) for d in held.place], dtype=np.int64)
+        return cls(solid, held, own, first, sum(counts), column_of)
+
+    @property
+    def n_own(self) -> int:
+        """Number of free dofs of this rank."""
+        return int(self.own.size)
+
+    @property
+    def n_dofs(self) -> int:
+        """Number of dofs of the solid, held ones included, of all ranks."""
+        return self.solid.dim * self.solid.n_nodes
+
+    @property
+    def parts(self) -> IntArray:
+        """Number of the lamina of each own free dof, or SHARED, shape (n_own,)."""
+        low, high = _of_nodes(self.solid, self.solid.mesh.lamina)
+        lamina = np.where(low == high, low, SHARED)
+        return np.asarray(lamina[self.own // self.solid.dim - self.solid.first_node])
+
+    @property
+    def bodies(self) -> IntArray:
+        """Number of the separate body of each own free dof, shape (n_own,)."""
+        body, _ = _of_nodes(self.solid, self.solid.mesh.bodies)
+        return np.asarray(body[self.own // self.solid.dim - self.solid.first_node])
+
+    @cached_property
+    def free(self) -> sp.csr_matrix:
+        """T of S1, the columns of this rank, CSR (n_dofs, n_own)."""
+        is_plain = ~np.isin(self.own, self.held.place)
+        plain = np.flatnonzero(is_plain)
+        local = self.column_of - self.first
+        turned = np.flatnonzero((self.column_of >= 0) & (local >= 0) & (local < self.n_own))
+        rows = np.concatenate([self.own[plain], self.held.dofs[turned]])
+        columns = np.concatenate([plain, local[turned]])
+        values = np.concatenate([np.ones(plain.size), self.held.turn[turned]])
+        return sp.csr_matrix((values, (rows, columns)), shape=(self.n_dofs, self.n_own))
+
+    @cached_property
+    def base(self) -> FloatArray:
+        """g of S1, shape (n_dofs,)."""
+        result = np.zeros(self.n_dofs)
+        result[self.held.dofs] = self.held.base
+        return result
+
+    @cached_property
+    def _transformation(self) -> Any:
+        """T of S1 as a PETSc matrix."""
+        from petsc4py import PETSc  # after MPI has started
+
+        start, n = self.solid.dim * self.solid.first_node, self.solid.dim * self.solid.n_own_nodes
+        is_plain = ~np.isin(self.own, self.held.place)
+        here = (self.held.dofs >= start) & (self.held.dofs < start + n) & (self.column_of >= 0)
+        rows = np.concatenate([self.own[is_plain], self.held.dofs[here]]) - start
+        columns = np.concatenate([self.first + np.flatnonzero(is_plain), self.column_of[here]])
+        values = np.concatenate([np.ones(np.count_nonzero(is_plain)), self.held.turn[here]])
+        own = sp.csr_matrix((values, (rows, columns)), shape=(n, self.n_free))
+        index = PETSc.IntType
+        result = PETSc.Mat().create(self.solid.comm)
+        result.setSizes(((n, self.n_dofs), (self.n_own, self.n_free)))
+        result.setType(PETSc.Mat.Type.AIJ)
+        result.setPreallocationCSR((own.indptr.astype(index), own.indices.astype(index), own.data))
+        result.assemble()
+        return result
+
+    def restricted(self, matrix: Any) -> Restricted:
+        """Return a PETSc matrix of the solid restricted to the free dofs (collective).
+
+        The matrix is destroyed.
+        """
+        T = self._transformation
+        g, moved = matrix.createVecs()
+        start = self.solid.dim * self.solid.first_node
+        g.array = self.base[start : start + g.array.size]
+        matrix.mult(g, moved)
+        corner = float(g.dot(moved))
+        column, _ = T.createVecs()
+        T.multTranspose(moved, column)
+        product = matrix.ptap(T)
+        matrix.destroy()
+        indptr, indices, data = product.getValuesCSR()
+        rows = sp.csr_matrix((data, indices, indptr), shape=(self.n_own, self.n_free))
+        result = Restricted(rows, np.array(column.array), corner)
+        for own in (product, g, moved, column):
+            own.destroy()
+        result.rows.eliminate_zeros()
+        return result
+
+    def diagonal(self, values: FloatArray) -> Restricted:
+        """Return a diagonal matrix restricted to the free dofs (collective).
+
+        Args:
+            values: of the dofs of the solid that this rank owns, shape (dim n_own_nodes,).
+        """
+        start = self.solid.dim * self.solid.first_node
+        stop = start + values.size
+        own = values[self.own - start]
+        held = self.held
+        here = (held.dofs >= start) & (held.dofs < stop)
+        at_held = np.zeros(held.dofs.size)
+        at_held[here] = values[held.dofs[here] - start]
+        if self.solid.comm.size > 1:
+            at_held = np.sum(self.solid.comm.allgather(at_held), axis=0)
+        for column in np.unique(self.column_of[self.column_of >= 0]).tolist():
+            if self.first <= column < self.first + self.n_own:
+                turning = self.column_of == column
+                own[column - self.first] = held.turn[turning] ** 2 @ at_held[turning]
+        columns = self.first + np.arange(self.n_own)
+        rows = sp.csr_matrix(
+            (own, columns, np.arange(self.n_own + 1)), shape=(self.n_own, self.n_free)
+        )
+        return Restricted(rows, np.zeros(self.n_own), float(held.base**2 @ at_held))
+
+
+def _order(solid: Solid) -> IntArray:
+    """Return the order of the dofs of this rank: body, x, y, z, component."""
+    body, _ = _of_nodes(solid, solid.mesh.bodies)
+    extent = np.maximum(np.ptp(solid.mesh.points, axis=0), np.finfo(np.float64).tiny)
+    at = np.round(solid.coordinates / (_SAME * extent))
+    nodes = np.lexsort([*at.T[::-1], body])
+    dim = solid.dim
+    return np.asarray((dim * nodes[:, None] + np.arange(dim)).ravel())
+
+
+def _of_nodes(solid: Solid, of_cells: IntArray) -> tuple[IntArray, IntArray]:
+    """Return the lowest and the highest number of the cells at each own node."""
+    n = solid.n_own_nodes
+    low, high = np.full(n, np.iinfo(np.int64).max), np.full(n, -1, dtype=np.int64)
+    table, numbers = solid.local_nodes, of_cells[solid.input_cell]
+    for nodes in table.T:
+        own = nodes < n
+        np.minimum.at(low, nodes[own], numbers[own])
+        np.maximum.at(high, nodes[own], numbers[own])
+    return low, high
