@@ -94,7 +94,7 @@ class Solid:
 
     @property
     def local_nodes(self) -> IntArray:
-        """Local nodes of the cells of this rank, own nodes first, shape (n_local_cells, n_basis)."""
+        """Local nodes of all cells of this rank, own nodes first, (n_local_cells, n_basis)."""
         return np.asarray(_dolfinx.cell_dofs(self.space), dtype=np.int64)
 
     def nodes_of(self, cells: IntArray) -> IntArray:

@@ -114,7 +114,7 @@ class Unknowns:
 
     @cached_property
     def base(self) -> FloatArray:
-        """g of S1, shape (n_dofs,)."""
+        """The vector g of S1, shape (n_dofs,)."""
         result = np.zeros(self.n_dofs)
         result[self.held.dofs] = self.held.base
         return result
