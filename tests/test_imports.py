@@ -68,9 +68,7 @@ COMPUTED_BY_THE_CASE = {
 """Numbers derived by the case, besides `rayleigh`; the judge derives them by itself."""
 ABOVE_DOLFINX = {
     "model._dolfinx", "model.beams.hermite", "model.beams.bending", "model.beams.stack",
-    "model.solids.elasticity", "model.solids.evaluation", "model.solids.facing",
-    "model.solids.readings", "model.solids.pressure", "model.solids.stress", "model.solids.body",
-    "results.fields.vtx", "pipeline",
+    "model.solids", "results.fields.vtx", "pipeline",
 }  # fmt: skip
 ABOVE_PETSC = {"engines.petsc", "mpi", *ABOVE_DOLFINX}
 FROM_THE_DISTRIBUTION = {"basix", "dolfinx", "ffcx", "mpi4py", "petsc4py", "slepc4py", "ufl"}

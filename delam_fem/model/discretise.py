@@ -30,6 +30,11 @@ def assemble(
     Raises:
         CaseError: the case cannot be discretised.
     """
+    if case.model.is_continuum:
+        from delam_fem.model.solids import assembly
+        from delam_fem.mpi import MPI
+
+        return assembly.assemble(case, comm=MPI.COMM_SELF if comm is None else comm)
     if case.model.kind != "beam":
         raise CaseError(f'model.kind: expected "beam", given {case.model.kind!r}')
     if not needs_dolfinx:

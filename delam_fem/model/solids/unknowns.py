@@ -30,12 +30,17 @@ class Restricted:
     Attributes:
         rows: this rank's rows of Tᵀ A T, CSR (n_own, n_free).
         column: this rank's part of Tᵀ A g, shape (n_own,).
-        corner: gᵀ A g.
+        corners: what each lamina contributes to gᵀ A g, known to all ranks, shape (n_laminae,).
     """
 
     rows: sp.csr_matrix
     column: FloatArray
-    corner: float
+    corners: FloatArray
+
+    @property
+    def corner(self) -> float:
+        """The sum gᵀ A g of all laminae."""
+        return float(self.corners.sum())
 
 
 @dataclass(frozen=True)
@@ -149,14 +154,14 @@ class Unknowns:
         start = self.solid.dim * self.solid.first_node
         g.array = self.base[start : start + g.array.size]
         matrix.mult(g, moved)
-        corner = float(g.dot(moved))
+        corners = self._by_lamina(g.array * moved.array)
         column, _ = T.createVecs()
         T.multTranspose(moved, column)
         product = matrix.ptap(T)
         matrix.destroy()
         indptr, indices, data = product.getValuesCSR()
         rows = sp.csr_matrix((data, indices, indptr), shape=(self.n_own, self.n_free))
-        result = Restricted(rows, np.array(column.array), corner)
+        result = Restricted(rows, np.array(column.array), corners)
         for own in (product, g, moved, column):
             own.destroy()
         result.rows.eliminate_zeros()
@@ -185,7 +190,15 @@ class Unknowns:
         rows = sp.csr_matrix(
             (own, columns, np.arange(self.n_own + 1)), shape=(self.n_own, self.n_free)
         )
-        return Restricted(rows, np.zeros(self.n_own), float(held.base**2 @ at_held))
+        corners = self._by_lamina(values * self.base[start:stop] ** 2)
+        return Restricted(rows, np.zeros(self.n_own), corners)
+
+    def _by_lamina(self, values: FloatArray) -> FloatArray:
+        """Return the sum of own dofs' values over each lamina, over all ranks (collective)."""
+        low, _ = _of_nodes(self.solid, self.solid.mesh.lamina)
+        count = int(self.solid.mesh.lamina.max()) + 1
+        own = np.bincount(np.repeat(low, self.solid.dim), values, minlength=count)
+        return np.asarray(np.sum(self.solid.comm.allgather(own), axis=0))
 
 
 def _order(solid: Solid) -> IntArray:

@@ -1,0 +1,191 @@
+"""Assemble a case whose laminae are solids: operators and layout.
+
+    M a + C v + K u = -(m_b q''_b + c_b q'_b + k_b q_b) + Hᵀ lambda
+
+M and K come from the weak forms of `elasticity.py`, restricted to the free dofs. The damping is
+Rayleigh's with the coefficients of the beam of the same case, so that models can be compared:
+C = alpha_i M + beta_i K on each lamina that is apart, one pair of coefficients for a bonded stack.
+
+What a beam has at its points, a solid reads from its middle lines (`readings.py`).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+
+from delam_fem.case.definition import Case
+from delam_fem.case.sections import Mesh
+from delam_fem.model.beams import bonded, closed_form
+from delam_fem.model.beams.bonded import probes_of
+from delam_fem.model.beams.laminae import completed, gap_at_rest
+from delam_fem.model.layout import Layout, Probe, Reading, Structure, Support
+from delam_fem.model.mesh import node_coordinates
+from delam_fem.model.operators import BaseCoupling, Operators
+from delam_fem.model.pairing import probe_rows
+from delam_fem.model.sensors import StrainRows
+from delam_fem.model.solids import pairs
+from delam_fem.model.solids.cells import locate
+from delam_fem.model.solids.elasticity import Solid
+from delam_fem.model.solids.evaluation import evaluate, gathered
+from delam_fem.model.solids.lattice import lattice
+from delam_fem.model.solids.masses import with_masses
+from delam_fem.model.solids.mesh import SolidMesh
+from delam_fem.model.solids.readings import middle_line, parts, reading_rows
+from delam_fem.model.solids.supports import X, Y, held
+from delam_fem.model.solids.unknowns import Restricted, Unknowns
+from delam_fem.mpi import MPI
+from delam_fem.numerics.arrays import FloatArray
+
+_DAMPED_CELLS = 100
+"""Cells of the beam that gives the damping of a bonded stack whose mesh is from a file."""
+_INSIDE = 1e-7
+"""How far below the surface strains are read, in thicknesses."""
+_BESIDE = 1e-5
+"""How far beside a point strains are taken, in lengths of the structure; far below a cell."""
+
+
+def assemble(case: Case, *, comm: MPI.Intracomm = MPI.COMM_SELF) -> Structure:
+    """Assemble the solids of a case (collective).
+
+    Args:
+        case: the case; its model is "plane-stress" or "solid".
+        comm: communicator that shares the dofs.
+
+    Raises:
+        CaseError: the mesh does not fit the case, or the case asks for what solids cannot give.
+    """
+    mesh, x = lattice(case), node_coordinates(case)
+    solid = Solid.on(mesh, comm, case.model.degree)
+    E = young_modulus(case, mesh) * _width(case, mesh)
+    unknowns = Unknowns.of(solid, held(case, solid, E))
+    touching = pairs.touching(case, unknowns, x)
+    layout = _layout(case, unknowns, x, touching)
+    M, K, lumped = _matrices(case, unknowns, E)
+    M, lumped = with_masses(M, lumped, case, layout, comm)
+    C = _damping(case, unknowns, M, K)
+    columns = [sp.csr_matrix((0, unknowns.n_own)), *(own.rows for own in touching)]
+    gap0 = gap_at_rest(case, layout) if touching else np.zeros(0)
+    operators = Operators(
+        mass=M.rows,
+        damping=C.rows,
+        stiffness=K.rows,
+        lumped_mass=lumped,
+        base=BaseCoupling(M.column, C.column, K.column, (M.corner, C.corner, K.corner)),
+        gap_matrix=sp.vstack(columns, format="csr"),
+        gap0=gap0,
+        pair_weights=pairs.weights(case, layout.parts, touching, mesh.dim),
+        probes=probe_rows(layout, unknowns.n_own),
+    )
+    return completed(Structure(operators, layout), case, _surface_strain(case, unknowns, x))
+
+
+def young_modulus(case: Case, mesh: SolidMesh) -> FloatArray:
+    """Return Young's modulus of each cell, from EI = E b h³/12, shape (n_cells,) [Pa]."""
+    of_lamina = [
+        12.0 * own.flexural_rigidity / (own.width * own.thickness**3) for own in case.lamina
+    ]
+    return np.asarray(np.array(of_lamina)[mesh.lamina])
+
+
+def _width(case: Case, mesh: SolidMesh) -> FloatArray:
+    """Return the width of each cell in 2D, 1 in 3D, shape (n_cells,)."""
+    if mesh.dim == 3:
+        return np.ones(len(mesh.cells))
+    return np.asarray(np.array([own.width for own in case.lamina])[mesh.lamina])
+
+
+def _matrices(
+    case: Case, unknowns: Unknowns, rigidity: FloatArray
+) -> tuple[Restricted, Restricted, FloatArray]:
+    """Return M, K and the diagonal of the lumped mass.
+
+    The lumped mass is the diagonal of M, scaled so that the total mass is right (Hinton, Rock and
+    Zienkiewicz 1976). On cells whose mapping is affine the scale is the same for all cells.
+    """
+    solid, mesh = unknowns.solid, unknowns.solid.mesh
+    density = np.array([own.density for own in case.lamina])[mesh.lamina] * _width(case, mesh)
+    matrix = solid.mass(density)
+    ones, moved = matrix.createVecs()
+    ones.array = np.arange(ones.array.size) % mesh.dim == 0
+    matrix.mult(ones, moved)
+    diagonal = matrix.getDiagonal()
+    values = np.array(diagonal.array) * float(ones.dot(moved)) / float(ones.dot(diagonal))
+    for vector in (ones, moved, diagonal):
+        vector.destroy()
+    if case.time.mass == "lumped":
+        matrix.destroy()
+        M = unknowns.diagonal(values)
+    else:
+        M = unknowns.restricted(matrix)
+    K = unknowns.restricted(solid.stiffness(rigidity, case.model.poisson))
+    return M, K, np.array(unknowns.diagonal(values).rows.data)
+
+
+def _damping(case: Case, unknowns: Unknowns, M: Restricted, K: Restricted) -> Restricted:
+    """Return C = alpha M + beta K, the coefficients those of each lamina or of the stack."""
+    if case.is_apart:
+        of_lamina = np.array([case.rayleigh(i) for i in range(len(case.lamina))])
+        alpha, beta = of_lamina[unknowns.parts].T
+    else:
+        of_lamina = np.array([_of_stack(case)] * len(case.lamina))
+        alpha, beta = np.repeat(of_lamina[:1], unknowns.n_own, axis=0).T
+    a, b = of_lamina.T
+    return Restricted(
+        sp.csr_matrix(sp.diags(alpha) @ M.rows + sp.diags(beta) @ K.rows),
+        alpha * M.column + beta * K.column,
+        a * M.corners + b * K.corners,
+    )
+
+
+def _of_stack(case: Case) -> tuple[float, float]:
+    """Return alpha [1/s] and beta [s] of the beam of a bonded stack."""
+    mesh = case.mesh if case.mesh.file is None else Mesh(elements=_DAMPED_CELLS)
+    beam = closed_form.assemble(case.model_copy(update={"mesh": mesh, "sensor": ()}))
+    o = beam.operators
+    return bonded.damping(case, beam.layout, o.mass, o.stiffness)
+
+
+def _layout(
+    case: Case, unknowns: Unknowns, x: FloatArray, touching: tuple[pairs.Touching, ...]
+) -> Layout:
+    """Return parts, interfaces, probes and supports, with the readings of the solid."""
+    own_parts = parts(case, x)
+    comm = unknowns.solid.comm
+    rows = gathered(reading_rows(unknowns.solid, x), comm)
+    reading = Reading(
+        sp.csr_matrix(rows @ unknowns.free),
+        np.asarray(rows @ unknowns.base),
+        unknowns.parts,
+        comm if comm.size > 1 else None,
+    )
+    ends = ((0, case.support.start), (x.size - 1, case.support.end))
+    count = range(len(own_parts))
+    is_tips = case.is_apart
+    return Layout(
+        own_parts,
+        tuple(pairs.interfaces(own_parts, touching, case)),
+        tuple(Probe("tip", i, x.size - 1) for i in count) if is_tips else probes_of(case, x),
+        tuple(Support(i, node, kind) for i in count for node, kind in ends if kind != "free"),
+        reading=reading,
+    )
+
+
+def _surface_strain(case: Case, unknowns: Unknowns, x: FloatArray) -> StrainRows:
+    """Return the strains ∂u_x/∂x at the surfaces, in the middle of the width."""
+    solid, mesh = unknowns.solid, unknowns.solid.mesh
+
+    def rows(lamina: int, place: float, side: float) -> sp.csr_matrix:
+        at = float(np.interp(place, np.arange(x.size, dtype=np.float64), x))
+        point = middle_line(mesh, lamina, np.array([at]))
+        point[0, Y] += side * (0.5 - _INSIDE) * case.lamina[lamina].thickness
+        step = np.zeros((1, mesh.dim))
+        step[0, X] = _BESIDE * case.length
+        beside = [s for s in (-step, step) if 0.0 <= at + s[0, X] <= case.length]
+        found = [evaluate(solid, point, locate(mesh, point + s, lamina)) for s in beside]
+        mean = sum(own.derivative(X, X) for own in found) / len(found)
+        row = gathered(sp.csr_matrix(mean), solid.comm)
+        base = sp.csr_matrix(row @ unknowns.base[:, None])
+        return sp.hstack([row @ unknowns.free, base], format="csr")
+
+    return rows
