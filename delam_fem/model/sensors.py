@@ -54,13 +54,14 @@ def with_sensors(structure: Structure, case: Case, strain: StrainRows | None = N
         replace(_sensor(own, case, structure, strain, rows), unit=own.unit, words=own.words)
         for own in case.sensor
     )
-    blocks = [sp.csr_matrix(np.array(rows).reshape(len(rows), o.n_dofs))]
+    blocks = [sp.csr_matrix(np.array(rows).reshape(len(rows), o.gap_matrix.shape[1]))]
     needs_gaps = any(sensor.of_forces is not None for sensor in sensors)
     if needs_gaps:
         blocks.append(o.gap_matrix)
-    return Structure(
-        replace(o, sensors=sp.vstack(blocks, format="csr")),
-        replace(layout, sensors=sensors, gap_row=len(rows) if needs_gaps else None),
+    return replace(
+        structure,
+        operators=replace(o, sensors=sp.vstack(blocks, format="csr")),
+        layout=replace(layout, sensors=sensors, gap_row=len(rows) if needs_gaps else None),
     )
 
 

@@ -11,31 +11,37 @@ What a beam has at its points, a solid reads from its middle lines (`readings.py
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import scipy.sparse as sp
 
+from delam_fem.case.attachments import PointMass
 from delam_fem.case.definition import Case
 from delam_fem.case.sections import Mesh
+from delam_fem.case.toml import CaseError
+from delam_fem.model import distributed
 from delam_fem.model.beams import bonded, closed_form
 from delam_fem.model.beams.bonded import probes_of
 from delam_fem.model.beams.laminae import completed, gap_at_rest
+from delam_fem.model.distributed import DistributedOperators
 from delam_fem.model.layout import Layout, Probe, Reading, Structure, Support
 from delam_fem.model.mesh import node_coordinates
 from delam_fem.model.operators import BaseCoupling, Operators
-from delam_fem.model.pairing import probe_rows
+from delam_fem.model.pairing import columns_of, place_of, probe_rows
 from delam_fem.model.sensors import StrainRows
 from delam_fem.model.solids import pairs
+from delam_fem.model.solids.body import Body, Touching
 from delam_fem.model.solids.cells import locate
 from delam_fem.model.solids.elasticity import Solid
 from delam_fem.model.solids.evaluation import evaluate, gathered
 from delam_fem.model.solids.lattice import lattice
-from delam_fem.model.solids.masses import with_masses
 from delam_fem.model.solids.mesh import SolidMesh
 from delam_fem.model.solids.readings import middle_line, parts, reading_rows
 from delam_fem.model.solids.supports import X, Y, held
 from delam_fem.model.solids.unknowns import Restricted, Unknowns
 from delam_fem.mpi import MPI
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.arrays import FloatArray, IntArray
 
 _DAMPED_CELLS = 100
 """Cells of the beam that gives the damping of a bonded stack whose mesh is from a file."""
@@ -56,28 +62,90 @@ def assemble(case: Case, *, comm: MPI.Intracomm = MPI.COMM_SELF) -> Structure:
         CaseError: the mesh does not fit the case, or the case asks for what solids cannot give.
     """
     mesh, x = lattice(case), node_coordinates(case)
-    solid = Solid.on(mesh, comm, case.model.degree)
-    E = young_modulus(case, mesh) * _width(case, mesh)
-    unknowns = Unknowns.of(solid, held(case, solid, E))
+    ranks = whole_bodies(mesh, comm.size)
+    solid = Solid.on(mesh, comm, case.model.degree, ranks)
+    E = young_modulus(case, mesh)
+    unknowns = Unknowns.of(solid, held(case, solid, E * _width(case, mesh)))
     touching = pairs.touching(case, unknowns, x)
     layout = _layout(case, unknowns, x, touching)
-    M, K, lumped = _matrices(case, unknowns, E)
-    M, lumped = with_masses(M, lumped, case, layout, comm)
-    C = _damping(case, unknowns, M, K)
-    columns = [sp.csr_matrix((0, unknowns.n_own)), *(own.rows for own in touching)]
-    gap0 = gap_at_rest(case, layout) if touching else np.zeros(0)
-    operators = Operators(
-        mass=M.rows,
-        damping=C.rows,
-        stiffness=K.rows,
-        lumped_mass=lumped,
-        base=BaseCoupling(M.column, C.column, K.column, (M.corner, C.corner, K.corner)),
-        gap_matrix=sp.vstack(columns, format="csr"),
-        gap0=gap0,
-        pair_weights=pairs.weights(case, layout.parts, touching, mesh.dim),
-        probes=probe_rows(layout, unknowns.n_own),
+    M, K, lumped = _matrices(case, unknowns, E * _width(case, mesh))
+    M, lumped = _with_masses(M, lumped, case, layout, comm)
+    matrices = M, _damping(case, unknowns, M, K), K
+    operators = _operators(case, unknowns, layout, touching, matrices, lumped, ranks is not None)
+    body = Body(
+        solid,
+        unknowns.free,
+        unknowns.base,
+        E,
+        case.model.poisson,
+        np.array([lamina.width for lamina in case.lamina]),
+        tuple(Touching(own.sides, own.pairs) for own in touching),
     )
-    return completed(Structure(operators, layout), case, _surface_strain(case, unknowns, x))
+    if comm.size > 1:
+        _require_shareable(case)
+    structure = Structure(operators, layout, body)
+    return completed(structure, case, _surface_strain(case, unknowns, x))
+
+
+def whole_bodies(mesh: SolidMesh, size: int) -> IntArray | None:
+    """Return the rank of each cell if every rank gets whole bodies, otherwise None, (n_cells,).
+
+    The largest bodies go first, each to the rank with the fewest cells.
+
+    Args:
+        mesh: the mesh.
+        size: number of ranks; None is returned if there are fewer bodies.
+    """
+    cells = np.bincount(mesh.bodies)
+    if cells.size < size:
+        return None
+    load, rank_of = np.zeros(size, dtype=np.int64), np.empty(cells.size, dtype=np.int64)
+    for body in np.argsort(-cells, kind="stable").tolist():
+        rank_of[body] = np.argmin(load)
+        load[rank_of[body]] += cells[body]
+    return np.asarray(rank_of[mesh.bodies])
+
+
+def _require_shareable(case: Case) -> None:
+    """Check that several ranks can give what the case asks for.
+
+    Raises:
+        CaseError: a sensor reads an acceleration.
+    """
+    for sensor in case.sensor:
+        if sensor.quantity == "acceleration":
+            raise CaseError(
+                f"sensor.{sensor.name}.quantity: an acceleration needs the inverse of the mass "
+                "matrix, which no rank has alone; run on one rank, or read the velocity"
+            )
+
+
+def _operators(
+    case: Case,
+    unknowns: Unknowns,
+    layout: Layout,
+    touching: tuple[pairs.Touching, ...],
+    matrices: tuple[Restricted, Restricted, Restricted],
+    lumped: FloatArray,
+    is_uncoupled: bool,
+) -> Any:
+    """Return the operators: `Operators` on one rank, `DistributedOperators` on several."""
+    M, C, K = matrices
+    rows = [sp.csr_matrix((0, unknowns.n_own)), *(own.rows for own in touching)]
+    further: dict[str, Any] = {
+        "base": BaseCoupling(M.column, C.column, K.column, (M.corner, C.corner, K.corner)),
+        "gap_matrix": sp.vstack(rows, format="csr"),
+        "gap0": gap_at_rest(case, layout) if touching else np.zeros(0),
+        "lumped_mass": lumped,
+        "pair_weights": pairs.weights(case, layout.parts, touching, unknowns.solid.dim),
+        "probes": probe_rows(layout, unknowns.n_own),
+    }
+    comm = unknowns.solid.comm
+    if comm.size == 1:
+        return Operators(M.rows, C.rows, K.rows, **further)
+    mass, damping, stiffness = (distributed.matrix(own.rows, comm) for own in matrices)
+    further["is_uncoupled"] = is_uncoupled
+    return DistributedOperators(comm, mass, damping, stiffness, **further)
 
 
 def young_modulus(case: Case, mesh: SolidMesh) -> FloatArray:
@@ -120,6 +188,50 @@ def _matrices(
         M = unknowns.restricted(matrix)
     K = unknowns.restricted(solid.stiffness(rigidity, case.model.poisson))
     return M, K, np.array(unknowns.diagonal(values).rows.data)
+
+
+def _with_masses(
+    mass: Restricted, lumped: FloatArray, case: Case, layout: Layout, comm: MPI.Intracomm
+) -> tuple[Restricted, FloatArray]:
+    """Return M and the diagonal of the lumped mass with the point masses of a case (collective).
+
+    Args:
+        mass: M of the laminae.
+        lumped: diagonal of the lumped mass, shape (n_own,) [kg].
+        case: gives the masses.
+        layout: with its readings.
+        comm: communicator that shares the dofs.
+
+    Raises:
+        CaseError: a mass would make a lumped mass matrix that is no diagonal.
+    """
+    if case.point_mass and case.time.mass == "lumped":
+        raise CaseError(
+            'point_mass: expected time.mass = "consistent" with laminae as solids, given "lumped"'
+        )
+    for own in case.point_mass:
+        row, at_base = _row_of_mass(own, case, layout)
+        pieces = comm.allgather(row)
+        whole = sp.hstack(pieces, format="csr")
+        load = row.toarray().ravel()
+        corners = mass.corners.copy()
+        corners[layout.names.index(own.lamina)] += own.mass * at_base**2
+        mass = Restricted(
+            sp.csr_matrix(mass.rows + own.mass * (row.T @ whole)),
+            mass.column + own.mass * at_base * load,
+            corners,
+        )
+        total = sum(float(abs(piece).sum()) for piece in pieces)
+        lumped = lumped + (own.mass * np.abs(load) / total if total else 0.0)
+    return mass, lumped
+
+
+def _row_of_mass(own: PointMass, case: Case, layout: Layout) -> tuple[sp.csr_matrix, float]:
+    """Return the deflection at a mass from the own free dofs, (1, n_own), and from the base."""
+    part = layout.parts[layout.names.index(own.lamina)]
+    place = place_of(part, case.length if own.position is None else own.position)
+    row = layout.of_dofs(columns_of(part, place, layout.n_numbered(0)))
+    return sp.csr_matrix(row[:, :-1]), float(row[0, row.shape[1] - 1])
 
 
 def _damping(case: Case, unknowns: Unknowns, M: Restricted, K: Restricted) -> Restricted:
