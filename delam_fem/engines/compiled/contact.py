@@ -28,6 +28,7 @@ from delam_fem.engines.compiled.state import (
     COMPLETED,
     IMPACT,
     IMPACTS,
+    IS_SEEN,
     MOREAU,
     N_EVENTS,
     N_HITS,
@@ -245,6 +246,7 @@ def _push_within_step(system, law, memory, log, tick, n):  # type: ignore[no-unt
     spread(system, X, memory.hit, memory.impulse, n_pushed, 1.0)
     if system.is_modal:
         modes.push(system, X, R)
+        memory.counts[IS_SEEN] = 0
     else:
         solve_step(system, X)
         for i in range(size):

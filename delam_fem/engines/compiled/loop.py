@@ -18,6 +18,7 @@ from delam_fem.engines.compiled.state import (
     DISSIPATED,
     DIVERGED,
     FULL,
+    IS_SEEN,
     KINETIC,
     MOMENTUM,
     MOREAU,
@@ -112,6 +113,7 @@ def run_steps(coarse, middle, fine, law, memory, log, first, floor):  # type: ig
         event buffers and call again), or a failure that contact.py defines.
     """
     bare, state, kept = pointers(fine), pointers(memory), pointers(log)
+    memory.counts[IS_SEEN] = 0
     if log.refine == 1:
         ending = _run_steps(bare, law, state, kept, first, floor)
     else:

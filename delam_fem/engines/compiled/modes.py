@@ -8,7 +8,7 @@ the coordinates differ. The gap operator becomes the dense matrix H Φ, so this 
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from scipy.linalg import eigh
 from delam_fem.caches.kernels import njit
 from delam_fem.engines.compiled.lane_kernels import P, total
 from delam_fem.engines.compiled.simd import fma, load, splat, store
+from delam_fem.engines.compiled.state import IS_SEEN
 from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.numerics.arrays import FloatArray, IntArray
 
@@ -28,6 +29,8 @@ ROW = 8
 """The number of modes is a multiple of two vectors of four; modes without any effect fill it up."""
 NOT_DIAGONAL = 1e-9
 """Largest entry of Φᵀ C Φ beside its diagonal, relative to the diagonal, that is round-off."""
+MANY = 8
+"""Unknowns of a mean gap from which dense rows are taken."""
 _REFINEMENTS = 2
 """Steps of Ogita and Aishima; each squares the error of the modes."""
 
@@ -94,9 +97,48 @@ def in_modes(o: Operators) -> tuple[Operators, Modes] | None:
     for known, result in _KEPT:
         if known is o:
             return result
-    result = _transformed(o) if _pays(o) else None
+    if is_reduced(o):
+        shapes = np.eye(o.n_dofs, ROW * -(-o.n_dofs // ROW))
+        result = filled_up(o), Modes(shapes, shapes)
+    else:
+        result = _transformed(o) if _pays(o) else None
     _KEPT.append((o, result))
     return result
+
+
+def is_reduced(o: Operators) -> bool:
+    """Return whether M, C and K are diagonal and gaps depend on many of the unknowns.
+
+    So it is where the unknowns are those of a reduced model (model/reduction).
+    """
+    matrices = (sp.coo_matrix(matrix) for matrix in (o.mass, o.damping, o.stiffness))
+    is_diagonal = all(not matrix.data[matrix.row != matrix.col].any() for matrix in matrices)
+    return bool(is_diagonal and o.gap_matrix.nnz > MANY * max(o.n_pairs, 1))
+
+
+def filled_up(o: Operators) -> Operators:
+    """Return diagonal operators with unknowns without any effect up to a multiple of `ROW`."""
+    n, size = o.n_dofs, ROW * -(-o.n_dofs // ROW)
+    columns = ((0, 0), (0, size - n))
+
+    def diagonal(matrix: sp.csr_matrix, filling: float) -> sp.csr_matrix:
+        return sp.diags(np.append(matrix.diagonal(), np.full(size - n, filling)), format="csr")
+
+    def rows(matrix: sp.csr_matrix) -> sp.csr_matrix:
+        return sp.csr_matrix(np.pad(matrix.toarray(), columns))
+
+    base = np.pad(np.stack([o.base.mass, o.base.damping, o.base.stiffness]), columns)
+    return replace(
+        o,
+        mass=diagonal(o.mass, 1.0),
+        damping=diagonal(o.damping, 0.0),
+        stiffness=diagonal(o.stiffness, 0.0),
+        base=replace(o.base, mass=base[0], damping=base[1], stiffness=base[2]),
+        gap_matrix=rows(o.gap_matrix),
+        lumped_mass=None if o.lumped_mass is None else np.append(o.lumped_mass, np.ones(size - n)),
+        probes=rows(o.probes),
+        sensors=rows(o.sensors),
+    )
 
 
 def _pays(o: Operators) -> bool:
@@ -212,9 +254,11 @@ def advance(system, X, base_state):  # type: ignore[no-untyped-def]
 
 
 @njit
-def measure(system, X, ahead, gap, rate):  # type: ignore[no-untyped-def]
-    """Write the gaps at u + ahead v and the gap rates of all pairs; return the smallest gap."""
-    size, H, smallest = system.size, system.gap_rows.value, np.inf
+def see(system, memory):  # type: ignore[no-untyped-def]
+    """Write the gaps and gap rates of the state, unless they are known."""
+    if memory.counts[IS_SEEN]:
+        return
+    X, size, H = memory.X, system.size, system.gap_rows.value
     for k in range(system.n_pairs):
         first = k * size
         u0, u1, v0, v1 = splat(0.0), splat(0.0), splat(0.0), splat(0.0)
@@ -222,9 +266,20 @@ def measure(system, X, ahead, gap, rate):  # type: ignore[no-untyped-def]
             h0, h1 = load(H, first + i), load(H, first + i + 4)
             u0, u1 = fma(h0, load(X, i), u0), fma(h1, load(X, i + 4), u1)
             v0, v1 = fma(h0, load(X, size + i), v0), fma(h1, load(X, size + i + 4), v1)
-        rate[k] = total(v0 + v1)
-        gap[k] = system.gap0[k] + total(u0 + u1) + ahead * rate[k]
-        smallest = min(smallest, gap[k])
+        memory.present_rate[k] = total(v0 + v1)
+        memory.present_gap[k] = system.gap0[k] + total(u0 + u1)
+    memory.counts[IS_SEEN] = 1
+
+
+@njit
+def measure(system, memory, ahead):  # type: ignore[no-untyped-def]
+    """Write the gaps at u + ahead v and the gap rates of all pairs; return the smallest gap."""
+    see(system, memory)
+    smallest = np.inf
+    for k in range(system.n_pairs):
+        memory.rate[k] = memory.present_rate[k]
+        memory.gap[k] = memory.present_gap[k] + ahead * memory.rate[k]
+        smallest = min(smallest, memory.gap[k])
     return smallest
 
 

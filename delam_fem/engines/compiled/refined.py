@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from delam_fem.caches.kernels import njit
 from delam_fem.engines.compiled import lane_kernels as lk
+from delam_fem.engines.compiled import modes
 from delam_fem.engines.compiled import points as points
 from delam_fem.engines.compiled import step as steps
 from delam_fem.engines.compiled.banded import row_product
@@ -12,6 +13,7 @@ from delam_fem.engines.compiled.state import (
     CONTACT_DAMPED,
     DIVERGED,
     FULL,
+    IS_SEEN,
     N_EVENTS,
     N_FRAMES,
     N_HITS,
@@ -42,9 +44,14 @@ def _mark_near(system, memory, ahead, level, slow):  # type: ignore[no-untyped-d
         if lk.smallest_approach(X, system.size, system.rest, ahead) > 0.0:
             return False
     found = False
+    if system.is_modal:
+        modes.see(system, memory)
     for k in range(system.n_pairs):
-        gap = system.gap0[k] + row_product(system.gap_rows, k, X, 0)
-        rate = row_product(system.gap_rows, k, X, system.size)
+        if system.is_modal:
+            gap, rate = memory.present_gap[k], memory.present_rate[k]
+        else:
+            gap = system.gap0[k] + row_product(system.gap_rows, k, X, 0)
+            rate = row_product(system.gap_rows, k, X, system.size)
         if has_springs and memory.resting[k]:
             gap, rate = -gap, -rate
         if gap + min(ahead * rate, 0.0) <= 0.0:
@@ -96,6 +103,7 @@ def _leap(system, law, memory, log, new_base, level, tick):  # type: ignore[no-u
     if _mark_near(system, memory, -reach, level, log.slow) or is_near:
         for i in range(3 * system.size):
             X[i] = memory.kept[i]
+        memory.counts[IS_SEEN] = 0
         base[0], base[1], base[2] = old_base
         totals[CONTACT_DAMPED] = damped
         return NEAR

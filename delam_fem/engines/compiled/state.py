@@ -20,7 +20,7 @@ DISSIPATED, CONTACT_DAMPED, IMPACT, RELEASED = range(4)
 """Indices into `Memory.totals`."""
 KINETIC, STRAIN, SPRING, MOMENTUM, ATTACHMENT = range(5)
 """Indices into `Memory.stored`."""
-N_SPRINGS, N_EVENTS, N_HITS, N_FRAMES, N_RESTING = range(5)
+N_SPRINGS, N_EVENTS, N_HITS, N_FRAMES, N_RESTING, IS_SEEN = range(6)
 """Indices into `Memory.counts`."""
 COMPLETED, DIVERGED, FULL = 0, 1, 2
 """Results of a loop, besides the failures that contact.py defines."""
@@ -65,13 +65,15 @@ class Memory(NamedTuple):
         stored: kinetic, strain and spring energy of the free dofs [J], m_b·v and k_b·u, at the last
             call of `store_energies` or at the end of a period, shape (5,).
         counts: numbers of springs, of filled entries in the buffers for events, hits and frames,
-            and of pairs at rest with the θ-scheme, shape (5,).
+            and of pairs at rest with the θ-scheme; in modes, whether `present_gap` and
+            `present_rate` are those of the state; shape (6,).
         resting: pairs at rest, shape (n_pairs,); they carry a spring, except with the θ-scheme.
         pairs: the first counts[N_SPRINGS] entries list the pairs with a spring, shape (n_pairs,).
         compliance: W = H B⁻¹ Hᵀ for fine, middle and coarse steps, of which the known columns are
             filled, shape (3, n_pairs, n_pairs).
         is_known: whether a column of W is known, for each size of steps, shape (3 n_pairs,).
         gap, rate: gaps and gap rates of all pairs at the examined instant, each shape (n_pairs,).
+        present_gap, present_rate: gaps and gap rates of the state, in modes, each shape (n_pairs,).
         hit: a list of the pairs that are hit now, shape (n_pairs,).
         impulse, rate_pre, rate_post: values of the hit pairs, each of shape (n_pairs,).
         change: W p of the hit pairs, shape (n_pairs,) [m/s].
@@ -98,6 +100,8 @@ class Memory(NamedTuple):
     is_known: npt.NDArray[np.uint8]
     gap: FloatArray
     rate: FloatArray
+    present_gap: FloatArray
+    present_rate: FloatArray
     hit: IntArray
     impulse: FloatArray
     rate_pre: FloatArray
@@ -174,13 +178,15 @@ def memory(size: int, n_pairs: int) -> Memory:
         effort=np.zeros(5, dtype=np.int64),
         totals=np.zeros(4),
         stored=np.zeros(5),
-        counts=np.zeros(5, dtype=np.int64),
+        counts=np.zeros(6, dtype=np.int64),
         resting=np.zeros(n_pairs, dtype=np.uint8),
         pairs=np.zeros(n_pairs, dtype=np.int64),
         compliance=np.zeros((3, n_pairs, n_pairs)),
         is_known=np.zeros(3 * n_pairs, dtype=np.uint8),
         gap=np.zeros(n_pairs),
         rate=np.zeros(n_pairs),
+        present_gap=np.zeros(n_pairs),
+        present_rate=np.zeros(n_pairs),
         hit=np.zeros(n_pairs, dtype=np.int64),
         impulse=np.zeros(n_pairs),
         rate_pre=np.zeros(n_pairs),

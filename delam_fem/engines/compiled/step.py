@@ -15,6 +15,7 @@ from delam_fem.engines.compiled.banded import row_product
 from delam_fem.engines.compiled.state import (
     COMPLETED,
     DISSIPATED,
+    IS_SEEN,
     MOREAU,
     N_EVENTS,
     N_FRAMES,
@@ -88,7 +89,7 @@ def look_ahead(system, law, memory):  # type: ignore[no-untyped-def]
         return np.inf
     ahead = system.scheme.gap_ahead
     if system.is_modal:
-        return modes.measure(system, memory.X, ahead, memory.gap, memory.rate)
+        return modes.measure(system, memory, ahead)
     if system.is_within:
         return points.see(system, memory, ahead, 0.0)
     smallest = smallest_gap(system, memory.X, ahead)
@@ -171,6 +172,7 @@ def advance(system, law, memory, new_base):  # type: ignore[no-untyped-def]
         flow, smallest = lk.step(system, X, base_state, True)
     elif system.is_modal:
         flow, smallest = modes.advance(system, X, base_state), np.inf
+        memory.counts[IS_SEEN] = 0
         if law.kind != MOREAU:
             smallest = smallest_gap(system, X, 0.0)
     else:

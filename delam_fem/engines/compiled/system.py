@@ -27,7 +27,14 @@ import scipy.sparse as sp
 from delam_fem.engines.compiled import banded, lanes
 from delam_fem.engines.compiled import lane_kernels as lk
 from delam_fem.engines.compiled.banded import Band, Rows
-from delam_fem.engines.compiled.modes import Coordinates, Modes, Places, in_modes
+from delam_fem.engines.compiled.modes import (
+    Coordinates,
+    Modes,
+    Places,
+    filled_up,
+    in_modes,
+    is_reduced,
+)
 from delam_fem.engines.compiled.points import NO_POINTS, Points, points_of
 from delam_fem.engines.compiled.simd import aligned_zeros
 from delam_fem.model.operators import Operators
@@ -205,6 +212,10 @@ def _built(o: Operators, scheme: StepNumbers) -> tuple[System, Coordinates]:
             size = lk.ROW * -(-o.n_dofs // lk.ROW)
             places = Places(order, size)
             return _system(o, scheme.as_theta(), places, tapes), places
+    full = filled_up(o) if is_reduced(o) else None
+    if full is not None and scheme.has_acceleration:
+        system = _system(full, scheme, Places(np.arange(full.n_dofs), full.n_dofs), _NO_TAPES)
+        return system, Places(np.arange(o.n_dofs), full.n_dofs)
     found = None if scheme.has_acceleration else in_modes(o)
     if found is not None:
         modal, modes = found
@@ -223,7 +234,7 @@ def _system(o: Operators, scheme: StepNumbers, places: Coordinates, tapes: _Tape
     is_chained = tapes is not _NO_TAPES
     step = mass + scheme.p * damping + scheme.q * stiffness
     band, mass_band = (_NO_BAND if is_chained else banded.factorise(A) for A in (step, mass))
-    to_rows = banded.dense_rows if is_modal else banded.rows
+    to_rows = banded.dense_rows if is_modal or is_reduced(o) else banded.rows
     inverse_lumped = np.zeros(o.n_dofs) if o.lumped_mass is None else 1.0 / o.lumped_mass
     probes, is_selecting = o.observed, _is_selecting(o)
     return System(

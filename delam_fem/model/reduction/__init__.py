@@ -1,0 +1,1 @@
+"""Reduction of operators to modes and residual flexibility, as ordinary operators."""

@@ -1,0 +1,180 @@
+"""The bodies of a structure: groups of dofs that M, C and K do not couple, and their modes.
+
+A body is factorised once. The factors give its lowest modes by inverse iteration in a Krylov space
+(ARPACK), and the static shapes of its loads.
+
+A body that is not held has a singular stiffness. All is then solved with K + s M: the modes are the
+same, and static shapes follow by iteration, see `Body.static`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.csgraph import connected_components
+from scipy.sparse.linalg import LinearOperator, eigsh, splu
+
+from delam_fem.model.operators import Operators
+from delam_fem.model.vibration import DENSE_DOFS, lowest
+from delam_fem.numerics.arrays import FloatArray, IntArray
+
+Solve = Callable[[FloatArray], FloatArray]
+"""Function right sides, shape (n,) or (n, k) -> solutions, same shape."""
+
+PETSC_DOFS = 20_000
+"""From here on PETSc's Cholesky factors are used: SuperLU takes several times their memory."""
+CORRECTIONS = 3
+"""Iterations for static shapes of a floating body; each gains the factor s/ω² of omitted modes."""
+
+
+@dataclass(frozen=True)
+class Body:
+    """One body, with the factors of K + s M.
+
+    Attributes:
+        dofs: its dofs, shape (n,).
+        mass: M, CSC (n, n).
+        damping: C, CSC (n, n).
+        stiffness: K, CSC (n, n).
+        shift: s [1/s2]; 0: the body is held.
+        solve: applies (K + s M)⁻¹.
+    """
+
+    dofs: IntArray
+    mass: sp.csc_matrix
+    damping: sp.csc_matrix
+    stiffness: sp.csc_matrix
+    shift: float
+    solve: Solve
+
+    def modes(self, n: int) -> tuple[FloatArray, FloatArray]:
+        """Return ω² [1/s2], increasing, shape (m,), and Φ with Φᵀ M Φ = 1, shape (n_dofs, m).
+
+        Args:
+            n: number of modes; m is n, or the number of dofs where there are fewer.
+        """
+        size = self.dofs.size
+        n = min(n, size)
+        if size <= DENSE_DOFS or 2 * n > size:
+            frequencies, vectors = lowest(
+                self.stiffness, self.mass, n, is_floating=self.shift > 0.0
+            )
+            squares = (2.0 * np.pi * frequencies) ** 2
+        else:
+            inverse = LinearOperator((size, size), matvec=self.solve, dtype=float)
+            squares, vectors = eigsh(
+                self.stiffness, n, self.mass, sigma=-self.shift, OPinv=inverse, v0=np.ones(size)
+            )
+            order = np.argsort(squares)
+            squares, vectors = np.maximum(squares[order], 0.0), vectors[:, order]
+        masses = np.sqrt(np.einsum("ij,ij->j", vectors, self.mass @ vectors))
+        return squares, vectors / (masses * _signs(vectors))
+
+    def static(self, loads: FloatArray, modes: FloatArray) -> FloatArray:
+        """Return the static shapes of the modes that are left out, shape (n_dofs, k).
+
+            X = R f,   R = Σ φ φᵀ / ω²   over the omitted modes
+
+        They are orthogonal to the kept modes with M and with K. With a shift the sum has ω² + s in
+        place of ω²; X ← X_s + s (K + s M)⁻¹ M X, from X = X_s, corrects that.
+
+        Args:
+            loads: f, shape (n_dofs, k).
+            modes: the kept modes, shape (n_dofs, m).
+        """
+        first = self._without(self.solve(loads), modes)
+        shapes = first
+        for _ in range(CORRECTIONS if self.shift else 0):
+            again = self._without(self.solve(self.mass @ shapes), modes)
+            shapes = first + self.shift * again
+        return shapes
+
+    def _without(self, shapes: FloatArray, modes: FloatArray) -> FloatArray:
+        """Return shapes without their share of the modes; twice, because of round-off."""
+        dual = self.mass @ modes
+        for _ in range(2):
+            shapes = shapes - modes @ (dual.T @ shapes)
+        return shapes
+
+
+def bodies(o: Operators, shift: float = 0.0) -> list[Body]:
+    """Return the bodies of a structure.
+
+    Args:
+        o: the semi-discrete problem.
+        shift: s [1/s2], about the square of the lowest elastic angular frequency, if bodies can
+            move as rigid bodies; 0: all are held.
+
+    Raises:
+        ValueError: a body is not held and there is no shift.
+    """
+    count, label = connected_components(abs(o.mass) + abs(o.stiffness) + abs(o.damping), False)
+    found = []
+    for number in range(count):
+        dofs = np.flatnonzero(label == number)
+        M, C, K = (A[dofs][:, dofs].tocsc() for A in (o.mass, o.damping, o.stiffness))
+        A = (K + shift * M).tocsc() if shift else K
+        found.append(Body(dofs, M, C, K, shift, _factorised(A)))
+    return found
+
+
+def _factorised(A: sp.csc_matrix) -> Solve:
+    """Return a function that solves with A, symmetric and positive definite.
+
+    Raises:
+        ValueError: A is singular.
+    """
+    solve = _by_petsc(A) if A.shape[0] >= PETSC_DOFS else None
+    if solve is None:
+        try:
+            solve = splu(
+                A, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+            ).solve
+        except RuntimeError:
+            solve = None
+    ones = np.ones(A.shape[0])
+    if solve is not None and np.isfinite(x := solve(ones)).all():
+        if np.abs(A @ x - ones).max() < 1e-2:
+            return solve
+    raise ValueError("reduction: a body is not held; support each body")
+
+
+def _by_petsc(A: sp.csc_matrix) -> Solve | None:
+    """Return a function that solves with PETSc's Cholesky factors; None: there is no PETSc."""
+    try:
+        from delam_fem.mpi import MPI  # sets what must be set before PETSc starts
+
+        from petsc4py import PETSc
+    except ImportError:
+        return None
+    csr = sp.csr_matrix(A)
+    index = PETSc.IntType
+    arrays = csr.indptr.astype(index), csr.indices.astype(index), csr.data
+    matrix = PETSc.Mat().createAIJ(csr.shape, csr=arrays, comm=MPI.COMM_SELF)
+    matrix.setOption(PETSc.Mat.Option.SPD, True)
+    solver = PETSc.KSP().create(MPI.COMM_SELF)
+    solver.setOperators(matrix)
+    solver.setType("preonly")
+    solver.getPC().setType("cholesky")
+    solver.setUp()
+    right, left = matrix.createVecs()
+
+    def solve(b: FloatArray) -> FloatArray:
+        columns = b.reshape(len(b), -1)
+        result = np.empty_like(columns)
+        for k in range(columns.shape[1]):
+            right.array[:] = columns[:, k]
+            solver.solve(right, left)
+            result[:, k] = left.array
+        return result.reshape(b.shape)
+
+    return solve
+
+
+def _signs(vectors: FloatArray) -> FloatArray:
+    """Return the signs of the largest entries, so that neighbouring cases have like modes."""
+    largest = np.abs(vectors).argmax(axis=0)
+    return np.asarray(np.sign(vectors[largest, np.arange(vectors.shape[1])]))

@@ -1,0 +1,84 @@
+"""The operators and the layout of a reduced structure.
+
+    u = V q:   I q'' + Vᵀ C V q' + Ω² q = -Vᵀ (m_b q_b'' + c_b q_b' + k_b q_b) + (H V)ᵀ λ
+
+H V is dense. Deflections and slopes of the parts are readings of q.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import scipy.sparse as sp
+
+from delam_fem.model.layout import Layout, Reading, Structure
+from delam_fem.model.operators import BaseCoupling, Operators
+from delam_fem.model.reduction.basis import Basis
+from delam_fem.numerics.arrays import FloatArray
+
+NOT_DIAGONAL = 1e-8
+"""Largest entry of VᵀCV beside its diagonal, relative to the diagonal, that is round-off."""
+
+
+def projected(structure: Structure, basis: Basis) -> Structure:
+    """Return a structure in the coordinates of a basis.
+
+    There is no lumped mass: impulses act through M = I. Sensors are left out, see
+    `sensors.with_sensors`.
+
+    Args:
+        structure: the full structure.
+        basis: of its operators.
+    """
+    return Structure(
+        operators_in(structure.operators, basis), layout_in(structure.layout, basis.vectors)
+    )
+
+
+def operators_in(o: Operators, basis: Basis) -> Operators:
+    """Return operators in the coordinates of a basis, without sensors."""
+    V, n = basis.vectors, basis.squares.size
+    base = BaseCoupling(
+        V.T @ o.base.mass,
+        V.T @ o.base.damping,
+        V.T @ o.base.stiffness,
+        o.base.corner,
+        o.base.is_force,
+    )
+    return Operators(
+        mass=sp.identity(n, format="csr"),
+        damping=sp.csr_matrix(_cleaned(V.T @ (o.damping @ V))),
+        stiffness=sp.diags(basis.squares, format="csr"),
+        base=base,
+        gap_matrix=sp.csr_matrix(o.gap_matrix @ V),
+        gap0=o.gap0,
+        pair_weights=o.pair_weights,
+        probes=sp.csr_matrix(o.probes @ V),
+    )
+
+
+def layout_in(layout: Layout, vectors: FloatArray) -> Layout:
+    """Return a layout whose deflections and slopes are readings of the coordinates.
+
+    Args:
+        layout: of the full structure.
+        vectors: V, shape (n_dofs, m).
+    """
+    if layout.reading is None:
+        used = 1 + max(int(part.dofs.max()) for part in layout.parts)
+        rows, base = vectors[:used], np.zeros(used)
+    else:
+        rows, base = layout.reading.matrix @ vectors, layout.reading.base
+    reading = Reading(sp.csr_matrix(rows), base)
+    return replace(layout, reading=reading, sensors=(), gap_row=None)
+
+
+def _cleaned(C: FloatArray) -> FloatArray:
+    """Return the symmetric damping, diagonal if all beside the diagonal is round-off."""
+    C = 0.5 * (C + C.T)
+    scale = np.sqrt(np.maximum(C.diagonal(), 0.0))
+    beside = np.abs(C - np.diag(C.diagonal()))
+    if (beside <= NOT_DIAGONAL * np.outer(scale, scale)).all():
+        return np.diag(C.diagonal())
+    return np.asarray(C)
