@@ -350,6 +350,8 @@ class Case(Section):
             del data["support"]
         if self.model == Model():
             del data["model"]
+        else:
+            data["model"] = {k: v for k, v in data["model"].items() if k in self.model.kept}
         return toml_text(data)
 
     @classmethod

@@ -277,6 +277,11 @@ class Model(Section):
         return self.kind in ("plane-stress", "solid")
 
     @property
+    def kept(self) -> frozenset[str]:
+        """Keys that this kind of model reads, or that are given."""
+        return _READS[self.kind] | self.model_fields_set | {"kind"}
+
+    @property
     def unread(self) -> tuple[str, ...]:
         """Keys that are given, but that this kind of model does not read."""
         return tuple(sorted(self.model_fields_set - _READS[self.kind] - {"kind"}))

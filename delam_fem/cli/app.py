@@ -25,6 +25,7 @@ from delam_fem.cli.measured import register as register_measurements
 from delam_fem.cli.orbits.branches import register as register_branches
 from delam_fem.cli.orbits.find import register as register_orbits
 from delam_fem.cli.paper import register as register_paper
+from delam_fem.cli.reduce import register as register_reduction
 from delam_fem.cli.reduced import register as register_reduced
 from delam_fem.cli.run import report_in_folder, run_in_folder
 from delam_fem.cli.schema import register as register_schema
@@ -225,6 +226,7 @@ register_inspection(app)
 register_modulation(app)
 register_measurements(app)
 register_reduced(app)
+register_reduction(app)
 for command in app.registered_commands:
     assert command.callback is not None
     command.callback = with_messages(command.callback)

@@ -8,7 +8,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from delam_fem.case.definition import Case
-from delam_fem.case.toml import CaseError
 from delam_fem.model.layout import Structure
 
 if TYPE_CHECKING:
@@ -35,8 +34,10 @@ def assemble(
         from delam_fem.mpi import MPI
 
         return assembly.assemble(case, comm=MPI.COMM_SELF if comm is None else comm)
-    if case.model.kind != "beam":
-        raise CaseError(f'model.kind: expected "beam", given {case.model.kind!r}')
+    if case.model.kind == "reduced":
+        from delam_fem.model.reduction import file
+
+        return file.load(case)
     if not needs_dolfinx:
         from delam_fem.model.beams import closed_form
 

@@ -13,8 +13,8 @@ base that moves slowly moves the structure exactly.
 
 Shapes of neighbouring pairs are nearly dependent. They are scaled to unit strain energy, the
 eigenvectors of their Gram matrix with eigenvalues above `DEPENDENT` of the largest are kept, and
-made orthonormal with K. The small problem K z = ω² M z then gives the rest of the basis. Φ and X are
-orthogonal, so the kept normal modes stay as they are.
+made orthonormal with K. The small problem K z = ω² M z then gives the rest of the basis. Φ and X
+are orthogonal, so the kept normal modes stay as they are.
 
 Source: R. H. MacNeal, "A hybrid method of component mode synthesis", Comput. Struct. 1 (1971);
 S. Rubin, "Improved component-mode representation for structural dynamic analysis", AIAA J. 13
@@ -30,11 +30,13 @@ from scipy.linalg import eigh
 
 from delam_fem.model.operators import Operators
 from delam_fem.model.reduction.bodies import Body, bodies
-from delam_fem.numerics.arrays import FloatArray, IntArray
+from delam_fem.numerics.arrays import BoolArray, FloatArray, IntArray
 
 DEPENDENT = 1e-11
 """Eigenvalue of the scaled Gram matrix, relative to the largest, below which shapes are dependent:
 round-off of static shapes is 1e-12 of it at most for the meshes of the tests."""
+COMPARED = 10
+"""Modes of the full structure whose frequencies are kept for a comparison."""
 NOTHING = 1e-13
 """Strain energy of a residual shape relative to that of the whole shape that is round-off."""
 
@@ -48,29 +50,48 @@ class Basis:
         squares: ω² of each coordinate, body by body and increasing within each, shape (m,) [1/s2].
         is_mode: whether a coordinate is a normal mode of a body, shape (m,).
         body: number of the body of each coordinate, shape (m,).
+        body_of_dof: number of the body of each dof, shape (n_dofs,).
         dropped: number of shapes left out as dependent on others, or beyond the largest number.
+        compliance_error: largest error of the flexibility that the omitted modes give a load, in
+            parts of it [-].
+        lowest: ω² of the lowest modes of the full structure, increasing, shape (k,) [1/s2].
     """
 
     vectors: FloatArray
     squares: FloatArray
-    is_mode: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
+    is_mode: BoolArray
     body: IntArray
+    body_of_dof: IntArray
     dropped: int
+    compliance_error: float
+    lowest: FloatArray
 
 
 @dataclass(frozen=True)
-class _Residual:
-    """Residual shapes of a body, orthonormal with K, the most flexible first.
+class _Piece:
+    """One body with its normal modes and residual shapes.
 
     Attributes:
-        shapes: Y, shape (n, k).
-        weights: eigenvalues of the scaled Gram matrix, decreasing, shape (k,).
+        body: the body.
+        squares: ω² of its normal modes, shape (m,) [1/s2].
+        modes: Φ, shape (n, m).
+        loads: loads of B1 that omitted modes give way to, shape (n, k).
+        compliance: XᵀK X of these loads, shape (k,) [m/N].
+        shapes: residual shapes, orthonormal with K, the most flexible first, shape (n, r).
+        weights: eigenvalues of the scaled Gram matrix, decreasing, shape (r,).
         dropped: number of dependent shapes.
+        lowest: ω² of its lowest modes, also of those that are left out [1/s2].
     """
 
+    body: Body
+    squares: FloatArray
+    modes: FloatArray
+    loads: FloatArray
+    compliance: FloatArray
     shapes: FloatArray
     weights: FloatArray
     dropped: int
+    lowest: FloatArray
 
 
 def basis_of(o: Operators, modes: int, *, shift: float = 0.0, most: int | None = None) -> Basis:
@@ -86,42 +107,77 @@ def basis_of(o: Operators, modes: int, *, shift: float = 0.0, most: int | None =
         ValueError: a body is not held and there is no shift, or there are more normal modes than
             `most` coordinates.
     """
-    found = bodies(o, shift)
-    normal = [body.modes(modes) for body in found]
-    loads = [_loads(o, body) for body in found]
-    residual = [
-        _independent(body, body.static(load, vectors), load)
-        for body, (_, vectors), load in zip(found, normal, loads, strict=True)
-    ]
-    kept = [r.weights.size for r in residual]
-    if most is not None:
-        room = most - sum(squares.size for squares, _ in normal)
-        if room < 0:
-            raise ValueError(
-                f"coordinates: expected at least {most - room}, the number of normal modes, given "
-                f"{most}"
-            )
-        weights = np.sort(np.concatenate([r.weights for r in residual]))[::-1]
-        least = weights[room - 1] if 0 < room <= weights.size else (0.0 if room else np.inf)
-        kept = [int((r.weights >= least).sum()) for r in residual]
-    columns, squares, is_mode, of_body = [], [], [], []
-    for number, (body, (low, vectors), own, k) in enumerate(
-        zip(found, normal, residual, kept, strict=True)
-    ):
-        high, shapes = _ritz(body, own.shapes[:, :k])
-        block = np.zeros((o.n_dofs, low.size + high.size))
-        block[body.dofs] = np.hstack([vectors, shapes])
+    pieces = [_piece(o, body, modes) for body in bodies(o, shift)]
+    kept = _kept(pieces, most)
+    columns, squares, is_mode, numbers = [], [], [], []
+    body_of_dof, error = np.empty(o.n_dofs, dtype=np.int64), 0.0
+    for number, (piece, k) in enumerate(zip(pieces, kept, strict=True)):
+        high, shapes = _ritz(piece.body, piece.shapes[:, :k])
+        reached = np.sum((piece.loads.T @ shapes) ** 2 / high, axis=1)
+        if piece.compliance.size:
+            error = max(error, float(np.max(1.0 - reached / piece.compliance)))
+        n = piece.squares.size + high.size
+        block = np.zeros((o.n_dofs, n))
+        block[piece.body.dofs] = np.hstack([piece.modes, shapes])
         columns.append(block)
-        squares += [low, high]
-        is_mode += [np.ones(low.size, dtype=bool), np.zeros(high.size, dtype=bool)]
-        of_body.append(np.full(low.size + high.size, number))
-    dropped = sum(r.weights.size + r.dropped for r in residual) - sum(kept)
+        squares += [piece.squares, high]
+        is_mode.append(np.arange(n) < piece.squares.size)
+        numbers.append(np.full(n, number))
+        body_of_dof[piece.body.dofs] = number
     return Basis(
         np.hstack(columns),
         np.concatenate(squares),
         np.concatenate(is_mode),
-        np.concatenate(of_body),
-        dropped,
+        np.concatenate(numbers),
+        body_of_dof,
+        sum(piece.weights.size + piece.dropped for piece in pieces) - sum(kept),
+        error,
+        np.sort(np.concatenate([piece.lowest for piece in pieces]))[:COMPARED],
+    )
+
+
+def _kept(pieces: list[_Piece], most: int | None) -> list[int]:
+    """Return the number of residual shapes that each body keeps.
+
+    Raises:
+        ValueError: there are more normal modes than `most` coordinates.
+    """
+    weights = np.sort(np.concatenate([piece.weights for piece in pieces]))[::-1]
+    normal = sum(piece.squares.size for piece in pieces)
+    room = weights.size if most is None else most - normal
+    if room < 0:
+        raise ValueError(
+            f"coordinates: expected at least {normal}, the number of normal modes, given {most}"
+        )
+    least = weights[room - 1] if 0 < room <= weights.size else np.inf if room == 0 else 0.0
+    return [int((piece.weights >= least).sum()) for piece in pieces]
+
+
+def _piece(o: Operators, body: Body, modes: int) -> _Piece:
+    """Return a body with its modes and residual shapes."""
+    lowest, found = body.modes(max(modes, COMPARED))
+    squares, vectors = lowest[:modes], found[:, :modes]
+    loads = _loads(o, body)
+    whole, shapes = body.static(loads, vectors)
+    energy = np.einsum("ij,ij->j", shapes, body.stiffness @ shapes)
+    there = energy > NOTHING * np.einsum("ij,ij->j", loads, whole)
+    energy, shapes = energy[there], shapes[:, there] / np.sqrt(energy[there])
+    weights, turn = eigh(_gram(shapes, body.stiffness @ shapes))
+    kept = weights > DEPENDENT * weights.max(initial=0.0)
+    weights, turn = weights[kept][::-1], turn[:, kept][:, ::-1]
+    independent = shapes @ (turn / np.sqrt(weights))
+    for _ in range(2):  # round-off of the eigenvalues is that of the largest
+        independent = _orthonormal(body, independent)
+    return _Piece(
+        body,
+        squares,
+        vectors,
+        loads[:, there],
+        energy,
+        independent,
+        weights,
+        loads.shape[1] - weights.size,
+        lowest,
     )
 
 
@@ -137,26 +193,10 @@ def _loads(o: Operators, body: Body) -> FloatArray:
     return np.asarray(loads[:, np.abs(loads).max(axis=0) > 0.0])
 
 
-def _independent(body: Body, shapes: FloatArray, loads: FloatArray) -> _Residual:
-    """Return independent residual shapes, orthonormal with K."""
-    n = shapes.shape[1]
-    whole = np.einsum("ij,ij->j", loads, body.solve(loads))
-    energy = np.einsum("ij,ij->j", shapes, body.stiffness @ shapes)
-    there = energy > NOTHING * whole
-    if not there.any():
-        return _Residual(shapes[:, :0], np.zeros(0), n)
-    shapes = shapes[:, there] / np.sqrt(energy[there])
-    weights, turn = eigh(_gram(shapes, body.stiffness @ shapes))
-    kept = weights > DEPENDENT * weights[-1]
-    weights, turn = weights[kept][::-1], turn[:, kept][:, ::-1]
-    shapes = shapes @ (turn / np.sqrt(weights))
-    for _ in range(2):  # round-off of the eigenvalues is that of the largest
-        shapes = _orthonormal(body, shapes)
-    return _Residual(shapes, weights, n - weights.size)
-
-
 def _orthonormal(body: Body, shapes: FloatArray) -> FloatArray:
     """Return nearly orthonormal shapes, orthonormal with K: each in turn without those before."""
+    if not shapes.shape[1]:
+        return shapes
     gram = _gram(shapes, body.stiffness @ shapes)
     factor = np.linalg.cholesky(gram)
     return np.asarray(np.linalg.solve(factor, shapes.T).T)

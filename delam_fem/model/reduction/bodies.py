@@ -26,6 +26,9 @@ Solve = Callable[[FloatArray], FloatArray]
 
 PETSC_DOFS = 20_000
 """From here on PETSc's Cholesky factors are used: SuperLU takes several times their memory."""
+NOT_HELD = "reduction: a body is not held; support each body"
+UNSOLVED = 1e-2
+"""Residual of a solution, relative to the load, of a singular matrix."""
 CORRECTIONS = 3
 """Iterations for static shapes of a floating body; each gains the factor s/ω² of omitted modes."""
 
@@ -73,24 +76,27 @@ class Body:
         masses = np.sqrt(np.einsum("ij,ij->j", vectors, self.mass @ vectors))
         return squares, vectors / (masses * _signs(vectors))
 
-    def static(self, loads: FloatArray, modes: FloatArray) -> FloatArray:
-        """Return the static shapes of the modes that are left out, shape (n_dofs, k).
+    def static(self, loads: FloatArray, modes: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the static shapes of loads: of all modes, and of those that are left out.
 
             X = R f,   R = Σ φ φᵀ / ω²   over the omitted modes
 
-        They are orthogonal to the kept modes with M and with K. With a shift the sum has ω² + s in
-        place of ω²; X ← X_s + s (K + s M)⁻¹ M X, from X = X_s, corrects that.
+        The latter, X, are orthogonal to the kept modes with M and with K. With a shift the sums
+        have ω² + s in place of ω²; X ← X_s + s (K + s M)⁻¹ M X, from X = X_s, corrects that.
 
         Args:
             loads: f, shape (n_dofs, k).
             modes: the kept modes, shape (n_dofs, m).
+
+        Returns:
+            Both, each of shape (n_dofs, k).
         """
-        first = self._without(self.solve(loads), modes)
-        shapes = first
+        whole = self.solve(loads)
+        first = shapes = self._without(whole, modes)
         for _ in range(CORRECTIONS if self.shift else 0):
             again = self._without(self.solve(self.mass @ shapes), modes)
             shapes = first + self.shift * again
-        return shapes
+        return whole, shapes
 
     def _without(self, shapes: FloatArray, modes: FloatArray) -> FloatArray:
         """Return shapes without their share of the modes; twice, because of round-off."""
@@ -129,33 +135,32 @@ def _factorised(A: sp.csc_matrix) -> Solve:
     """
     solve = _by_petsc(A) if A.shape[0] >= PETSC_DOFS else None
     if solve is None:
+        symmetric = {"SymmetricMode": True}
         try:
-            solve = splu(
-                A, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
-            ).solve
+            solve = splu(A, "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=symmetric).solve
         except RuntimeError:
-            solve = None
+            raise ValueError(NOT_HELD) from None
     ones = np.ones(A.shape[0])
-    if solve is not None and np.isfinite(x := solve(ones)).all():
-        if np.abs(A @ x - ones).max() < 1e-2:
-            return solve
-    raise ValueError("reduction: a body is not held; support each body")
+    x = solve(ones)
+    if not np.isfinite(x).all() or np.abs(A @ x - ones).max() > UNSOLVED:
+        raise ValueError(NOT_HELD)
+    return solve
 
 
 def _by_petsc(A: sp.csc_matrix) -> Solve | None:
     """Return a function that solves with PETSc's Cholesky factors; None: there is no PETSc."""
     try:
-        from delam_fem.mpi import MPI  # sets what must be set before PETSc starts
+        from delam_fem.mpi import MPI
 
+        comm = MPI.COMM_SELF  # the door to MPI comes before PETSc
         from petsc4py import PETSc
     except ImportError:
         return None
     csr = sp.csr_matrix(A)
-    index = PETSc.IntType
-    arrays = csr.indptr.astype(index), csr.indices.astype(index), csr.data
-    matrix = PETSc.Mat().createAIJ(csr.shape, csr=arrays, comm=MPI.COMM_SELF)
+    index = csr.indptr.astype(PETSc.IntType), csr.indices.astype(PETSc.IntType)
+    matrix = PETSc.Mat().createAIJ(csr.shape, csr=(*index, csr.data), comm=comm)
     matrix.setOption(PETSc.Mat.Option.SPD, True)
-    solver = PETSc.KSP().create(MPI.COMM_SELF)
+    solver = PETSc.KSP().create(comm)
     solver.setOperators(matrix)
     solver.setType("preonly")
     solver.getPC().setType("cholesky")

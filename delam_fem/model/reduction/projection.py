@@ -15,7 +15,7 @@ import scipy.sparse as sp
 from delam_fem.model.layout import Layout, Reading, Structure
 from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.model.reduction.basis import Basis
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.arrays import FloatArray, IntArray
 
 NOT_DIAGONAL = 1e-8
 """Largest entry of VᵀCV beside its diagonal, relative to the diagonal, that is round-off."""
@@ -31,9 +31,7 @@ def projected(structure: Structure, basis: Basis) -> Structure:
         structure: the full structure.
         basis: of its operators.
     """
-    return Structure(
-        operators_in(structure.operators, basis), layout_in(structure.layout, basis.vectors)
-    )
+    return Structure(operators_in(structure.operators, basis), layout_in(structure.layout, basis))
 
 
 def operators_in(o: Operators, basis: Basis) -> Operators:
@@ -58,20 +56,31 @@ def operators_in(o: Operators, basis: Basis) -> Operators:
     )
 
 
-def layout_in(layout: Layout, vectors: FloatArray) -> Layout:
+def layout_in(layout: Layout, basis: Basis) -> Layout:
     """Return a layout whose deflections and slopes are readings of the coordinates.
 
     Args:
         layout: of the full structure.
-        vectors: V, shape (n_dofs, m).
+        basis: of its operators.
     """
-    if layout.reading is None:
-        used = 1 + max(int(part.dofs.max()) for part in layout.parts)
-        rows, base = vectors[:used], np.zeros(used)
-    else:
-        rows, base = layout.reading.matrix @ vectors, layout.reading.base
-    reading = Reading(sp.csr_matrix(rows), base)
+    V = basis.vectors
+    given = layout.reading
+    rows, base = (V, np.zeros(len(V))) if given is None else (given.matrix @ V, given.base)
+    reading = Reading(sp.csr_matrix(rows), base, _parts(layout, basis))
     return replace(layout, reading=reading, sensors=(), gap_row=None)
+
+
+def _parts(layout: Layout, basis: Basis) -> IntArray:
+    """Return the part to which each coordinate belongs, -1 where bonded parts share it."""
+    of_body = np.full(1 + int(basis.body.max()), -1)
+    owners: dict[int, set[int]] = {}
+    for number in range(len(layout.parts)):
+        for body in np.unique(basis.body_of_dof[layout.own_dofs(number)]).tolist():
+            owners.setdefault(body, set()).add(number)
+    for body, parts in owners.items():
+        if len(parts) == 1:
+            of_body[body] = parts.pop()
+    return np.asarray(of_body[basis.body])
 
 
 def _cleaned(C: FloatArray) -> FloatArray:
