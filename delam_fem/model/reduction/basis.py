@@ -162,12 +162,7 @@ def _piece(o: Operators, body: Body, modes: int) -> _Piece:
     energy = np.einsum("ij,ij->j", shapes, body.stiffness @ shapes)
     there = energy > NOTHING * np.einsum("ij,ij->j", loads, whole)
     energy, shapes = energy[there], shapes[:, there] / np.sqrt(energy[there])
-    weights, turn = eigh(_gram(shapes, body.stiffness @ shapes))
-    kept = weights > DEPENDENT * weights.max(initial=0.0)
-    weights, turn = weights[kept][::-1], turn[:, kept][:, ::-1]
-    independent = shapes @ (turn / np.sqrt(weights))
-    for _ in range(2):  # round-off of the eigenvalues is that of the largest
-        independent = _orthonormal(body, independent)
+    independent, weights = _independent(body, shapes)
     return _Piece(
         body,
         squares,
@@ -181,6 +176,20 @@ def _piece(o: Operators, body: Body, modes: int) -> _Piece:
     )
 
 
+def _independent(body: Body, shapes: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return independent shapes, orthonormal with K, and their weights, decreasing."""
+    if not shapes.shape[1]:
+        return shapes, np.zeros(0)
+    weights, turn = eigh(_gram(shapes, body.stiffness @ shapes))
+    kept = weights > DEPENDENT * weights[-1]
+    weights, turn = weights[kept][::-1], turn[:, kept][:, ::-1]
+    result = shapes @ (turn / np.sqrt(weights))
+    for _ in range(2):  # round-off of the eigenvalues is that of the largest
+        factor = np.linalg.cholesky(_gram(result, body.stiffness @ result))
+        result = np.linalg.solve(factor, result.T).T
+    return result, weights
+
+
 def _loads(o: Operators, body: Body) -> FloatArray:
     """Return the loads of B1 that act on a body, shape (n, k)."""
     H = o.gap_matrix[:, body.dofs]
@@ -191,15 +200,6 @@ def _loads(o: Operators, body: Body) -> FloatArray:
         columns.append((inertia - body.mass @ body.solve(stiff))[:, None])
     loads = np.hstack(columns)
     return np.asarray(loads[:, np.abs(loads).max(axis=0) > 0.0])
-
-
-def _orthonormal(body: Body, shapes: FloatArray) -> FloatArray:
-    """Return nearly orthonormal shapes, orthonormal with K: each in turn without those before."""
-    if not shapes.shape[1]:
-        return shapes
-    gram = _gram(shapes, body.stiffness @ shapes)
-    factor = np.linalg.cholesky(gram)
-    return np.asarray(np.linalg.solve(factor, shapes.T).T)
 
 
 def _ritz(body: Body, shapes: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -1,0 +1,83 @@
+"""The basis: orthonormal, statically complete at the pairs, exact in its modes, cut when asked."""
+
+import numpy as np
+import pytest
+
+from delam_fem.case.files import preset
+from delam_fem.model.beams import closed_form
+from delam_fem.model.operators import Operators
+from delam_fem.model.reduction.basis import basis_of
+
+ROUND_OFF = 1e-9
+"""Of static shapes, relative to stiffnesses that differ by the fourth power of the elements."""
+
+
+def operators(elements: int = 20, **keys: object) -> Operators:
+    return closed_form.assemble(preset("default", {"mesh.elements": elements, **keys})).operators
+
+
+@pytest.mark.parametrize("points", [1, 3])  # 3: more pairs than independent shapes
+def test_the_basis_makes_the_matrices_diagonal(points: int) -> None:
+    o = operators(**{"contact.points_per_element": points})
+    found = basis_of(o, 6)
+    V, omega = found.vectors, np.sqrt(found.squares)
+    np.testing.assert_allclose(V.T @ o.mass @ V, np.eye(omega.size), atol=ROUND_OFF)
+    scaled = V.T @ o.stiffness @ V / np.outer(omega, omega)
+    np.testing.assert_allclose(scaled, np.eye(omega.size), atol=ROUND_OFF)
+    assert (found.dropped > 0) == (points == 3)
+
+
+def test_pairs_give_way_to_steady_forces_as_in_the_full_model() -> None:
+    o = operators()
+    found = basis_of(o, 4)
+    G = o.gap_matrix @ found.vectors
+    H, K = o.gap_matrix.toarray(), o.stiffness.toarray()
+    full = H @ np.linalg.solve(K, H.T)
+    np.testing.assert_allclose((G / found.squares) @ G.T, full, rtol=1e-8)
+    assert abs(found.compliance_error) < 1e-8
+
+
+def test_a_slow_base_moves_the_structure_as_in_the_full_model() -> None:
+    o = operators()
+    V, squares = (found := basis_of(o, 4)).vectors, found.squares
+    shape = -V @ ((V.T @ o.base.stiffness) / squares)
+    np.testing.assert_allclose(shape[::2], 1.0, rtol=1e-8)
+    np.testing.assert_allclose(shape[1::2], 0.0, atol=1e-8)
+
+
+def test_normal_modes_are_kept_as_they_are() -> None:
+    o = operators()
+    found = basis_of(o, 6)
+    exact = np.linalg.eigvals(np.linalg.solve(o.mass.toarray(), o.stiffness.toarray()))
+    np.testing.assert_allclose(found.lowest, np.sort(exact.real)[:10], rtol=1e-6)
+    np.testing.assert_allclose(np.sort(found.squares[found.is_mode])[:8], found.lowest[:8])
+    assert found.squares[~found.is_mode].min() > found.squares[found.is_mode].min()
+    assert np.bincount(found.body[found.is_mode]).tolist() == [6, 6]
+
+
+def test_a_point_force_has_its_static_shape() -> None:
+    case = preset("embedded", {"mesh.elements": 20, "excitation.kind": "force",
+        "excitation.lamina": "upper", "excitation.position": 0.1, "excitation.amplitude": 1.0,
+        "excitation.frequency": 9.0})  # fmt: skip
+    o = closed_form.assemble(case).operators
+    found = basis_of(o, 3)
+    load = -o.base.stiffness
+    answer = found.vectors @ ((found.vectors.T @ load) / found.squares)
+    full = np.linalg.solve(o.stiffness.toarray(), load)
+    np.testing.assert_allclose(answer, full, atol=1e-8 * np.abs(full).max())
+
+
+def test_the_stiffest_shapes_are_left_out_first() -> None:
+    o = operators()
+    whole, cut = basis_of(o, 4), basis_of(o, 4, most=30)
+    assert cut.squares.size == 30 and cut.dropped == whole.squares.size - 30
+    assert 1e-4 < cut.compliance_error < 1.0
+    assert cut.squares.max() < whole.squares.max()
+    assert basis_of(o, 4, most=8).squares.size == 8
+    with pytest.raises(ValueError, match="coordinates: expected at least 8, the number of"):
+        basis_of(o, 4, most=7)
+
+
+def test_all_modes_leave_nothing_to_residual_shapes() -> None:
+    found = basis_of(operators(4), 8)
+    assert found.is_mode.all() and found.squares.size == 16

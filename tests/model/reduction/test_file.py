@@ -1,0 +1,157 @@
+"""The file of a reduced structure: written, read, refused where case and file do not agree."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from delam_fem.case.definition import Case
+from delam_fem.case.files import load_case, preset
+from delam_fem.case.toml import CaseError
+from delam_fem.model.discretise import assemble
+from delam_fem.model.reduction.of_case import Reduction, reduced_case
+
+SMALL = {"mesh.elements": 6}
+SENSOR = {"name": "s", "quantity": "displacement", "lamina": "thin", "position": 0.3}
+STRAIN = {"name": "s", "quantity": "strain", "lamina": "upper", "position": 0.1}
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Reduction, Case]:
+    """Return a reduction, and the case that is computed with its file."""
+    folder = tmp_path_factory.mktemp("reduced")
+    found = reduced_case(preset("default", SMALL), 3)
+    return found, load_case(found.save(folder)[1])
+
+
+def test_a_structure_comes_back_as_it_was(made: tuple[Reduction, Case]) -> None:
+    found, case = made
+    again, before = assemble(case), found.structure
+    for name in ("mass", "damping", "stiffness", "gap_matrix", "probes"):
+        there, here = (getattr(s.operators, name).toarray() for s in (again, before))
+        np.testing.assert_array_equal(there, here, err_msg=name)
+    for name in ("mass", "damping", "stiffness", "corner"):
+        there, here = (np.asarray(getattr(s.operators.base, name)) for s in (again, before))
+        np.testing.assert_array_equal(there, here)
+    np.testing.assert_array_equal(again.operators.gap0, before.operators.gap0)
+    assert again.layout.probes == before.layout.probes
+    assert again.layout.supports == before.layout.supports
+    assert [part.name for part in again.layout.parts] == ["thick", "thin"]
+    assert assemble(case).operators is again.operators  # a file is read once
+
+
+def test_gaps_at_rest_follow_the_case(made: tuple[Reduction, Case]) -> None:
+    case = made[1].with_overrides({"gap.tip": 0.02, "gap.exponent": 3.0})
+    expected = assemble(preset("default", {**SMALL, "gap.tip": 0.02, "gap.exponent": 3.0}))
+    np.testing.assert_array_equal(assemble(case).operators.gap0, expected.operators.gap0)
+
+
+@pytest.mark.parametrize(
+    ("overrides", "message"),
+    [
+        ({"lamina.thin.thickness": 0.002}, "lamina.thin.thickness: expected 0.001, with which"),
+        ({"mesh.elements": 7}, "mesh.elements: expected 6, .* given 7"),
+        ({"damping.rayleigh": "mass"}, "damping.rayleigh: expected 'two-mode'"),
+        ({"contact.points_per_element": 2}, "contact.points_per_element: expected 1"),
+        ({"time.mass": "lumped"}, "time.mass: expected 'consistent'"),
+        ({"point_mass": [{"lamina": "thin", "mass": 0.1}]}, "point_mass"),
+        (
+            {"excitation": {"kind": "force", "lamina": "thin", "position": 0.1, "frequency": 3.0,
+                            "amplitude": 1.0}},
+            "excitation.kind: expected 'base'",
+        ),
+        ({"contact.impulse": "lumped", "time.scheme": "newmark"}, 'expected "consistent", because'),
+    ],
+)  # fmt: skip
+def test_another_model_is_refused_by_the_key_that_differs(
+    made: tuple[Reduction, Case], overrides: Mapping[str, object], message: str
+) -> None:
+    with pytest.raises(CaseError, match=message):
+        assemble(made[1].with_overrides(overrides))
+
+
+def test_what_was_not_assembled_may_change(made: tuple[Reduction, Case]) -> None:
+    keys = {"excitation.frequency": 2.0, "contact.restitution": 0.5, "time.refine": 4}
+    keys |= {"output.window_periods": 1, "name": "other", "time.steps_per_period": 100}
+    assert assemble(made[1].with_overrides(keys)).operators.n_pairs == 6
+
+
+def test_sensors_may_be_anywhere(made: tuple[Reduction, Case]) -> None:
+    found, case = made
+    kinds = ("displacement", "acceleration", "strain")
+    sensors = [{**SENSOR, "name": kind, "quantity": kind} for kind in kinds]
+    reduced = assemble(case.with_overrides({"sensor": sensors}))
+    full = assemble(preset("default", {**SMALL, "sensor": sensors}))
+    V, q = found.basis.vectors, np.random.default_rng(1).normal(size=reduced.operators.n_dofs)
+    for k in (0, 2):
+        a, b = (s.layout.sensors[k] for s in (reduced, full))
+        there = reduced.operators.sensors[a.of_u] @ q
+        np.testing.assert_allclose(there, full.operators.sensors[b.of_u] @ (V @ q), rtol=1e-9)
+    # the acceleration is that of the reduced equation of motion
+    a = reduced.layout.sensors[1]
+    o = reduced.operators
+    row = o.sensors[reduced.layout.sensors[0].of_u].toarray()[0]
+    np.testing.assert_allclose(o.sensors[a.of_u] @ q, [-row @ (o.stiffness @ q)], rtol=1e-9)
+
+
+def test_strains_of_a_bonded_stack_are_those_it_had(tmp_path: Path) -> None:
+    case = preset("embedded", {"mesh.elements": 20, "sensor": [STRAIN]})
+    found = reduced_case(case, 5)
+    reduced = load_case(found.save(tmp_path)[1])
+    own, full = assemble(reduced), found.full
+    q = np.random.default_rng(1).normal(size=own.operators.n_dofs)
+    u = found.basis.vectors @ q
+    np.testing.assert_allclose(own.operators.sensors @ q, full.operators.sensors @ u, rtol=1e-9)
+    other = reduced.with_overrides({"sensor": [{**STRAIN, "surface": "bottom"}]})
+    with pytest.raises(CaseError, match="expected one of the 1 strains .* lamina upper at 0.1 m"):
+        assemble(other)
+
+
+def test_a_damaged_file_is_refused_in_words(made: tuple[Reduction, Case], tmp_path: Path) -> None:
+    case = made[1]
+    content = case.model.file.read_bytes()
+    path = tmp_path / "reduced.npz"
+    other = case.model_copy(update={"model": case.model.model_copy(update={"file": path})})
+    half = bytearray(content)
+    half[len(half) // 2] ^= 0xFF
+    for damaged in (content[: len(content) // 2], bytes(half), b"", b"nonsense"):
+        path.write_bytes(damaged)
+        with pytest.raises(CaseError, match="is damaged or no file of delam-fem reduce"):
+            assemble(other)
+    path.unlink()
+    with pytest.raises(CaseError, match="cannot be read"):
+        assemble(other)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("format", np.array(99)),
+        ("H", np.zeros((3, 2))),
+        ("squares", -np.ones(4)),
+        ("gap0", np.full(6, np.nan)),
+        ("layout", np.array("{}")),
+        ("strains", np.zeros((0, 3))),
+    ],
+)
+def test_arrays_that_do_not_fit_are_refused(
+    made: tuple[Reduction, Case], tmp_path: Path, name: str, value: np.ndarray
+) -> None:
+    case = made[1]
+    with np.load(case.model.file) as archive:
+        arrays = {key: archive[key] for key in archive.files}
+    path = tmp_path / "reduced.npz"
+    np.savez(path, **{**arrays, name: value})
+    other = case.model_copy(update={"model": case.model.model_copy(update={"file": path})})
+    with pytest.raises(CaseError, match="is damaged or no file of delam-fem reduce"):
+        assemble(other)
+
+
+def test_a_reduced_case_and_a_lumped_mass_are_not_reduced(made: tuple[Reduction, Case]) -> None:
+    with pytest.raises(CaseError, match="expected a model that is not reduced yet"):
+        reduced_case(made[1])
+    with pytest.raises(CaseError, match='contact.impulse: expected "consistent"'):
+        reduced_case(preset("paper", SMALL))
+    with pytest.raises(CaseError, match="modes: expected at least 1, given 0"):
+        reduced_case(preset("default", SMALL), 0)
