@@ -63,7 +63,9 @@ def test_a_floating_body_moves_as_a_whole_and_gives_way_elastically(n: int) -> N
 def test_laminae_that_are_apart_are_bodies_of_their_own() -> None:
     apart = bodies(closed_form.assemble(preset("default", {"mesh.elements": 5})).operators)
     assert [body.dofs.size for body in apart] == [10, 10]
-    assert len(bodies(closed_form.assemble(preset("embedded", {"mesh.elements": 20})).operators)) == 1
+    assert (
+        len(bodies(closed_form.assemble(preset("embedded", {"mesh.elements": 20})).operators)) == 1
+    )
 
 
 def test_petsc_solves_as_superlu_does(monkeypatch: pytest.MonkeyPatch) -> None:

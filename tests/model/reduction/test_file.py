@@ -104,7 +104,7 @@ def test_strains_of_a_bonded_stack_are_those_it_had(tmp_path: Path) -> None:
     u = found.basis.vectors @ q
     np.testing.assert_allclose(own.operators.sensors @ q, full.operators.sensors @ u, rtol=1e-9)
     other = reduced.with_overrides({"sensor": [{**STRAIN, "surface": "bottom"}]})
-    with pytest.raises(CaseError, match="expected one of the 1 strains .* lamina upper at 0.1 m"):
+    with pytest.raises(CaseError, match=r"expected one of the 1 strains .* lamina upper at 0.1 m"):
         assemble(other)
 
 
@@ -151,7 +151,7 @@ def test_arrays_that_do_not_fit_are_refused(
 def test_a_reduced_case_and_a_lumped_mass_are_not_reduced(made: tuple[Reduction, Case]) -> None:
     with pytest.raises(CaseError, match="expected a model that is not reduced yet"):
         reduced_case(made[1])
-    with pytest.raises(CaseError, match='contact.impulse: expected "consistent"'):
+    with pytest.raises(CaseError, match=r'contact\.impulse: expected "consistent"'):
         reduced_case(preset("paper", SMALL))
     with pytest.raises(CaseError, match="modes: expected at least 1, given 0"):
         reduced_case(preset("default", SMALL), 0)
