@@ -51,11 +51,12 @@ if TYPE_CHECKING:
     from delam_fem.simulation.solution import Solution
     from delam_fem.studies.branches.follow import follow
     from delam_fem.studies.convergence.run import converge
+    from delam_fem.studies.diagrams.drawing import diagram
     from delam_fem.studies.modes import modes
     from delam_fem.studies.orbits.run import orbit
     from delam_fem.studies.reduced.motion import reduced
-    from delam_fem.studies.sweeps.diagrams import diagram
-    from delam_fem.studies.sweeps.grid import Sweep, load_sweep
+    from delam_fem.studies.sweeps.grid import Sweep
+    from delam_fem.studies.sweeps.load import load_sweep
     from delam_fem.studies.sweeps.run import run_sweep
 
 _HOMES = {
@@ -77,11 +78,11 @@ _HOMES = {
     "SweptMotion": "case.motion.excitation",
     "compare": "reference.compare",
     "converge": "studies.convergence.run",
-    "diagram": "studies.sweeps.diagrams",
+    "diagram": "studies.diagrams.drawing",
     "follow": "studies.branches.follow",
     "load_case": "case.files",
     "load_result": "results.folder",
-    "load_sweep": "studies.sweeps.grid",
+    "load_sweep": "studies.sweeps.load",
     "modes": "studies.modes",
     "orbit": "studies.orbits.run",
     "overlay": "results.overlay.whole",

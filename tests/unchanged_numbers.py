@@ -138,11 +138,12 @@ def interrupt(period: int, n_periods: int) -> None:
 
 def sweep_of(data: dict[str, Any]) -> Any:
     """Return a sweep, wherever the package has the function."""
-    try:
-        from delam_fem.studies.sweeps.grid import sweep_of as made
-    except ImportError:
-        made = importlib.import_module("delam_fem.sweepgrid").sweep_of  # before there were folders
-    return made(data)
+    for home in ("studies.sweeps.load", "studies.sweeps.grid", "sweepgrid"):  # the last is oldest
+        try:
+            return importlib.import_module(f"delam_fem.{home}").sweep_of(data)
+        except (ImportError, AttributeError):
+            continue
+    raise AssertionError("no sweep_of")
 
 
 def record_ladder(folder: Path) -> None:

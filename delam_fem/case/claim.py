@@ -10,7 +10,7 @@ import fcntl
 import logging
 import os
 from collections.abc import Collection, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 from delam_fem.case.atomic import PREFIX
@@ -18,8 +18,8 @@ from delam_fem.case.toml import CaseError
 
 OUTPUTS = frozenset({
     "case.toml", "checkpoint.npz", "state.npz", "result.nc", "summary.json", "report.html",
-    "figures", "fields", "sweep.toml", "sweep.nc", "sweep.journal", "convergence.json", "tables.md",
-    "detection.json",
+    "figures", "fields", "sweep.toml", "sweep.nc", "sweep.json", "sweep.journal",
+    "convergence.json", "tables.md", "detection.json",
     "orbit.json", "orbit.npz", "branch.nc", "points",
 })  # fmt: skip
 """Names that runs, sweeps, ladders, orbits and branches give to what they write."""
@@ -33,6 +33,7 @@ def claimed(
     *,
     inputs: Collection[Path] = (),
     may_hold_results: bool = False,
+    is_shared: bool = False,
 ) -> Iterator[Path]:
     """Make and lock a folder; no other process can claim it until the context ends.
 
@@ -45,6 +46,8 @@ def claimed(
             be called like an output there.
         may_hold_results: whether the folder may hold files, because the user asked to go on with
             them or to replace them.
+        is_shared: whether other processes write to the folder at the same time, each to files of
+            its own; nothing is locked then.
 
     Yields:
         The folder.
@@ -55,9 +58,9 @@ def claimed(
     """
     made = _make(directory)
     try:
-        with _locked(directory):
+        with nullcontext() if is_shared else _locked(directory):
             _spare(directory, inputs)
-            if not may_hold_results:
+            if not (may_hold_results or is_shared):
                 _require_empty(directory, inputs)
             yield directory
     finally:

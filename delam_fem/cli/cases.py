@@ -88,7 +88,7 @@ def _show(name: str, overrides: list[str] | None, engine: EngineName) -> None:
 
         if "axis" in read_toml(path):
             from delam_fem.case.overrides import parse_override
-            from delam_fem.studies.sweeps.grid import load_sweep
+            from delam_fem.studies.sweeps.load import load_sweep
 
             show_sweep(load_sweep(path, dict(parse_override(text) for text in overrides or [])))
             return

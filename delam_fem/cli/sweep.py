@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -22,6 +22,15 @@ from delam_fem.cli.console.terminal import (
     table,
 )
 from delam_fem.cli.inputs import DryRun, Overrides, Overwrite, Quiet, Workers, Yes, inputs_of
+from delam_fem.cli.shards import (
+    Merge,
+    Partial,
+    ShardOption,
+    compute_shard,
+    merge_shards,
+    refuse,
+    require_one,
+)
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -76,37 +85,61 @@ def sweep_command(
     overwrite: Overwrite = False,
     workers: Workers = None,
     executor: ExecutorOption = None,
+    shard: ShardOption = None,
+    merge: Merge = False,
+    partial: Partial = False,
     dry_run: DryRun = False,
     yes: Yes = False,
     quiet: Quiet = False,
 ) -> None:
     """Compute a case at many points and write all results to DIR/sweep.nc."""
     with reported(quiet):
-        going_on = resume, overwrite
+        where = workers, executor
+        special = require_one(shard=shard, merge=merge)
+        if special is not None:
+            refuse(f"--{special}", overwrite=overwrite, dry_run=dry_run)
+        if not merge:
+            refuse("a sweep without --merge", partial=partial)
+        if shard is not None:
+            sweep, directory, inputs = _opened(sweep_file, output, overrides)
+            options = {"resume": resume, "is_confirmed": yes, "quiet": quiet}
+            compute_shard(sweep, directory, shard, where, inputs, **options)
+            return
+        if merge:
+            sweep, directory, inputs = _opened(sweep_file, output, overrides)
+            data = merge_shards(sweep, directory, inputs, is_partial=partial)
+        else:
+            data, directory = _computed(
+                sweep_file,
+                output,
+                overrides,
+                (resume, overwrite),
+                where,
+                quiet,
+                yes=yes,
+                check=functools.partial(_shown_only, where, yes) if dry_run else None,
+            )
+        _finish(data, directory, quiet)
 
-        def shown_only(sweep: Sweep) -> None:
-            from delam_fem.studies.sweeps.run import require_computable
 
-            show_sweep(sweep, workers)
-            require_computable(sweep, executor, workers, is_confirmed=yes)
-            raise typer.Exit(DONE)
+def _shown_only(where: tuple[int | None, ExecutorName | None], yes: bool, sweep: Sweep) -> None:
+    """Show what a sweep needs, and end the command."""
+    from delam_fem.studies.sweeps.run import require_computable
 
-        data, directory = _computed(
-            sweep_file,
-            output,
-            overrides,
-            going_on,
-            (workers, executor),
-            quiet,
-            yes=yes,
-            check=shown_only if dry_run else None,
-        )
-        from delam_fem.studies.sweeps.page import write_page
+    workers, executor = where
+    show_sweep(sweep, workers)
+    require_computable(sweep, executor, workers, is_confirmed=yes)
+    raise typer.Exit(DONE)
 
-        page = write_page(data, directory)
-        data.close()
-        if not quiet:
-            say_files([directory / "sweep.nc", page])
+
+def _finish(data: xr.Dataset, directory: Path, quiet: bool) -> None:
+    """Write the page of a sweep and say which files there are."""
+    from delam_fem.studies.diagrams.page import write_page
+
+    page = write_page(data, directory)
+    data.close()
+    if not quiet:
+        say_files([directory / "sweep.nc", page])
 
 
 def diagram_command(
@@ -124,8 +157,8 @@ def diagram_command(
 ) -> None:
     """Draw a diagram of a sweep; compute the sweep first if its result does not exist."""
     with reported(quiet):
-        from delam_fem.studies.sweeps.diagrams import require_drawable, save_diagram
-        from delam_fem.studies.sweeps.page import write_page
+        from delam_fem.studies.diagrams.drawing import require_drawable, save_diagram
+        from delam_fem.studies.diagrams.page import write_page
 
         if source.suffix == ".toml":
             going_on = resume, overwrite
@@ -138,7 +171,7 @@ def diagram_command(
                 quiet,
                 yes=yes,
                 again=False,
-                check=partial(require_drawable, kind),
+                check=functools.partial(require_drawable, kind),
             )
         else:
             data, directory = _read(source, output)
@@ -175,36 +208,39 @@ def _computed(
     """
     from delam_fem.case.claim import claimed
     from delam_fem.cli.console.progress import progress
-    from delam_fem.studies.sweeps import run
+    from delam_fem.studies.sweeps import merge, run
 
-    sweep = _sweep_of(sweep_file, overrides)
-    directory = output or Path("runs") / sweep.file.name
+    sweep, directory, inputs = _opened(sweep_file, output, overrides)
     resume, overwrite = going_on
-    if not again and not overwrite and run.is_complete(directory, sweep):
+    if not again and not overwrite and merge.is_complete(directory, sweep):
         resume = True
     workers, executor = where
-    claim = claimed(
-        directory,
-        inputs=_inputs(sweep_file, sweep),
-        may_hold_results=resume or overwrite,
-    )
+    claim = claimed(directory, inputs=inputs, may_hold_results=resume or overwrite)
     options: dict[str, Any] = {"workers": workers, "resume": resume, "is_confirmed": yes}
     with claim:
         if check is not None:
             check(sweep)
         if overwrite:
             run.require_computable(sweep, executor, workers, is_confirmed=yes, folder=directory)
-            run.remove_results(directory)
+            merge.remove_results(directory)
         with progress(error_console(quiet)) as report:
             data = run.run_sweep(sweep, directory, executor, progress=report, **options)
     _tell(data, sweep, quiet)
     return data, directory
 
 
+def _opened(
+    sweep_file: Path, output: Path | None, overrides: list[str] | None
+) -> tuple[Sweep, Path, list[Path]]:
+    """Return a sweep, its folder, and the files of the user that it is read from."""
+    sweep = _sweep_of(sweep_file, overrides)
+    return sweep, output or Path("runs") / sweep.file.name, _inputs(sweep_file, sweep)
+
+
 def _sweep_of(sweep_file: Path, overrides: list[str] | None) -> Sweep:
     """Return the sweep in a file, with the overrides of the command line."""
     from delam_fem.case.overrides import parse_override
-    from delam_fem.studies.sweeps.grid import load_sweep
+    from delam_fem.studies.sweeps.load import load_sweep
 
     return load_sweep(sweep_file, dict(parse_override(text) for text in overrides or []))
 
@@ -238,12 +274,13 @@ def _rows(data: xr.Dataset) -> list[tuple[str, str]]:
     about = data.attrs
     counted = ("points", "completed", "diverged", "failed", "missing")
     rows = [(name, str(about[f"n_{name}"])) for name in counted]
-    return [
-        *rows,
-        ("workers", str(about["workers"])),
-        ("wall seconds", f"{about['wall_seconds']:.4g}"),
-        ("scheduling overhead", f"{100.0 * about['scheduling_overhead']:.2g} %"),
-    ]
+    if "workers" in about:  # a result without sweep.json does not say it
+        rows += [
+            ("workers", str(about["workers"])),
+            ("wall seconds", f"{about['wall_seconds']:.4g}"),
+            ("scheduling overhead", f"{100.0 * about['scheduling_overhead']:.2g} %"),
+        ]
+    return rows
 
 
 def _go_on(directory: Path) -> str:
@@ -253,12 +290,13 @@ def _go_on(directory: Path) -> str:
 
 def _points_in(directory: Path) -> str:
     """Return in words how many points the journal of a sweep has."""
-    from delam_fem.studies.sweeps.grid import load_sweep
     from delam_fem.studies.sweeps.journal import Journal
+    from delam_fem.studies.sweeps.load import load_sweep
 
     sweep = load_sweep(directory / "sweep.toml")
-    with Journal(directory / "sweep.journal", sweep.identity, resume=True) as journal:
-        return f"it has {journal.n_points} of {sweep.n_points} points"
+    path = directory / "sweep.journal"
+    with Journal(path, sweep.identity, resume=True) as journal, journal.joined() as joined:
+        return f"it has {joined.numbers.size} of {sweep.n_points} points"
 
 
 def _read(source: Path, output: Path | None) -> tuple[xr.Dataset, Path]:
@@ -267,7 +305,7 @@ def _read(source: Path, output: Path | None) -> tuple[xr.Dataset, Path]:
     from delam_fem.studies.sweeps.reading import open_result
 
     path = source / "sweep.nc" if source.is_dir() else source
-    if not path.is_file() and (source / "sweep.journal").is_file():
+    if not path.is_file() and (source / "sweep.journal").exists():
         raise CaseError(
             f"diagram: the sweep in {source} is not finished, {_points_in(source)}; "
             f"{_go_on(source)} goes on with it"

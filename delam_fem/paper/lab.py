@@ -124,7 +124,7 @@ class Laboratory:
         Raises:
             KeyboardInterrupt: the sweep was interrupted.
         """
-        from delam_fem.studies.sweeps.grid import sweep_of
+        from delam_fem.studies.sweeps.load import sweep_of
         from delam_fem.studies.sweeps.run import run_sweep
 
         sweep = sweep_of({"base": "paper", "engine": self.engine} | dict(description))

@@ -39,13 +39,24 @@ def versions() -> dict[str, str]:
 
 def provenance() -> dict[str, str]:
     """Return versions, BLAS, machine, git revision and command line by name."""
+    return origin() | occasion()
+
+
+def origin() -> dict[str, str]:
+    """Return versions and git revision: what is the same on all machines of a cluster."""
     return {
         **versions(),
         "python": sys.version.split()[0],
+        "git_revision": git_revision(),
+    }
+
+
+def occasion() -> dict[str, str]:
+    """Return BLAS, machine and command line of this process."""
+    return {
         "blas": blas(),
         "host": platform.node() or UNKNOWN,
         "processor": processor(),
-        "git_revision": git_revision(),
         "command": shlex.join(sys.argv),
     }
 

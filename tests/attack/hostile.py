@@ -161,7 +161,7 @@ harmonics = 3
 
 def a_sweep(rng: random.Random, folder: Path) -> None:
     """Read a damaged sweep file."""
-    from delam_fem.studies.sweeps.grid import load_sweep
+    from delam_fem.studies.sweeps.load import load_sweep
     from delam_fem.studies.sweeps.run import require_computable
 
     path = folder / "s.toml"
@@ -235,17 +235,23 @@ def a_journal(rng: random.Random, folder: Path) -> None:
     path = folder / "sweep.journal"
     if "journal" not in _WHOLE:
         with Journal(path, "sweep", resume=False) as journal:
-            points = tuple(Point(k, "completed", "", np.arange(5.0) + k) for k in range(200))
-            state = State(np.ones((3, 8)), np.ones(4, dtype=np.bool_))
-            journal.add([Done(Chunk(0, tuple(range(200))), points, state, 1.0, 0.0)])
-        _WHOLE["journal"] = path.read_bytes()
-    path.write_bytes(damaged(rng, _WHOLE["journal"]))
-    with Journal(path, "sweep", resume=True) as journal:
-        for point in journal.points(0, 10**6):
-            assert point.row is not None
-            assert np.array_equal(point.row, np.arange(5.0) + point.index)
-        state_found = journal.state(0)
-        assert state_found is None or np.array_equal(state_found.motion, np.ones((3, 8)))
+            for first in range(0, 200, 20):
+                numbers = tuple(range(first, first + 20))
+                points = tuple(Point(k, "completed", "", np.arange(5.0) + k) for k in numbers)
+                state = State(np.full((3, 8), first + 20.0), np.ones(4, dtype=np.bool_))
+                journal.add([Done(Chunk(0, numbers), points, state, 1.0, 0.0)])
+        (part,) = path.glob("*.points")
+        _WHOLE["journal"] = part.read_bytes()
+        part.unlink()
+    path.mkdir(exist_ok=True)
+    (path / "1-of-1.there.1.1.points").write_bytes(damaged(rng, _WHOLE["journal"]))
+    with Journal(path, "sweep", resume=True) as journal, journal.joined() as joined:
+        block = joined.block(0, 10**6, 5)
+        assert np.array_equal(block.rows, block.numbers[:, None] + np.arange(5.0))
+        n_done, state_found = joined.reached(np.arange(200), 0)
+        assert set(range(n_done)) <= set(block.numbers.tolist())
+        assert (state_found is None) == (n_done == 0)
+        assert state_found is None or (state_found.motion == n_done).all()
 
 
 def a_ladder(rng: random.Random, folder: Path) -> None:
@@ -271,7 +277,7 @@ def a_ladder(rng: random.Random, folder: Path) -> None:
 
 def a_sweep_result(rng: random.Random, folder: Path) -> None:
     """Draw the diagram of a damaged result of a sweep, up to the picture."""
-    from delam_fem.studies.sweeps.grid import sweep_of
+    from delam_fem.studies.sweeps.load import sweep_of
     from delam_fem.studies.sweeps.reading import open_result
     from delam_fem.studies.sweeps.run import is_complete, run_sweep
 

@@ -18,7 +18,7 @@ from delam_fem.engines.cost import (
     run_cost,
     step_hours,
 )
-from delam_fem.studies.sweeps.grid import sweep_of
+from delam_fem.studies.sweeps.load import sweep_of
 from delam_fem.studies.sweeps.run import run_sweep
 
 

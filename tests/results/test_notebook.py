@@ -13,8 +13,8 @@ from delam_fem.reference.compare import compare
 from delam_fem.results import diagnostics
 from delam_fem.results.figures.run import FIGURES
 from delam_fem.studies.convergence import run as ladders
+from delam_fem.studies.diagrams.drawing import diagram
 from delam_fem.studies.modes import modes
-from delam_fem.studies.sweeps.diagrams import diagram
 
 
 @pytest.fixture

@@ -16,7 +16,7 @@ from delam_fem.model.beams import closed_form
 from delam_fem.numerics.harmonics import harmonic_amplitudes
 from delam_fem.simulation.recorder import N_BASE
 from delam_fem.studies.structure_modes import structure_modes
-from delam_fem.studies.sweeps.grid import sweep_of
+from delam_fem.studies.sweeps.load import sweep_of
 from delam_fem.studies.sweeps.run import run_sweep
 
 COARSE: dict[str, object] = {

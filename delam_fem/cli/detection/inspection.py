@@ -79,7 +79,7 @@ def _excite(
     from delam_fem.studies.detection.excitation import excitation_map
     from delam_fem.studies.detection.excitation_figure import excitation_figure, ratio_figure
     from delam_fem.studies.detection.saving import save_drawings, save_page
-    from delam_fem.studies.sweeps.run import remove_results
+    from delam_fem.studies.sweeps.merge import remove_results
 
     may = options["resume"] or overwrite
     with claimed(folder, inputs=inputs_of(case), may_hold_results=may) as directory:
@@ -150,7 +150,7 @@ def _pod(
     from delam_fem.studies.detection.pod import HEADING, pod
     from delam_fem.studies.detection.population import population
     from delam_fem.studies.detection.saving import save_drawings, save_page
-    from delam_fem.studies.sweeps.run import remove_results
+    from delam_fem.studies.sweeps.merge import remove_results
 
     overwrite = options.pop("overwrite")
     may = options["resume"] or overwrite
@@ -222,7 +222,7 @@ def _infer(
     from delam_fem.studies.detection.population import population
     from delam_fem.studies.detection.posterior import Inferred, observed
     from delam_fem.studies.detection.saving import save_drawings, save_page
-    from delam_fem.studies.sweeps.run import remove_results
+    from delam_fem.studies.sweeps.merge import remove_results
 
     overwrite, prior = options.pop("overwrite"), inference.Prior.of(case)
     parameters = prior.sample(number, 7)

@@ -25,6 +25,7 @@ from delam_fem.studies.detection.shapes import Shapes
 from delam_fem.studies.executors import ExecutorName
 from delam_fem.studies.sweeps.file import Axis, Record, ScanRecord, SweepFile
 from delam_fem.studies.sweeps.grid import Sweep
+from delam_fem.studies.sweeps.load import require_valid
 from delam_fem.studies.sweeps.run import run_sweep
 
 PERIODS, SAMPLES = 16, 50
@@ -183,7 +184,7 @@ def scans(name: str, case: Case, axes: tuple[Axis, ...], scan: ScanRecord) -> Sw
         dict(name=name, base="case.toml", combine="zip", start="steady", axis=axes, record=record)
     )
     sweep = Sweep(file, case)
-    sweep.check()
+    require_valid(sweep)
     return sweep
 
 

@@ -21,7 +21,7 @@ from delam_fem.numerics.cantilever import ComplexArray
 from delam_fem.numerics.inference import FEWEST, Table
 from delam_fem.studies.executors import ExecutorName
 from delam_fem.studies.identification import statistics
-from delam_fem.studies.sweeps.grid import sweep_of
+from delam_fem.studies.sweeps.load import sweep_of
 from delam_fem.studies.sweeps.run import run_sweep
 
 EVERY = "lamina.*."

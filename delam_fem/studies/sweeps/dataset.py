@@ -16,24 +16,24 @@ import numpy.typing as npt
 
 from delam_fem.case.atomic import atomic_file
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.results.provenance import provenance
+from delam_fem.results.provenance import origin
 from delam_fem.results.scan import scan_positions
 from delam_fem.results.schema import Variable
 from delam_fem.studies.detection.shapes import ORDERS
 from delam_fem.studies.sweeps.grid import DIRECTIONS, Dimension, Sweep
-from delam_fem.studies.sweeps.journal import Journal
-from delam_fem.studies.sweeps.point import Point
+from delam_fem.studies.sweeps.joined import OUTCOMES, Block, Joined
 from delam_fem.studies.sweeps.quantities import VARIABLES, Quantity
 
 SLAB_NUMBERS = 1_000_000
 """Largest number of values in memory at a time (8 MB)."""
 _TEXT = h5py.string_dtype()
+_WORDS = np.array(OUTCOMES, dtype=object)
 
 
 def write(
     path: Path,
     sweep: Sweep,
-    journal: Journal,
+    joined: Joined,
     wanted: tuple[Quantity, ...],
     *,
     x: FloatArray,
@@ -44,10 +44,10 @@ def write(
     Args:
         path: of the NetCDF file.
         sweep: gives the grid.
-        journal: gives the points; those that are missing are NaN.
+        joined: gives the points; those that are missing are NaN.
         wanted: layout of the rows.
         x: positions of the nodes of the first point, shape (n_nodes,) [m].
-        attributes: of the dataset beside sweep, case and versions.
+        attributes: of the dataset beside sweep, case and origin.
 
     Raises:
         OSError: the file cannot be written.
@@ -59,14 +59,14 @@ def write(
             _known_variable(file, quantity.variable, np.float64, grid)
         _known_variable(file, "outcome", _TEXT, grid)
         _known_variable(file, "error", _TEXT, grid)
-        for slab, points in _slabs(sweep, journal, wanted):
-            _fill(file, slab, points, wanted, tuple(sizes[d] for d in grid))
+        for slab, block in _slabs(sweep, joined, wanted):
+            _fill(file, slab, block, wanted, tuple(sizes[d] for d in grid))
         file.attrs.update(
             title=f"sweep {sweep.file.name}",
             coordinates=" ".join(_off_dimension(sweep, sizes)),
             sweep=sweep.to_toml("case.toml"),
             case=sweep.base.to_toml(),
-            **provenance(),
+            **origin(),
             **attributes,
         )
 
@@ -148,34 +148,34 @@ def _variable(
 
 
 def _slabs(
-    sweep: Sweep, journal: Journal, wanted: tuple[Quantity, ...]
-) -> Iterator[tuple[slice, Iterator[Point]]]:
+    sweep: Sweep, joined: Joined, wanted: tuple[Quantity, ...]
+) -> Iterator[tuple[slice, Block]]:
     """Yield ranges of the outermost dimension (slabs) with their points."""
     outer, *inner = sweep.sizes.values()
     per_index = math.prod(inner)
-    numbers = per_index * max(sum(quantity.size for quantity in wanted), 1)
-    step = max(1, SLAB_NUMBERS // numbers)
+    size = sum(quantity.size for quantity in wanted)
+    step = max(1, SLAB_NUMBERS // (per_index * max(size, 1)))
     for start in range(0, outer, step):
         stop = min(start + step, outer)
-        yield slice(start, stop), journal.points(start * per_index, stop * per_index)
+        yield slice(start, stop), joined.block(start * per_index, stop * per_index, size)
 
 
 def _fill(
     file: h5netcdf.File,
     slab: slice,
-    points: Iterator[Point],
+    block: Block,
     wanted: tuple[Quantity, ...],
     shape: tuple[int, ...],
 ) -> None:
     """Write the points of a slab."""
     inner = shape[1:]
     first, n = slab.start * math.prod(inner), (slab.stop - slab.start) * math.prod(inner)
-    rows = np.full((n, sum(quantity.size for quantity in wanted)), np.nan)
+    rows = np.full((n, block.rows.shape[1]), np.nan)
     outcome, error = np.full(n, "", dtype=object), np.full(n, "", dtype=object)
-    for point in points:
-        outcome[point.index - first], error[point.index - first] = point.outcome, point.error
-        if point.row is not None:
-            rows[point.index - first] = point.row
+    at = block.numbers - first
+    rows[at], outcome[at] = block.rows, _WORDS[block.outcomes]
+    for index, text in block.errors.items():
+        error[index - first] = text
     lead, column = (slab.stop - slab.start, *inner), 0
     for quantity in wanted:
         values = rows[:, column : column + quantity.size]

@@ -1,27 +1,24 @@
-"""Turn a sweep file into a grid: the case of each point, and the order of the points."""
+"""Turn the content of a sweep file into a grid: the case of each point, the order of the points.
+
+`load.py` reads and checks sweep files.
+"""
 
 from __future__ import annotations
 
-import copy
 import math
+import pickle
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from html import escape
-from pathlib import Path
 
 import numpy as np
-from pydantic_core import PydanticCustomError
 
 from delam_fem.case.definition import Case
-from delam_fem.case.files import PRESETS, load_case, preset
 from delam_fem.case.overrides import apply_overrides
-from delam_fem.case.toml import CaseError, Data, message, read_toml, toml_text
-from delam_fem.case.units import in_si
+from delam_fem.case.toml import CaseError, toml_text
 from delam_fem.numerics.arrays import IntArray
-from delam_fem.results.scan import scan_positions
-from delam_fem.studies.detection.shapes import LEAST_PERIODS
 from delam_fem.studies.sweeps.file import SweepFile, Value
 
 DIRECTIONS = ("up", "down")
@@ -29,13 +26,11 @@ DIRECTIONS = ("up", "down")
 INITIAL = "initial"
 """First part of the keys that set initial conditions."""
 _INITIAL_QUANTITIES = ("displacement", "velocity")
-CHECKED = 1000
-"""Largest number of values of an axis that are checked before the sweep."""
-_TAKEN = {
+TAKEN = {
     "direction", "lamina", "node", "strobe", "harmonic", "x", "outcome", "error", "order", "scan_x",
 }  # fmt: skip
 """Names that an axis cannot have, because the result uses them."""
-_UNITS = {
+UNITS = {
     "frequency": "Hz", "start_frequency": "Hz", "end_frequency": "Hz", "duration": "s",
     "amplitude": "m", "tip": "m", "root": "m", "length": "m", "width": "m", "thickness": "m",
     "density": "kg/m3", "young_modulus": "Pa", "bending_stiffness": "N m2",
@@ -87,7 +82,7 @@ class Sweep:
         short = [_short_name(key) for key in keys]
         names = [
             axis.name
-            or (name if short.count(name) == 1 and name not in _TAKEN else key.replace(".", "_"))
+            or (name if short.count(name) == 1 and name not in TAKEN else key.replace(".", "_"))
             for axis, name, key in zip(self.file.axis, short, keys, strict=True)
         ]
         is_zip = self.file.combine == "zip"
@@ -107,7 +102,7 @@ class Sweep:
         """Return the unit of a key."""
         if key == "excitation.amplitude" and self.base.excitation.acts_on == "force":
             return "N"
-        return _UNITS.get(key.rsplit(".", 1)[-1], "1")
+        return UNITS.get(key.rsplit(".", 1)[-1], "1")
 
     def _repr_html_(self) -> str:
         """Return what a notebook shows: the axes, and the case that they vary."""
@@ -147,11 +142,11 @@ class Sweep:
         Raises:
             CaseError: its values do not make a valid case.
         """
-        return self._case(self.overrides(index), f"point {index}")
+        return self.case_of(self.overrides(index), f"point {index}")
 
     def initial(self, index: int) -> dict[str, float]:
         """Return the initial conditions of a point; see `SweepFile.initial` for the keys."""
-        return self._initial(self.overrides(index))
+        return self.initial_of(self.overrides(index))
 
     @cached_property
     def tracks(self) -> tuple[IntArray, ...]:
@@ -182,15 +177,30 @@ class Sweep:
         return f"{self.to_toml('')}\n{self.base.to_toml()}"
 
     @cached_property
-    def _data(self) -> Data:
-        return tomllib.loads(self.base.to_toml())
+    def _data(self) -> bytes:
+        """The base case as a dictionary, pickled: the fastest way to many copies."""
+        return pickle.dumps(tomllib.loads(self.base.to_toml()))
 
-    def _case(self, overrides: Mapping[str, Value], label: str) -> Case:
-        data = copy.deepcopy(self._data)
+    def case_of(self, overrides: Mapping[str, Value], label: str) -> Case:
+        """Return the base case with other values.
+
+        Args:
+            overrides: values by key; those of initial conditions are left out.
+            label: name of the case in messages.
+
+        Raises:
+            CaseError: they do not make a valid case.
+        """
+        data = pickle.loads(self._data)
         apply_overrides(data, {k: v for k, v in overrides.items() if not _is_initial(k)})
         return Case.checked(data, label).with_files_checked(label)
 
-    def _initial(self, overrides: Mapping[str, object]) -> dict[str, float]:
+    def initial_of(self, overrides: Mapping[str, object]) -> dict[str, float]:
+        """Return the initial conditions that go with values of axes.
+
+        Raises:
+            CaseError: one of them is not known, or not a number.
+        """
         prefix = f"{INITIAL}."
         given = self.file.initial | {
             key.removeprefix(prefix): value for key, value in overrides.items() if _is_initial(key)
@@ -210,77 +220,6 @@ class Sweep:
             found[key] = float(value)
         return found
 
-    def check(self) -> None:
-        """Check the values of every axis, with the other axes at their first value.
-
-        Of a long axis the ends and some values between them are checked.
-
-        Raises:
-            CaseError: a value is not valid, or a requested record is not possible.
-        """
-        label = f"sweep {self.file.name}"
-        names = [d.name for d in self.dimensions]
-        clash = next((n for n in names if n in _TAKEN or names.count(n) > 1), None)
-        if clash is not None:
-            raise CaseError(f"{label}: axis: the name {clash} is taken; give name = another one")
-        first = self.overrides(0)
-        if self.file.combine == "zip":
-            trials = [self.overrides(index) for index in _some(self.n_points)]
-        else:
-            trials = [
-                first | {d.key: d.values[k]} for d in self.dimensions for k in _some(len(d.values))
-            ]
-        for trial in trials:
-            case = self._case(trial, label)
-            self._initial(trial)
-        case = self._case(first, label)
-        record, is_harmonic = self.file.record, case.is_periodic
-        if not is_harmonic and (self.file.order != "independent" or record.lyapunov):
-            what = "order" if self.file.order != "independent" else "record.lyapunov"
-            raise CaseError(f'{label}: {what}: expected excitation.kind "harmonic" for it')
-        if record.node_distortion:
-            self._check_frames(case, label)
-        if record.scan is not None:
-            self._check_scan(case, label)
-
-    def _check_frames(self, case: Case, label: str) -> None:
-        """Check that all points record evenly spaced frames on the same nodes."""
-        N, frames = case.time.steps_per_period, case.output.fields_per_period
-        if frames < 4 or N % frames:
-            raise CaseError(
-                f"{label}: record.node_distortion: expected output.fields_per_period of at least 4 "
-                f"that divides time.steps_per_period = {N}, given {frames}"
-            )
-        keys = [d.key for d in self.dimensions if d.key.split(".")[0] == "mesh"]
-        if keys:
-            raise CaseError(
-                f"{label}: record.node_distortion: expected one mesh for all points, given the "
-                f"axis {keys[0]}"
-            )
-
-    def _check_scan(self, case: Case, label: str) -> None:
-        """Check that the points of a scan exist, and that the window suffices for its shapes."""
-        scan = self.file.record.scan
-        assert scan is not None
-        N, frames = case.time.steps_per_period, case.output.fields_per_period
-        if frames < 5 or N % frames or case.n_window_periods < LEAST_PERIODS:
-            raise CaseError(
-                f"{label}: record.scan: expected output.window_periods of at least {LEAST_PERIODS},"
-                " and output.fields_per_period of at least 5 that divides time.steps_per_period = "
-                f"{N}, given {case.n_window_periods} and {frames}"
-            )
-        if not case.is_periodic:
-            raise CaseError(f"{label}: record.scan: expected a harmonic excitation")
-        scan_positions(case.length, scan.spacing, scan.first)
-        if any(d.key.endswith(".length") for d in self.dimensions):
-            raise CaseError(f"{label}: record.scan: expected one length for all points")
-
-
-def _some(count: int) -> list[int]:
-    """Return all numbers below `count`, or if they are many, some of them, the ends included."""
-    numbers = np.unique(np.linspace(0, count - 1, min(count, CHECKED)).astype(np.int64))
-    return [int(number) for number in numbers]
-
 
 def _short_name(key: str) -> str:
     """Return the last part of a key; for laminae and initial conditions, the last two parts."""
@@ -290,94 +229,3 @@ def _short_name(key: str) -> str:
 
 def _is_initial(key: str) -> bool:
     return key.startswith(f"{INITIAL}.")
-
-
-def load_sweep(path: str | Path, overrides: Mapping[str, object] | None = None) -> Sweep:
-    """Read a sweep file.
-
-    Args:
-        path: TOML file; a relative name of a case file in it is relative to its folder.
-        overrides: values of the base case by key; they replace those in `[set]` of the file.
-
-    Returns:
-        The sweep; every value of its axes is checked.
-
-    Raises:
-        CaseError: the file is missing or is not a valid sweep file, or a value is not valid.
-    """
-    path = Path(path)
-    return sweep_of({"name": path.stem} | read_toml(path), overrides, path.absolute().parent)
-
-
-def sweep_of(
-    data: Data, overrides: Mapping[str, object] | None = None, folder: Path | None = None
-) -> Sweep:
-    """Return the sweep that a dictionary describes.
-
-    Args:
-        data: content of a sweep file as `tomllib` returns it, with `name`.
-        overrides: see `load_sweep`.
-        folder: folder of the base case file; default: the working directory.
-
-    Raises:
-        CaseError: see `load_sweep`.
-    """
-    from pydantic import ValidationError
-
-    label = f"sweep {data.get('name')}"
-    try:
-        file = SweepFile.model_validate(_with_numbers(data))
-    except ValidationError as error:
-        raise CaseError(message(label, error, data)) from None
-    values = file.set | dict(overrides or {})
-    clash = next((axis.key for axis in file.axis if axis.key in (overrides or {})), None)
-    if clash is not None:
-        raise CaseError(f"override {clash}: is an axis of {label}; change it in the file")
-    base = preset(file.base, values) if file.base in PRESETS else _file(file.base, values, folder)
-    sweep = Sweep(file, base)
-    sweep.check()
-    return sweep
-
-
-def _with_numbers(data: Data) -> Data:
-    """Return a sweep file whose axes have numbers in SI where their values carry a unit.
-
-    Raises:
-        CaseError: a unit is unknown, or does not fit the key.
-    """
-    axes = data.get("axis")
-    if not isinstance(axes, list | tuple):
-        return data
-    changed = []
-    for number, axis in enumerate(axes, start=1):
-        if not isinstance(axis, dict):
-            return data
-        unit = _UNITS.get(str(axis.get("key")).rsplit(".", 1)[-1], "")
-        own = dict(axis)
-        for name in {"start", "stop", "values"} & set(axis) if unit else ():
-            label = f"sweep {data.get('name')}: axis.{number}.{name}"
-            value = axis[name]
-            is_list = isinstance(value, list | tuple)
-            own[name] = (
-                [_in_si(v, unit, label) for v in value] if is_list else _in_si(value, unit, label)
-            )
-        changed.append(own)
-    return data | {"axis": changed}
-
-
-def _in_si(value: object, unit: str, label: str) -> object:
-    """Return a value with a unit as a number in SI, anything else as it is."""
-    try:
-        return in_si(value, unit)
-    except PydanticCustomError as error:
-        raise CaseError(f"{label}: {error.message()}") from None
-
-
-def _file(name: str, values: Mapping[str, object], folder: Path | None) -> Case:
-    path = (folder or Path()) / name
-    if not path.is_file():
-        raise CaseError(
-            f"base {name!r}: neither a preset ({', '.join(PRESETS)}) nor a case file; no such "
-            f"file: {path}"
-        )
-    return load_case(path, values)

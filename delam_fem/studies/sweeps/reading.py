@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import tomllib
 from pathlib import Path
@@ -12,6 +13,11 @@ from delam_fem.case.toml import CaseError
 if TYPE_CHECKING:
     import xarray as xr
 
+OCCASION = "sweep.json"
+"""Name of the file that says where and how long a sweep was computed.
+
+It is not in the dataset, so that equal sweeps have equal datasets.
+"""
 _COUNTED = ("points", "completed", "diverged", "failed", "missing")
 
 _log = logging.getLogger(__name__)
@@ -25,7 +31,7 @@ def open_result(path: Path, *, is_loaded: bool = False) -> xr.Dataset:
         is_loaded: whether to read all values at once; otherwise they are read when they are used.
 
     Returns:
-        The dataset; the caller closes it.
+        The dataset; the caller closes it. Its attributes include those in `OCCASION` beside it.
 
     Raises:
         CaseError: the file is damaged, or not the result of a sweep.
@@ -36,6 +42,7 @@ def open_result(path: Path, *, is_loaded: bool = False) -> xr.Dataset:
         data = xr.open_dataset(path, engine="h5netcdf")
         try:
             _require_sweep(data)
+            data.attrs |= _occasion(path.with_name(OCCASION))
             return data.load() if is_loaded else data
         except BaseException:
             data.close()
@@ -46,6 +53,15 @@ def open_result(path: Path, *, is_loaded: bool = False) -> xr.Dataset:
             f"{path}: expected the result of a sweep, as delam-fem sweep writes it; this file is "
             "damaged or another one"
         ) from error
+
+
+def _occasion(path: Path) -> dict[str, str | int | float]:
+    """Return how a result was computed; empty where nothing says it."""
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return found if isinstance(found, dict) else {}
 
 
 def _require_sweep(data: xr.Dataset) -> None:

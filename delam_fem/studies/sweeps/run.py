@@ -13,17 +13,13 @@ import logging
 import pickle
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from delam_fem.case.atomic import write_text
-from delam_fem.case.files import save_case
-from delam_fem.case.toml import CaseError
 from delam_fem.engines.cost import (
     FILE_BYTES,
     STUDY_SECONDS,
@@ -38,25 +34,39 @@ from delam_fem.results.pages.progress import reporting
 from delam_fem.simulation.interrupts import stop_signals
 from delam_fem.studies import executors
 from delam_fem.studies.executors import ExecutorName
-from delam_fem.studies.sweeps import dataset
 from delam_fem.studies.sweeps.grid import Sweep
-from delam_fem.studies.sweeps.journal import Journal
+from delam_fem.studies.sweeps.joined import Joined
+from delam_fem.studies.sweeps.journal import Journal, remove_journal
+from delam_fem.studies.sweeps.merge import JOURNAL, RESULT, is_complete, save_sweep, write_result
 from delam_fem.studies.sweeps.point import Done, PointRunner
 from delam_fem.studies.sweeps.quantities import Quantity, quantities
 from delam_fem.studies.sweeps.reading import open_result
 from delam_fem.studies.sweeps.schedule import INDEPENDENT, Schedule, Track
+from delam_fem.studies.sweeps.shards import Shard
 from delam_fem.studies.sweeps.waiting import Waiting
 
 if TYPE_CHECKING:
     import xarray as xr
 
-RESULT, JOURNAL = "sweep.nc", "sweep.journal"
-"""Names of the dataset and the journal in the folder of a sweep."""
-
 POINT_BYTES = 80
 """Bytes of a point in the journal and the dataset beside its row."""
 
 _log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class ShardProgress:
+    """How far a shard has come.
+
+    Attributes:
+        n_done: number of its finished points.
+        n_points: number of all its points.
+        about: number of points by outcome, and the times of this call, by name.
+    """
+
+    n_done: int
+    n_points: int
+    about: Mapping[str, str | int | float]
 
 
 def run_sweep(
@@ -72,7 +82,8 @@ def run_sweep(
     """Compute all points of a sweep and return the dataset.
 
     The folder contains `case.toml` and `sweep.toml`, from which the sweep can be repeated, and
-    `sweep.nc`. While points are missing it also contains the journal of the finished points.
+    `sweep.nc`; `sweep.json` says where and how long it was computed. While points are missing it
+    also contains the journal of the finished points.
 
     Args:
         sweep: the sweep to compute.
@@ -101,27 +112,67 @@ def run_sweep(
     path = directory / RESULT
     if resume and is_complete(directory, sweep):
         return open_result(path)
-    layout, wanted = require_computable(
+    layout, _ = require_computable(
         sweep, executor, workers, is_confirmed=is_confirmed, folder=directory
     )
     directory.mkdir(parents=True, exist_ok=True)
     with Journal(directory / JOURNAL, sweep.identity, resume=resume) as journal:
-        save_case(sweep.base, directory)
-        write_text(directory / "sweep.toml", sweep.to_toml("case.toml"))
-        begin = time.perf_counter()
-        with (
-            _schedule(sweep, journal, executor, workers) as schedule,
-            reporting(progress, "point") as shown,
-        ):
-            has_all = _computed(sweep, journal, schedule, shown)
-        seconds = time.perf_counter() - begin
-        attributes = _attributes(sweep, journal, schedule, seconds) | {
-            "outcome": "completed" if has_all else "interrupted"
-        }
-        dataset.write(path, sweep, journal, wanted, x=layout.x, attributes=attributes)
+        save_sweep(sweep, directory)
+        about = _computed(sweep, journal, executor, workers, progress)
+        with journal.joined() as joined:
+            write_result(sweep, directory, joined, layout, about)
+            has_all = joined.numbers.size == sweep.n_points
     if has_all:
-        _remove_journal(directory)
+        remove_journal(directory / JOURNAL)
     return open_result(path)
+
+
+def run_shard(
+    sweep: Sweep,
+    directory: str | Path,
+    shard: Shard,
+    executor: Executor | ExecutorName | None = None,
+    *,
+    workers: int | None = None,
+    resume: bool = False,
+    is_confirmed: bool = False,
+    progress: Callable[[int, int], None] | bool | None = None,
+) -> ShardProgress:
+    """Compute the points of one shard; `merge_sweep` joins the shards.
+
+    Any number of shards can be computed at the same time in the same folder.
+
+    Args:
+        sweep: the sweep.
+        directory: folder of the sweep; the shard only writes to the journal in it.
+        shard: the share of the points.
+        executor: see `run_sweep`.
+        workers: see `run_sweep`.
+        resume: whether to continue with the finished points of the shard.
+        is_confirmed: see `run_sweep`; it is asked of the points of the shard.
+        progress: called with the number of finished points and of all points of the shard.
+
+    Returns:
+        How far the shard has come.
+
+    Raises:
+        CaseError: see `run_sweep`.
+        BrokenExecutor: see `run_sweep`.
+        OSError: the folder cannot be written.
+    """
+    directory = Path(directory)
+    n_points = share_size(sweep, shard)
+    if resume and is_complete(directory, sweep):
+        return ShardProgress(n_points, n_points, {})
+    require_computable(
+        sweep, executor, workers, is_confirmed=is_confirmed, folder=directory, n_points=n_points
+    )
+    directory.mkdir(parents=True, exist_ok=True)
+    path = directory / JOURNAL
+    with Journal(path, sweep.identity, resume=resume, shard=shard) as journal:
+        about = _computed(sweep, journal, executor, workers, progress)
+        with journal.joined() as joined:
+            return ShardProgress(joined.numbers.size, n_points, joined.counts() | about)
 
 
 def require_computable(
@@ -131,8 +182,17 @@ def require_computable(
     *,
     is_confirmed: bool,
     folder: Path | None = None,
+    n_points: int | None = None,
 ) -> tuple[Layout, tuple[Quantity, ...]]:
     """Check the first point and the cost of a sweep before anything is written.
+
+    Args:
+        sweep: the sweep.
+        executor: see `run_sweep`.
+        workers: see `run_sweep`.
+        is_confirmed: whether a large sweep is computed.
+        folder: where the files go.
+        n_points: number of points that are computed; default: all.
 
     Returns:
         The layout of the first point, and the quantities in a row.
@@ -142,8 +202,9 @@ def require_computable(
     """
     layout = PointRunner(sweep).structure(sweep.case(0)).layout
     wanted = quantities(sweep.file.record, layout)
-    what = f"sweep {sweep.file.name} of {sweep.n_points:g} points"
-    cost = _cost(sweep, wanted, _n_workers(executor, workers))
+    count = sweep.n_points if n_points is None else n_points
+    what = f"sweep {sweep.file.name} of {count:g} points"
+    cost = _cost(sweep, wanted, _n_workers(executor, workers), count)
     require_affordable(cost, what, is_confirmed=is_confirmed, folder=folder)
     return layout, wanted
 
@@ -159,7 +220,8 @@ def sweep_cost(sweep: Sweep, workers: int | None = None) -> Cost:
         CaseError: its first point cannot be computed.
     """
     layout = PointRunner(sweep).structure(sweep.case(0)).layout
-    return _cost(sweep, quantities(sweep.file.record, layout), workers or executors.n_cores())
+    wanted = quantities(sweep.file.record, layout)
+    return _cost(sweep, wanted, workers or executors.n_cores(), sweep.n_points)
 
 
 def _n_workers(executor: Executor | ExecutorName | None, workers: int | None) -> int:
@@ -169,50 +231,73 @@ def _n_workers(executor: Executor | ExecutorName | None, workers: int | None) ->
     return executors.size_of(executor) if isinstance(executor, Executor) else executors.n_cores()
 
 
-def _cost(sweep: Sweep, wanted: tuple[Quantity, ...], n_workers: int) -> Cost:
+def _cost(sweep: Sweep, wanted: tuple[Quantity, ...], n_workers: int, n_points: int) -> Cost:
     """Return the cost of a sweep whose points all are like the first."""
     case, record = sweep.case(0), sweep.file.record
     longer = 1.0 + 2.0 * record.lyapunov / case.n_periods
-    hours = sweep.n_points * step_hours(case, sweep.file.engine) * longer / n_workers
+    hours = n_points * step_hours(case, sweep.file.engine) * longer / n_workers
     row = 8.0 * sum(quantity.size for quantity in wanted)
-    listed = 0 if sweep.file.order == "independent" else 8 * sweep.n_points
+    listed = 0 if sweep.file.order == "independent" else 8 * n_points
     worker = run_cost(case, sweep.file.engine).memory * n_workers
-    files = FILE_BYTES + 2.0 * sweep.n_points * (row + POINT_BYTES)
+    files = FILE_BYTES + 2.0 * n_points * (row + POINT_BYTES)
     hours += STUDY_SECONDS / 3600.0
     return Cost(hours, listed + worker, files, (1 + n_workers) * WORKER_BYTES)
+
+
+def share_size(sweep: Sweep, shard: Shard) -> int:
+    """Return the number of points of a shard."""
+    if not sweep.tracks:
+        return len(shard.items(sweep.n_points))
+    return sum(sweep.tracks[number].size for number in shard.items(len(sweep.tracks)))
 
 
 def _computed(
     sweep: Sweep,
     journal: Journal,
-    schedule: Schedule,
-    progress: Callable[[int, int], None] | None,
-) -> bool:
-    """Compute the missing points; return whether all points are finished."""
-    n_done = journal.n_points
+    executor: Executor | ExecutorName | None,
+    workers: int | None,
+    progress: Callable[[int, int], None] | bool | None,
+) -> dict[str, str | int | float]:
+    """Compute the missing points of a journal; return how, with the times of this call alone."""
+    with journal.joined() as joined:
+        left = _left(sweep, joined, journal.shard)
+    n_points = share_size(sweep, journal.shard)
+    n_done = n_points - sum(len(track.waiting) for track in left)
+    begin = time.perf_counter()
+    with (
+        _schedule(sweep, left, executor, workers) as schedule,
+        reporting(progress, "point") as show,
+    ):
 
-    def take_in(results: list[Done]) -> None:
-        nonlocal n_done
-        journal.add(results)
-        n_done += sum(len(done.points) for done in results)
-        if progress is not None:
-            progress(n_done, sweep.n_points)
+        def take_in(results: list[Done]) -> None:
+            nonlocal n_done
+            journal.add(results)
+            n_done += sum(len(done.points) for done in results)
+            if show is not None:
+                show(n_done, n_points)
 
-    if progress is not None:
-        progress(n_done, sweep.n_points)
-    with stop_signals() as is_stopped:
-        return schedule.run(take_in, is_stopped)
+        if show is not None:
+            show(n_done, n_points)
+        with stop_signals() as is_stopped:
+            schedule.run(take_in, is_stopped)
+        return {
+            "workers": schedule.n_workers,
+            "wall_seconds": time.perf_counter() - begin,
+            "busy_seconds": schedule.costs.busy,
+            "scheduling_overhead": schedule.costs.overhead,
+        }
 
 
 @contextmanager
 def _schedule(
     sweep: Sweep,
-    journal: Journal,
+    left: list[Track],
     executor: Executor | ExecutorName | None,
     workers: int | None,
 ) -> Iterator[Schedule]:
     """Yield a schedule of the missing points, on an executor that is open in this context."""
-    ready, packed = deque(_left(sweep, journal)), pickle.dumps(sweep)
+    ready = deque(left)
+    packed = pickle.dumps(Sweep(sweep.file, sweep.base))  # without what it has cached
     if isinstance(executor, Executor):
         yield Schedule(packed, workers or executors.size_of(executor), ready, executor)
         return
@@ -220,68 +305,16 @@ def _schedule(
         yield Schedule(packed, opened.n_workers, ready, opened.executor, opened.renew)
 
 
-def _left(sweep: Sweep, journal: Journal) -> list[Track]:
-    """Return the points that are not in the journal, as tracks."""
-    if sweep.file.order == "independent":
-        missing = Waiting.all_but(journal.numbers(), sweep.n_points)
-        return [Track(INDEPENDENT, missing)] if missing else []
-    is_done = np.zeros(sweep.n_points, dtype=np.bool_)
-    for number in journal.numbers():
-        is_done[number] = True
+def _left(sweep: Sweep, joined: Joined, shard: Shard) -> list[Track]:
+    """Return the points of a shard that are not finished, as tracks."""
+    if not sweep.tracks:
+        waiting = Waiting.all_but(joined.numbers, shard.items(sweep.n_points))
+        return [Track(INDEPENDENT, waiting)] if waiting else []
     tracks = []
-    for number, points in enumerate(sweep.tracks):
-        missing = Waiting([points[~is_done[points]]])
-        if missing:
-            tracks.append(Track(number, missing, journal.state(number)))
+    for number in shard.items(len(sweep.tracks)):
+        points = sweep.tracks[number]
+        n_done, state = joined.reached(points, int(number))
+        waiting = Waiting([points[n_done:]])
+        if waiting:
+            tracks.append(Track(int(number), waiting, state))
     return tracks
-
-
-def _attributes(
-    sweep: Sweep, journal: Journal, schedule: Schedule, seconds: float
-) -> dict[str, str | int | float]:
-    """Return attributes on the computation of the dataset; times are those of this call alone."""
-    counts, costs = journal.counts(), schedule.costs
-    n_done = sum(counts.values())
-    return {
-        "n_points": sweep.n_points,
-        "n_completed": counts.get("completed", 0),
-        "n_diverged": counts.get("diverged", 0),
-        "n_failed": counts.get("failed", 0),
-        "n_missing": sweep.n_points - n_done,
-        "engine": sweep.file.engine,
-        "workers": schedule.n_workers,
-        "wall_seconds": seconds,
-        "busy_seconds": costs.busy,
-        "scheduling_overhead": costs.overhead,
-    }
-
-
-def remove_results(directory: Path) -> None:
-    """Remove the result and the journal of a sweep, so that it is computed from the beginning."""
-    _remove_journal(directory)
-    (directory / RESULT).unlink(missing_ok=True)
-
-
-def _remove_journal(directory: Path) -> None:
-    """Remove the journal, after what a killed process has left beside it."""
-    for path in sorted(directory.glob(f"{JOURNAL}*"), reverse=True):
-        path.unlink(missing_ok=True)
-
-
-def is_complete(directory: Path, sweep: Sweep) -> bool:
-    """Return whether a folder already has the complete result of a sweep.
-
-    Raises:
-        CaseError: the folder has the result of another sweep.
-    """
-    path = directory / RESULT
-    if not path.is_file() or (directory / JOURNAL).exists():
-        return False
-    data = open_result(path)
-    same = data.attrs["sweep"], data.attrs["case"]
-    data.close()
-    if same != (sweep.to_toml("case.toml"), sweep.base.to_toml()):
-        raise CaseError(
-            f"resume: {path} is the result of another sweep; choose another folder with -o DIR"
-        )
-    return True

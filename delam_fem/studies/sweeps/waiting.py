@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
@@ -22,9 +22,11 @@ class Waiting:
         self._size = sum(len(segment) for segment in self._segments)
 
     @classmethod
-    def all_but(cls, done: Iterable[int], count: int) -> Waiting:
-        """Return the numbers below `count` except those of `done`, which increase."""
-        return cls(_gaps(done, count))
+    def all_but(cls, done: IntArray, items: Segment) -> Waiting:
+        """Return the items that are not done; both increase."""
+        if isinstance(items, range):
+            return cls(_gaps(done, len(items)))
+        return cls([items[~np.isin(items, done, assume_unique=True)]])
 
     def __len__(self) -> int:
         """Return the number of points that wait."""
@@ -36,7 +38,8 @@ class Waiting:
         while self._segments and len(taken) < count:
             segment = self._segments.popleft()
             n = count - len(taken)
-            taken.extend(int(index) for index in segment[:n])
+            first = segment[:n]
+            taken.extend(first if isinstance(first, range) else first.tolist())
             if len(segment) > n:
                 self._segments.appendleft(segment[n:])
         self._size -= len(taken)
@@ -48,10 +51,9 @@ class Waiting:
         self._size += len(indices)
 
 
-def _gaps(done: Iterable[int], count: int) -> Iterable[range]:
+def _gaps(done: IntArray, count: int) -> Iterator[range]:
     """Yield the ranges between finished points."""
-    start = 0
-    for index in done:
-        yield range(start, index)
-        start = index + 1
-    yield range(start, count)
+    starts = np.concatenate([np.zeros(1, dtype=np.int64), done + 1])
+    stops = np.append(done, count)
+    for k in np.flatnonzero(starts < stops).tolist():
+        yield range(int(starts[k]), int(stops[k]))

@@ -1,6 +1,5 @@
 """Damaged journals and results: a message, or the damaged points anew; never a wrong number."""
 
-import sqlite3
 from pathlib import Path
 
 import numpy as np
@@ -19,60 +18,88 @@ ROW = np.arange(3.0)
 STATE = State(np.ones((3, 2)), np.array([True]))
 
 
-def journal_with(path: Path, n_points: int) -> None:
-    """Write a journal with points and the state of a track."""
-    with Journal(path, "sweep", resume=False) as journal:
-        points = tuple(Point(k, "completed", "", ROW + k) for k in range(n_points))
-        journal.add([Done(Chunk(0, tuple(range(n_points))), points, STATE, 1.0, 0.0)])
+def journal_with(path: Path, n_chunks: int, identity: str = "sweep") -> Path:
+    """Write a journal with chunks of two points of a track; return its part file."""
+    with Journal(path, identity, resume=False) as journal:
+        for k in range(n_chunks):
+            points = tuple(Point(i, "completed", "", ROW + i) for i in (2 * k, 2 * k + 1))
+            state = State(STATE.motion * (2 * k + 2), STATE.resting, (0.5, 0.25), STATE.motion[0])
+            journal.add([Done(Chunk(0, (2 * k, 2 * k + 1)), points, state, 1.0, 0.0)])
+    (part,) = path.glob("*.points")
+    return part
 
 
-def change(path: Path, statement: str) -> None:
-    with sqlite3.connect(path) as connection:
-        connection.execute(statement)
-    connection.close()
+def flipped(path: Path, value: float) -> None:
+    """Change a bit of the first number with a value."""
+    content = bytearray(path.read_bytes())
+    content[content.index(np.array([value]).tobytes())] ^= 1
+    path.write_bytes(content)
 
 
-def test_a_damaged_point_is_computed_anew(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_damaged_chunk_is_computed_anew(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    part = journal_with(tmp_path / "sweep.journal", 4)
+    flipped(part, 5.0)  # in the rows of the points 3, 4 and 5; the first is that of 3
+    with Journal(tmp_path / "sweep.journal", "sweep", resume=True) as journal:
+        with journal.joined() as joined:
+            assert joined.numbers.tolist() == [0, 1, 4, 5, 6, 7]
+            block = joined.block(1, 6, 3)
+            assert block.numbers.tolist() == [1, 4, 5]
+            assert block.rows.tolist() == [[1, 2, 3], [4, 5, 6], [5, 6, 7]]
+            n_done, state = joined.reached(np.arange(9), 0)
+    assert n_done == 2 and state is not None
+    assert (state.motion == 2.0).all() and state.losses == (0.5, 0.25)
+    assert state.internal is not None and (state.internal == 1.0).all()
+    assert "damaged bytes; the points in them are computed anew" in caplog.text
+
+
+@pytest.mark.parametrize("cut", [0.001, 0.1, 0.5, 0.9])
+def test_a_torn_end_is_ignored(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, cut: float
+) -> None:
+    part = journal_with(tmp_path / "sweep.journal", 200)
+    content = part.read_bytes()
+    part.write_bytes(content[: int(cut * len(content))])
+    with Journal(tmp_path / "sweep.journal", "sweep", resume=True) as journal:
+        with journal.joined() as joined:
+            n = joined.numbers.size
+            assert abs(n - cut * 400) < 6 and joined.numbers.tolist() == list(range(n))
+    assert not caplog.text
+
+
+def test_chunks_without_their_first_record_belong_to_no_sweep(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    part = journal_with(tmp_path / "sweep.journal", 3)
+    content = part.read_bytes()
+    part.write_bytes(content.replace(b'"identity"', b'"idemtity"'))
+    with Journal(tmp_path / "sweep.journal", "sweep", resume=True) as journal:
+        with journal.joined() as joined:
+            assert joined.numbers.size == 0
+    assert "damaged bytes" in caplog.text
+
+
+def test_other_versions_are_told(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = tmp_path / "sweep.journal"
-    journal_with(path, 4)
-    change(path, "UPDATE point SET row = zeroblob(24) WHERE number = 2")
-    with Journal(path, "sweep", resume=True) as journal:
-        assert list(journal.numbers()) == [0, 1, 3]
-        assert [p.row.tolist() for p in journal.points(1, 4)] == [[1, 2, 3], [3, 4, 5]]
-    assert "1 damaged points are computed anew" in caplog.text
-
-
-def test_a_damaged_state_is_not_gone_on_from(tmp_path: Path) -> None:
-    path = tmp_path / "sweep.journal"
-    journal_with(path, 2)
-    change(path, "UPDATE track SET resting = zeroblob(1)")
-    with pytest.raises(CaseError, match="damaged or another one"):
-        Journal(path, "sweep", resume=True)
-
-
-def test_other_versions_are_told(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    path = tmp_path / "sweep.journal"
-    journal_with(path, 2)
-    change(path, "UPDATE about SET versions = 'delam_fem 0.0.1'")
-    with Journal(path, "sweep", resume=True) as journal:
-        assert journal.n_points == 2
+    with monkeypatch.context() as old:
+        old.setattr("delam_fem.studies.sweeps.journal.versions", lambda: {"delam_fem": "0.0.1"})
+        journal_with(path, 1)
+    with Journal(path, "sweep", resume=True) as journal, journal.joined() as joined:
+        assert joined.numbers.size == 2
     assert "was begun with delam_fem 0.0.1; its points are kept" in caplog.text
 
 
-@pytest.mark.parametrize("cut", [0.1, 0.5, 0.9])
-def test_a_truncated_journal_is_refused(tmp_path: Path, cut: float) -> None:
-    path = tmp_path / "sweep.journal"
-    journal_with(path, 400)
-    content = path.read_bytes()
-    path.write_bytes(content[: int(cut * len(content))])
-    with pytest.raises(CaseError, match="damaged or another one"):
-        Journal(path, "sweep", resume=True)
+def test_the_part_of_another_sweep_is_refused(tmp_path: Path) -> None:
+    journal_with(tmp_path / "sweep.journal", 1, "another")
+    with pytest.raises(CaseError, match="belongs to another sweep"):
+        Journal(tmp_path / "sweep.journal", "sweep", resume=True)
 
 
 @pytest.fixture(scope="module")
 def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The result of a small sweep."""
-    from delam_fem.studies.sweeps.grid import sweep_of
+    from delam_fem.studies.sweeps.load import sweep_of
 
     small = {"mesh.elements": 2, "time.steps_per_period": 40, "time.periods": 4}
     small["output.fields_per_period"] = 0
@@ -110,7 +137,7 @@ def test_the_dataset_of_another_program_is_refused(tmp_path: Path) -> None:
 
 
 def test_waiting_points_are_ranges() -> None:
-    waiting = Waiting.all_but([0, 1, 5], 100_000_000)
+    waiting = Waiting.all_but(np.array([0, 1, 5]), range(100_000_000))
     assert len(waiting) == 100_000_000 - 3
     assert waiting.take(5) == (2, 3, 4, 6, 7)
     waiting.put_back((6, 7))

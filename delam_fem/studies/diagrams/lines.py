@@ -24,8 +24,7 @@ from delam_fem.results.figures.style import (
     label_x,
     legend_above,
 )
-from delam_fem.studies.linear import linear_amplitudes
-from delam_fem.studies.sweeps.axes import (
+from delam_fem.studies.diagrams.axes import (
     DiagramAxis,
     axes_of,
     heading,
@@ -33,6 +32,7 @@ from delam_fem.studies.sweeps.axes import (
     require,
     sweep_keys,
 )
+from delam_fem.studies.linear import linear_amplitudes
 
 if TYPE_CHECKING:
     import xarray as xr

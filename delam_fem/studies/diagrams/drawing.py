@@ -1,4 +1,4 @@
-"""Draw a diagram of a sweep by its name; `line_diagrams.py` and `map_diagrams.py` define them."""
+"""Draw a diagram of a sweep by its name; `lines.py` and `maps.py` define them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from delam_fem.case.atomic import atomic
 from delam_fem.case.toml import CaseError
 from delam_fem.numerics.attractors import FEWEST_STROBES
 from delam_fem.results.figures.style import styled
-from delam_fem.studies.sweeps import line_diagrams, map_diagrams
+from delam_fem.studies.diagrams import lines, maps
 from delam_fem.studies.sweeps.grid import Sweep
 
 if TYPE_CHECKING:
@@ -92,11 +92,11 @@ def diagram(kind: DiagramName, data: xr.Dataset) -> Figure:
     """
     axes = [name for name in data["outcome"].dims if name != "direction"]
     draw: dict[DiagramName, Callable[[xr.Dataset], Figure]] = {
-        "response": line_diagrams.response,
-        "bifurcation": line_diagrams.bifurcation,
-        "plane": map_diagrams.plane,
-        "lyapunov": map_diagrams.lyapunov_map if len(axes) == 2 else line_diagrams.lyapunov,
-        "basins": map_diagrams.basins,
+        "response": lines.response,
+        "bifurcation": lines.bifurcation,
+        "plane": maps.plane,
+        "lyapunov": maps.lyapunov_map if len(axes) == 2 else lines.lyapunov,
+        "basins": maps.basins,
     }
     with styled():
         return draw[kind](data)

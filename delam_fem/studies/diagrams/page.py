@@ -33,7 +33,7 @@ from delam_fem.results.pages.html import (
     Text,
     embedded,
 )
-from delam_fem.studies.sweeps.axes import is_unsettled
+from delam_fem.studies.diagrams.axes import is_unsettled
 from delam_fem.studies.sweeps.grid import INITIAL
 
 if TYPE_CHECKING:

@@ -30,7 +30,7 @@ from delam_fem.results.figures.style import (
     WIDTH,
     YELLOW,
 )
-from delam_fem.studies.sweeps.axes import DiagramAxis, axes_of, heading, is_unsettled, require
+from delam_fem.studies.diagrams.axes import DiagramAxis, axes_of, heading, is_unsettled, require
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -1,0 +1,1 @@
+"""Diagrams and the page of a sweep, from its dataset."""
