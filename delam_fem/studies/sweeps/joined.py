@@ -135,7 +135,8 @@ class Joined:
         if place in chunk.others:
             return True
         mine = chunk.rows[_rows_before(chunk, np.array([place]))]
-        return mine.tobytes() == kept.rows[_rows_before(kept, np.array([at]))].tobytes()
+        theirs = kept.rows[_rows_before(kept, np.array([at]))]
+        return bool(mine.tobytes() == theirs.tobytes())
 
     def counts(self) -> dict[str, int]:
         """Return the number of points by outcome."""
