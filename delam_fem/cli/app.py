@@ -13,6 +13,7 @@ import typer
 from delam_fem.cli.animate import register as register_films
 from delam_fem.cli.cases import register as register_cases
 from delam_fem.cli.cases import show_case
+from delam_fem.cli.compare import register as register_comparison
 from delam_fem.cli.console.messages import tell, with_messages
 from delam_fem.cli.console.terminal import reported, say_files, table
 from delam_fem.cli.converge import register as register_convergence
@@ -130,35 +131,6 @@ def report_command(
         report_in_folder(directory, quiet=quiet)
 
 
-@app.command("compare")
-def compare_command(
-    case_name: CaseArgument,
-    output: Folder = None,
-    overrides: Overrides = None,
-    *,
-    impacts: Annotated[
-        int, typer.Option(metavar="N", help="Compare the tip histories up to impact N.")
-    ] = 20,
-    periods: Annotated[int, typer.Option(metavar="N", help="Number of periods of both runs.")] = 3,
-    quiet: Quiet = False,
-) -> None:
-    """Compare the matrices and motion of dolfinx and PETSc with an independent reference."""
-    with reported(quiet):
-        case = case_of(case_name, overrides)
-        from delam_fem.case.claim import claimed
-        from delam_fem.reference.compare import compare
-
-        folder = output or Path("runs") / f"{case.name}-compare"
-        with claimed(folder, may_hold_results=True) as directory:
-            comparison = compare(case, impacts=impacts, periods=periods)
-            paths = comparison.save(directory)
-        if not quiet:
-            table("largest differences", ("what", "difference"), comparison.rows())
-            if comparison.refusal:
-                tell(f"the motion is not compared: {comparison.refusal}")
-            say_files(paths)
-
-
 @app.command("modes")
 def modes_command(
     case_name: CaseArgument,
@@ -214,6 +186,7 @@ def presets_command(
 
 register_cases(app)
 register_sweeps(app)
+register_comparison(app)
 register_orbits(app)
 register_branches(app)
 register_paper(app)

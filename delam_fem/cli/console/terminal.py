@@ -125,7 +125,7 @@ def table(title: str, heading: Sequence[str], rows: Sequence[Sequence[str]]) -> 
         table.add_column(column)
     for row in rows:
         table.add_row(*row)
-    Console().print(table)
+    Console(markup=False).print(table)  # units stand in brackets
 
 
 def summary_rows(summary: Mapping[str, object]) -> list[tuple[str, str]]:

@@ -1,0 +1,1 @@
+"""One case as beams, as solids, and reduced to modes: what the models make of it."""
