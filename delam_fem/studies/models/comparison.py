@@ -198,5 +198,5 @@ def _numbers(motion: Motion, first: Motion) -> dict[str, object]:
 def _relative(values: Sequence[float], digits: int) -> list[str]:
     """Return numbers, each with its relative difference from the first."""
     first = values[0]
-    changes = ["", *(f" ({value / first - 1.0:+.2%})" for value in values[1:])]
+    changes = ["", *(f" ({round(value / first - 1.0, 4) + 0.0:+.2%})" for value in values[1:])]
     return [f"{v:.{digits}g}{change}" for v, change in zip(values, changes, strict=True)]

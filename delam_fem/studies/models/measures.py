@@ -13,7 +13,6 @@ from scipy.sparse.linalg import splu
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.pipeline import run
 from delam_fem.results import diagnostics
-from delam_fem.results.strikes import of_interface
 from delam_fem.studies.models.variants import Variant
 from delam_fem.studies.modes import modes_of
 from delam_fem.studies.structure_modes import structure_modes
@@ -116,7 +115,7 @@ def _motion(model: Variant, frequency: float, periods: int) -> Motion:
     case = model.case.with_overrides(span | keys)
     found = run(case, model.engine, structure=model.structure)
     history = found.history
-    strikes = of_interface(history, case.time.steps_per_period, 0).step
+    closed = np.flatnonzero(diagnostics.tip_closed(history))
     t = history["time"].to_numpy()
     late = diagnostics.last_periods(history, case, math.ceil(periods / 2))
     x, impulse = _along(history, model, float(late["time"][0]))
@@ -125,7 +124,7 @@ def _motion(model: Variant, frequency: float, periods: int) -> Motion:
         frequency,
         t,
         history["tip_displacement"].to_numpy(),
-        float(t[strikes[0]]) if strikes.size else math.inf,
+        float(t[closed[0]]) if closed.size else math.inf,
         diagnostics.summary(late.isel(period=kept), case),
         {name: float(history[f"energy_{name}"][kept].mean()) for name in ENERGIES},
         float(found.summary["energy_residual"]),
