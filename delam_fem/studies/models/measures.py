@@ -11,7 +11,6 @@ import xarray as xr
 from scipy.sparse.linalg import splu
 
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.pipeline import run
 from delam_fem.results import diagnostics
 from delam_fem.studies.models.variants import Variant
 from delam_fem.studies.modes import modes_of
@@ -110,6 +109,8 @@ def measure(model: Variant, frequencies: tuple[float, ...], periods: int, modes:
 
 def _motion(model: Variant, frequency: float, periods: int) -> Motion:
     """Compute the motion of a model from rest at one frequency."""
+    from delam_fem.pipeline import run  # dolfinx comes with it
+
     span: dict[str, object] = {"time.periods": periods, "output.window_periods": periods}
     keys: dict[str, object] = {"excitation.frequency": frequency, "output.fields_per_period": 0}
     case = model.case.with_overrides(span | keys)
