@@ -109,7 +109,7 @@ def _placed(case: Case, n: int) -> FloatArray:
     return np.concatenate([*pieces, [length]])
 
 
-def _read(path: Path) -> Any:
+def read_file(path: Path) -> Any:
     """Read a file with meshio; turn any failure into one message."""
     import meshio
 
@@ -131,7 +131,7 @@ def _read(path: Path) -> Any:
 
 def _lamina_lines(path: Path, names: list[str]) -> list[tuple[FloatArray, IntArray]]:
     """Return, for each lamina, x of all points and the line cells."""
-    mesh = _read(path)
+    mesh = read_file(path)
     lines = mesh.cells_dict.get("line")
     if lines is None:
         found = ", ".join(sorted(mesh.cells_dict)) or "none"

@@ -1,0 +1,320 @@
+"""The user's own mesh of solids, read by meshio.
+
+Physical groups say what is what: one for each lamina (its name) with its cells; "start" and "end"
+with the facets of the ends that are held; "LOWER-UPPER lower" and "LOWER-UPPER upper" with the
+facets of the two sides of each interface where laminae are apart.
+"""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from delam_fem.case.definition import Case
+from delam_fem.case.toml import CaseError
+from delam_fem.model.mesh import NODE_TOLERANCE, read_file
+from delam_fem.model.solids.cells import TENSOR, jacobians_of
+from delam_fem.model.solids.mesh import FACETS, VERTICES, Facing, SolidMesh
+from delam_fem.numerics.arrays import FloatArray, IntArray
+
+_KINDS = {
+    "triangle": (("triangle", "triangle6"), ("line", "line3")),
+    "quadrilateral": (("quad", "quad8", "quad9"), ("line", "line3")),
+    "tetrahedron": (("tetra", "tetra10"), ("triangle", "triangle6")),
+    "hexahedron": (("hexahedron", "hexahedron20", "hexahedron27"), ("quad", "quad8", "quad9")),
+}
+"""Names in meshio of cells and of their facets; cells of second order give their vertices."""
+_OF_KIND = {"plane-stress": ("triangle", "quadrilateral"), "solid": ("tetrahedron", "hexahedron")}
+_ORDER = {"quadrilateral": [0, 1, 3, 2], "hexahedron": [0, 1, 3, 2, 4, 5, 7, 6]}
+"""Vertices of gmsh in the order of dolfinx."""
+THICKNESS_TOLERANCE = 0.01
+"""Deviation of thickness or width from the case above which the user is told."""
+_FLAT = 1e-9
+"""Least Jacobian of a cell, relative to the cube of its size, or its square in two dimensions."""
+_log = logging.getLogger(__name__)
+
+
+def solid_mesh(case: Case) -> SolidMesh:
+    """Read the mesh of a case from its file.
+
+    The bottom of the laminae is moved to y = 0 and the middle of the width to z = 0.
+
+    Args:
+        case: `mesh.file` names the file; model, laminae, supports and delaminations say what it
+            must have.
+
+    Raises:
+        CaseError: the file cannot be read; it lacks a group, which the message names; it has cells
+            of another dimension, of two kinds, or turned inside out in part; it does not fit the
+            case.
+    """
+    assert case.mesh.file is not None
+    path = Path(case.mesh.file)
+    try:
+        return _Reader(case, path, read_file(path)).mesh()
+    except ValueError as error:
+        if isinstance(error, CaseError):
+            raise
+        raise CaseError(f"mesh.file: {path}: {error}") from error
+
+
+class _Reader:
+    """A file that is being read.
+
+    Attributes:
+        case: the case.
+        given: what meshio read.
+        cell: kind of its cells.
+    """
+
+    def __init__(self, case: Case, path: Path, given: Any) -> None:
+        self.case = case
+        self.path = path
+        self.given = given
+        self.cell = self._kind()
+
+    def mesh(self) -> SolidMesh:
+        """Return the mesh; see `solid_mesh`."""
+        laminae = [
+            self._group(lamina.name, _KINDS[self.cell][0], VERTICES[self.cell])
+            for lamina in self.case.lamina
+        ]
+        cells = np.concatenate(laminae)
+        lamina = np.repeat(np.arange(len(laminae)), [len(own) for own in laminae])
+        if len(np.unique(np.sort(cells, axis=1), axis=0)) < len(cells):
+            raise self._error("expected each cell in the group of one lamina, one is in two")
+        used, number = np.unique(cells, return_inverse=True)
+        cells = np.asarray(number).reshape(cells.shape)
+        points = self._points(used)
+        cells = self._oriented(points, cells[:, _ORDER.get(self.cell, slice(None))])
+        self._require_extent(points)
+        plain = SolidMesh(points, cells, self.cell, lamina)
+        place = np.full(len(self.given.points), -1, dtype=np.int64)
+        place[used] = np.arange(len(used))
+        supports = {
+            end: self._facets(plain, place, end, None)
+            for end, kind in (("start", self.case.support.start), ("end", self.case.support.end))
+            if kind != "free"
+        }
+        sides = tuple(self._sides(plain, place, lower) for lower in self._interfaces())
+        mesh = SolidMesh(points, cells, self.cell, lamina, supports, sides)
+        self._require_support(mesh)
+        self._compare(mesh)
+        return mesh
+
+    def _error(self, text: str) -> CaseError:
+        return CaseError(f"mesh.file: {self.path}: {text}")
+
+    def _kind(self) -> str:
+        """Return the kind of the cells."""
+        wanted = _OF_KIND[self.case.model.kind]
+        has = {block.type for block in self.given.cells if len(block.data)}
+        found = [cell for cell in wanted if has & {*_KINDS[cell][0]}]
+        if len(found) != 1:
+            raise self._error(
+                f"expected cells of one kind, {wanted[0]}s or {wanted[1]}s, for model.kind = "
+                f'"{self.case.model.kind}", found: {", ".join(sorted(has)) or "none"}'
+            )
+        return found[0]
+
+    def _group(self, name: str, types: tuple[str, ...], n_vertices: int) -> IntArray:
+        """Return the vertices of the cells or facets of a group, shape (n, n_vertices)."""
+        names = sorted({*self.given.field_data, *self.given.cell_sets})
+        if name not in names:
+            listed = ", ".join(map(repr, names)) or "none"
+            raise self._error(
+                f"expected a physical group {name!r} of {types[0]} cells, found the groups: "
+                f"{listed}"
+            )
+        found = [
+            np.asarray(block.data[chosen], dtype=np.int64)[:, :n_vertices]
+            for block, chosen in zip(self.given.cells, self._members(name), strict=True)
+            if block.type in types
+        ]
+        cells = np.concatenate([np.zeros((0, n_vertices), dtype=np.int64), *found])
+        if len(cells) == 0:
+            raise self._error(f"expected {types[0]} cells in the physical group {name!r}, found none")
+        if cells.min() < 0 or cells.max() >= len(self.given.points):
+            raise self._error(f"a cell of the group {name!r} has a vertex that does not exist")
+        return cells
+
+    def _members(self, name: str) -> list[Any]:
+        """Return the members of a group in each block of cells."""
+        sets = self.given.cell_sets.get(name)
+        if sets is not None:
+            nothing = np.zeros(0, dtype=np.int64)
+            return [nothing if own is None else np.asarray(own, dtype=np.int64) for own in sets]
+        tag = int(self.given.field_data[name][0])
+        tags = self.given.cell_data.get("gmsh:physical")
+        if tags is None:
+            raise self._error("expected physical groups, the cells have none")
+        return [np.flatnonzero(np.asarray(own) == tag) for own in tags]
+
+    def _points(self, used: IntArray) -> FloatArray:
+        """Return the coordinates of vertices, with the bottom at y = 0 and centred across."""
+        points = np.asarray(self.given.points, dtype=np.float64)[used]
+        if not np.all(np.isfinite(points)):
+            raise self._error("expected finite coordinates")
+        if self.cell in ("triangle", "quadrilateral") and points.shape[1] == 3:
+            if np.ptp(points[:, 2]) > NODE_TOLERANCE * self.case.length:
+                raise self._error(
+                    f"expected a mesh in the plane of x and y, z runs from {points[:, 2].min():g} "
+                    f"to {points[:, 2].max():g} m"
+                )
+            points = points[:, :2]
+        points = points - np.array([0.0, points[:, 1].min(), 0.0])[: points.shape[1]]
+        if points.shape[1] == 3:
+            points[:, 2] -= 0.5 * (points[:, 2].min() + points[:, 2].max())
+        return points
+
+    def _oriented(self, points: FloatArray, cells: IntArray) -> IntArray:
+        """Return the cells with positive Jacobians; turn those that are inside out."""
+        dim = points.shape[1]
+        corners = np.eye(dim + 1, dim, -1)
+        if self.cell in TENSOR:
+            corners = (np.arange(2**dim)[:, None] >> np.arange(dim)) & 1
+        own = points[cells]
+        size = np.linalg.norm(np.ptp(own, axis=1), axis=1)
+        found = np.stack([
+            np.linalg.det(jacobians_of(self.cell, own, np.tile(X, (len(cells), 1))))
+            for X in corners.astype(np.float64)
+        ])  # fmt: skip
+        mixed = ~(np.all(found > 0.0, axis=0) | np.all(found < 0.0, axis=0))
+        flat = np.abs(found).min(axis=0) <= _FLAT * size**dim
+        if np.any(mixed | flat):
+            worst = int(np.flatnonzero(mixed | flat)[0])
+            at = ", ".join(f"{value:g}" for value in own[worst].mean(axis=0))
+            raise self._error(
+                f"expected convex cells with a volume, the {self.cell} about ({at}) m is "
+                f"{'folded' if mixed[worst] else 'flat'}"
+            )
+        turned = np.arange(cells.shape[1])
+        turned = turned ^ 1 if self.cell in TENSOR else np.append(turned[:-2], turned[:-3:-1])
+        return np.where((found[0] < 0.0)[:, None], cells[:, turned], cells)
+
+    def _require_extent(self, points: FloatArray) -> None:
+        """Check that the laminae reach from 0 to the length along x."""
+        low, high, length = float(points[:, 0].min()), float(points[:, 0].max()), self.case.length
+        if max(abs(low), abs(high - length)) > NODE_TOLERANCE * length:
+            raise self._error(
+                f"expected laminae from x = 0 to lamina.length = {length:g} m, given {low:g} to "
+                f"{high:g} m"
+            )
+
+    def _interfaces(self) -> list[int]:
+        """Return the lower lamina of each interface where laminae are apart."""
+        names = [lamina.name for lamina in self.case.lamina]
+        between = {own.between for own in self.case.delamination}
+        return [
+            lower
+            for lower in range(len(names) - 1)
+            if self.case.gap is not None or (names[lower], names[lower + 1]) in between
+        ]
+
+    def _sides(self, mesh: SolidMesh, place: IntArray, lower: int) -> Facing:
+        """Return the sides of an interface, checked against the delaminations of the case."""
+        names = (self.case.lamina[lower].name, self.case.lamina[lower + 1].name)
+        sides = [
+            self._facets(mesh, place, f"{names[0]}-{names[1]} {side}", lower + k)
+            for k, side in enumerate(("lower", "upper"))
+        ]
+        own = [d for d in self.case.delamination if d.between == names]
+        if own:
+            reach = mesh.points[np.concatenate(sides).ravel(), 0]
+            expected = min(d.start for d in own), max(d.end for d in own)
+            given = float(reach.min()), float(reach.max())
+            if max(abs(a - b) for a, b in zip(expected, given, strict=True)) > (
+                NODE_TOLERANCE * self.case.length
+            ):
+                raise self._error(
+                    f"expected the sides of {names[0]}-{names[1]} to reach from "
+                    f"{expected[0]:g} to {expected[1]:g} m like the delaminations of the case, "
+                    f"given {given[0]:g} to {given[1]:g} m"
+                )
+        return Facing((lower, lower + 1), sides[0], sides[1])
+
+    def _facets(
+        self, mesh: SolidMesh, place: IntArray, name: str, lamina: int | None
+    ) -> IntArray:
+        """Return the facets of a group as vertices of the mesh, checked against its cells.
+
+        Args:
+            mesh: the cells.
+            place: vertex of the mesh of each node of the file, or -1.
+            name: of the group.
+            lamina: the lamina whose facets they must be; None: of any.
+        """
+        m = len(FACETS[self.cell][0])
+        facets = place[self._group(name, _KINDS[self.cell][1], m)]
+        if self.cell == "hexahedron":
+            facets = facets[:, _ORDER["quadrilateral"]]
+        if np.any(facets < 0):
+            raise self._error(f"a facet of the group {name!r} is on no cell of a lamina")
+        try:
+            cells, _ = mesh.cells_with(facets)
+        except ValueError as error:
+            raise self._error(
+                f"expected facets on the boundary of the laminae in the group {name!r}; {error}"
+            ) from error
+        if lamina is not None and np.any(mesh.lamina[cells] != lamina):
+            raise self._error(
+                f"expected facets of the lamina {self.case.lamina[lamina].name!r} alone in the "
+                f"group {name!r}; are lower and upper exchanged?"
+            )
+        return facets
+
+    def _require_support(self, mesh: SolidMesh) -> None:
+        """Check that every separate body is held, if any is."""
+        if not mesh.supports:
+            return
+        held, _ = mesh.cells_with(np.concatenate([*mesh.supports.values()]))
+        loose = np.setdiff1d(mesh.bodies, mesh.bodies[held])
+        if loose.size:
+            cell = int(np.flatnonzero(mesh.bodies == loose[0])[0])
+            name = self.case.lamina[int(mesh.lamina[cell])].name
+            raise self._error(
+                f"expected every body to have a facet in the groups "
+                f"{' or '.join(map(repr, mesh.supports))}, one of lamina {name!r} has none; do "
+                "bonded parts share their nodes?"
+            )
+
+    def _compare(self, mesh: SolidMesh) -> None:
+        """Tell the user if thickness or width differ from those of the case."""
+        measures = np.abs(volumes(mesh))
+        for number, lamina in enumerate(self.case.lamina):
+            expected = lamina.length * lamina.thickness
+            if mesh.dim == 3:
+                expected *= lamina.width
+            ratio = float(measures[mesh.lamina == number].sum()) / expected
+            if abs(ratio - 1.0) > THICKNESS_TOLERANCE:
+                _log.warning(
+                    "mesh.file: %s: the %s of lamina %r is %.3g times that of the case; its "
+                    "stiffness and mass follow the mesh, with E and density of the case",
+                    self.path,
+                    "volume" if mesh.dim == 3 else "area",
+                    lamina.name,
+                    ratio,
+                )
+
+
+def volumes(mesh: SolidMesh) -> FloatArray:
+    """Return volumes of cells, or areas in two dimensions, shape (n_cells,) [m3 or m2].
+
+    Exact for simplices, parallelograms and bricks; else by Gauss's rule with two points each way,
+    which is exact for all quadrilaterals.
+    """
+    corners, dim = mesh.points[mesh.cells], mesh.dim
+    if mesh.cell not in TENSOR:
+        X = np.full((len(corners), dim), 1.0 / (dim + 1))
+        factor = 0.5 if dim == 2 else 1.0 / 6.0
+        return np.asarray(factor * np.linalg.det(jacobians_of(mesh.cell, corners, X)))
+    at = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3.0)
+    places = np.stack(np.meshgrid(*[at] * dim), axis=-1).reshape(-1, dim)
+    dets = [
+        np.linalg.det(jacobians_of(mesh.cell, corners, np.tile(X, (len(corners), 1))))
+        for X in places
+    ]
+    return np.asarray(np.mean(dets, axis=0))
