@@ -69,3 +69,38 @@ def test_generator_makes_the_committed_meshes(tmp_path: Path) -> None:
                 rtol=0.0,
                 atol=ROUND_OFF,
             )
+
+
+def places(path: Path) -> dict[str, npt.NDArray[np.float64]]:
+    """Return the nodes of each physical group of a mesh, in the order of their places."""
+    mesh = meshio.read(path, file_format="gmsh")
+    found = {}
+    for name in mesh.field_data:
+        own = zip(mesh.cells, mesh.cell_sets[name], strict=True)
+        nodes = np.concatenate([block.data[chosen].ravel() for block, chosen in own])
+        points = mesh.points[np.unique(nodes)]
+        found[name] = points[np.lexsort(points.round(9).T)]
+    return found
+
+
+@needs_gmsh
+def test_generator_makes_the_committed_solids(tmp_path: Path) -> None:
+    """The triangles of another gmsh may differ; sides and ends do not."""
+    command = [sys.executable, MESHES / "solids" / "generate.py", "-o", tmp_path]
+    subprocess.run(command, check=True, capture_output=True, timeout=60)
+    committed = sorted((MESHES / "solids").glob("*.msh"))
+    assert sorted(path.name for path in tmp_path.iterdir()) == [path.name for path in committed]
+    for path in committed:
+        assert path.stat().st_size < 100_000
+        made, expected = places(tmp_path / path.name), places(path)
+        assert made.keys() == expected.keys()
+        for group, points in expected.items():
+            if "strips" in path.name or (path.name.startswith("plane") and "-" in group):
+                np.testing.assert_allclose(made[group], points, rtol=0.0, atol=GMSH_SPACING)
+            else:
+                np.testing.assert_allclose(
+                    [made[group].min(axis=0), made[group].max(axis=0)],
+                    [points.min(axis=0), points.max(axis=0)],
+                    rtol=0.0,
+                    atol=GMSH_SPACING,
+                )

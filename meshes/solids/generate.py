@@ -153,7 +153,12 @@ class _Geometry:
             a, b = self._ends(key)
             across = [self._across(own) for own in (b, a)]
             lines = [self._line(key, 0), across[0], self._line(key, 1), across[1]]
-            corners = [self._point(*a, 0), self._point(*b, 0), self._point(*b, 1), self._point(*a, 1)]
+            corners = [
+                self._point(*a, 0),
+                self._point(*b, 0),
+                self._point(*b, 1),
+                self._point(*a, 1),
+            ]
             self.made["face", key] = self._surface(lines, [1, 1, -1, -1], corners)
         return self.made["face", key]
 

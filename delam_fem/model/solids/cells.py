@@ -133,3 +133,23 @@ def overshoot(cell: str, X: FloatArray) -> FloatArray:
     """Return how far reference coordinates are outside the cell, shape (k,)."""
     above = X.max(axis=1) if cell in (*TENSOR, "interval") else X.sum(axis=1)
     return np.asarray(np.maximum(-X.min(axis=1), above - 1.0))
+
+
+def volumes(mesh: SolidMesh) -> FloatArray:
+    """Return volumes of cells, or areas in two dimensions, shape (n_cells,) [m3 or m2].
+
+    Exact for simplices, parallelograms and bricks; else by Gauss's rule with two points each way,
+    which is exact for all quadrilaterals.
+    """
+    corners, dim = mesh.points[mesh.cells], mesh.dim
+    if mesh.cell not in TENSOR:
+        X = np.full((len(corners), dim), 1.0 / (dim + 1))
+        factor = 0.5 if dim == 2 else 1.0 / 6.0
+        return np.asarray(factor * np.linalg.det(jacobians_of(mesh.cell, corners, X)))
+    at = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3.0)
+    places = np.stack(np.meshgrid(*[at] * dim), axis=-1).reshape(-1, dim)
+    dets = [
+        np.linalg.det(jacobians_of(mesh.cell, corners, np.tile(X, (len(corners), 1))))
+        for X in places
+    ]
+    return np.asarray(np.mean(dets, axis=0))

@@ -16,7 +16,7 @@ import numpy as np
 from delam_fem.case.definition import Case
 from delam_fem.case.toml import CaseError
 from delam_fem.model.mesh import NODE_TOLERANCE, read_file
-from delam_fem.model.solids.cells import TENSOR, jacobians_of
+from delam_fem.model.solids.cells import TENSOR, jacobians_of, volumes
 from delam_fem.model.solids.mesh import FACETS, VERTICES, Facing, SolidMesh
 from delam_fem.numerics.arrays import FloatArray, IntArray
 
@@ -122,7 +122,7 @@ class _Reader:
 
     def _group(self, name: str, types: tuple[str, ...], n_vertices: int) -> IntArray:
         """Return the vertices of the cells or facets of a group, shape (n, n_vertices)."""
-        names = sorted({*self.given.field_data, *self.given.cell_sets})
+        names = sorted(self.given.field_data)
         if name not in names:
             listed = ", ".join(map(repr, names)) or "none"
             raise self._error(
@@ -136,10 +136,12 @@ class _Reader:
         ]
         cells = np.concatenate([np.zeros((0, n_vertices), dtype=np.int64), *found])
         if len(cells) == 0:
-            raise self._error(f"expected {types[0]} cells in the physical group {name!r}, found none")
+            raise self._error(
+                f"expected {types[0]} cells in the physical group {name!r}, found none"
+            )
         if cells.min() < 0 or cells.max() >= len(self.given.points):
             raise self._error(f"a cell of the group {name!r} has a vertex that does not exist")
-        return cells
+        return np.asarray(cells)
 
     def _members(self, name: str) -> list[Any]:
         """Return the members of a group in each block of cells."""
@@ -168,7 +170,7 @@ class _Reader:
         points = points - np.array([0.0, points[:, 1].min(), 0.0])[: points.shape[1]]
         if points.shape[1] == 3:
             points[:, 2] -= 0.5 * (points[:, 2].min() + points[:, 2].max())
-        return points
+        return np.asarray(points)
 
     def _oriented(self, points: FloatArray, cells: IntArray) -> IntArray:
         """Return the cells with positive Jacobians; turn those that are inside out."""
@@ -189,7 +191,7 @@ class _Reader:
             at = ", ".join(f"{value:g}" for value in own[worst].mean(axis=0))
             raise self._error(
                 f"expected convex cells with a volume, the {self.cell} about ({at}) m is "
-                f"{'folded' if mixed[worst] else 'flat'}"
+                f"{'flat' if flat[worst] else 'folded'}"
             )
         turned = np.arange(cells.shape[1])
         turned = turned ^ 1 if self.cell in TENSOR else np.append(turned[:-2], turned[:-3:-1])
@@ -234,11 +236,16 @@ class _Reader:
                     f"{expected[0]:g} to {expected[1]:g} m like the delaminations of the case, "
                     f"given {given[0]:g} to {given[1]:g} m"
                 )
+        heights = [
+            float(mesh.points[mesh.cells[mesh.lamina == lower + k], 1].mean()) for k in (0, 1)
+        ]
+        if heights[0] >= heights[1]:
+            raise self._error(
+                f"expected lamina {names[0]!r} below lamina {names[1]!r}, as in the case"
+            )
         return Facing((lower, lower + 1), sides[0], sides[1])
 
-    def _facets(
-        self, mesh: SolidMesh, place: IntArray, name: str, lamina: int | None
-    ) -> IntArray:
+    def _facets(self, mesh: SolidMesh, place: IntArray, name: str, lamina: int | None) -> IntArray:
         """Return the facets of a group as vertices of the mesh, checked against its cells.
 
         Args:
@@ -298,23 +305,3 @@ class _Reader:
                     lamina.name,
                     ratio,
                 )
-
-
-def volumes(mesh: SolidMesh) -> FloatArray:
-    """Return volumes of cells, or areas in two dimensions, shape (n_cells,) [m3 or m2].
-
-    Exact for simplices, parallelograms and bricks; else by Gauss's rule with two points each way,
-    which is exact for all quadrilaterals.
-    """
-    corners, dim = mesh.points[mesh.cells], mesh.dim
-    if mesh.cell not in TENSOR:
-        X = np.full((len(corners), dim), 1.0 / (dim + 1))
-        factor = 0.5 if dim == 2 else 1.0 / 6.0
-        return np.asarray(factor * np.linalg.det(jacobians_of(mesh.cell, corners, X)))
-    at = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3.0)
-    places = np.stack(np.meshgrid(*[at] * dim), axis=-1).reshape(-1, dim)
-    dets = [
-        np.linalg.det(jacobians_of(mesh.cell, corners, np.tile(X, (len(corners), 1))))
-        for X in places
-    ]
-    return np.asarray(np.mean(dets, axis=0))
