@@ -38,7 +38,7 @@ def node_coordinates(case: Case) -> FloatArray:
     length = case.lamina[0].length
     if case.mesh.file is None:
         assert case.mesh.elements is not None
-        return _placed(case, case.mesh.elements)
+        return placed(case, case.mesh.elements)
     path = Path(case.mesh.file)
     first, *others = (
         _lamina_nodes(path, points, cells, length)
@@ -77,11 +77,14 @@ def require_edges(case: Case, x: FloatArray, source: str) -> None:
             )
 
 
-def _placed(case: Case, n: int) -> FloatArray:
+def placed(case: Case, n: int) -> FloatArray:
     """Return the nodes of n elements with a node at every edge, uniform where that is possible.
 
     Otherwise each segment between two edges has equal elements, as many as its share of the length,
     and at least two, so that there is a pair within every delamination.
+
+    Raises:
+        CaseError: n is less than two for each segment.
     """
     length, at = case.length, edges(case)
     uniform = np.linspace(0.0, length, n + 1)

@@ -23,7 +23,7 @@ from delam_fem.case.toml import CaseError
 from delam_fem.model import distributed
 from delam_fem.model.beams import bonded, closed_form
 from delam_fem.model.beams.bonded import probes_of
-from delam_fem.model.beams.laminae import completed, gap_at_rest
+from delam_fem.model.beams.laminae import completed
 from delam_fem.model.distributed import DistributedOperators
 from delam_fem.model.layout import Layout, Probe, Reading, Structure, Support
 from delam_fem.model.mesh import node_coordinates
@@ -37,7 +37,8 @@ from delam_fem.model.solids.elasticity import Solid
 from delam_fem.model.solids.evaluation import evaluate, gathered
 from delam_fem.model.solids.lattice import lattice
 from delam_fem.model.solids.mesh import SolidMesh
-from delam_fem.model.solids.readings import middle_line, parts, reading_rows
+from delam_fem.model.solids.meshfile import solid_mesh
+from delam_fem.model.solids.readings import middle_line, parts, points_along, reading_rows
 from delam_fem.model.solids.supports import X, Y, held
 from delam_fem.model.solids.unknowns import Restricted, Unknowns
 from delam_fem.mpi import MPI
@@ -61,7 +62,7 @@ def assemble(case: Case, *, comm: MPI.Intracomm = MPI.COMM_SELF) -> Structure:
     Raises:
         CaseError: the mesh does not fit the case, or the case asks for what solids cannot give.
     """
-    mesh, x = lattice(case), node_coordinates(case)
+    mesh, x = _mesh(case)
     ranks = whole_bodies(mesh, comm.size)
     solid = Solid.on(mesh, comm, case.model.degree, ranks)
     E = young_modulus(case, mesh)
@@ -85,6 +86,14 @@ def assemble(case: Case, *, comm: MPI.Intracomm = MPI.COMM_SELF) -> Structure:
         _require_shareable(case)
     structure = Structure(operators, layout, body)
     return completed(structure, case, _surface_strain(case, unknowns, x))
+
+
+def _mesh(case: Case) -> tuple[SolidMesh, FloatArray]:
+    """Return the mesh of a case, and the points of its parts."""
+    if case.mesh.file is None:
+        return lattice(case), node_coordinates(case)
+    mesh = solid_mesh(case)
+    return mesh, points_along(case, mesh)
 
 
 def whole_bodies(mesh: SolidMesh, size: int) -> IntArray | None:
@@ -135,7 +144,7 @@ def _operators(
     further: dict[str, Any] = {
         "base": BaseCoupling(M.column, C.column, K.column, (M.corner, C.corner, K.corner)),
         "gap_matrix": sp.vstack(rows, format="csr"),
-        "gap0": gap_at_rest(case, layout) if touching else np.zeros(0),
+        "gap0": pairs.gaps(case, layout, touching),
         "lumped_mass": lumped,
         "pair_weights": pairs.weights(case, layout.parts, touching, unknowns.solid.dim),
         "probes": probe_rows(layout, unknowns.n_own),

@@ -14,7 +14,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from delam_fem.case.definition import Case
-from delam_fem.model.layout import Interface, Part
+from delam_fem.model.beams.laminae import gap_at_rest
+from delam_fem.model.layout import Interface, Layout, Part
 from delam_fem.model.solids import facing
 from delam_fem.model.solids.elasticity import Solid
 from delam_fem.model.solids.evaluation import gathered
@@ -26,6 +27,9 @@ from delam_fem.numerics.arrays import BoolArray, FloatArray
 
 _ROUND_OFF = 1e-9
 """Values of basis functions below this are zero but for round-off."""
+
+_OPENINGS = frozenset({"opening", "shape", "file"})
+"""Keys of a delamination that say how far it is open at rest."""
 
 
 @dataclass(frozen=True)
@@ -108,6 +112,32 @@ def weights(
         across = 1.0 if dim == 2 else min(case.lamina[i].width for i in own.sides.parts)
         result.append(own_weights / (mean * across))
     return np.concatenate(result)
+
+
+def gaps(case: Case, layout: Layout, every: Sequence[Touching]) -> FloatArray:
+    """Return the gaps at rest of all pairs, shape (n_pairs,) [m].
+
+    They are the case's. On a mesh from a file they are the mesh's own at delaminations of which the
+    case gives neither an opening nor a shape nor a table.
+
+    Args:
+        case: the case.
+        layout: with the interfaces of the pairs.
+        every: the pairs of each interface.
+    """
+    if not every:
+        return np.zeros(0)
+    result = gap_at_rest(case, layout)
+    if case.mesh.file is None or case.gap is not None:
+        return result
+    for own, interface in zip(every, layout.interfaces, strict=True):
+        between = tuple(layout.names[i] for i in interface.parts)
+        for open_place in case.delamination:
+            if open_place.between == between and not _OPENINGS & open_place.model_fields_set:
+                x = own.pairs.x
+                is_in = (x >= open_place.start) & (x <= open_place.end)
+                result[interface.pairs][is_in] = own.pairs.gap[is_in]
+    return result
 
 
 def _points(case: Case, mesh: SolidMesh, sides: Facing, x: FloatArray) -> facing.Points:

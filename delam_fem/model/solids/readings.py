@@ -12,6 +12,7 @@ import scipy.sparse as sp
 from delam_fem.case.definition import Case
 from delam_fem.case.toml import CaseError
 from delam_fem.model.layout import Part, Reading
+from delam_fem.model.mesh import edges, placed
 from delam_fem.model.solids.cells import locate
 from delam_fem.model.solids.elasticity import Solid
 from delam_fem.model.solids.evaluation import evaluate
@@ -47,15 +48,15 @@ def parts(case: Case, x: FloatArray) -> tuple[Part, ...]:
     )
 
 
-def points_along(mesh: SolidMesh, length: float) -> FloatArray:
-    """Return equidistant points along laminae whose mesh comes from a file, shape (n,) [m].
+def points_along(case: Case, mesh: SolidMesh) -> FloatArray:
+    """Return the points of the parts of a mesh from a file, shape (n,) [m].
 
-    Their distance is about the mean size of the cells along x.
+    They are about as dense as the cells are on the average, with one at each edge of a
+    delamination.
     """
-    corners = mesh.points[mesh.cells][..., 0]
-    size = float(np.mean(np.ptp(corners, axis=1)))
-    n = int(np.clip(round(length / size), FEWEST, MOST))
-    return np.linspace(0.0, length, n + 1)
+    size = float(np.mean(np.ptp(mesh.points[mesh.cells][..., 0], axis=1)))
+    n = int(np.clip(round(case.length / size), max(FEWEST, 2 * edges(case).size), MOST))
+    return placed(case, n)
 
 
 def reading_rows(solid: Solid, x: FloatArray) -> sp.csr_matrix:

@@ -5,19 +5,26 @@ from pathlib import Path
 
 import meshio
 import numpy as np
+import numpy.typing as npt
 import pytest
 from project import ROOT
 
 from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
 from delam_fem.case.toml import CaseError
+from delam_fem.model import vibration
+from delam_fem.model.discretise import assemble
 from delam_fem.model.solids.cells import volumes
 from delam_fem.model.solids.facing import at_vertices, project
 from delam_fem.model.solids.mesh import SolidMesh
 from delam_fem.model.solids.meshfile import solid_mesh
+from delam_fem.pipeline import run
+
+Array = npt.NDArray[np.float64]
 
 MESHES = ROOT / "meshes" / "solids"
 ROUND_OFF = 1e-12
+FREQUENCIES = 2e-3  # triangles and tetrahedra at the edges of the delamination
 CELLS = {
     "plane_strips": "quadrilateral",
     "solid_strips": "hexahedron",
@@ -281,3 +288,50 @@ def test_volumes_of_bent_cells() -> None:
     x, y = points[[0, 1, 3, 2]].T
     shoelace = 0.5 * (x @ np.roll(y, -1) - y @ np.roll(x, -1))
     assert volumes(mesh)[0] == pytest.approx(shoelace, rel=1e-14)
+
+
+def frequencies(case: Case) -> Array:
+    """Return the two lowest natural frequencies without contact [Hz]."""
+    operators = assemble(case).operators
+    found, _ = vibration.lowest(operators.stiffness, operators.mass, 2)
+    return found
+
+
+@pytest.mark.parametrize("name", CELLS)
+def test_beams_of_a_file_vibrate_as_the_structured_ones(name: str) -> None:
+    case = case_of(name)
+    lattice = case_of(name, **{"mesh.file": None, "mesh.elements": 40, "model.layers": 1})
+    np.testing.assert_allclose(frequencies(case), frequencies(lattice), rtol=FREQUENCIES)
+
+
+def test_opening_of_the_mesh_counts_if_the_case_gives_none(tmp_path: Path) -> None:
+    def opened(mesh: meshio.Mesh) -> None:
+        tag = mesh.field_data["lower-upper upper"][0]
+        tags = mesh.cell_data["gmsh:physical"]
+        lines = next(b.data for b, own in zip(mesh.cells, tags, strict=True) if own[0] == tag)
+        x = mesh.points[np.unique(lines), 0]
+        mesh.points[np.unique(lines), 1] += 1e-5 * np.sin(np.pi * (x - 0.06) / 0.08)
+
+    def gaps(opening: float | None) -> Array:
+        case = changed("plane_delaminated", tmp_path, opened, **{"delamination.0.opening": opening})
+        structure = assemble(case)
+        assert structure.layout.interfaces[0].places(0).size == structure.operators.n_pairs
+        return structure.operators.gap0
+
+    given = gaps(None)
+    x = np.linspace(0.06, 0.14, given.size + 2)[1:-1]
+    np.testing.assert_allclose(given, 1e-5 * np.sin(np.pi * (x - 0.06) / 0.08), rtol=1e-6)
+    assert np.all(gaps(0.0) == 0.0)
+
+
+def test_mesh_of_a_file_runs() -> None:
+    """The tips follow the beam's until the first strike; the pairs are at all vertices."""
+    further = {"time.periods": 1, "output.window_periods": 1, "time.steps_per_period": 400}
+    found = run(case_of("plane_strips", **further)).history
+    beam = run(preset("paper", further)).history
+    assert found["contact_state"].shape[-1] == found["x"].size == 46
+    assert found["event_time"].min() > 0.0
+    free = int(np.sum(found["frame"].values < found["event_time"].values.min()))
+    tips = [data["displacement"].values[:, :free, -1] for data in (found, beam)]
+    assert free > 3
+    np.testing.assert_allclose(tips[0], tips[1], atol=0.005 * np.abs(tips[1]).max())

@@ -97,8 +97,12 @@ def test_what_moves_with_the_base_is_read_through_it() -> None:
         np.testing.assert_allclose(whole[part.dofs[:, SLOPE]], 0.0, atol=ROUND_OFF)
 
 
-def test_points_along_a_mesh_of_a_file_are_as_dense_as_its_cells() -> None:
-    mesh = two_bricks("quadrilateral", (50, 1), (50, 1))
-    np.testing.assert_allclose(readings.points_along(mesh, 2.0), np.linspace(0, 2, 51), atol=1e-14)
-    coarse = two_bricks("quadrilateral", (3, 1), (3, 1))
-    assert readings.points_along(coarse, 2.0).size == readings.FEWEST + 1
+@pytest.mark.parametrize(("cells", "expected"), [(30, 30), (3, readings.FEWEST)])
+def test_points_along_a_mesh_of_a_file_are_as_dense_as_its_cells(cells: int, expected: int) -> None:
+    mesh = two_bricks(
+        "quadrilateral", (cells, 1), (cells, 1), size=(0.4, 1e-3, 1.0), ends=(0.0, 0.4)
+    )
+    x = readings.points_along(preset("embedded"), mesh)
+    assert x.size == expected + 1
+    for edge in (0.0, 0.12, 0.28, 0.4):
+        assert np.abs(x - edge).min() < 1e-12
