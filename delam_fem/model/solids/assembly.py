@@ -25,7 +25,7 @@ from delam_fem.model.beams import bonded, closed_form
 from delam_fem.model.beams.bonded import probes_of
 from delam_fem.model.beams.laminae import completed
 from delam_fem.model.distributed import DistributedOperators
-from delam_fem.model.layout import Layout, Probe, Reading, Structure, Support
+from delam_fem.model.layout import Layout, Part, Probe, Reading, Structure, Support
 from delam_fem.model.mesh import node_coordinates
 from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.model.pairing import columns_of, place_of, probe_rows
@@ -46,10 +46,10 @@ from delam_fem.numerics.arrays import FloatArray, IntArray
 
 _DAMPED_CELLS = 100
 """Cells of the beam that gives the damping of a bonded stack whose mesh is from a file."""
+GAUSS = {2: np.array([0.5]), 3: 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3.0)}
+"""Places within a cell at which strains of bending are accurate, by degree."""
 _INSIDE = 1e-7
 """How far below the surface strains are read, in thicknesses."""
-_BESIDE = 1e-5
-"""How far beside a point strains are taken, in lengths of the structure; far below a cell."""
 
 
 def assemble(case: Case, *, comm: MPI.Intracomm = MPI.COMM_SELF) -> Structure:
@@ -85,7 +85,7 @@ def assemble(case: Case, *, comm: MPI.Intracomm = MPI.COMM_SELF) -> Structure:
     if comm.size > 1:
         _require_shareable(case)
     structure = Structure(operators, layout, body)
-    return completed(structure, case, _surface_strain(case, unknowns, x))
+    return completed(structure, case, _surface_strain(case, unknowns, layout.parts[0]))
 
 
 def _mesh(case: Case) -> tuple[SolidMesh, FloatArray]:
@@ -292,20 +292,26 @@ def _layout(
     )
 
 
-def _surface_strain(case: Case, unknowns: Unknowns, x: FloatArray) -> StrainRows:
-    """Return the strains ∂u_x/∂x at the surfaces, in the middle of the width."""
+def _surface_strain(case: Case, unknowns: Unknowns, part: Part) -> StrainRows:
+    """Return the strains ∂u_x/∂x at the surfaces, in the middle of the width.
+
+    In thin elements the strain of bending is one degree lower than the basis allows, because shear
+    is tied to it: constant in a cell at degree 2. It is accurate at the Gauss points of that
+    degree; a strain is interpolated between the two nearest of these points along the lamina.
+    """
     solid, mesh = unknowns.solid, unknowns.solid.mesh
+    gauss = GAUSS[case.model.degree]
+    accurate = (part.x[:-1, None] + np.diff(part.x)[:, None] * gauss).ravel()
 
     def rows(lamina: int, place: float, side: float) -> sp.csr_matrix:
-        at = float(np.interp(place, np.arange(x.size, dtype=np.float64), x))
-        point = middle_line(mesh, lamina, np.array([at]))
-        point[0, Y] += side * (0.5 - _INSIDE) * case.lamina[lamina].thickness
-        step = np.zeros((1, mesh.dim))
-        step[0, X] = _BESIDE * case.length
-        beside = [s for s in (-step, step) if 0.0 <= at + s[0, X] <= case.length]
-        found = [evaluate(solid, point, locate(mesh, point + s, lamina)) for s in beside]
-        mean = sum(own.derivative(X, X) for own in found) / len(found)
-        row = gathered(sp.csr_matrix(mean), solid.comm)
+        at = float(part.positions(np.array([place]))[0])
+        first = int(np.clip(np.searchsorted(accurate, at) - 1, 0, accurate.size - 2))
+        near = accurate[first : first + 2]
+        share = (at - near[0]) / (near[1] - near[0])
+        points = middle_line(mesh, lamina, near)
+        points[:, Y] += side * (0.5 - _INSIDE) * case.lamina[lamina].thickness
+        own = evaluate(solid, points, locate(mesh, points, lamina)).derivative(X, X)
+        row = gathered(sp.csr_matrix(np.array([[1.0 - share, share]])) @ own, solid.comm)
         base = sp.csr_matrix(row @ unknowns.base[:, None])
         return sp.hstack([row @ unknowns.free, base], format="csr")
 

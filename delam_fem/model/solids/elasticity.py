@@ -88,6 +88,11 @@ class Solid:
         return int(self.space.dofmap.index_map.local_range[0])
 
     @property
+    def ghost_nodes(self) -> IntArray:
+        """Global nodes that this rank shares but does not own; locally they follow its own."""
+        return np.asarray(self.space.dofmap.index_map.ghosts, dtype=np.int64)
+
+    @property
     def n_own_cells(self) -> int:
         """Number of cells that this rank owns, the first of `input_cell`."""
         return int(self.domain.topology.index_map(self.dim).size_local)

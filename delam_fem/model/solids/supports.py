@@ -27,6 +27,8 @@ from delam_fem.numerics.arrays import FloatArray, IntArray
 
 X, Y = 0, 1
 """Components along the laminae and of the deflection."""
+SHARED = -1
+"""Stands for the lamina of what bonded laminae share."""
 
 
 @dataclass(frozen=True)
@@ -39,12 +41,14 @@ class Held:
         turn: the factor -(y - y_0) of S2, shape (n,) [m].
         place: the dof in whose place phi is, for each of them; itself one of `dofs`; -1: none,
             shape (n,).
+        lamina: number of the lamina that turns with phi, SHARED where bonded ones do, shape (n,).
     """
 
     dofs: IntArray
     base: FloatArray
     turn: FloatArray
     place: IntArray
+    lamina: IntArray
 
     @property
     def is_turning(self) -> bool:
@@ -77,7 +81,9 @@ def held(case: Case, solid: Solid, rigidity: FloatArray) -> Held:
         for own in _clusters(facets):
             nodes = solid.nodes_on(facets[own])
             axis = neutral_axis(solid.mesh, facets[own], rigidity)
-            blocks.append(_at(solid, nodes, axis))
+            laminae = np.unique(solid.mesh.lamina[solid.mesh.cells_with(facets[own])[0]])
+            one = int(laminae[0]) if laminae.size == 1 else SHARED
+            blocks.append(_at(solid, nodes, axis, one))
     return _joined(blocks)
 
 
@@ -119,7 +125,7 @@ def _clusters(facets: IntArray) -> list[IntArray]:
     return [np.flatnonzero(label == number) for number in range(count)]
 
 
-def _at(solid: Solid, nodes: IntArray, axis: float | None = None) -> Held:
+def _at(solid: Solid, nodes: IntArray, axis: float | None = None, lamina: int = SHARED) -> Held:
     """Return the held dofs of nodes: clamped, or pinned with a neutral axis."""
     dim = solid.dim
     dofs = (dim * nodes[:, None] + np.arange(dim)).ravel()
@@ -128,17 +134,17 @@ def _at(solid: Solid, nodes: IntArray, axis: float | None = None) -> Held:
     if axis is not None:
         turn[X::dim] = axis - solid.coordinates_of(nodes)[:, Y]
         place[X::dim] = dofs[X]
-    return Held(dofs, base, turn, place)
+    return Held(dofs, base, turn, place, np.full(dofs.size, lamina, dtype=np.int64))
 
 
 def _joined(blocks: list[Held]) -> Held:
     """Return the held dofs of all ends, increasing."""
     if not blocks:
         nothing, none = np.zeros(0), np.zeros(0, dtype=np.int64)
-        return Held(none, nothing, nothing, none)
+        return Held(none, nothing, nothing, none, none)
     every = [np.concatenate([getattr(b, name) for b in blocks]) for name in _FIELDS]
     _, first = np.unique(every[0], return_index=True)
     return Held(*(values[first] for values in every))
 
 
-_FIELDS = ("dofs", "base", "turn", "place")
+_FIELDS = ("dofs", "base", "turn", "place", "lamina")

@@ -14,11 +14,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from delam_fem.model.solids.elasticity import Solid
-from delam_fem.model.solids.supports import Held
+from delam_fem.model.solids.supports import SHARED, Held
 from delam_fem.numerics.arrays import FloatArray, IntArray
 
-SHARED = -1
-"""Stands for the part of a node that bonded laminae share."""
 _SAME = 1e-9
 """Share of the extent along an axis within which nodes are at the same place."""
 
@@ -96,8 +94,11 @@ class Unknowns:
     def parts(self) -> IntArray:
         """Number of the lamina of each own free dof, or SHARED, shape (n_own,)."""
         low, high = _of_nodes(self.solid, self.solid.mesh.lamina)
-        lamina = np.where(low == high, low, SHARED)
-        return np.asarray(lamina[self.own // self.solid.dim - self.solid.first_node])
+        of_nodes = np.where(low == high, low, SHARED)
+        result = of_nodes[self.own // self.solid.dim - self.solid.first_node]
+        for dof, lamina in {*zip(self.held.place.tolist(), self.held.lamina.tolist(), strict=True)}:
+            result[self.own == dof] = lamina
+        return np.asarray(result)
 
     @property
     def bodies(self) -> IntArray:
@@ -212,12 +213,17 @@ def _order(solid: Solid) -> IntArray:
 
 
 def _of_nodes(solid: Solid, of_cells: IntArray) -> tuple[IntArray, IntArray]:
-    """Return the lowest and the highest number of the cells at each own node."""
-    n = solid.n_own_nodes
-    low, high = np.full(n, np.iinfo(np.int64).max), np.full(n, -1, dtype=np.int64)
-    table, numbers = solid.local_nodes, of_cells[solid.input_cell]
-    for nodes in table.T:
-        own = nodes < n
-        np.minimum.at(low, nodes[own], numbers[own])
-        np.maximum.at(high, nodes[own], numbers[own])
-    return low, high
+    """Return the lowest and the highest number of the cells at each own node (collective)."""
+    n, ghosts = solid.n_own_nodes, solid.ghost_nodes
+    low = np.full(n + ghosts.size, np.iinfo(np.int64).max)
+    high = np.full(n + ghosts.size, -1, dtype=np.int64)
+    numbers = of_cells[solid.input_cell]
+    for nodes in solid.local_nodes.T:
+        np.minimum.at(low, nodes, numbers)
+        np.maximum.at(high, nodes, numbers)
+    for nodes, lowest, highest in solid.comm.allgather((ghosts, low[n:], high[n:])):
+        local = nodes - solid.first_node
+        own = (local >= 0) & (local < n)
+        np.minimum.at(low, local[own], lowest[own])
+        np.maximum.at(high, local[own], highest[own])
+    return low[:n], high[:n]

@@ -1,6 +1,5 @@
 """Meshes of solids: bodies, and the cells behind facets."""
 
-import numpy as np
 import pytest
 from bricks import two_bricks
 

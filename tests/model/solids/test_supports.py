@@ -1,0 +1,90 @@
+"""Held ends of solids: clamped, pinned, free; the neutral axis."""
+
+import numpy as np
+import pytest
+from bricks import two_bricks
+
+from delam_fem.case.files import preset
+from delam_fem.case.toml import CaseError
+from delam_fem.model.solids.elasticity import Solid
+from delam_fem.model.solids.lattice import lattice
+from delam_fem.model.solids.readings import surface
+from delam_fem.model.solids.supports import Held, held, neutral_axis
+from delam_fem.model.solids.unknowns import Unknowns
+from delam_fem.mpi import MPI
+
+EMBEDDED = {"model.kind": "plane-stress", "mesh.elements": 10}
+
+
+def of(name: str, overrides: dict[str, object], modulus: tuple[float, float]) -> Unknowns:
+    """Return the unknowns of a preset whose two laminae have some moduli."""
+    case = preset(name, overrides)
+    mesh = lattice(case)
+    solid = Solid.on(mesh, MPI.COMM_SELF, 2)
+    return Unknowns.of(solid, held(case, solid, np.array(modulus)[mesh.lamina]))
+
+
+def positions(unknowns: Unknowns, held: Held) -> np.ndarray:
+    """Return x, y, … of the nodes of held dofs."""
+    return unknowns.solid.coordinates[held.dofs // unknowns.solid.dim]
+
+
+def test_clamped_ends_follow_the_base_along_y_alone() -> None:
+    unknowns = of("embedded", EMBEDDED, (1.0, 1.0))
+    own = unknowns.held
+    assert own.dofs.size == 2 * 2 * 5  # two ends of two cells, each with 2 dofs at 5 heights
+    at = positions(unknowns, own)
+    assert set(np.round(at[:, 0], 12)) == {0.0, 0.4}
+    np.testing.assert_array_equal(own.base, own.dofs % 2)
+    assert not own.is_turning and not own.turn.any()
+    assert unknowns.n_free == unknowns.n_dofs - own.dofs.size
+
+
+def test_free_ends_are_not_held() -> None:
+    unknowns = of("default", {"model.kind": "plane-stress", "mesh.elements": 10}, (1.0, 1.0))
+    own = unknowns.held
+    assert own.dofs.size == 2 * 2 * 3
+    np.testing.assert_allclose(positions(unknowns, own)[:, 0], 0.0, atol=1e-12)
+
+
+def test_a_pinned_end_turns_about_its_neutral_axis() -> None:
+    ends = {"support.start": "pinned", "support.end": "free"}
+    unknowns = of("embedded", {**EMBEDDED, **ends}, (1.0, 3.0))
+    own, h = unknowns.held, (0.0014, 0.0006)
+    axis = (h[0] * 0.7e-3 + 3.0 * h[1] * 1.7e-3) / (h[0] + 3.0 * h[1])
+    height = positions(unknowns, own)[:, 1]
+    along = own.dofs % 2 == 0
+    np.testing.assert_allclose(own.turn[along], axis - height[along])
+    assert np.unique(own.place[along]).size == 1 and np.all(own.place[~along] == -1)
+    assert unknowns.n_free == unknowns.n_dofs - own.dofs.size + 1
+
+
+def test_laminae_that_are_apart_at_a_pinned_end_turn_alone() -> None:
+    ends = {"support.start": "pinned", "support.end": "pinned"}
+    opening = {"delamination.0.start": 0.0, "delamination.0.end": 0.16}
+    unknowns = of("embedded", {**EMBEDDED, **ends, **opening}, (1.0, 1.0))
+    places = np.unique(unknowns.held.place[unknowns.held.place >= 0])
+    assert places.size == 3
+    own = unknowns.held
+    at = positions(unknowns, own)
+    for low, high in ((0.0, 0.0014), (0.0014, 0.0020)):  # the lower and the upper one at x = 0
+        inside = (at[:, 1] > low + 1e-6) & (at[:, 1] < high - 1e-6) & (at[:, 0] < 0.1)
+        np.testing.assert_allclose(own.turn[inside], 0.0, atol=1e-12)  # their middles
+
+
+@pytest.mark.parametrize("cell", ["triangle", "quadrilateral", "tetrahedron", "hexahedron"])
+def test_neutral_axis_of_all_facets(cell: str) -> None:
+    """Of two boxes of height 0.5, the upper one 0.1 above the other and 4 times as stiff."""
+    dim = 2 if cell in ("triangle", "quadrilateral") else 3
+    mesh = two_bricks(cell, (1, 2, 3)[:dim], (1, 3, 2)[:dim], gap=0.1)
+    facets = surface(mesh, np.ones(len(mesh.cells), dtype=bool))
+    end = facets[np.all(mesh.points[facets][..., 0] == 0.0, axis=1)]
+    stiff = np.where(mesh.lamina == 0, 1.0, 4.0)
+    assert neutral_axis(mesh, end, stiff) == pytest.approx((0.25 + 4.0 * 0.85) / 5.0)
+
+
+def test_an_end_without_facets_is_refused() -> None:
+    case = preset("embedded", EMBEDDED)
+    solid = Solid.on(two_bricks("quadrilateral", (2, 1), (2, 1)), MPI.COMM_SELF, 2)
+    with pytest.raises(CaseError, match=r'support.start: the mesh has no facets "start"'):
+        held(case, solid, np.ones(4))

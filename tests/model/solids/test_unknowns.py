@@ -1,0 +1,83 @@
+"""The free dofs of solids: their order, and matrices restricted to them."""
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+from delam_fem.case.files import preset
+from delam_fem.model.solids.elasticity import Solid
+from delam_fem.model.solids.lattice import lattice
+from delam_fem.model.solids.supports import held
+from delam_fem.model.solids.unknowns import SHARED, Unknowns
+from delam_fem.mpi import MPI
+
+CASES = {
+    "apart": ("default", {}),
+    "bonded": ("embedded", {}),
+    "pinned": ("embedded", {"support.start": "pinned", "support.end": "pinned"}),
+    "solid": ("embedded", {"model.kind": "solid", "support.start": "pinned"}),
+}
+
+
+@pytest.fixture(params=CASES)
+def unknowns(request: pytest.FixtureRequest) -> Unknowns:
+    """Return the unknowns of a small case."""
+    name, overrides = CASES[request.param]
+    base = {"model.kind": "plane-stress", "mesh.elements": 10}
+    case = preset(name, {**base, **overrides})
+    mesh = lattice(case)
+    solid = Solid.on(mesh, MPI.COMM_SELF, 2)
+    return Unknowns.of(solid, held(case, solid, 1.0 + mesh.lamina))
+
+
+def test_restricted_matrices_are_those_of_the_transformation(unknowns: Unknowns) -> None:
+    """S1 of supports.py, in dense matrices; T written down anew from what is held."""
+    solid, own = unknowns.solid, unknowns.held
+    matrix = solid.stiffness(np.ones(len(solid.mesh.cells)), 0.3)
+    indptr, columns, values = matrix.getValuesCSR()
+    A = sp.csr_matrix((values, columns, indptr), shape=matrix.getSize()).toarray()
+    found = unknowns.restricted(matrix)
+    T = np.zeros((unknowns.n_dofs, unknowns.n_free))
+    for column, dof in enumerate(unknowns.own):
+        if dof not in own.dofs:
+            T[dof, column] = 1.0
+            continue
+        turning = own.place == dof
+        T[own.dofs[turning], column] = own.turn[turning]
+    g = np.zeros(unknowns.n_dofs)
+    g[own.dofs] = own.base
+    scale = abs(A).max()
+    np.testing.assert_allclose(found.rows.toarray(), T.T @ A @ T, atol=1e-12 * scale)
+    np.testing.assert_allclose(found.column, T.T @ A @ g, atol=1e-12 * scale)
+    assert found.corner == pytest.approx(g @ A @ g)
+    np.testing.assert_allclose(unknowns.free.toarray(), T)
+    np.testing.assert_allclose(unknowns.base, g)
+
+
+def test_restricted_diagonals_are_those_of_the_transformation(unknowns: Unknowns) -> None:
+    values = 1.0 + np.arange(unknowns.n_dofs)
+    found = unknowns.diagonal(values)
+    T, g = unknowns.free.toarray(), unknowns.base
+    np.testing.assert_allclose(found.rows.toarray(), T.T @ np.diag(values) @ T)
+    assert found.corner == pytest.approx(g @ np.diag(values) @ g)
+    assert not found.column.any()
+
+
+def test_the_order_follows_bodies_and_x(unknowns: Unknowns) -> None:
+    solid = unknowns.solid
+    x = solid.coordinates[unknowns.own // solid.dim, 0]
+    steps = np.diff(x)[np.diff(unknowns.bodies) == 0]
+    assert steps.min() > -1e-9
+    assert np.all(np.diff(unknowns.bodies) >= 0)
+    assert sorted(np.unique(unknowns.parts)) == (
+        [0, 1] if unknowns.bodies.any() else [SHARED, 0, 1]
+    )
+
+
+def test_matrices_of_slender_laminae_are_narrow_bands() -> None:
+    case = preset("default", {"model.kind": "plane-stress", "mesh.elements": 40})
+    solid = Solid.on(lattice(case), MPI.COMM_SELF, 2)
+    unknowns = Unknowns.of(solid, held(case, solid, np.ones(80)))
+    K = unknowns.restricted(solid.stiffness(np.ones(80), 0.0)).rows.tocoo()
+    assert abs(K.row - K.col).max() == 17  # three columns of three nodes
+    assert unknowns.n_free == 2 * 2 * 3 * 80
