@@ -26,7 +26,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import eigh
+from scipy.linalg import block_diag, eigh
 
 from delam_fem.model.operators import Operators
 from delam_fem.model.reduction.bodies import Body, bodies
@@ -48,6 +48,7 @@ class Basis:
     Attributes:
         vectors: V, shape (n_dofs, m).
         squares: ω² of each coordinate, body by body and increasing within each, shape (m,) [1/s2].
+        damping: VᵀCV, shape (m, m) [1/s].
         is_mode: whether a coordinate is a normal mode of a body, shape (m,).
         body: number of the body of each coordinate, shape (m,).
         body_of_dof: number of the body of each dof, shape (n_dofs,).
@@ -59,6 +60,7 @@ class Basis:
 
     vectors: FloatArray
     squares: FloatArray
+    damping: FloatArray
     is_mode: BoolArray
     body: IntArray
     body_of_dof: IntArray
@@ -109,7 +111,7 @@ def basis_of(o: Operators, modes: int, *, shift: float = 0.0, most: int | None =
     """
     pieces = [_piece(o, body, modes) for body in bodies(o, shift)]
     kept = _kept(pieces, most)
-    columns, squares, is_mode, numbers = [], [], [], []
+    columns, squares, damping, is_mode, numbers = [], [], [], [], []
     body_of_dof, error = np.empty(o.n_dofs, dtype=np.int64), 0.0
     for number, (piece, k) in enumerate(zip(pieces, kept, strict=True)):
         high, shapes = _ritz(piece.body, piece.shapes[:, :k])
@@ -120,13 +122,15 @@ def basis_of(o: Operators, modes: int, *, shift: float = 0.0, most: int | None =
         block = np.zeros((o.n_dofs, n))
         block[piece.body.dofs] = np.hstack([piece.modes, shapes])
         columns.append(block)
-        squares += [piece.squares, high]
+        squares.append(np.append(piece.squares, high))
+        damping.append(piece.body.damping_of(squares[-1], block[piece.body.dofs]))
         is_mode.append(np.arange(n) < piece.squares.size)
         numbers.append(np.full(n, number))
         body_of_dof[piece.body.dofs] = number
     return Basis(
         np.hstack(columns),
         np.concatenate(squares),
+        block_diag(*damping),
         np.concatenate(is_mode),
         np.concatenate(numbers),
         body_of_dof,

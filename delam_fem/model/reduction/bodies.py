@@ -29,6 +29,10 @@ PETSC_DOFS = 20_000
 NOT_HELD = "reduction: a body is not held; support each body"
 UNSOLVED = 1e-2
 """Residual of a solution, relative to the load, of a singular matrix."""
+NOT_RAYLEIGH = 1e-12
+"""Largest entry of C - α M - β K relative to the diagonal of C that is round-off."""
+FITS = 4
+"""Fits of α and β in turn; each gains some digits."""
 CORRECTIONS = 3
 """Iterations for static shapes of a floating body; each gains the factor s/ω² of omitted modes."""
 
@@ -97,6 +101,38 @@ class Body:
             again = self._without(self.solve(self.mass @ shapes), modes)
             shapes = first + self.shift * again
         return whole, shapes
+
+    def damping_of(self, squares: FloatArray, shapes: FloatArray) -> FloatArray:
+        """Return VᵀCV, shape (m, m).
+
+        If C = α M + β K, it is the diagonal matrix α + β ω²: the product itself has the round-off
+        of the largest stiffness, which hides the damping of the lowest modes.
+
+        Args:
+            squares: ω² of the shapes, shape (m,) [1/s2].
+            shapes: V, with VᵀMV = 1 and VᵀKV = ω², shape (n_dofs, m).
+        """
+        C = self.damping
+        alpha, beta = self._rayleigh(shapes[:, 0])
+        beside = sp.coo_matrix(C - alpha * self.mass - beta * self.stiffness)
+        scale = np.sqrt(np.maximum(C.diagonal(), 0.0))
+        if (abs(beside.data) <= NOT_RAYLEIGH * scale[beside.row] * scale[beside.col]).all():
+            return np.diag(alpha + beta * squares)
+        projected = shapes.T @ (C @ shapes)
+        return np.asarray(0.5 * (projected + projected.T))
+
+    def _rayleigh(self, slowest: FloatArray) -> tuple[float, float]:
+        """Return α and β for which α M + β K is near C: by its entries, and by the slowest mode.
+
+        Args:
+            slowest: φ of the lowest mode, with φᵀMφ = 1, shape (n_dofs,).
+        """
+        M, C, K = self.mass, self.damping, self.stiffness
+        size, alpha, beta = K.multiply(K).sum(), 0.0, 0.0
+        for _ in range(FITS):
+            beta = float((C - alpha * M).multiply(K).sum() / size)
+            alpha = float(slowest @ ((C - beta * K) @ slowest))
+        return alpha, beta
 
     def _without(self, shapes: FloatArray, modes: FloatArray) -> FloatArray:
         """Return shapes without their share of the modes; twice, because of round-off."""

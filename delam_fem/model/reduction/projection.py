@@ -15,10 +15,7 @@ import scipy.sparse as sp
 from delam_fem.model.layout import Layout, Reading, Structure
 from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.model.reduction.basis import Basis
-from delam_fem.numerics.arrays import FloatArray, IntArray
-
-NOT_DIAGONAL = 1e-8
-"""Largest entry of VᵀCV beside its diagonal, relative to the diagonal, that is round-off."""
+from delam_fem.numerics.arrays import IntArray
 
 
 def projected(structure: Structure, basis: Basis) -> Structure:
@@ -46,7 +43,7 @@ def operators_in(o: Operators, basis: Basis) -> Operators:
     )
     return Operators(
         mass=sp.identity(n, format="csr"),
-        damping=sp.csr_matrix(_cleaned(V.T @ (o.damping @ V))),
+        damping=sp.csr_matrix(basis.damping),
         stiffness=sp.diags(basis.squares, format="csr"),
         base=base,
         gap_matrix=sp.csr_matrix(o.gap_matrix @ V),
@@ -81,13 +78,3 @@ def _parts(layout: Layout, basis: Basis) -> IntArray:
         if len(parts) == 1:
             of_body[body] = parts.pop()
     return np.asarray(of_body[basis.body])
-
-
-def _cleaned(C: FloatArray) -> FloatArray:
-    """Return the symmetric damping, diagonal if all beside the diagonal is round-off."""
-    C = 0.5 * (C + C.T)
-    scale = np.sqrt(np.maximum(C.diagonal(), 0.0))
-    beside = np.abs(C - np.diag(C.diagonal()))
-    if (beside <= NOT_DIAGONAL * np.outer(scale, scale)).all():
-        return np.diag(C.diagonal())
-    return np.asarray(C)

@@ -1,0 +1,45 @@
+"""Reductions of cases: solids, floating structures, numbers of the table."""
+
+import numpy as np
+import pytest
+
+from delam_fem.case.files import preset
+from delam_fem.model import fields
+from delam_fem.model.reduction.of_case import reduced_case
+
+FREE = {"mesh.elements": 16, "support.start": "free", "support.end": "free"}
+
+
+@pytest.mark.parametrize("kind", ["plane-stress", "solid"])
+def test_a_solid_becomes_a_diagonal_system_of_its_middle_lines(kind: str) -> None:
+    case = preset("default", {"mesh.elements": 8, "model.kind": kind})
+    found = reduced_case(case, 4)
+    o, full = found.structure.operators, found.full.operators
+    assert o.n_dofs < full.n_dofs / 3
+    C, squares = o.damping, o.stiffness.diagonal()
+    assert (C - np.diag(C.diagonal()) == 0.0).all()
+    part = found.structure.layout.reading.part
+    for i in range(2):
+        alpha, beta = case.rayleigh(i)
+        own = part == i
+        np.testing.assert_allclose(C.diagonal()[own], alpha + beta * squares[own], rtol=1e-4)
+    # the lowest frequencies are those of the cantilevers
+    for i, lamina in enumerate(case.lamina):
+        lowest = np.sqrt(squares[part == i].min())
+        assert lowest == pytest.approx(lamina.angular_frequencies(1)[0], rel=5e-3)
+    # a slow base carries the middle lines
+    q = -o.base.stiffness / squares
+    u, slope = fields.nodal(found.structure.layout, q[None], np.ones(1))
+    np.testing.assert_allclose(u, 1.0, atol=1e-5)
+    np.testing.assert_allclose(slope, 0.0, atol=1e-4)
+
+
+def test_a_floating_stack_keeps_its_rigid_motions() -> None:
+    case = preset("embedded", {**FREE, "excitation": {"kind": "force", "lamina": "upper",
+        "position": 0.1, "frequency": 9.0, "amplitude": 1.0}})  # fmt: skip
+    found = reduced_case(case, 6)
+    squares = np.sort(found.basis.squares)
+    assert squares[1] < 1e-6 * squares[2]
+    full, own = found.frequencies
+    np.testing.assert_allclose(own[2:6], full[2:6], rtol=1e-6)
+    assert found.highest > found.highest_mode > own[5] * 0.99
