@@ -197,6 +197,7 @@ class Shared:
         self.own = PETSc.Vec().createSeq(size)
         self._memory: FloatArray = self.own.array
         self.values, self.total = self._memory, self.own
+        self._parts: FloatArray | None = None
         if comm.size > 1:
             self._parts = np.zeros((comm.size, size))
             self.values = np.zeros(size)
@@ -208,7 +209,7 @@ class Shared:
 
     def gather(self) -> FloatArray:
         """Update `values` from the contributions of all ranks (collective) and return them."""
-        if self._comm.size > 1:
+        if self._parts is not None:
             self._comm.Allgather(self._memory, self._parts)
             np.sum(self._parts, axis=0, out=self.values)
         return self.values
