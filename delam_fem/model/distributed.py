@@ -44,6 +44,7 @@ class DistributedOperators:
             are per pair.
         probes: own columns of the probes, CSR (n_probes, n_own).
         sensors: own columns of the functionals of sensors, CSR (n_sensors, n_own).
+        rayleigh: α and β at the own dofs, each of shape (n_own,); see `Operators`.
         is_uncoupled: whether no entry of M, C and K couples dofs of two ranks, for example because
             each lamina is on one rank. Each rank then factorises its own part alone.
         is_shared_order: whether the order of the dofs is the same for any number of ranks.
@@ -60,6 +61,7 @@ class DistributedOperators:
     pair_weights: FloatArray | None = None
     probes: sp.csr_matrix = None
     sensors: sp.csr_matrix = None
+    rayleigh: tuple[FloatArray, FloatArray] | None = None
     is_uncoupled: bool = False
     is_shared_order: bool = False
 
@@ -172,6 +174,7 @@ def spread(operators: Operators, comm: MPI.Intracomm) -> DistributedOperators:
         pair_weights=o.pair_weights,
         probes=sp.csr_matrix(o.probes)[:, own],
         sensors=sp.csr_matrix(o.sensors)[:, own],
+        rayleigh=None if o.rayleigh is None else (o.rayleigh[0][own], o.rayleigh[1][own]),
         is_shared_order=True,
     )
 

@@ -74,6 +74,8 @@ class Operators:
             CSR (n_probes, n). None: no probes (an empty matrix).
         sensors: further functionals of u and of v that are recorded at every step, from which
             signals of sensors follow, CSR (n_sensors, n). None: none.
+        rayleigh: α and β at each dof, constant on each body, if C = α M + β K holds to round-off,
+            each of shape (n,) [1/s, s]; engines may then need fewer products. None: no word on C.
     """
 
     mass: sp.csr_matrix
@@ -86,6 +88,7 @@ class Operators:
     pair_weights: FloatArray | None = None
     probes: sp.csr_matrix = None
     sensors: sp.csr_matrix = None
+    rayleigh: tuple[FloatArray, FloatArray] | None = None
 
     def __post_init__(self) -> None:
         """Check the shapes; replace missing probes and sensors by an empty matrix.

@@ -17,6 +17,13 @@ from delam_fem.model.distributed import matrix
 from delam_fem.mpi import MPI
 from delam_fem.numerics.arrays import FloatArray
 
+LARGE = 2000
+"""Dofs up to which PETSc's LU factors are the fastest."""
+WIDE = 12
+"""Mean number of entries in a row above which a large matrix is that of a solid; beams have 6."""
+ROUND_OFF = 1e-12
+"""Differences between a symmetric matrix and its transpose, in parts of the largest row sum."""
+
 
 class Product(Protocol):
     """A square matrix, as a product with own shares of vectors; PETSc's sequential one is one."""
@@ -114,18 +121,20 @@ def rows_of(whole: PETSc.Mat, is_uncoupled: bool) -> sp.csr_matrix:
 class Factor:
     """A factorised matrix B; `solve(b, x)` writes x = B⁻¹ b / s for own shares b, x (collective).
 
-    Serial factors are PETSc's own, which solve 80 dofs in about 1 µs; distributed factors are those
-    of MUMPS. If ranks are uncoupled, each has a serial factor of its own part.
+    Beams and small solids have narrow bands, for which PETSc's own LU factors are the fastest: 80
+    dofs take about 1 µs. Large solids take Cholesky factors: CHOLMOD's, or PETSc's own without it.
+    Distributed factors are those of MUMPS. If ranks are uncoupled, each one has a serial factor of
+    its own part. Options of PETSc with the prefix choose others.
 
     Attributes:
-        scale: s. The factor is that of s B, so that `solve` gives x = B⁻¹ b / s. Steppers choose s
-            such that the solution for a residual needs no further scaling.
+        scale: s. `solve` gives x = B⁻¹ b / s. Steppers choose s such that the solution for a
+            residual needs no further scaling.
     """
 
     def __init__(
         self, rows: sp.spmatrix, comm: MPI.Intracomm, prefix: str, scale: float = 1.0
     ) -> None:
-        """Factorise s B.
+        """Factorise B.
 
         Args:
             rows: the own rows of B, CSR (n_own, n).
@@ -137,31 +146,37 @@ class Factor:
             PETSc.Error: the matrix is singular.
         """
         self.scale = scale
-        self._matrix = matrix(scale * rows, comm)
+        is_banded = comm.size == 1 and not _is_wide(rows)
+        self._matrix = matrix((scale if is_banded else abs(scale)) * rows, comm)
+        is_symmetric = not is_banded and _is_symmetric(self._matrix)
+        if is_symmetric:
+            self._matrix.setOption(PETSc.Mat.Option.SPD, True)
         self._solver = PETSc.KSP().create(comm)
         self._solver.setOptionsPrefix(prefix)
         self._solver.setType(PETSc.KSP.Type.PREONLY)
-        self._preconditioner = preconditioner = self._solver.getPC()
-        preconditioner.setType(PETSc.PC.Type.LU)
-        if comm.size > 1:
-            preconditioner.setFactorSolverType("mumps")
-        else:
-            preconditioner.setFactorOrdering("natural")  # the matrix is banded already
+        self._preconditioner = self._solver.getPC()
+        _choose(self._preconditioner, is_symmetric, is_banded)
         self._solver.setOperators(self._matrix)
         self._solver.setFromOptions()
         self._solver.setUp()
-        self._factor = preconditioner.getFactorMatrix()
+        self._factor = self._preconditioner.getFactorMatrix()
         self._sides = (
             [] if comm.size == 1 else [Portion(vector) for vector in self._matrix.createVecs()]
         )
-        self.solve = self._factor.solve if comm.size == 1 else self._solve_together
+        self._sign = -1.0 if scale < 0.0 and not is_banded else 1.0
+        self.solve = self._factor.solve if is_banded else self._solve
 
-    def _solve_together(self, b: PETSc.Vec, x: PETSc.Vec) -> None:
-        """Solve with the distributed factor."""
-        right, left = self._sides
-        b.copy(right.own)
-        self._factor.solve(right.vector, left.vector)
-        left.own.copy(x)
+    def _solve(self, b: PETSc.Vec, x: PETSc.Vec) -> None:
+        """Solve with the factor of |s| B, which may be distributed."""
+        if self._sides:
+            right, left = self._sides
+            b.copy(right.own)
+            self._factor.solve(right.vector, left.vector)
+            left.own.copy(x)
+        else:
+            self._factor.solve(b, x)
+        if self._sign < 0.0:
+            x.scale(-1.0)
 
     def destroy(self) -> None:
         """Free the factor and its matrix; petsc4py defers this if Python collects them instead."""
@@ -171,6 +186,32 @@ class Factor:
         self._preconditioner.destroy()
         self._solver.destroy()
         self._matrix.destroy()
+
+
+def _is_wide(rows: sp.spmatrix) -> bool:
+    """Return whether a serial matrix is one of those whose Cholesky factors are faster."""
+    n = int(rows.shape[0])
+    return n > LARGE and int(rows.nnz) > WIDE * n
+
+
+def _is_symmetric(whole: PETSc.Mat) -> bool:
+    """Return whether a matrix is symmetric to round-off (collective)."""
+    largest = float(whole.norm(PETSc.NormType.NORM_INFINITY))
+    return bool(whole.isSymmetric(ROUND_OFF * largest))
+
+
+def _choose(preconditioner: PETSc.PC, is_symmetric: bool, is_banded: bool) -> None:
+    """Choose the kind of a factor."""
+    kinds = PETSc.PC.Type
+    preconditioner.setType(kinds.CHOLESKY if is_symmetric else kinds.LU)
+    if preconditioner.comm.size > 1:
+        preconditioner.setFactorSolverType("mumps")
+    elif is_banded:
+        preconditioner.setFactorOrdering("natural")
+    elif is_symmetric and PETSc.Sys.hasExternalPackage("suitesparse"):
+        preconditioner.setFactorSolverType("cholmod")
+    else:
+        preconditioner.setFactorOrdering("rcm")  # solids are slender
 
 
 class Shared:

@@ -13,12 +13,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from petsc4py import PETSc
 
 from delam_fem.contact.decision import Decision
 from delam_fem.contact.moreau import CLOSED
 from delam_fem.engines.petsc import linear_algebra
 from delam_fem.engines.petsc.compliance import LazyCompliance
 from delam_fem.engines.petsc.dynamics import Dynamics
+from delam_fem.engines.petsc.images import Weights
 from delam_fem.model.distributed import DistributedOperators
 from delam_fem.model.operators import Operators
 from delam_fem.mpi import MPI
@@ -27,11 +29,12 @@ from delam_fem.numerics.arrays import FloatArray, IntArray
 
 @dataclass(frozen=True)
 class _Size:
-    """A size of steps, with the factor of Â for it, and W of that Â."""
+    """A size of steps, with the factor of Â for it, W of that Â, and what R2 needs."""
 
     time_step: float
     A: linear_algebra.Factor
     W: LazyCompliance
+    weights: Weights | None
 
 
 class _PresentCompliance:
@@ -70,24 +73,23 @@ class MoreauJean(Dynamics):
         """
         super().__init__(operators, time_steps[-1], comm)
         self._theta = theta
-        # the scale lets the residual of J1 give v⁺ - v
-        factors = [
-            self._factor(theta * dt, (theta * dt) ** 2, "moreau_", scale=-1.0 / dt)
-            for dt in time_steps
-        ]
-        self._sizes = [
-            _Size(dt, factor, LazyCompliance(self, factor))
-            for dt, factor in zip(time_steps, factors, strict=True)
-        ]
+        self._sizes = [self._size(dt) for dt in time_steps]
         self._now = self._sizes[-1]
         self.compliance = _PresentCompliance(self)
-        self._start, self._point = (self._vector() for _ in range(2))
+        self._start, self._point = (self._stack() for _ in range(2))
         self._is_touching = bool((operators.gap0 <= 0.0).any())
         self._none_resting = self.resting
         self._is_unaccounted = False
         self._predicted, self._rate_start = (
             linear_algebra.Shared(self.operators.n_pairs, self.comm) for _ in range(2)
         )
+
+    def _size(self, time_step: float) -> _Size:
+        """Return a size of steps with its factor, whose scale makes the residual give v⁺ - v."""
+        reach, scale = self._theta * time_step, -1.0 / time_step
+        factor = self._factor(reach, reach**2, "moreau_", scale)
+        W = LazyCompliance(self, factor)
+        return _Size(time_step, factor, W, self._weights(reach, reach**2, scale))
 
     def use(self, level: int) -> None:
         """Choose the size of the next steps by its number."""
@@ -114,33 +116,48 @@ class MoreauJean(Dynamics):
 
     def advance(self) -> float:
         """Compute the free motion of the next step; return the smallest predicted gap [m]."""
-        u, v, dt, theta = self.u, self.v, self.time_step, self._theta
-        residual, point = self._residual, self._point
+        u, v, dt, theta = self._of_u.all, self._of_v.all, self.time_step, self._theta
         rate = self._rate_start.own
-        self._H.multAdd(u, self._gap0, self._gap.own)
-        self._H.mult(v, rate)
+        self._H.multAdd(self.u, self._gap0, self._gap.own)
+        self._H.mult(self.v, rate)
         self._predicted.own.waxpy(0.5 * dt, rate, self._gap.own)
         self._predicted.gather()
         if self.is_resting:
             self.rest(self._none_resting)
-        v.copy(self._start)
-        point.waxpy(theta * dt, v, u)  # the stiffness acts at u + θ Δt v
-        self._K.mult(point, residual)
-        self._C.multAdd(v, residual, residual)
-        before, after = self._base_states[self._step : self._step + 2]
-        self._step += 1
+        v.copy(self._start.all)
+        self._find_residual()
         self._is_unaccounted = True
-        columns = (self._base_stiffness, self._base_damping, self._base_mass)
-        for column, old, new in zip(columns, before, after, strict=True):
-            residual.axpy(theta * new + (1.0 - theta) * old, column)
-        self._now.A.solve(residual, self._response)
-        v.axpy(1.0, self._response)
-        u.axpy(dt * (1.0 - theta), self._start)
+        self._solve(self._residual)
+        v.axpy(1.0, self._answer.all)
+        u.axpy(dt * (1.0 - theta), self._start.all)
         u.axpy(dt * theta, v)
         if self._is_touching:
             fastest = np.abs(self.gap_rate()).max(initial=0.0)
             self._predicted.total.shift(-CLOSED * dt * fastest)
         return float(self._predicted.total.min()[1])
+
+    def _find_residual(self) -> None:
+        """Write K (u + θ Δt v) + C v - f_θ, the negative right-hand side of J1 over Δt."""
+        residual, theta = self._residual, self._theta
+        ahead = theta * self.time_step
+        if self._images is None:
+            self._point.own.waxpy(ahead, self.v, self.u)
+            self._K.mult(self._point.own, residual)
+            self._C.multAdd(self.v, residual, residual)
+        else:
+            residual.waxpy(ahead, self._of_v.stiff, self._of_u.stiff)
+            self._images.add_damping(self._of_v, residual)
+        before, after = self._base_states[self._step : self._step + 2]
+        self._step += 1
+        columns = (self._base_stiffness, self._base_damping, self._base_mass)
+        for column, old, new in zip(columns, before, after, strict=True):
+            residual.axpy(theta * new + (1.0 - theta) * old, column)
+
+    def _solve(self, load: PETSc.Vec) -> None:
+        """Write the solution for a load into the answer, with its products if they are kept."""
+        self._now.A.solve(load, self._response)
+        if self._images is not None and self._now.weights is not None:
+            self._images.complete(self._answer, self._now.weights, load)
 
     def jump(self, decision: Decision) -> tuple[float, float]:
         """Add the impulses of a decision to the step.
@@ -151,9 +168,9 @@ class MoreauJean(Dynamics):
         self._impulse.values[:] = 0.0
         self._impulse.values[decision.hit] = decision.impulses
         self._H.multTranspose(self._impulse.total, self._load)
-        self._now.A.solve(self._load, self._response)
-        self.v.axpy(self._now.A.scale, self._response)
-        self.u.axpy(-self._theta, self._response)
+        self._solve(self._load)
+        self._of_v.all.axpy(self._now.A.scale, self._answer.all)
+        self._of_u.all.axpy(-self._theta, self._answer.all)
         if decision.resting is not None:
             self.rest(decision.resting)
         mean_rate = 0.5 * (decision.rate_pre + decision.rate_post)
@@ -166,9 +183,12 @@ class MoreauJean(Dynamics):
             return
         self._is_unaccounted = False
         mean, theta = self._point, self._theta
-        mean.waxpy((1.0 - theta) / theta, self._start, self.v)  # v_θ / θ
-        self._C.mult(mean, self._load)
-        self._dissipated += theta**2 * self.time_step * self._load.dot(mean)
+        mean.all.waxpy((1.0 - theta) / theta, self._start.all, self._of_v.all)  # v_θ / θ
+        if self._images is None:
+            self._C.mult(mean.own, self._load)
+        else:
+            self._images.damping(mean, self._load)
+        self._dissipated += theta**2 * self.time_step * self._load.dot(mean.own)
 
     def renew_acceleration(self) -> None:
         """Do nothing: the scheme has no acceleration."""
@@ -177,6 +197,8 @@ class MoreauJean(Dynamics):
         """Free all PETSc objects."""
         for size in self._sizes:
             size.A.destroy()
+            if size.weights is not None:
+                size.weights.destroy()
         self._start.destroy()
         self._point.destroy()
         self._predicted.destroy()
