@@ -15,7 +15,6 @@ import scipy.sparse as sp
 from petsc4py import PETSc
 
 from delam_fem.engines.petsc import linear_algebra
-from delam_fem.engines.petsc.images import Images, Stack, Weights
 from delam_fem.model.distributed import DistributedOperators, spread, whole
 from delam_fem.model.operators import Operators
 from delam_fem.mpi import MPI
@@ -55,15 +54,13 @@ class Dynamics:
             linear_algebra.product(m, o.is_uncoupled) for m in (o.mass, o.damping, o.stiffness)
         )
         self._H = linear_algebra.local(o.gap_matrix)
-        self._images = None if o.rayleigh is None else Images(self._M, self._K, o.rayleigh)
-        self._residual, self._load = (self._vector() for _ in range(2))
-        self._of_u, self._of_v, self._of_a, self._answer = (self._stack() for _ in range(4))
-        self.u, self.v, self.a = self._of_u.own, self._of_v.own, self._of_a.own
-        self._response = self._answer.own
+        self.u, self.v, self.a, self._residual, self._load, self._response = (
+            self._vector() for _ in range(6)
+        )
         self._base_mass, self._base_damping, self._base_stiffness = (
             self._vector(c) for c in (o.base.mass, o.base.damping, o.base.stiffness)
         )
-        self._kept = [self._stack() for _ in range(3)]
+        self._kept = [self._vector() for _ in range(3)]
         self._kept_losses = (0.0, 0.0)
         self._gap0 = self._H.createVecLeft()
         if o.comm.rank == 0:  # the contributions of all ranks are added
@@ -78,16 +75,6 @@ class Dynamics:
         self.resting: BoolArray = np.zeros(o.n_pairs, dtype=np.bool_)
         self.is_resting = False
         self.spring_stiffness = 0.0
-
-    def _stack(self) -> Stack:
-        """Return a new vector of the own dofs, with its products if they are kept."""
-        return Stack(self.operators.n_own, self._images is not None)
-
-    def _weights(self, of_damping: float, of_stiffness: float, scale: float) -> Weights | None:
-        """Return the weights that go with the factor of the same numbers; None: none are needed."""
-        if self._images is None:
-            return None
-        return Weights(self._images.rayleigh, of_damping, of_stiffness, scale)
 
     def _vector(self, values: FloatArray | None = None) -> PETSc.Vec:
         """Return a new vector of the own dofs, 0 or with given values, shape (n_own,)."""
@@ -133,13 +120,6 @@ class Dynamics:
             base_states: q, q', q'' of the base at the start and at each step, shape (k, 3).
         """
         self._base_states, self._step = base_states.tolist(), 0
-        self._renew_images()
-
-    def _renew_images(self) -> None:
-        """Compute the products of the state anew, if they are kept (collective)."""
-        if self._images is not None:
-            for stack in (self._of_u, self._of_v, self._of_a):
-                self._images.renew(stack)
 
     def begin_step(self, before: BaseState, after: BaseState) -> None:
         """Begin a single step, over which the base moves between two states (q, q', q'')."""
@@ -153,14 +133,14 @@ class Dynamics:
 
     def keep(self) -> None:
         """Keep the present state for `undo`."""
-        for kept, stack in zip(self._kept, (self._of_u, self._of_v, self._of_a), strict=True):
-            stack.all.copy(kept.all)
+        for kept, vector in zip(self._kept, (self.u, self.v, self.a), strict=True):
+            vector.copy(kept)
         self._kept_losses = self._dissipated, self.contact_damped
 
     def undo(self) -> None:
         """Return to the state of the last `keep`; resting pairs are those of the present."""
-        for kept, stack in zip(self._kept, (self._of_u, self._of_v, self._of_a), strict=True):
-            kept.all.copy(stack.all)
+        for kept, vector in zip(self._kept, (self.u, self.v, self.a), strict=True):
+            kept.copy(vector)
         self._dissipated, self.contact_damped = self._kept_losses
 
     def near(self, ahead: float) -> tuple[BoolArray, FloatArray]:
@@ -263,7 +243,6 @@ class Dynamics:
         """Take over (u, v, a) of the own dofs, shape (3, n_own)."""
         for row, vector in zip(state, (self.u, self.v, self.a), strict=True):
             vector.array[:] = row
-        self._renew_images()
 
     def whole(self, share: FloatArray) -> FloatArray:
         """Return values of all dofs from those of the own dofs, the last axis (collective)."""
@@ -277,17 +256,15 @@ class Dynamics:
         """Free all PETSc objects."""
         o = self.operators
         for product in (self._M, self._C, self._K):
-            if isinstance(product, linear_algebra.SpreadProduct):
+            if isinstance(product, linear_algebra.SpreadProduct | linear_algebra.HalvedProduct):
                 product.destroy()
         matrices = (o.mass, o.damping, o.stiffness) if self._is_owner else ()
-        images = () if self._images is None else (self._images,)
         for thing in (
             *(self._gap, self._rate, self._impulse, self._force),
             *(self._own_seen_u, self._own_seen_v, self._seen),
-            *images,
             *(*matrices, self._H, self._observe_u, self._observe_v),
-            *(self._of_u, self._of_v, self._of_a, self._answer, *self._kept),
-            *(self._residual, self._load, self._gap0),
+            *(self.u, self.v, self.a, self._residual, self._load, self._response),
+            *(*self._kept, self._gap0),
             *(self._base_mass, self._base_damping, self._base_stiffness),
         ):
             thing.destroy()

@@ -18,7 +18,7 @@ This file takes no contact decisions.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -26,7 +26,6 @@ from delam_fem.contact.decision import Compliance, Decision
 from delam_fem.engines.petsc import linear_algebra
 from delam_fem.engines.petsc.compliance import LazyCompliance, LumpedCompliance
 from delam_fem.engines.petsc.dynamics import Dynamics
-from delam_fem.engines.petsc.images import Weights
 from delam_fem.model.distributed import DistributedOperators
 from delam_fem.model.operators import Operators
 from delam_fem.mpi import MPI
@@ -50,7 +49,6 @@ class _Size:
         A: factor of A.
         S: S of N2.
         resistance: inverse matrix of N2 for the springs of `pairs`; None: iterate.
-        weights: what R2 needs for A, if products are kept.
         pairs: the pairs that `resistance` belongs to.
     """
 
@@ -62,7 +60,6 @@ class _Size:
     softness: float
     A: linear_algebra.Factor
     S: LazyCompliance
-    weights: Weights | None
     resistance: FloatArray | None = None
     pairs: IntArray | None = None
 
@@ -92,15 +89,13 @@ class Newmark(Dynamics):
             spring: stiffness [N/m] and damping [N s/m] of a resting pair's spring.
             comm: communicator that shares the work.
         """
-        if not beta:  # there is no stiffness in A, which `images.py` needs
-            operators = replace(operators, rayleigh=None)
         super().__init__(operators, time_steps[-1], comm)
         o = self.operators
         self.spring_stiffness, self._spring_damping = spring
         self._sizes = [self._size(dt, beta, gamma) for dt in time_steps]
         self._now = self._sizes[-1]
         self._M_factor = self._factor(0.0, 0.0, "newmark_mass_", scale=-1.0)
-        self._velocities = self._stack()
+        self._velocities = self._vector()
         self._coupled = coupled_impulses
         inverse = np.zeros(o.n_own) if coupled_impulses else 1.0 / o.require_lumped_mass()
         self._inverse_lumped = self._vector(inverse)
@@ -118,9 +113,7 @@ class Newmark(Dynamics):
         factor = self._factor(to_v, to_u, "newmark_", scale=-1.0)
         softness = self.spring_stiffness * to_u + self._spring_damping * to_v
         S = LazyCompliance(self, factor)
-        keep_u, keep_v = (0.5 - beta) * dt**2, (1.0 - gamma) * dt
-        weights = self._weights(to_v, to_u, -1.0)
-        return _Size(dt, to_u, to_v, keep_u, keep_v, softness, factor, S, weights)
+        return _Size(dt, to_u, to_v, (0.5 - beta) * dt**2, (1.0 - gamma) * dt, softness, factor, S)
 
     def use(self, level: int) -> None:
         """Choose the size of the next steps by its number."""
@@ -136,29 +129,23 @@ class Newmark(Dynamics):
 
     def advance(self) -> float:
         """Compute the candidate state of the next step; return its smallest gap [m]."""
-        now, both = self._now, self._velocities
-        u, v, a = self._of_u.all, self._of_v.all, self._of_a.all
+        u, v, a, both, now = self.u, self.v, self.a, self._velocities, self._now
         self._step += 1
-        v.copy(both.all)
+        v.copy(both)
         u.axpy(now.time_step, v)
         u.axpy(now.keep_u, a)
         v.axpy(now.keep_v, a)
         self._find_residual()
-        now.A.solve(self._residual, self.a)
-        if self._images is not None and now.weights is not None:
-            self._images.complete(self._of_a, now.weights, self._residual)
+        now.A.solve(self._residual, a)
         u.axpy(now.to_u, a)
         v.axpy(now.to_v, a)
         if self._pairs.size:
             self._push_springs()
-        both.all.axpy(1.0, v)  # twice the mean velocity of the step
-        if self._images is None:
-            self._C.mult(both.own, self._load)
-        else:
-            self._images.damping(both, self._load)
-        self._dissipated += 0.25 * self.time_step * self._load.dot(both.own)
+        both.axpy(1.0, v)  # twice the mean velocity of the step
+        self._C.mult(both, self._load)
+        self._dissipated += 0.25 * self.time_step * self._load.dot(both)
         if self._spring_damping and self._pairs.size:
-            self._H.mult(both.own, self._rate.own)
+            self._H.mult(both, self._rate.own)
             rate = self._of_springs(self._rate.gather())
             self.contact_damped += 0.25 * self.time_step * self._spring_damping * float(rate @ rate)
         self._find_gap()
@@ -168,12 +155,8 @@ class Newmark(Dynamics):
         """Write the residual K u + C v - f, the negative right-hand side of N1."""
         q, dq, ddq = self._base_states[self._step]
         r = self._residual
-        if self._images is None:
-            self._K.mult(self.u, r)
-            self._C.multAdd(self.v, r, r)
-        else:
-            self._of_u.stiff.copy(r)
-            self._images.add_damping(self._of_v, r)
+        self._K.mult(self.u, r)
+        self._C.multAdd(self.v, r, r)
         r.axpy(ddq, self._base_mass)
         r.axpy(dq, self._base_damping)
         r.axpy(q, self._base_stiffness)
@@ -194,11 +177,9 @@ class Newmark(Dynamics):
             forces = self._iterate_springs(drive)
         self._push(forces)
         now.A.solve(self._load, self._response)
-        if self._images is not None and now.weights is not None:
-            self._images.complete(self._answer, now.weights, self._load)
-        self._of_a.all.axpy(1.0, self._answer.all)
-        self._of_u.all.axpy(now.to_u, self._answer.all)
-        self._of_v.all.axpy(now.to_v, self._answer.all)
+        self.a.axpy(1.0, self._response)
+        self.u.axpy(now.to_u, self._response)
+        self.v.axpy(now.to_v, self._response)
 
     def _of_springs(self, values: FloatArray) -> FloatArray:
         """Return gaps or gap rates of the spring pairs, times √w if pairs have weights."""
@@ -276,7 +257,7 @@ class Newmark(Dynamics):
         """Change the velocities by impulses; return the change of kinetic energy [J]."""
         self._impulse.values[:] = 0.0
         self._impulse.values[decision.hit] = decision.impulses
-        load, change, mean = self._load, self._response, self._velocities.own
+        load, change, mean = self._load, self._response, self._velocities
         self._H.multTranspose(self._impulse.total, load)
         if self._coupled:
             self._M_factor.solve(load, change)
@@ -285,9 +266,7 @@ class Newmark(Dynamics):
             change.pointwiseMult(load, self._inverse_lumped)
         mean.waxpy(0.5, change, self.v)  # of the velocities before and after the impact
         self._M.mult(change, load)
-        if self._images is not None:
-            self._images.renew(self._answer)
-        self._of_v.all.axpy(1.0, self._answer.all)
+        self.v.axpy(1.0, change)
         return self._total(float(load.dot(mean)))
 
     def renew_acceleration(self) -> None:
@@ -301,8 +280,6 @@ class Newmark(Dynamics):
             self._push(forces)
             self._residual.axpy(1.0, self._load)
         self._M_factor.solve(self._residual, self.a)
-        if self._images is not None:
-            self._images.renew(self._of_a)
 
     def destroy(self) -> None:
         """Free all PETSc objects."""
@@ -310,7 +287,5 @@ class Newmark(Dynamics):
         self._inverse_lumped.destroy()
         for size in self._sizes:
             size.A.destroy()
-            if size.weights is not None:
-                size.weights.destroy()
         self._M_factor.destroy()
         super().destroy()

@@ -19,8 +19,8 @@ from delam_fem.contact.decision import Decision
 from delam_fem.contact.moreau import CLOSED
 from delam_fem.engines.petsc import linear_algebra
 from delam_fem.engines.petsc.compliance import LazyCompliance
+from delam_fem.engines.petsc.damping import RayleighDamping, Weights
 from delam_fem.engines.petsc.dynamics import Dynamics
-from delam_fem.engines.petsc.images import Weights
 from delam_fem.model.distributed import DistributedOperators
 from delam_fem.model.operators import Operators
 from delam_fem.mpi import MPI
@@ -29,7 +29,7 @@ from delam_fem.numerics.arrays import FloatArray, IntArray
 
 @dataclass(frozen=True)
 class _Size:
-    """A size of steps, with the factor of Â for it, W of that Â, and what R2 needs."""
+    """A size of steps, with the factor of Â for it, W of that Â, and the factors of R2."""
 
     time_step: float
     A: linear_algebra.Factor
@@ -73,10 +73,13 @@ class MoreauJean(Dynamics):
         """
         super().__init__(operators, time_steps[-1], comm)
         self._theta = theta
+        self._damping: RayleighDamping | None = None
+        if self.operators.rayleigh is not None:
+            self._damping = RayleighDamping(self._M, self._K, self.operators.rayleigh)
         self._sizes = [self._size(dt) for dt in time_steps]
         self._now = self._sizes[-1]
         self.compliance = _PresentCompliance(self)
-        self._start, self._point = (self._stack() for _ in range(2))
+        self._start, self._point = (self._vector() for _ in range(2))
         self._is_touching = bool((operators.gap0 <= 0.0).any())
         self._none_resting = self.resting
         self._is_unaccounted = False
@@ -86,10 +89,28 @@ class MoreauJean(Dynamics):
 
     def _size(self, time_step: float) -> _Size:
         """Return a size of steps with its factor, whose scale makes the residual give v⁺ - v."""
-        reach, scale = self._theta * time_step, -1.0 / time_step
+        reach, scale, rayleigh = self._theta * time_step, -1.0 / time_step, self.operators.rayleigh
         factor = self._factor(reach, reach**2, "moreau_", scale)
-        W = LazyCompliance(self, factor)
-        return _Size(time_step, factor, W, self._weights(reach, reach**2, scale))
+        weights = None if rayleigh is None else Weights.of(rayleigh, reach, reach**2, scale)
+        return _Size(time_step, factor, LazyCompliance(self, factor), weights)
+
+    def begin(self, base_states: FloatArray) -> None:
+        """Begin a period; see `Dynamics`."""
+        super().begin(base_states)
+        if self._damping is not None:
+            self._damping.renew(self.v)
+
+    def keep(self) -> None:
+        """Keep the present state for `undo`."""
+        super().keep()
+        if self._damping is not None:
+            self._damping.keep()
+
+    def undo(self) -> None:
+        """Return to the state of the last `keep`; see `Dynamics`."""
+        super().undo()
+        if self._damping is not None:
+            self._damping.undo()
 
     def use(self, level: int) -> None:
         """Choose the size of the next steps by its number."""
@@ -116,20 +137,22 @@ class MoreauJean(Dynamics):
 
     def advance(self) -> float:
         """Compute the free motion of the next step; return the smallest predicted gap [m]."""
-        u, v, dt, theta = self._of_u.all, self._of_v.all, self.time_step, self._theta
+        u, v, dt, theta = self.u, self.v, self.time_step, self._theta
         rate = self._rate_start.own
-        self._H.multAdd(self.u, self._gap0, self._gap.own)
-        self._H.mult(self.v, rate)
+        self._H.multAdd(u, self._gap0, self._gap.own)
+        self._H.mult(v, rate)
         self._predicted.own.waxpy(0.5 * dt, rate, self._gap.own)
         self._predicted.gather()
         if self.is_resting:
             self.rest(self._none_resting)
-        v.copy(self._start.all)
+        v.copy(self._start)
         self._find_residual()
         self._is_unaccounted = True
-        self._solve(self._residual)
-        v.axpy(1.0, self._answer.all)
-        u.axpy(dt * (1.0 - theta), self._start.all)
+        self._now.A.solve(self._residual, self._response)
+        if self._damping is not None:
+            self._account(self._residual, 1.0)
+        v.axpy(1.0, self._response)
+        u.axpy(dt * (1.0 - theta), self._start)
         u.axpy(dt * theta, v)
         if self._is_touching:
             fastest = np.abs(self.gap_rate()).max(initial=0.0)
@@ -138,26 +161,24 @@ class MoreauJean(Dynamics):
 
     def _find_residual(self) -> None:
         """Write K (u + θ Δt v) + C v - f_θ, the negative right-hand side of J1 over Δt."""
-        residual, theta = self._residual, self._theta
+        residual, point, theta = self._residual, self._point, self._theta
         ahead = theta * self.time_step
-        if self._images is None:
-            self._point.own.waxpy(ahead, self.v, self.u)
-            self._K.mult(self._point.own, residual)
+        if self._damping is None:
+            point.waxpy(ahead, self.v, self.u)  # the stiffness acts at u + θ Δt v
+            self._K.mult(point, residual)
             self._C.multAdd(self.v, residual, residual)
         else:
-            residual.waxpy(ahead, self._of_v.stiff, self._of_u.stiff)
-            self._images.add_damping(self._of_v, residual)
+            self._damping.pull(self.u, self.v, ahead, residual)
         before, after = self._base_states[self._step : self._step + 2]
         self._step += 1
         columns = (self._base_stiffness, self._base_damping, self._base_mass)
         for column, old, new in zip(columns, before, after, strict=True):
             residual.axpy(theta * new + (1.0 - theta) * old, column)
 
-    def _solve(self, load: PETSc.Vec) -> None:
-        """Write the solution for a load into the answer, with its products if they are kept."""
-        self._now.A.solve(load, self._response)
-        if self._images is not None and self._now.weights is not None:
-            self._images.complete(self._answer, self._now.weights, load)
+    def _account(self, load: PETSc.Vec, factor: float) -> None:
+        """Account for the change of velocities that the solution for a load is going to make."""
+        assert self._damping is not None and self._now.weights is not None
+        self._damping.add(self._response, factor, self.v, self._start, load, self._now.weights)
 
     def jump(self, decision: Decision) -> tuple[float, float]:
         """Add the impulses of a decision to the step.
@@ -168,9 +189,11 @@ class MoreauJean(Dynamics):
         self._impulse.values[:] = 0.0
         self._impulse.values[decision.hit] = decision.impulses
         self._H.multTranspose(self._impulse.total, self._load)
-        self._solve(self._load)
-        self._of_v.all.axpy(self._now.A.scale, self._answer.all)
-        self._of_u.all.axpy(-self._theta, self._answer.all)
+        self._now.A.solve(self._load, self._response)
+        if self._damping is not None:
+            self._account(self._load, self._now.A.scale)
+        self.v.axpy(self._now.A.scale, self._response)
+        self.u.axpy(-self._theta, self._response)
         if decision.resting is not None:
             self.rest(decision.resting)
         mean_rate = 0.5 * (decision.rate_pre + decision.rate_post)
@@ -183,12 +206,12 @@ class MoreauJean(Dynamics):
             return
         self._is_unaccounted = False
         mean, theta = self._point, self._theta
-        mean.all.waxpy((1.0 - theta) / theta, self._start.all, self._of_v.all)  # v_θ / θ
-        if self._images is None:
-            self._C.mult(mean.own, self._load)
-        else:
-            self._images.damping(mean, self._load)
-        self._dissipated += theta**2 * self.time_step * self._load.dot(mean.own)
+        if self._damping is not None:
+            self._dissipated += self.time_step * self._damping.power(theta)
+            return
+        mean.waxpy((1.0 - theta) / theta, self._start, self.v)  # v_θ / θ
+        self._C.mult(mean, self._load)
+        self._dissipated += theta**2 * self.time_step * self._load.dot(mean)
 
     def renew_acceleration(self) -> None:
         """Do nothing: the scheme has no acceleration."""
@@ -199,6 +222,8 @@ class MoreauJean(Dynamics):
             size.A.destroy()
             if size.weights is not None:
                 size.weights.destroy()
+        if self._damping is not None:
+            self._damping.destroy()
         self._start.destroy()
         self._point.destroy()
         self._predicted.destroy()

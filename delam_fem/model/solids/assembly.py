@@ -71,8 +71,10 @@ def assemble(case: Case, *, comm: MPI.Intracomm = MPI.COMM_SELF) -> Structure:
     layout = _layout(case, unknowns, x, touching)
     M, K, lumped = _matrices(case, unknowns, E * _width(case, mesh))
     M, lumped = _with_masses(M, lumped, case, layout, comm)
-    matrices = M, _damping(case, unknowns, M, K), K
-    operators = _operators(case, unknowns, layout, touching, matrices, lumped, ranks is not None)
+    C, rayleigh = _damping(case, unknowns, M, K)
+    operators = _operators(
+        case, unknowns, layout, touching, (M, C, K), lumped, rayleigh, ranks is not None
+    )
     body = Body(
         solid,
         unknowns.free,
@@ -136,6 +138,7 @@ def _operators(
     touching: tuple[pairs.Touching, ...],
     matrices: tuple[Restricted, Restricted, Restricted],
     lumped: FloatArray,
+    rayleigh: tuple[FloatArray, FloatArray],
     is_uncoupled: bool,
 ) -> Any:
     """Return the operators: `Operators` on one rank, `DistributedOperators` on several."""
@@ -148,6 +151,7 @@ def _operators(
         "lumped_mass": lumped,
         "pair_weights": pairs.weights(case, layout.parts, touching, unknowns.solid.dim),
         "probes": probe_rows(layout, unknowns.n_own),
+        "rayleigh": rayleigh,
     }
     comm = unknowns.solid.comm
     if comm.size == 1:
@@ -243,8 +247,14 @@ def _row_of_mass(own: PointMass, case: Case, layout: Layout) -> tuple[sp.csr_mat
     return sp.csr_matrix(row[:, :-1]), float(row[0, row.shape[1] - 1])
 
 
-def _damping(case: Case, unknowns: Unknowns, M: Restricted, K: Restricted) -> Restricted:
-    """Return C = alpha M + beta K, the coefficients those of each lamina or of the stack."""
+def _damping(
+    case: Case, unknowns: Unknowns, M: Restricted, K: Restricted
+) -> tuple[Restricted, tuple[FloatArray, FloatArray]]:
+    """Return C = alpha M + beta K, the coefficients those of each lamina or of the stack.
+
+    Returns:
+        C; alpha and beta at the own free dofs, each of shape (n_own,).
+    """
     if case.is_apart:
         of_lamina = np.array([case.rayleigh(i) for i in range(len(case.lamina))])
         alpha, beta = of_lamina[unknowns.parts].T
@@ -252,11 +262,12 @@ def _damping(case: Case, unknowns: Unknowns, M: Restricted, K: Restricted) -> Re
         of_lamina = np.array([_of_stack(case)] * len(case.lamina))
         alpha, beta = np.repeat(of_lamina[:1], unknowns.n_own, axis=0).T
     a, b = of_lamina.T
-    return Restricted(
+    C = Restricted(
         sp.csr_matrix(sp.diags(alpha) @ M.rows + sp.diags(beta) @ K.rows),
         alpha * M.column + beta * K.column,
         a * M.corners + b * K.corners,
     )
+    return C, (alpha, beta)
 
 
 def _of_stack(case: Case) -> tuple[float, float]:
