@@ -62,4 +62,5 @@ def _write_vtkhdf(history: xr.Dataset, case: Case, path: Path) -> list[Path]:
             "output.fields_per_period above 0"
         )
     bodies = ribbons.Ribbons.of(drawable, case)
-    return [vtkhdf.write(bodies, drawable["frame"].to_numpy(), path)]
+    times = drawable["frame"].to_numpy()
+    return [vtkhdf.write(bodies.mesh, times, bodies.point_data, path)]

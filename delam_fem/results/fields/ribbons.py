@@ -20,6 +20,7 @@ import xarray as xr
 from delam_fem.case.definition import Case
 from delam_fem.numerics.arrays import FloatArray, IntArray
 from delam_fem.results.fields import derived
+from delam_fem.results.fields.vtkhdf import Grid
 from delam_fem.results.gaps import of_laminae
 from delam_fem.results.schema import by_interface
 
@@ -114,6 +115,15 @@ class Ribbons:
         curvature = self.scalars["curvature"][:, frame, :, None]
         data["strain"] = (-self.height[:, None, :] * curvature).ravel()
         return data
+
+    @property
+    def mesh(self) -> Grid:
+        """The laminae at rest as points and cells."""
+        shape = self.rest.shape[:2]
+        cells = hexahedra(*shape)
+        return Grid(
+            self.rest.reshape(-1, 3), cells, "hexahedron", {"lamina": lamina_numbers(*shape)}
+        )
 
     def grid(self, frame: int) -> pv.UnstructuredGrid:
         """Return the laminae at rest with the fields of one frame.

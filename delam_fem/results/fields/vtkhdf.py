@@ -6,6 +6,8 @@ disk is full.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -14,23 +16,46 @@ import numpy as np
 import numpy.typing as npt
 
 from delam_fem.case.atomic import atomic
-from delam_fem.numerics.arrays import FloatArray
-from delam_fem.results.fields.ribbons import Ribbons, hexahedra, lamina_numbers
+from delam_fem.numerics.arrays import FloatArray, IntArray
 
 VERSION = (2, 0)
 """The first version of the format with steps."""
-HEXAHEDRON = 12
-"""VTK's number of the type of all cells."""
+CELL_TYPES = {"triangle": 5, "quadrilateral": 9, "tetrahedron": 10, "hexahedron": 12}
+"""VTK's numbers of the types of cells."""
 POINTS_AT_ONCE = 2**15
 """Points of the frames that are put together before they are compressed."""
 
 
-def write(bodies: Ribbons, times: FloatArray, path: Path) -> Path:
-    """Write the ribbons at rest with the fields of all frames.
+Values = Mapping[str, npt.NDArray[Any]]
+"""Fields by name; scalars of shape (n,), vectors of shape (n, 3)."""
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Points and cells that stay, and what stays of their fields.
+
+    Attributes:
+        points: shape (n_points, 3) [m].
+        cells: points of the cells in VTK's order, shape (n_cells, k).
+        cell: kind of the cells, one of `CELL_TYPES`.
+        cell_data: fields of the cells.
+        point_data: fields of the points that are the same in all frames; written once.
+    """
+
+    points: FloatArray
+    cells: IntArray
+    cell: str
+    cell_data: Values
+    point_data: Values = field(default_factory=dict)
+
+
+def write(grid: Grid, times: FloatArray, point_data: Callable[[int], Values], path: Path) -> Path:
+    """Write a grid with the fields of all frames.
 
     Args:
-        bodies: with the fields of as many frames as there are times.
+        grid: the grid.
         times: of the frames, shape (n_frames,) [s].
+        point_data: fields of the points at a frame, the same names and types at all frames.
         path: of the file, in an existing folder.
 
     Returns:
@@ -43,9 +68,10 @@ def write(bodies: Ribbons, times: FloatArray, path: Path) -> Path:
         root = file.create_group("VTKHDF")
         root.attrs["Version"] = VERSION
         root.attrs.create("Type", b"UnstructuredGrid", dtype=h5py.string_dtype("ascii", 16))
-        _write_mesh(root, bodies)
-        _write_point_data(root, bodies, times.size)
-        _write_steps(root, times, bodies.rest.size // 3)
+        _write_mesh(root, grid)
+        _write_point_data(root, len(grid.points), times.size, point_data)
+        _write_steps(root, times, len(grid.points))
+        _write_fixed(root, grid, times.size)
         file.flush()
         content = file.id.get_file_image()
     with atomic(path) as temporary, temporary.open("wb") as target:
@@ -53,37 +79,47 @@ def write(bodies: Ribbons, times: FloatArray, path: Path) -> Path:
     return path
 
 
-def _write_mesh(root: h5py.Group, bodies: Ribbons) -> None:
-    """Write points, cells and the numbers of the laminae."""
-    cells = hexahedra(*bodies.rest.shape[:2])
+def _write_mesh(root: h5py.Group, grid: Grid) -> None:
+    """Write points and cells."""
+    cells = grid.cells
     numbers = {
-        "NumberOfPoints": bodies.rest.size // 3,
+        "NumberOfPoints": len(grid.points),
         "NumberOfCells": len(cells),
         "NumberOfConnectivityIds": cells.size,
     }
     for name, number in numbers.items():
         root[name] = np.array([number], dtype=np.int64)
-    root["Points"] = bodies.rest.reshape(-1, 3)
+    root["Points"] = grid.points
     root["Connectivity"] = cells.ravel().astype(np.int64)
     root["Offsets"] = np.arange(0, cells.size + 1, cells.shape[1], dtype=np.int64)
-    root["Types"] = np.full(len(cells), HEXAHEDRON, dtype=np.uint8)
-    root.create_group("CellData")["lamina"] = lamina_numbers(*bodies.rest.shape[:2])
+    root["Types"] = np.full(len(cells), CELL_TYPES[grid.cell], dtype=np.uint8)
 
 
-def _write_point_data(root: h5py.Group, bodies: Ribbons, n_frames: int) -> None:
+def _write_point_data(
+    root: h5py.Group, n_points: int, n_frames: int, point_data: Callable[[int], Values]
+) -> None:
     """Write the fields of all frames one after the other."""
-    group, n_points = root.create_group("PointData"), bodies.rest.size // 3
-    block = min(n_frames, max(1, POINTS_AT_ONCE // n_points))
-    for name, first in bodies.point_data(0).items():
-        group.create_dataset(
-            name, (n_frames * n_points, *first.shape[1:]), first.dtype,
-            chunks=(block * n_points, *first.shape[1:]), compression="gzip", shuffle=True,
-        )  # fmt: skip
+    group, block = root.create_group("PointData"), min(n_frames, max(1, POINTS_AT_ONCE // n_points))
     for start in range(0, n_frames, block):
-        frames = [bodies.point_data(k) for k in range(start, min(start + block, n_frames))]
+        frames = [point_data(k) for k in range(start, min(start + block, n_frames))]
         rows = slice(start * n_points, (start + len(frames)) * n_points)
-        for name in frames[0]:
+        for name, first in frames[0].items():
+            if start == 0:
+                group.create_dataset(
+                    name, (n_frames * n_points, *first.shape[1:]), first.dtype,
+                    chunks=(block * n_points, *first.shape[1:]), compression="gzip", shuffle=True,
+                )  # fmt: skip
             group[name][rows] = np.concatenate([data[name] for data in frames])
+
+
+def _write_fixed(root: h5py.Group, grid: Grid, n_frames: int) -> None:
+    """Write the fields that stay; every frame has them at the same place."""
+    for where, fields in (("CellData", grid.cell_data), ("PointData", grid.point_data)):
+        group = root.require_group(where)
+        offsets = root["Steps"].require_group(f"{where}Offsets")
+        for name, values in fields.items():
+            group[name] = values
+            offsets[name] = np.zeros(n_frames, dtype=np.int64)
 
 
 def _write_steps(root: h5py.Group, times: FloatArray, n_points: int) -> None:
@@ -99,7 +135,6 @@ def _write_steps(root: h5py.Group, times: FloatArray, n_points: int) -> None:
     steps["NumberOfParts"] = offsets() + 1
     steps["CellOffsets"], steps["ConnectivityIdOffsets"] = offsets(1), offsets(1)
     own = n_points * np.arange(n_frames, dtype=np.int64)
-    points, cells = steps.create_group("PointDataOffsets"), steps.create_group("CellDataOffsets")
+    points = steps.create_group("PointDataOffsets")
     for name in root["PointData"]:
         points[name] = own
-    cells["lamina"] = offsets()
