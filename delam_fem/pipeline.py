@@ -27,6 +27,7 @@ from delam_fem.model.beams.network import never_opens
 from delam_fem.model.layout import Structure
 from delam_fem.mpi import MPI
 from delam_fem.results import dataset, diagnostics, energy_gain, intervals, quality, settling
+from delam_fem.results.fields import continuum
 from delam_fem.results.folder import Result, json_ready
 from delam_fem.results.pages.progress import reporting
 from delam_fem.simulation import checkpoint
@@ -111,11 +112,13 @@ def run(
                 stop.leave(outcome)
         state = opened.engine.state()
         arrays = _gathered(case, structure, engine, opened, outcome)
+    solid = continuum.collected(structure, recorder, case)
     mpi.release(comm)
     summary = _summary(engine, outcome, recorder, recorder.n_closed - first, seconds)
     result = _result(case, structure, recorder, state, summary, decay)
     final = arrays if outcome == "completed" else None
-    return replace(result, final=final, checkpoint=None if outcome == "interrupted" else kept)
+    kept = None if outcome == "interrupted" else kept
+    return replace(result, final=final, checkpoint=kept, solid=solid)
 
 
 def _gathered(

@@ -21,10 +21,13 @@ from delam_fem.simulation.checkpoint import final_in, write
 from delam_fem.simulation.loop import State
 
 if TYPE_CHECKING:
+    from delam_fem.results.fields.continuum import Frames
     from delam_fem.results.figures.run import Plots
 
 RESULT, SUMMARY = "result.nc", "summary.json"
 """Names of the files of a run with all its numbers and with a few."""
+SOLID = "solid.vtkhdf"
+"""Name of the file with the fields of a solid, in the folder of the fields."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,8 @@ class Result:
         checkpoint: file that `save` removes when all results are on the disk; None: no such file.
         final: the arrays of the final state, which `save` keeps so that the run can be extended;
             None: the run cannot be.
+        solid: the fields of a solid at the frames; None: laminae are beams, there are no frames, or
+            another rank has them.
     """
 
     case: Case
@@ -47,6 +52,7 @@ class Result:
     state: State | None
     checkpoint: Path | None = None
     final: Mapping[str, Any] | None = None
+    solid: Frames | None = None
 
     @property
     def plot(self) -> Plots:
@@ -71,8 +77,8 @@ class Result:
     def save(self, directory: str | Path, *, figures: bool = True) -> list[Path]:
         """Write numbers, figures, fields and report to a folder.
 
-        Everything is written under a temporary name and renamed when complete. The checkpoint of
-        the run is removed last.
+        The fields of a solid are numbers: no other file has them. Everything is written under a
+        temporary name and renamed when complete. The checkpoint of the run is removed last.
 
         Args:
             directory: made where it does not exist.
@@ -84,12 +90,22 @@ class Result:
         Raises:
             OSError: the folder cannot be written or the disk is full.
         """
-        written = self.save_numbers(directory)
+        written = [*self.save_numbers(directory), *self._save_solid(Path(directory) / "fields")]
         if figures:
             written += save_views(self.history, self.summary, self.case, Path(directory))
         if self.checkpoint is not None:
             self.checkpoint.unlink(missing_ok=True)
         return written
+
+    def _save_solid(self, directory: Path) -> list[Path]:
+        """Write the fields of a solid, or remove those of a run of beams."""
+        if self.solid is not None:
+            from delam_fem.results.fields.continuum import write_solid
+
+            return [write_solid(self.solid, directory)]
+        if not self.case.model.is_continuum:
+            (directory / SOLID).unlink(missing_ok=True)
+        return []
 
     def export(self, to: str, path: str | Path) -> list[Path]:
         """Write the result in the format of another program.

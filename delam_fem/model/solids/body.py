@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
+from delam_fem.model import _dolfinx
 from delam_fem.model.solids import pressure
 from delam_fem.model.solids.cells import shape_functions
 from delam_fem.model.solids.elasticity import Solid
@@ -90,6 +91,10 @@ class Body:
             own = total
         return np.asarray(own + base[:, None] * self.base).reshape(len(vectors), -1, dim)
 
+    def shape(self) -> Shape:
+        """Return the points and cells for output (collective)."""
+        return Shape.of(self)
+
     def all_nodes(self) -> IntArray:
         """Return the global nodes of all cells of the mesh (collective), shape (n_cells, k)."""
         solid = self.solid
@@ -106,17 +111,35 @@ class Body:
 class Shape:
     """The laminae as points and cells for output, each lamina with points of its own.
 
+    It holds arrays alone, nothing that ranks share.
+
     Attributes:
-        body: whose shape it is.
+        mesh: the mesh.
+        degree: of the displacements.
         nodes: global nodes of all cells, shape (n_cells, k).
+        young_modulus: of each cell, shape (n_cells,) [Pa].
+        poisson: Poisson's ratio.
+        width: of each lamina, shape (n_laminae,) [m].
+        touching: surfaces that may touch.
     """
 
-    body: Body
+    mesh: SolidMesh
+    degree: int
     nodes: IntArray
+    young_modulus: FloatArray
+    poisson: float
+    width: FloatArray
+    touching: tuple[Touching, ...]
+
+    @classmethod
+    def of(cls, body: Body) -> Shape:
+        """Return the shape of a body (collective)."""
+        material = body.young_modulus, body.poisson, body.width
+        return cls(body.mesh, body.solid.degree, body.all_nodes(), *material, body.touching)
 
     @cached_property
     def _numbering(self) -> tuple[IntArray, IntArray, IntArray]:
-        lamina = np.repeat(self.body.mesh.lamina, self.nodes.shape[1])
+        lamina = np.repeat(self.mesh.lamina, self.nodes.shape[1])
         keys = lamina * (int(self.nodes.max()) + 1) + self.nodes.ravel()
         _, first, number = np.unique(keys, return_index=True, return_inverse=True)
         return first, number.reshape(self.nodes.shape), lamina[first]
@@ -126,7 +149,7 @@ class Shape:
         """Points of the cells in the order of basix, shape (n_cells, k)."""
         return self._numbering[1]
 
-    @property
+    @cached_property
     def node(self) -> IntArray:
         """Global node of each point, shape (n_points,)."""
         return np.asarray(self.nodes.ravel()[self._numbering[0]])
@@ -136,19 +159,24 @@ class Shape:
         """Lamina of each point, shape (n_points,)."""
         return self._numbering[2]
 
+    @property
+    def reference_nodes(self) -> FloatArray:
+        """Reference coordinates of the nodes of a cell, shape (k, dim)."""
+        return _dolfinx.reference_nodes(self.mesh.cell, self.degree)
+
     @cached_property
     def points(self) -> FloatArray:
         """Positions of the points in the mesh, shape (n_points, dim) [m]."""
-        mesh = self.body.mesh
-        N, _ = shape_functions(mesh.cell, self.body.solid.reference_nodes)
+        mesh = self.mesh
+        N, _ = shape_functions(mesh.cell, self.reference_nodes)
         every = np.einsum("bv,cvi->cbi", N, mesh.points[mesh.cells])
         return np.asarray(every.reshape(-1, mesh.dim)[self._numbering[0]])
 
     @cached_property
     def recovery(self) -> Recovery:
         """What recovers stresses at the points."""
-        body = self.body
-        return Recovery.of(body.solid, self.nodes, self.cells, body.young_modulus, body.poisson)
+        material = self.young_modulus, self.poisson
+        return Recovery.of(self.mesh, self.degree, self.nodes, self.cells, *material)
 
     @cached_property
     def pressing(self) -> tuple[sp.csr_matrix, ...]:
@@ -156,16 +184,15 @@ class Shape:
 
         Both surfaces have the pressure.
         """
-        body, mesh = self.body, self.body.mesh
+        mesh, places, n = self.mesh, self.reference_nodes, len(self.node)
         result = []
-        for own in body.touching:
-            width = float(body.width[list(own.facing.parts)].min()) if mesh.dim == 2 else 1.0
-            total = sp.csr_matrix((len(self.node), len(own.pairs.gap)))
+        for own in self.touching:
+            width = float(self.width[list(own.facing.parts)].min()) if mesh.dim == 2 else 1.0
+            total = sp.csr_matrix((n, len(own.pairs.gap)))
             for side in pressure.sides_of(mesh, own.facing, own.pairs):
                 normals = own.pairs.lower.normals
                 vertices, by_forces = pressure.at_vertices(mesh, side, normals, width)
-                places = body.solid.reference_nodes
-                to = pressure.at_points(mesh, side, vertices, places, self.cells, len(self.node))
+                to = pressure.at_points(mesh, side, vertices, places, self.cells, n)
                 total = total + to @ by_forces
             result.append(sp.csr_matrix(total))
         return tuple(result)

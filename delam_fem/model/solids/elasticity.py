@@ -131,11 +131,6 @@ class Solid:
         """Return the basis of one component at reference points; see `_dolfinx.tabulate`."""
         return _dolfinx.tabulate(self.mesh.cell, self.degree, derivatives, points)
 
-    @property
-    def reference_nodes(self) -> FloatArray:
-        """Reference coordinates of the nodes of a cell, in the order of basix, (n_basis, dim)."""
-        return _dolfinx.reference_nodes(self.mesh.cell, self.degree)
-
     def nodes_on(self, facets: IntArray) -> IntArray:
         """Return the global nodes on facets, edges included, on every rank (collective).
 

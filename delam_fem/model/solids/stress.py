@@ -14,8 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
+from delam_fem.model import _dolfinx
 from delam_fem.model.solids.cells import TENSOR, jacobians_of
-from delam_fem.model.solids.elasticity import Solid
+from delam_fem.model.solids.mesh import SolidMesh
 from delam_fem.numerics.arrays import FloatArray, IntArray
 
 COMPONENTS = {2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))}
@@ -44,7 +45,8 @@ class Recovery:
     @classmethod
     def of(
         cls,
-        solid: Solid,
+        mesh: SolidMesh,
+        degree: int,
         nodes: IntArray,
         points: IntArray,
         young_modulus: FloatArray,
@@ -53,19 +55,20 @@ class Recovery:
         """Prepare the recovery.
 
         Args:
-            solid: the solid.
+            mesh: the mesh.
+            degree: of the displacements.
             nodes: global nodes of the cells of the mesh, shape (n_cells, n_basis).
             points: points of the cells, at which stresses are wanted, shape (n_cells, n_basis).
             young_modulus: of each cell, shape (n_cells,) [Pa].
             poisson: Poisson's ratio.
         """
-        mesh, at_nodes = solid.mesh, solid.reference_nodes
-        places, continued = sampled(mesh.cell, solid.degree, at_nodes)
+        at_nodes = _dolfinx.reference_nodes(mesh.cell, degree)
+        places, continued = sampled(mesh.cell, degree, at_nodes)
         corners, k = mesh.points[mesh.cells], len(places)
         every = np.repeat(corners, k, axis=0)
         inverse = np.linalg.inv(jacobians_of(mesh.cell, every, np.tile(places, (len(corners), 1))))
         inverse = inverse.reshape(len(corners), k, mesh.dim, mesh.dim)
-        table = solid.tabulate(1, places)[1:]
+        table = _dolfinx.tabulate(mesh.cell, degree, 1, places)[1:]
         gradients = np.einsum("dkb,ckdj->ckbj", table, inverse)
         rows = points.ravel()
         count = np.bincount(rows)

@@ -21,13 +21,12 @@ from delam_fem.model.layout import Structure
 from delam_fem.numerics.arrays import FloatArray, IntArray
 from delam_fem.results.fields import vtkhdf
 from delam_fem.results.fields.subcells import subcells
+from delam_fem.results.folder import SOLID
 from delam_fem.simulation.recorder import RESTING, PeriodRecord, Recorder
 
 if TYPE_CHECKING:
     from delam_fem.model.solids.body import Body, Shape
 
-NAME = "solid.vtkhdf"
-"""Name of the file in the folder of the fields."""
 AT_ONCE = 2**22
 """Numbers of the states that are sent to the first rank in one go."""
 
@@ -91,11 +90,10 @@ class Frames:
     @property
     def grid(self) -> vtkhdf.Grid:
         """The laminae at rest; the field rise [m] is the height by which the gaps lift them."""
-        shape, mesh = self.shape, self.shape.body.mesh
+        shape, mesh = self.shape, self.shape.mesh
         points = _vectors(shape.points)
         points[:, 1] += self.rise
-        solid = shape.body.solid
-        own = subcells(mesh.cell, solid.degree, solid.reference_nodes)
+        own = subcells(mesh.cell, shape.degree, shape.reference_nodes)
         cells = shape.cells[:, own].reshape(-1, own.shape[1])
         lamina = np.repeat(mesh.lamina + 1, len(own)).astype(np.int8)
         return vtkhdf.Grid(points, cells, mesh.cell, {"lamina": lamina}, {"rise": self.rise})
@@ -108,7 +106,7 @@ def write_solid(frames: Frames, directory: Path) -> Path:
         OSError: the file cannot be written.
     """
     directory.mkdir(parents=True, exist_ok=True)
-    return vtkhdf.write(frames.grid, frames.times, frames.fields, directory / NAME)
+    return vtkhdf.write(frames.grid, frames.times, frames.fields, directory / SOLID)
 
 
 def collected(structure: Structure, recorder: Recorder, case: Case) -> Frames | None:
@@ -126,12 +124,9 @@ def collected(structure: Structure, recorder: Recorder, case: Case) -> Frames | 
     ticks, base, resting = _instants(recorder)
     forces = _spring_forces(structure, case, kept, resting)
     motion = _motion(body, kept, base)
-    nodes = body.all_nodes()
+    shape = body.shape()
     if motion is None:
         return None
-    from delam_fem.model.solids.body import Shape
-
-    shape = Shape(body, nodes)
     dt = recorder.time_step / recorder.refine
     first = (recorder.n_closed - len(recorder.window)) * recorder.steps_per_period
     return Frames(
@@ -209,16 +204,17 @@ def _rise(structure: Structure, shape: Shape) -> FloatArray:
     """Return how far the gaps at rest lift each point out of the mesh, shape (n_points,) [m]."""
     x, first = shape.points[:, 0], 0
     lift: dict[tuple[int, int], FloatArray] = {}
-    for own in shape.body.touching:
-        pairs, mesh = own.pairs, shape.body.mesh
-        gap0 = structure.operators.gap0[first : first + pairs.gap.size]
-        first += pairs.gap.size
-        ends = mesh.points[own.facing.lower.ravel(), 0]
-        places = np.concatenate([[ends.min()], pairs.x, [ends.max()]])
-        beyond = np.concatenate([[0.0], gap0 - pairs.gap, [0.0]])
-        _, nearest = np.unique(np.concatenate([pairs.x, places[[0, -1]]]), return_index=True)
-        order = np.concatenate([np.arange(1, pairs.x.size + 1), [0, places.size - 1]])[nearest]
-        lift[own.facing.parts] = np.interp(x, places[order], beyond[order])
+    for own in shape.touching:
+        places, one = np.unique(own.pairs.x, return_index=True)
+        gap0 = structure.operators.gap0[first : first + own.pairs.gap.size]
+        first += own.pairs.gap.size
+        beyond = (gap0 - own.pairs.gap)[one]
+        ends = shape.mesh.points[own.facing.lower.ravel(), 0]
+        if ends.min() < places[0]:  # held or bonded: no pair
+            places, beyond = np.append(ends.min(), places), np.append(0.0, beyond)
+        if ends.max() > places[-1]:
+            places, beyond = np.append(places, ends.max()), np.append(beyond, 0.0)
+        lift[own.facing.parts] = np.interp(x, places, beyond)
     rise = np.zeros(x.size)
     for lower in range(int(shape.lamina.max(initial=0))):
         above = shape.lamina > lower

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from bricks import two_bricks
 
+from delam_fem.model import _dolfinx
 from delam_fem.model.solids.body import Body, Shape, Touching
 from delam_fem.model.solids.elasticity import Solid
 from delam_fem.model.solids.facing import at_places, at_vertices, project
@@ -35,12 +36,12 @@ def shape_of(cell: str, degree: int = 2, *, inside: bool = False) -> Shape:
     none = np.zeros(mesh.dim * solid.n_nodes)
     width = np.array([WIDTH, 2.0 * WIDTH])
     body = Body(solid, None, none, E, 0.0, width, (Touching(facing, pairs),))
-    return Shape(body, body.all_nodes())
+    return body.shape()
 
 
 def integral(shape: Shape, values: FloatArray, height: float) -> float:
     """Integrate values at points over a surface by dolfinx's basis, as fine quadrature does."""
-    body, mesh = shape.body, shape.body.mesh
+    mesh = shape.mesh
     total, dim = 0.0, mesh.dim
     q, w = np.polynomial.legendre.leggauss(4)
     q, w = 0.5 + 0.5 * q, 0.5 * w
@@ -50,7 +51,7 @@ def integral(shape: Shape, values: FloatArray, height: float) -> float:
             if np.abs(corners[:, 1] - height).max() > 1e-12:
                 continue
             total += _over_facet(shape, values[shape.cells[number]], (cell, facet), q, w)
-    return total * (float(body.width.min()) if dim == 2 else 1.0)
+    return total * (float(shape.width.min()) if dim == 2 else 1.0)
 
 
 def _over_facet(
@@ -62,7 +63,7 @@ def _over_facet(
 ) -> float:
     """Integrate over one facet, in reference coordinates of its cell."""
     cell, facet = of
-    mesh, kind = shape.body.mesh, shape.body.mesh.cell
+    mesh, kind = shape.mesh, shape.mesh.cell
     dim = mesh.dim
     if kind in ("quadrilateral", "hexahedron"):
         every = np.array([[(v >> i) & 1 for i in range(dim)] for v in range(2**dim)], dtype=float)
@@ -80,7 +81,7 @@ def _over_facet(
         if kind == "tetrahedron":
             weights = both * (1.0 - s[:, 0])
             s = np.column_stack([s[:, 0], s[:, 1] * (1.0 - s[:, 0])])
-    table = shape.body.solid.tabulate(0, own[0] + s @ edges)[0]
+    table = _dolfinx.tabulate(kind, shape.degree, 0, own[0] + s @ edges)[0]
     return float(size * weights @ (table @ values))
 
 
@@ -104,20 +105,20 @@ def test_forces_by_tributary_area_give_uniform_pressure(cell: str, degree: int) 
     """On the lower surface, whose vertices have the pairs."""
     shape = shape_of(cell, degree)
     (by_forces,) = shape.pressing
-    weights = shape.body.touching[0].pairs.weights
-    forces = 7.0 * weights * (WIDTH if shape.body.mesh.dim == 2 else 1.0)
+    weights = shape.touching[0].pairs.weights
+    forces = 7.0 * weights * (WIDTH if shape.mesh.dim == 2 else 1.0)
     lower = np.abs(shape.points[:, 1] - HEIGHTS[0]) < 1e-12
     lower &= shape.lamina == 0
     assert lower.sum() > len(weights), "nodes between vertices too"
     np.testing.assert_allclose((by_forces @ forces)[lower], 7.0, rtol=1e-9)
-    assert forces.sum() == pytest.approx(7.0 * AREA[shape.body.mesh.dim], rel=1e-9)
+    assert forces.sum() == pytest.approx(7.0 * AREA[shape.mesh.dim], rel=1e-9)
 
 
 @pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
 def test_a_force_presses_where_it_acts(cell: str) -> None:
     shape = shape_of(cell)
     (by_forces,) = shape.pressing
-    pairs = shape.body.touching[0].pairs
+    pairs = shape.touching[0].pairs
     middle = int(np.argmin(np.linalg.norm(pairs.lower.x - pairs.lower.x.mean(axis=0), axis=1)))
     found = by_forces[:, middle].toarray().ravel()
     for height in HEIGHTS:

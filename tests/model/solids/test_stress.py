@@ -27,12 +27,12 @@ def shape_of(cell: str, degree: int, young_modulus: tuple[float, float], nu: flo
     n = mesh.dim * solid.n_nodes
     E = np.array(young_modulus)[mesh.lamina]
     body = Body(solid, None, np.zeros(n), E, nu, np.ones(2))
-    return Shape(body, body.all_nodes())
+    return body.shape()
 
 
 def at_nodes(shape: Shape, values: FloatArray) -> FloatArray:
     """Return values at points as values at nodes, shape (n_nodes, dim)."""
-    result = np.empty((shape.body.solid.n_nodes, values.shape[1]))
+    result = np.empty((int(shape.nodes.max()) + 1, values.shape[1]))
     result[shape.node] = values
     return result
 
@@ -41,8 +41,9 @@ def at_nodes(shape: Shape, values: FloatArray) -> FloatArray:
 @pytest.mark.parametrize("degree", [2, 3])
 def test_points_are_where_dolfinx_has_them(cell: str, degree: int) -> None:
     shape = shape_of(cell, degree, (YOUNG, YOUNG), NU)
-    np.testing.assert_allclose(shape.points, shape.body.solid.coordinates[shape.node], atol=1e-14)
-    assert len(np.unique(shape.node)) == shape.body.solid.n_nodes
+    solid = Solid.on(shape.mesh, MPI.COMM_SELF, degree)
+    np.testing.assert_allclose(shape.points, solid.coordinates[shape.node], atol=1e-14)
+    assert len(np.unique(shape.node)) == solid.n_nodes
 
 
 @pytest.mark.parametrize("degree", [2, 3])
@@ -50,7 +51,7 @@ def test_points_are_where_dolfinx_has_them(cell: str, degree: int) -> None:
 def test_linear_displacements_have_the_stress_of_hooke_s_law(cell: str, degree: int) -> None:
     """Beside the law of the form itself, evaluated by UFL on numbers."""
     shape = shape_of(cell, degree, (YOUNG, 2.0 * YOUNG), NU)
-    dim = shape.body.mesh.dim
+    dim = shape.mesh.dim
     A = np.random.default_rng(1).normal(size=(dim, dim))
     sigma = shape.recovery.stress(at_nodes(shape, shape.points @ A.T))
     eps = 0.5 * (A + A.T)
@@ -122,7 +123,8 @@ def test_the_law_is_that_of_the_stiffness() -> None:
     shape = shape_of("quadrilateral", 2, (YOUNG, 2.0 * YOUNG), NU)
     A = np.array([[0.1, 0.3], [-0.2, 0.4]])
     u = at_nodes(shape, shape.points @ A.T)
-    matrix = shape.body.solid.stiffness(shape.body.young_modulus, NU)
+    solid = Solid.on(shape.mesh, MPI.COMM_SELF, 2)
+    matrix = solid.stiffness(shape.young_modulus, NU)
     vector = matrix.createVecRight()
     vector.array = u.ravel()
     energy = 0.5 * vector.dot(matrix * vector)
