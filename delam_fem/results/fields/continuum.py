@@ -196,7 +196,7 @@ def _motion(
     for start in range(0, len(states), step):
         some = slice(start, start + step)
         found = body.gathered(np.concatenate(states[some]), base[some].ravel())
-        kept.extend(found.reshape(-1, 2, *found.shape[1:]))
+        kept.extend(found.reshape(len(found) // 2, 2, *found.shape[1:]))
     return kept.__getitem__ if body.is_first else None
 
 
