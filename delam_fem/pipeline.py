@@ -112,13 +112,11 @@ def run(
                 stop.leave(outcome)
         state = opened.engine.state()
         arrays = _gathered(case, structure, engine, opened, outcome)
-    solid = continuum.collected(structure, recorder, case)
     mpi.release(comm)
     summary = _summary(engine, outcome, recorder, recorder.n_closed - first, seconds)
     result = _result(case, structure, recorder, state, summary, decay)
     final = arrays if outcome == "completed" else None
-    kept = None if outcome == "interrupted" else kept
-    return replace(result, final=final, checkpoint=kept, solid=solid)
+    return replace(result, final=final, checkpoint=None if outcome == "interrupted" else kept)
 
 
 def _gathered(
@@ -281,7 +279,8 @@ def _result(
     if summary["outcome"] == "diverged":
         summary["message"] = LOST if is_lost else _divergence(case, history)
         _log.error(summary["message"])
-    return Result(case, history, json_ready(summary), state)
+    solid = continuum.collected(structure, recorder, case)
+    return Result(case, history, json_ready(summary), state, solid=solid)
 
 
 def _divergence(case: Case, history: xr.Dataset) -> str:
