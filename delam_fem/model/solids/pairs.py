@@ -2,7 +2,8 @@
 
 On the structured mesh of a case the pairs are where those of its beams are along x; in 3D each of
 them is a row of points across the width, at the vertices. On a mesh from a file they are the
-vertices of the lower sides.
+vertices of the lower sides; of tetrahedra the middles of the edges there, because a pressure on a
+quadratic triangle loads these alone.
 """
 
 from __future__ import annotations
@@ -143,7 +144,8 @@ def gaps(case: Case, layout: Layout, every: Sequence[Touching]) -> FloatArray:
 def _points(case: Case, mesh: SolidMesh, sides: Facing, x: FloatArray) -> facing.Points:
     """Return the points of the lower side at which pairs are sought."""
     if case.mesh.file is not None:
-        return facing.at_vertices(mesh, sides)
+        is_tetrahedral = mesh.cell == "tetrahedron"
+        return (facing.at_middles if is_tetrahedral else facing.at_vertices)(mesh, sides)
     lower, upper = (case.lamina[i] for i in sides.parts)
     across = None
     if mesh.dim == 3:

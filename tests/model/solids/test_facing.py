@@ -1,16 +1,21 @@
 """Pairs of facing surfaces: projection, gaps, weights, signs; surfaces that do not match."""
 
 import logging
+from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
 import pytest
+import scipy.sparse as sp
 from bricks import two_bricks
+from scipy.sparse.linalg import splu
 
 from delam_fem.model.layout import Part
 from delam_fem.model.solids.elasticity import Solid
 from delam_fem.model.solids.facing import (
     Pairs,
+    Points,
+    at_middles,
     at_places,
     at_vertices,
     gap_rows,
@@ -205,11 +210,14 @@ def test_shared_vertices_are_no_pairs() -> None:
     np.testing.assert_allclose(points.weights, [0.5, 0.5, 0.5, 0.25], atol=ROUND_OFF)
 
 
+@pytest.mark.parametrize("places", [at_vertices, at_middles])
 @pytest.mark.parametrize("cell", COUNTS)
-def test_constant_pressure_transmits_its_force_and_moment(cell: str) -> None:
+def test_constant_pressure_transmits_its_force_and_moment(
+    cell: str, places: Callable[[SolidMesh, Facing], Points]
+) -> None:
     """Nothing is lost between surfaces that do not match: force and moment are exact on both."""
     mesh = two_bricks(cell, *COUNTS[cell], gap=GAP)
-    pairs = project(mesh, mesh.sides[0], at_vertices(mesh, mesh.sides[0]))
+    pairs = project(mesh, mesh.sides[0], places(mesh, mesh.sides[0]))
     solid = Solid.on(mesh, MPI.COMM_SELF, 2)
     pressure = 7.0
     force = (gap_rows(solid, pairs).T @ (pressure * pairs.weights)).reshape(-1, mesh.dim)
@@ -221,6 +229,42 @@ def test_constant_pressure_transmits_its_force_and_moment(cell: str) -> None:
         assert np.abs(np.delete(total, 1)).max() < ROUND_OFF
         moment = np.sum(x[body, 0] * force[body, 1])
         assert moment == pytest.approx(sign * pressure * AREA[mesh.dim] * 1.0, rel=ROUND_OFF)
+
+
+def test_constant_pressure_on_quadratic_cells_is_not_uniform_deformation() -> None:
+    """What points cannot do: the load of a pressure on a quadratic edge is 1/6, 4/6, 1/6.
+
+    Pairs at vertices share it as 1/2, 0, 1/2. The mean pressure is exact, but each force makes a
+    dent, whose depth falls with the size of the cells; in their middles the dents are smaller.
+    """
+    scatter = {}
+    for places in (at_vertices, at_middles):
+        for n in (8, 16):
+            mesh = two_bricks("quadrilateral", (n, 4), (3, 1), gap=GAP)
+            solid = Solid.on(mesh, MPI.COMM_SELF, 2)
+            x = solid.coordinates
+            free = np.repeat((x[:, 1] > ROUND_OFF) & (x[:, 1] < 0.5 + 0.5 * GAP), 2)
+            K = solid.stiffness(np.ones(len(mesh.cells)), 0.0)
+            rows, columns, values = K.getValuesCSR()
+            K = sp.csr_matrix((values, columns, rows), shape=K.getSize())
+            pairs = project(mesh, mesh.sides[0], places(mesh, mesh.sides[0]))
+            load = gap_rows(solid, pairs).T @ pairs.weights
+            u = np.zeros(free.size)
+            u[free] = splu(K[free][:, free].tocsc()).solve(load[free])
+            top = np.flatnonzero((np.abs(x[:, 1] - 0.5) < ROUND_OFF) & (np.abs(x[:, 0] - 1) < 0.6))
+            depth = u[2 * top + 1]
+            scatter[places, n] = np.ptp(depth)
+    assert 0.3 < scatter[at_vertices, 16] / scatter[at_vertices, 8] < 0.7
+    assert scatter[at_middles, 16] < 0.6 * scatter[at_vertices, 16]
+
+
+def test_middles_of_triangles_are_those_of_their_edges() -> None:
+    mesh = two_bricks("tetrahedron", (1, 1, 1), (1, 1, 1))
+    points = at_middles(mesh, mesh.sides[0])
+    np.testing.assert_allclose(points.x[:, 0], [0.0, 1.0, 1.0, 1.0, 2.0], atol=ROUND_OFF)
+    np.testing.assert_allclose(points.x[:, 2], [0.0, -0.4, 0.0, 0.4, 0.0], atol=ROUND_OFF)
+    shares = np.array([1, 1, 2, 1, 1]) * AREA[3] / 6.0
+    np.testing.assert_allclose(points.weights, shares, atol=ROUND_OFF)
 
 
 def part(x: Array) -> Part:
