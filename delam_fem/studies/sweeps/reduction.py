@@ -55,9 +55,10 @@ def row_of(
         One row, NaN for numbers without a meaning, shape (sum of sizes,).
     """
     names = {quantity.name for quantity in wanted}
-    motion = probe_motion(recorder, structure)
     n_laminae = len(structure.layout.parts)
     values: dict[str, npt.ArrayLike | None] = dict(extra)
+    if names & {"tip_min", "harmonic_amplitude"}:
+        motion = probe_motion(recorder, structure)
     if "tip_min" in names:
         values |= diagnostics.summary_of(motion, case)
         values |= _settled(settling.numbers(recorder, n_laminae, case, decay))
