@@ -29,6 +29,8 @@ _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """Variables set to 1 in workers: on small matrices more threads only wait for each other."""
 _RANKS = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MPI_LOCALNRANKS")
 """Variables that hold the number of processes under mpiexec."""
+_UNGUARDED = 76
+"""Exit status of a worker whose script begins a computation when it is imported."""
 MPI_COMMAND = "mpiexec -n N python -m mpi4py.futures -m delam_fem sweep …"
 
 
@@ -56,6 +58,17 @@ def default_name() -> ExecutorName:
             f"executor: {n_ranks} MPI processes would all do the same; use {MPI_COMMAND}"
         )
     return "process"
+
+
+def leave_if_imported() -> None:
+    """End this process if it is a worker that imports the script of a user.
+
+    Each worker of a process pool imports the script that has started it. A script that begins a
+    computation without `if __name__ == "__main__":` would begin it again in each of them. The
+    process that waits for the worker tells the error.
+    """
+    if getattr(multiprocessing.current_process(), "_inheriting", False):
+        os._exit(_UNGUARDED)
 
 
 def n_cores() -> int:
@@ -104,6 +117,18 @@ class Pool:
         return self._renewed if self.name == "process" else None
 
     def _renewed(self) -> Executor:
+        """Replace the executor.
+
+        Raises:
+            CaseError: its workers died because the script of the user has no guard.
+        """
+        processes = (getattr(self.executor, "_processes", None) or {}).values()
+        if any(process.exitcode == _UNGUARDED for process in list(processes)):
+            raise CaseError(
+                "workers: each worker process imports the script, which begins the computation "
+                'again; put the call under `if __name__ == "__main__":`, or use '
+                'executor="serial"'
+            )
         self.executor.shutdown(wait=False, cancel_futures=True)
         self.executor = self._fresh()
         return self.executor
@@ -124,6 +149,7 @@ def pool(name: ExecutorName, workers: int | None = None) -> Iterator[Pool]:
     Raises:
         CaseError: "mpi" is asked for, but there is only one process.
     """
+    leave_if_imported()
     opened = Pool(name, workers)
     try:
         yield opened

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from types import ModuleType
 
 import pytest
+from project import ROOT
 
 from delam_fem.case.toml import CaseError
 from delam_fem.studies import executors
@@ -63,3 +67,28 @@ def test_a_serial_pool_is_one_worker_and_is_not_renewed() -> None:
     with executors.pool("serial", 7) as opened:
         assert opened.n_workers == 1
         assert opened.renew is None
+
+
+SCRIPT = """
+import delam_fem as df
+from delam_fem.studies.sweeps.load import sweep_of
+
+small = {"mesh.elements": 1, "time.periods": 4, "output.fields_per_period": 0}
+axis = {"key": "excitation.frequency", "values": [3.0, 3.5, 4.0]}
+sweep = sweep_of({"name": "s", "base": "paper", "set": small, "axis": [axis]})
+df.run_sweep(sweep, "out", workers=2)
+"""
+
+
+def test_a_script_without_a_guard_is_told_once(tmp_path: Path) -> None:
+    """Each worker imports the script, which would begin the sweep again."""
+    (tmp_path / "script.py").write_text(SCRIPT)
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
+    command = [sys.executable, "script.py"]
+    done = subprocess.run(
+        command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120
+    )
+    assert done.returncode == 1
+    assert done.stderr.count("__main__") == 1
+    assert done.stderr.rstrip().endswith('or use executor="serial"')
+    assert "locked" not in done.stderr and "another process" not in done.stderr

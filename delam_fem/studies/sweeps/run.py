@@ -104,10 +104,12 @@ def run_sweep(
     Raises:
         CaseError: the folder contains another sweep, an unfinished one and `resume` is False, or a
             damaged one; the first point is not a valid case; or the sweep is large and not
-            confirmed.
+            confirmed; workers die before any point is finished; or the script that calls has no
+            `if __name__ == "__main__":`.
         BrokenExecutor: a worker of the given executor died; the journal keeps the finished points.
         OSError: the folder cannot be written.
     """
+    executors.leave_if_imported()
     directory = Path(directory)
     path = directory / RESULT
     if resume and is_complete(directory, sweep):
@@ -160,6 +162,7 @@ def run_shard(
         BrokenExecutor: see `run_sweep`.
         OSError: the folder cannot be written.
     """
+    executors.leave_if_imported()
     directory = Path(directory)
     n_points = share_size(sweep, shard)
     if resume and is_complete(directory, sweep):

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from dataclasses import dataclass, field
 
+from delam_fem.case.toml import CaseError
 from delam_fem.simulation.loop import State
 from delam_fem.studies.sweeps.point import Chunk, Done, Point, compute
 from delam_fem.studies.sweeps.waiting import Waiting
@@ -24,6 +25,8 @@ IN_FLIGHT = 2
 """Number of submitted chunks per worker, so that no worker waits for the parent."""
 MOST = 10_000
 """Largest number of points in a chunk."""
+MOST_DEATHS = 5
+"""Number of workers that may die before any point is finished."""
 POLL = 0.2
 """Longest time until a stop is noticed [s]."""
 INDEPENDENT = -1
@@ -100,6 +103,7 @@ class Schedule:
     costs: Costs = field(default_factory=Costs)
     _flying: dict[Future[Done], tuple[Track, Chunk]] = field(default_factory=dict)
     _suspects: int = 0
+    _deaths: int = 0
 
     def run(self, take_in: Callable[[list[Done]], None], is_stopped: Callable[[], bool]) -> bool:
         """Compute all points.
@@ -114,6 +118,7 @@ class Schedule:
 
         Raises:
             BrokenExecutor: a worker died, and the executor cannot be replaced.
+            CaseError: several workers died before any point was finished.
         """
         while True:
             if is_stopped():
@@ -189,6 +194,13 @@ class Schedule:
         if self.renew is None:
             raise BrokenExecutor(
                 "a worker died (out of memory?); the finished points are kept, and --resume goes on"
+            )
+        self._deaths += 1
+        if self._deaths >= MOST_DEATHS and not self.costs.busy:
+            raise CaseError(
+                f"workers: {self._deaths} died, one after the other, before any point was "
+                "finished: too little memory, or a library that cannot be loaded? One point alone "
+                "(--executor serial) may show the reason; --resume goes on"
             )
         self.executor = self.renew()
         was_alone = self._suspects > 0

@@ -8,6 +8,7 @@ from concurrent.futures import BrokenExecutor, Executor, Future
 
 import pytest
 
+from delam_fem.case.toml import CaseError
 from delam_fem.studies.sweeps.point import Chunk, Done, Point
 from delam_fem.studies.sweeps.schedule import CHUNK_SECONDS, INDEPENDENT, Schedule, Track
 from delam_fem.studies.sweeps.waiting import Waiting
@@ -125,3 +126,23 @@ def test_a_given_executor_that_breaks_ends_the_sweep() -> None:
     schedule = Schedule(b"", 2, independent(10), Fake(1e-3, frozenset({5})))
     with pytest.raises(BrokenExecutor, match=r"a worker died .* --resume goes on"):
         computed(schedule)
+
+
+def test_workers_that_all_die_end_the_sweep_soon() -> None:
+    made: list[Fake] = []
+
+    def renew() -> Fake:
+        made.append(Fake(1e-3, frozenset(range(1000))))
+        return made[-1]
+
+    schedule = Schedule(b"", 2, independent(1000), renew(), renew)
+    with pytest.raises(CaseError, match=r"5 died, one after the other, before any point"):
+        computed(schedule)
+    assert len(made) == 5
+
+
+def test_deaths_after_the_first_points_do_not_end_it() -> None:
+    deadly = frozenset(range(100, 120))
+    schedule = Schedule(b"", 2, independent(200), Fake(1e-3, deadly), lambda: Fake(1e-3, deadly))
+    _, points = computed(schedule)
+    assert {p.index for p in points if p.outcome == "failed"} == deadly
