@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from scipy.sparse.linalg import splu
@@ -41,13 +41,19 @@ def first_mode(structure: Structure, number: int) -> FloatArray:
     return mode
 
 
-def initial_state(structure: Structure, given: Mapping[str, float]) -> State | None:
+def initial_state(
+    structure: Structure,
+    given: Mapping[str, float],
+    mode_of: Callable[[int], FloatArray] | None = None,
+) -> State | None:
     """Return the state in which each lamina has a given tip motion in its first mode.
 
     Args:
         structure: the discretised structure; its parts have the names of the laminae.
         given: tip displacements [m] by `LAMINA.displacement`, tip velocities [m/s] by
             `LAMINA.velocity`.
+        mode_of: function that gives the first mode of a part by its number, where it is known
+            already; default: it is computed.
 
     Returns:
         The state; None (at rest) if all given numbers are 0.
@@ -56,7 +62,7 @@ def initial_state(structure: Structure, given: Mapping[str, float]) -> State | N
         return None
     motion = np.zeros((3, structure.operators.n_dofs))
     for number, part in enumerate(structure.layout.parts):
-        mode = first_mode(structure, number)
+        mode = mode_of(number) if mode_of is not None else first_mode(structure, number)
         motion[0] += given.get(f"{part.name}.displacement", 0.0) * mode
         motion[1] += given.get(f"{part.name}.velocity", 0.0) * mode
     return State(motion, np.zeros(structure.operators.n_pairs, dtype=np.bool_))

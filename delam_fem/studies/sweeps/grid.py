@@ -192,7 +192,7 @@ class Sweep:
             CaseError: they do not make a valid case.
         """
         data = pickle.loads(self._data)
-        apply_overrides(data, {k: v for k, v in overrides.items() if not _is_initial(k)})
+        apply_overrides(data, {k: v for k, v in overrides.items() if not is_initial(k)})
         return Case.checked(data, label).with_files_checked(label)
 
     def initial_of(self, overrides: Mapping[str, object]) -> dict[str, float]:
@@ -203,7 +203,7 @@ class Sweep:
         """
         prefix = f"{INITIAL}."
         given = self.file.initial | {
-            key.removeprefix(prefix): value for key, value in overrides.items() if _is_initial(key)
+            key.removeprefix(prefix): value for key, value in overrides.items() if is_initial(key)
         }
         allowed = [f"{lam.name}.{what}" for lam in self.base.lamina for what in _INITIAL_QUANTITIES]
         found = {}
@@ -227,5 +227,6 @@ def _short_name(key: str) -> str:
     return "_".join(parts[-2:]) if parts[0] in ("lamina", INITIAL) else parts[-1]
 
 
-def _is_initial(key: str) -> bool:
+def is_initial(key: str) -> bool:
+    """Return whether a key sets an initial condition."""
     return key.startswith(f"{INITIAL}.")

@@ -30,7 +30,8 @@ from delam_fem.simulation.loop import State
 from delam_fem.simulation.recorder import Recorder
 from delam_fem.studies.linear import closed_motion
 from delam_fem.studies.lyapunov import largest_exponent
-from delam_fem.studies.sweeps.grid import Sweep
+from delam_fem.studies.sweeps.file import Value
+from delam_fem.studies.sweeps.grid import Sweep, is_initial
 from delam_fem.studies.sweeps.quantities import Quantity, quantities
 from delam_fem.studies.sweeps.reduction import row_of
 
@@ -105,6 +106,27 @@ class Done:
 
 
 @dataclass
+class Discretised:
+    """What points with the same model share.
+
+    Attributes:
+        structure: the discretised case.
+        rate: at which its slowest mode dies out [1/s].
+        modes: first modes of its parts, as far as initial conditions have needed them.
+    """
+
+    structure: Structure
+    rate: float
+    modes: dict[int, FloatArray] = field(default_factory=dict)
+
+    def first_mode(self, number: int) -> FloatArray:
+        """Return the first mode of a part; see `initial.first_mode`."""
+        if number not in self.modes:
+            self.modes[number] = first_mode(self.structure, number)
+        return self.modes[number]
+
+
+@dataclass
 class PointRunner:
     """Computes points of one sweep.
 
@@ -113,7 +135,8 @@ class PointRunner:
     """
 
     sweep: Sweep
-    _structures: dict[str, tuple[Structure, float]] = field(default_factory=dict)
+    _known: dict[str, Discretised] = field(default_factory=dict)
+    _last: tuple[dict[str, Value], Case, Discretised] | None = None
 
     def quantities(self, layout: Layout) -> tuple[Quantity, ...]:
         """Return the quantities in a row, in order."""
@@ -139,28 +162,40 @@ class PointRunner:
 
     def structure(self, case: Case) -> Structure:
         """Return the discretised case, from memory if another case with the same model made it."""
-        return self._known(case)[0]
+        return self._discretised(case).structure
 
-    def _known(self, case: Case) -> tuple[Structure, float]:
-        """Return the discretised case, and the rate at which its slowest mode dies out [1/s]."""
+    def _discretised(self, case: Case) -> Discretised:
+        """Return the discretised case, and what goes with it."""
         key = assembly_key(case)
-        if key not in self._structures:
-            while len(self._structures) >= KEPT_STRUCTURES:
-                del self._structures[next(iter(self._structures))]
+        if key not in self._known:
+            while len(self._known) >= KEPT_STRUCTURES:
+                del self._known[next(iter(self._known))]
             structure = _assemble(case, self.sweep.file.operators)
-            self._structures[key] = structure, decay_of(case, structure)
-        return self._structures[key]
+            self._known[key] = Discretised(structure, decay_of(case, structure))
+        return self._known[key]
+
+    def _prepared(self, index: int) -> tuple[Case, Discretised]:
+        """Return the case of a point and its model.
+
+        Neighbours that differ in initial conditions alone share both.
+        """
+        values = self.sweep.overrides(index)
+        own = {key: value for key, value in values.items() if not is_initial(key)}
+        if self._last is None or self._last[0] != own:
+            record, case = self.sweep.file.record, self.sweep.case(index)
+            if not (record.node_distortion or record.scan):
+                output = case.output.model_copy(update={"fields_per_period": 0})
+                case = case.model_copy(update={"output": output})
+            self._last = own, case, self._discretised(case)
+        return self._last[1:]
 
     def _computed(self, index: int, carried: State | None) -> tuple[Point, State | None]:
         record = self.sweep.file.record
-        case = self.sweep.case(index)
-        if not (record.node_distortion or record.scan):
-            output = case.output.model_copy(update={"fields_per_period": 0})
-            case = case.model_copy(update={"output": output})
-        structure, rate = self._known(case)
+        case, known = self._prepared(index)
+        structure, rate = known.structure, known.rate
         operators, layout, decay = structure.operators, structure.layout, rate * case.period
         if carried is None:
-            carried = self._initial(case, structure, index)
+            carried = self._initial(case, known, index)
         engine = self.sweep.file.engine
         with session_of(case, operators, initial=carried, engine=engine) as opened:
             recorder = opened.recorder
@@ -174,7 +209,7 @@ class PointRunner:
                     opened,
                     operators,
                     direction=np.sum(
-                        [first_mode(structure, i) for i in range(len(layout.parts))], axis=0
+                        [known.first_mode(i) for i in range(len(layout.parts))], axis=0
                     ),
                     period=case.period,
                     periods=record.lyapunov,
@@ -185,11 +220,11 @@ class PointRunner:
         row = row_of(wanted, case, recorder, structure, extra, decay)
         return Point(index, outcome, "", row), state
 
-    def _initial(self, case: Case, structure: Structure, index: int) -> State | None:
+    def _initial(self, case: Case, known: Discretised, index: int) -> State | None:
         """Return the state at the start of a point; None: at rest."""
         if self.sweep.file.start == "steady":
-            return closed_motion(case, structure)
-        return initial_state(structure, self.sweep.initial(index))
+            return closed_motion(case, known.structure)
+        return initial_state(known.structure, self.sweep.initial(index), known.first_mode)
 
 
 def assembly_key(case: Case) -> str:
