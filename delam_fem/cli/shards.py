@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -29,6 +30,23 @@ Merge = Annotated[
 Partial = Annotated[
     bool, typer.Option("--partial", help="With --merge: write what is there if points are missing.")
 ]
+Slurm = Annotated[
+    int | None,
+    typer.Option(
+        "--slurm",
+        min=1,
+        metavar="N",
+        help="Print a script that computes N shards as an array of SLURM jobs and merges them.",
+    ),
+]
+Hours = Annotated[
+    float,
+    typer.Option(
+        "--hours", min=0.0, metavar="H", help="With --slurm: longest time of a job (default: 24)."
+    ),
+]
+DAY = 24.0
+"""Longest time of a job unless the user says another [h]."""
 
 
 def require_one(**given: object) -> str | None:
@@ -42,7 +60,7 @@ def require_one(**given: object) -> str | None:
     """
     from delam_fem.case.toml import CaseError
 
-    names = [f"--{name}" for name, value in given.items() if value]
+    names = [f"--{name}" for name, value in given.items() if value not in (None, False)]
     if len(names) > 1:
         raise CaseError(f"expected one of {' and '.join(names)}, given both")
     return names[0].removeprefix("--") if names else None
@@ -113,6 +131,25 @@ def merge_shards(
         first = next(text for text in data["error"].to_numpy().ravel() if text)
         fail(f"none of the {about['n_points']} points was completed; the first: {first}", FAILED)
     return data
+
+
+def print_script(
+    sweep: Sweep,
+    sweep_file: Path,
+    directory: Path,
+    overrides: list[str] | None,
+    n_shards: int,
+    hours: float,
+) -> None:
+    """Measure the time of a point, and print the script of the shards."""
+    from delam_fem.studies.slurm import array_script, measured_cost
+
+    command = [sys.executable, "-m", "delam_fem", "sweep", str(sweep_file.resolve())]
+    command += ["-o", str(directory.resolve())]
+    command += [f"--set={text}" for text in overrides or []]
+    cost = measured_cost(sweep)
+    text = array_script(sweep, command, n_shards, cost, most_hours=hours, interrupted=INTERRUPTED)
+    typer.echo(text, nl=False)
 
 
 def _shown(value: object) -> str:

@@ -23,11 +23,15 @@ from delam_fem.cli.console.terminal import (
 )
 from delam_fem.cli.inputs import DryRun, Overrides, Overwrite, Quiet, Workers, Yes, inputs_of
 from delam_fem.cli.shards import (
+    DAY,
+    Hours,
     Merge,
     Partial,
     ShardOption,
+    Slurm,
     compute_shard,
     merge_shards,
+    print_script,
     refuse,
     require_one,
 )
@@ -88,6 +92,8 @@ def sweep_command(
     shard: ShardOption = None,
     merge: Merge = False,
     partial: Partial = False,
+    slurm: Slurm = None,
+    hours: Hours = DAY,
     dry_run: DryRun = False,
     yes: Yes = False,
     quiet: Quiet = False,
@@ -95,18 +101,20 @@ def sweep_command(
     """Compute a case at many points and write all results to DIR/sweep.nc."""
     with reported(quiet):
         where = workers, executor
-        special = require_one(shard=shard, merge=merge)
+        special = require_one(shard=shard, merge=merge, slurm=slurm)
         if special is not None:
             refuse(f"--{special}", overwrite=overwrite, dry_run=dry_run)
+            sweep, directory, inputs = _opened(sweep_file, output, overrides)
         if not merge:
             refuse("a sweep without --merge", partial=partial)
+        if slurm is not None:
+            print_script(sweep, sweep_file, directory, overrides, slurm, hours)
+            return
         if shard is not None:
-            sweep, directory, inputs = _opened(sweep_file, output, overrides)
             options = {"resume": resume, "is_confirmed": yes, "quiet": quiet}
             compute_shard(sweep, directory, shard, where, inputs, **options)
             return
         if merge:
-            sweep, directory, inputs = _opened(sweep_file, output, overrides)
             data = merge_shards(sweep, directory, inputs, is_partial=partial)
         else:
             data, directory = _computed(
