@@ -66,18 +66,24 @@ def require_one(**given: object) -> str | None:
     return names[0].removeprefix("--") if names else None
 
 
-def refuse(what: str, **given: object) -> None:
-    """Refuse options that do not go with another one.
+def require_fitting(way: str | None, *, partial: bool, **others: bool) -> None:
+    """Check the options that go with a way of computing a sweep.
+
+    Args:
+        way: "shard", "merge" or "slurm"; None: the whole sweep at once.
+        partial: whether to write a result without all points.
+        others: options that only go with the whole sweep, by name.
 
     Raises:
-        CaseError: one of them is given.
+        CaseError: an option does not go with the way.
     """
     from delam_fem.case.toml import CaseError
 
-    for name, value in given.items():
-        if value:
-            option = f"--{name.replace('_', '-')}"
-            raise CaseError(f"{option}: does not go with {what}; leave it out")
+    if partial and way != "merge":
+        raise CaseError("--partial: only goes with --merge")
+    found = next((name for name, value in others.items() if value), None)
+    if way is not None and found is not None:
+        raise CaseError(f"--{found.replace('_', '-')}: does not go with --{way}; leave it out")
 
 
 def compute_shard(

@@ -32,7 +32,7 @@ from delam_fem.cli.shards import (
     compute_shard,
     merge_shards,
     print_script,
-    refuse,
+    require_fitting,
     require_one,
 )
 
@@ -101,32 +101,24 @@ def sweep_command(
     """Compute a case at many points and write all results to DIR/sweep.nc."""
     with reported(quiet):
         where = workers, executor
-        special = require_one(shard=shard, merge=merge, slurm=slurm)
-        if special is not None:
-            refuse(f"--{special}", overwrite=overwrite, dry_run=dry_run)
-            sweep, directory, inputs = _opened(sweep_file, output, overrides)
-        if not merge:
-            refuse("a sweep without --merge", partial=partial)
-        if slurm is not None:
-            print_script(sweep, sweep_file, directory, overrides, slurm, hours)
-            return
-        if shard is not None:
-            options = {"resume": resume, "is_confirmed": yes, "quiet": quiet}
-            compute_shard(sweep, directory, shard, where, inputs, **options)
-            return
-        if merge:
-            data = merge_shards(sweep, directory, inputs, is_partial=partial)
-        else:
+        way = require_one(shard=shard, merge=merge, slurm=slurm)
+        require_fitting(way, partial=partial, overwrite=overwrite, dry_run=dry_run)
+        if way is None:
+            check = functools.partial(_shown_only, where, yes) if dry_run else None
+            going_on = resume, overwrite
             data, directory = _computed(
-                sweep_file,
-                output,
-                overrides,
-                (resume, overwrite),
-                where,
-                quiet,
-                yes=yes,
-                check=functools.partial(_shown_only, where, yes) if dry_run else None,
+                sweep_file, output, overrides, going_on, where, quiet, yes=yes, check=check
             )
+        else:
+            sweep, directory, inputs = _opened(sweep_file, output, overrides)
+            if slurm is not None:
+                print_script(sweep, sweep_file, directory, overrides, slurm, hours)
+                return
+            if shard is not None:
+                options = {"resume": resume, "is_confirmed": yes, "quiet": quiet}
+                compute_shard(sweep, directory, shard, where, inputs, **options)
+                return
+            data = merge_shards(sweep, directory, inputs, is_partial=partial)
         _finish(data, directory, quiet)
 
 

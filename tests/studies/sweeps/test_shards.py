@@ -313,7 +313,7 @@ def test_the_command_computes_and_merges(tmp_path: Path) -> None:
         (("--shard", "1/2", "--merge"), "expected one of --shard and --merge"),
         (("--shard", "1/2", "--overwrite"), "--overwrite: does not go with --shard"),
         (("--merge", "--dry-run"), "--dry-run: does not go with --merge"),
-        (("--partial",), "--partial: does not go with a sweep without --merge"),
+        (("--partial",), "--partial: only goes with --merge"),
         (("--merge",), "no such folder"),
     ],
 )
