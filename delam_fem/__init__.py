@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from delam_fem.contact.laws import LAWS, Law
     from delam_fem.engines.session import solve
     from delam_fem.model.operators import BaseCoupling, Operators
+    from delam_fem.model.reduction.of_case import reduced_case
     from delam_fem.numerics.schemes import SCHEMES, Scheme
     from delam_fem.pipeline import run
     from delam_fem.reference.compare import compare
@@ -89,6 +90,7 @@ _HOMES = {
     "preset": "case.files",
     "read_measured": "results.measured.reading",
     "reduced": "studies.reduced.motion",
+    "reduced_case": "model.reduction.of_case",
     "run": "pipeline",
     "run_sweep": "studies.sweeps.run",
     "save_case": "case.files",
@@ -127,6 +129,7 @@ __all__ = [
     "preset",
     "read_measured",
     "reduced",
+    "reduced_case",
     "run",
     "run_sweep",
     "save_case",

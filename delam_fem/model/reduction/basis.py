@@ -162,9 +162,9 @@ def _piece(o: Operators, body: Body, modes: int) -> _Piece:
     lowest, found = body.modes(max(modes, COMPARED))
     squares, vectors = lowest[:modes], found[:, :modes]
     loads = _loads(o, body)
-    whole, shapes = body.static(loads, vectors)
+    flexibility, shapes = body.static(loads, vectors)
     energy = np.einsum("ij,ij->j", shapes, body.stiffness @ shapes)
-    there = energy > NOTHING * np.einsum("ij,ij->j", loads, whole)
+    there = energy > NOTHING * flexibility
     energy, shapes = energy[there], shapes[:, there] / np.sqrt(energy[there])
     independent, weights = _independent(body, shapes)
     return _Piece(

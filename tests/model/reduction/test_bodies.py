@@ -38,7 +38,7 @@ def test_static_shapes_are_the_rest_of_the_flexibility() -> None:
     load = np.eye(12)[:, [7]]
     whole, rest = body.static(load, modes)
     flexibility = np.linalg.inv(o.stiffness.toarray())
-    np.testing.assert_allclose(whole, flexibility @ load, rtol=1e-10)
+    np.testing.assert_allclose(whole, [flexibility[7, 7]], rtol=1e-10)
     kept = (modes / squares) @ modes.T
     np.testing.assert_allclose(rest, (flexibility - kept) @ load, atol=1e-12)
 

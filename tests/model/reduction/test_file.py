@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from project import ROOT
 
 from delam_fem.case.definition import Case
 from delam_fem.case.files import load_case, preset
@@ -69,6 +70,19 @@ def test_another_model_is_refused_by_the_key_that_differs(
 ) -> None:
     with pytest.raises(CaseError, match=message):
         assemble(made[1].with_overrides(overrides))
+
+
+def test_a_mesh_file_may_move_but_not_change(tmp_path: Path) -> None:
+    mesh = tmp_path / "own.msh"
+    mesh.write_bytes((ROOT / "meshes" / "laminae_graded.msh").read_bytes())
+    found = reduced_case(preset("default", {"mesh.file": str(mesh)}), 3)
+    (tmp_path / "model").mkdir()
+    case = load_case(found.save(tmp_path / "model")[1])
+    assert case.mesh.file != mesh
+    assert assemble(case).operators.n_pairs == found.full.operators.n_pairs
+    case.mesh.file.write_bytes(case.mesh.file.read_bytes() + b" ")
+    with pytest.raises(CaseError, match=r"mesh\.file: is not the mesh with which"):
+        assemble(case)
 
 
 def test_what_was_not_assembled_may_change(made: tuple[Reduction, Case]) -> None:
