@@ -27,7 +27,7 @@ FORMATS = (".gif", ".mp4")
 """Suffixes of the files that can be written."""
 SIZE = (720, 960)
 """Width and height [px]; MP4 wants multiples of 16."""
-BAR = slice(SIZE[1] - 20, SIZE[1] - 10)
+BAR = slice(-20, -10)
 """Rows of the time bar."""
 EDGE = 24
 """Free columns on both sides of the time bar."""
@@ -82,16 +82,16 @@ def write_film(
         writers = []
         for path in paths:
             temporary = stack.enter_context(atomic(path))
-            writers.append(stack.enter_context(_writer(temporary, rate)))
+            writers.append(stack.enter_context(writer(temporary, rate)))
         for done, picture in enumerate(_pictures(history, case, frames, rate, stretch), start=1):
-            for writer in writers:
-                writer.append_data(picture)
+            for film in writers:
+                film.append_data(picture)
             if progress is not None:
                 progress(done, frames.size)
     return list(paths)
 
 
-def _writer(path: Path, rate: float) -> Any:
+def writer(path: Path, rate: float) -> Any:
     """Return what writes pictures one after the other to a GIF or an MP4 file."""
     if path.suffix == ".gif":
         return imageio.get_writer(path, format="GIF-PIL", mode="I", duration=1.0 / rate, loop=0)
@@ -120,7 +120,7 @@ def _pictures(
             plotter.show(auto_close=False)
             for frame in frames:
                 scene.show(int(frame), lights[int(frame)])
-                _tell_time(plotter, float(times[frame]), case)
+                tell_time(plotter, float(times[frame]), case)
                 plotter.render()
                 picture = np.array(plotter.image, dtype=np.uint8)
                 done = (frame - frames[0]) / max(1, frames.size - 1)
@@ -137,7 +137,7 @@ def with_time_bar(picture: Picture, done: float) -> Picture:
     return picture
 
 
-def _tell_time(plotter: pv.Plotter, time: float, case: Case) -> None:
+def tell_time(plotter: pv.Plotter, time: float, case: Case) -> None:
     """Write the time of a picture above the time bar."""
     text = f"t = {time:.4f} s" + (f" = {time / case.period:.2f} T" if case.is_periodic else "")
     plotter.add_text(

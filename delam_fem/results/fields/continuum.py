@@ -115,13 +115,19 @@ def collected(structure: Structure, recorder: Recorder, case: Case) -> Frames | 
     On several ranks the first one gets the displacements and velocities of all nodes.
 
     Returns:
-        None: the structure has no body, no frame was kept, or this is not the first rank.
+        None: the structure has no body, no finite frame was kept, or this is not the first rank.
     """
     body = structure.body
     kept = [state for record in recorder.window for state in record.frames]
     if body is None or not kept:
         return None
+    flags = body.solid.comm.allgather([bool(np.isfinite(state).all()) for state in kept])
+    finite = np.flatnonzero(np.all(flags, axis=0))  # a diverged run ends without numbers
+    if not finite.size:
+        return None
+    kept = [kept[k] for k in finite]
     ticks, base, resting = _instants(recorder)
+    ticks, base, resting = ticks[finite], base[finite], resting[finite]
     forces = _spring_forces(structure, case, kept, resting)
     motion = _motion(body, kept, base)
     shape = body.shape()

@@ -58,7 +58,7 @@ def write_fields(history: xr.Dataset, case: Case, directory: str | Path) -> list
 
 def remove_fields(directory: Path) -> None:
     """Remove the fields of an earlier run, which would be taken for those of this one."""
-    single = (directory / "fields.pvd", directory / "fields.vtkhdf")
+    single = [directory / name for name in ("fields.pvd", "fields.vtkhdf", "solid.vtkhdf")]
     for path in (*single, *directory.glob("fields_*.vtu")):
         path.unlink(missing_ok=True)
     shutil.rmtree(directory / "fields.bp", ignore_errors=True)

@@ -28,6 +28,10 @@ from delam_fem.results.schema import SENSOR, sensors_of
 
 CAPTIONS = {
     "laminae": "The deformed laminae about the strongest strike of the window.",
+    "solid": (
+        "Von Mises stress and stress along the solid laminae after the strongest strike, their "
+        "thickness drawn larger."
+    ),
     "tip_histories": (
         "Positions of the reference probes over the last periods: yᵢ is the displacement qᵢ plus "
         "the gaps at rest below lamina i."
@@ -49,6 +53,7 @@ FILES = {
     "result.nc": "all numbers, NetCDF",
     "summary.json": "the numbers above, SI units",
     "fields/fields.vtkhdf": "the laminae of all frames for ParaView",
+    "fields/solid.vtkhdf": "the solid laminae of all frames with their stresses",
     "fields/fields.pvd": "the laminae of the last period, one file per frame",
     "fields/fields.bp": "the middle lines, for ParaView's ADIOS2 reader",
     "figures": "the figures as PNG and SVG",

@@ -1,0 +1,318 @@
+"""Pictures of a solid: the deformed laminae coloured by their stress, thicker than they are.
+
+They are made from fields/solid.vtkhdf, so that they can be made again without the run. Real laminae
+are a hundred times longer than thick: thicknesses are drawn larger by a factor that the picture
+states, and the turning of their sections with them. Deflections and gaps have a factor of their
+own, which is 1 if they can be seen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import numpy.typing as npt
+import pyvista as pv
+import xarray as xr
+
+from delam_fem.case.atomic import atomic
+from delam_fem.case.definition import Case
+from delam_fem.numerics.arrays import FloatArray, IntArray
+from delam_fem.results.fields import animation, snapshots
+from delam_fem.results.fields.derived import held_ends
+from delam_fem.results.fields.ribbons import drawable_frames
+from delam_fem.results.figures.style import title
+
+SIZE = (1500, 800)
+FILM_SIZE = (1280, 608)
+"""Width and height of the picture and of the film [px]; MP4 wants multiples of 16."""
+SHOWN_THICKNESS = 0.1
+"""All laminae together are drawn at most so thick, in lengths of the structure."""
+MEGA = 1e-6
+HIGH = 99.9
+"""Percentile of the stresses of all cells that the colours reach: a few corners have more."""
+
+
+@dataclass(frozen=True)
+class Series:
+    """What solid.vtkhdf holds; fields are read frame by frame.
+
+    Attributes:
+        path: of the file.
+        times: of the frames, shape (n_frames,) [s].
+        points: laminae at rest, shape (n_points, 3) [m].
+        rise: height by which gaps at rest lift the points, shape (n_points,) [m].
+        cells: shape (n_cells, k).
+        cell_type: VTK's number of their type.
+        lamina: of each cell, from 1, shape (n_cells,).
+    """
+
+    path: Path
+    times: FloatArray
+    points: FloatArray
+    rise: FloatArray
+    cells: IntArray
+    cell_type: int
+    lamina: npt.NDArray[np.int8]
+
+    @classmethod
+    def read(cls, path: Path) -> Series:
+        """Read the file.
+
+        Raises:
+            OSError: there is no such file, or it is damaged.
+        """
+        with h5py.File(path) as file:
+            root = file["VTKHDF"]
+            width = int(root["Offsets"][1])
+            return cls(
+                path,
+                root["Steps/Values"][:],
+                root["Points"][:],
+                root["PointData/rise"][:],
+                root["Connectivity"][:].reshape(-1, width),
+                int(root["Types"][0]),
+                root["CellData/lamina"][:],
+            )
+
+    def field(self, name: str, frame: int) -> FloatArray:
+        """Return a field at the points at a frame, shape (n_points,) or (n_points, 3)."""
+        n = len(self.points)
+        with h5py.File(self.path) as file:
+            values = file[f"VTKHDF/PointData/{name}"][frame * n : (frame + 1) * n]
+        return np.asarray(values, dtype=np.float64)
+
+    def drawn(self, displacement: FloatArray, thickness: float, deflection: float) -> FloatArray:
+        """Return where points are drawn, shape (n_points, 3) [m].
+
+        Args:
+            displacement: of the points, shape (n_points, 3) [m].
+            thickness: factor of lengths across the laminae.
+            deflection: factor of deflections and gaps.
+        """
+        points = self.points + deflection * displacement
+        points[:, 0] += (thickness - 1.0) * deflection * displacement[:, 0]
+        y = self.points[:, 1] - self.rise
+        points[:, 1] = thickness * y + deflection * (self.rise + displacement[:, 1])
+        return points
+
+    def grid(self, points: FloatArray) -> pv.UnstructuredGrid:
+        """Return the cells with points of one's own."""
+        return pv.UnstructuredGrid({self.cell_type: self.cells}, points)
+
+    @property
+    def thickness(self) -> float:
+        """Height of all laminae without their gaps [m]."""
+        return float(np.ptp(self.points[:, 1] - self.rise))
+
+
+def thickening(series: Series) -> float:
+    """Return the factor of thicknesses: 1, 2 or 5 times a power of ten, at least 1."""
+    largest = SHOWN_THICKNESS * float(np.ptp(series.points[:, 0])) / series.thickness
+    steps = [step * 10.0**power for power in range(4) for step in (1, 2, 5)]
+    return max([1.0, *(step for step in steps if step <= largest)])
+
+
+def render(path: Path, history: xr.Dataset, case: Case, target: Path) -> Path | None:
+    """Write the picture solid.png: von Mises and axial stress about the strongest strike.
+
+    Args:
+        path: of solid.vtkhdf.
+        history: of the run; it says when the strike is.
+        case: its case.
+        target: of the picture; its folder is made where it does not exist.
+
+    Returns:
+        The file; None if the frames of both files differ.
+
+    Raises:
+        OSError: a file cannot be read or written.
+    """
+    series, history = Series.read(path), drawable_frames(history)
+    if not np.array_equal(series.times, history["frame"].to_numpy()):
+        return None
+    target.parent.mkdir(parents=True, exist_ok=True)
+    with pv.vtk_verbosity("error"), atomic(target) as temporary:
+        plotter = _picture(series, history, case)
+        try:
+            plotter.screenshot(temporary)
+        finally:
+            plotter.close()
+    return target
+
+
+def _picture(series: Series, history: xr.Dataset, case: Case) -> pv.Plotter:
+    """Return the scene of the picture: two stresses at the frame after the strike."""
+    strike = snapshots.strike_frame(history, case)
+    frame = min(strike + 1, series.times.size - 1)
+    thick = thickening(series)
+    factor = snapshots.magnification(history, [frame], case.length)
+    points = series.drawn(series.field("displacement", frame), thick, factor)
+    plotter = pv.Plotter(off_screen=True, window_size=list(SIZE), shape=(2, 1), border=False)
+    plotter.set_background("white")
+    panels = (
+        ("von_mises", "von Mises stress [MPa]\n ", "viridis", False),
+        ("stress_xx", "stress along x [MPa]\n ", snapshots.COLOURS, True),
+    )
+    for row, (name, words, colours, signed) in enumerate(panels):
+        plotter.subplot(row, 0)
+        values = MEGA * series.field(name, frame)
+        high = float(np.abs(values).max()) or 1.0
+        grid = series.grid(points)
+        grid.point_data[name] = values
+        _add(plotter, grid, name, (-high if signed else 0.0, high), colours, words)
+        _frame(plotter, grid, case)
+        _aim(plotter, points, SIZE[0] / (0.5 * SIZE[1]))
+    plotter.subplot(0, 0)
+    when = f"t = {series.times[frame]:.4f} s, the first frame after the strongest strike"
+    plotter.add_text(
+        f"{title(case)}\n{when}; {scales(thick, factor)}",
+        position=(0.02, 0.84), viewport=True, font_size=11, color="black",
+    )  # fmt: skip
+    return plotter
+
+
+def scales(thickness: float, deflection: float) -> str:
+    """Return the factors of a picture in words."""
+    deflected = "true to scale" if deflection == 1.0 else f"× {deflection:g}"
+    return f"thickness × {thickness:g}, deflections and gaps {deflected}"
+
+
+def _add(
+    plotter: pv.Plotter,
+    grid: pv.UnstructuredGrid,
+    name: str,
+    limits: tuple[float, float],
+    colours: str,
+    words: str,
+) -> None:
+    """Add the laminae and the scale of their colours, whose title is `words`."""
+    actor = plotter.add_mesh(
+        grid, scalars=name, cmap=colours, clim=limits, show_scalar_bar=False, lighting=False,
+    )  # fmt: skip
+    plotter.add_scalar_bar(
+        title=words, mapper=actor.mapper, vertical=True, position_x=0.89, position_y=0.1,
+        width=0.04, height=0.7, n_labels=5, fmt="%.3g", color="black", title_font_size=18,
+        label_font_size=18,
+    )  # fmt: skip
+
+
+def _frame(plotter: pv.Plotter, grid: pv.UnstructuredGrid, case: Case) -> None:
+    """Add the outline of the laminae and the blocks at the ends that are held, or move them."""
+    outline = grid.extract_surface(algorithm="dataset_surface").extract_feature_edges(
+        60.0, manifold_edges=False
+    )
+    if outline.n_points:
+        plotter.add_mesh(
+            outline, color="#303030", line_width=1.0, name="outline", reset_camera=False
+        )
+    points, length = np.asarray(grid.points), float(case.length)
+    for is_held, x, outwards in zip(held_ends(case), (0.0, length), (-1.0, 1.0), strict=True):
+        if is_held:
+            own = points[np.abs(points[:, 0] - x) < 0.01 * length]
+            (_, low, near), (_, high, far) = own.min(axis=0), own.max(axis=0)
+            margin, x_bounds = 0.01 * length, sorted((x, x + outwards * 0.02 * length))
+            block = pv.Box(bounds=(*x_bounds, low - margin, high + margin, near, far + 1e-6))
+            plotter.add_mesh(
+                block, color="#9a9a9a", lighting=False, name=f"held {x}", reset_camera=False
+            )
+
+
+def _aim(plotter: pv.Plotter, points: FloatArray, aspect: float) -> None:
+    """Look at the edges of the laminae, x to the right; at solids a little from above."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    is_deep = high[2] > low[2]
+    towards = np.array([-0.12, 0.35, 1.0]) if is_deep else np.array([0.0, 0.0, 1.0])
+    span = high - low
+    middle = 0.5 * (low + high) + np.array([0.07 * span[0], 0.1 * span[1], 0.0])
+    camera = plotter.camera
+    camera.focal_point, camera.up = middle, (0.0, 1.0, 0.0)
+    camera.position = middle + 4.0 * span[0] * towards / np.linalg.norm(towards)
+    plotter.enable_parallel_projection()
+    tall = span[1] + (0.4 * span[2] if is_deep else 0.0)
+    camera.parallel_scale = max(0.66 * tall, 0.62 * span[0] / aspect)
+    plotter.reset_camera_clipping_range()
+
+
+def write_film(
+    path: Path,
+    history: xr.Dataset,
+    case: Case,
+    targets: Sequence[Path],
+    *,
+    periods: float = 2.0,
+    rate: float = 20.0,
+    progress: Callable[[int, int], None] | None = None,
+) -> list[Path]:
+    """Write the last periods of a solid as a film, coloured by the von Mises stress.
+
+    Args:
+        path: of solid.vtkhdf.
+        history: of the run.
+        case: its case.
+        targets: of the files, which show the same; each ends in one of `animation.FORMATS`.
+        periods: length of the film in periods, at most that of the window.
+        rate: pictures per second.
+        progress: called after each picture with the numbers of finished and of all pictures.
+
+    Returns:
+        The files.
+
+    Raises:
+        OSError: a file cannot be read or written.
+    """
+    series, history = Series.read(path), drawable_frames(history)
+    begin = series.times[-1] - periods * case.period + 0.5 * case.time_step
+    frames = np.flatnonzero(series.times > begin)
+    with ExitStack() as stack:
+        writers = []
+        for target in targets:
+            temporary = stack.enter_context(atomic(target))
+            writers.append(stack.enter_context(animation.writer(temporary, rate)))
+        for done, picture in enumerate(_pictures(series, history, case, frames), start=1):
+            for film in writers:
+                film.append_data(picture)
+            if progress is not None:
+                progress(done, frames.size)
+    return list(targets)
+
+
+def _pictures(
+    series: Series, history: xr.Dataset, case: Case, frames: npt.NDArray[Any]
+) -> Iterator[animation.Picture]:
+    """Yield the pictures of some frames, with the same colours and the same view."""
+    thick = thickening(series)
+    factor = snapshots.magnification(history, frames.tolist(), case.length)
+    every = [series.drawn(series.field("displacement", int(k)), thick, factor) for k in frames]
+    stresses = [MEGA * series.field("von_mises", int(k)) for k in frames]
+    high = float(np.percentile(np.stack(stresses), HIGH)) or 1.0
+    bounds = np.concatenate([[own.min(axis=0), own.max(axis=0)] for own in every])
+    with pv.vtk_verbosity("error"):
+        plotter = pv.Plotter(off_screen=True, window_size=list(FILM_SIZE))
+        try:
+            plotter.set_background("white")
+            grid = series.grid(every[0])
+            grid.point_data["von_mises"] = stresses[0]
+            _add(plotter, grid, "von_mises", (0.0, high), "viridis", "von Mises stress [MPa]\n ")
+            plotter.add_text(
+                f"{title(case)}\n{scales(thick, factor)}",
+                position=(0.02, 0.88), viewport=True, font_size=11, color="black",
+            )  # fmt: skip
+            _aim(plotter, bounds, FILM_SIZE[0] / FILM_SIZE[1])
+            plotter.show(auto_close=False)
+            for k, points, stress in zip(frames, every, stresses, strict=True):
+                grid.points = points
+                grid.point_data["von_mises"][:] = stress
+                _frame(plotter, grid, case)
+                animation.tell_time(plotter, float(series.times[k]), case)
+                plotter.render()
+                picture = np.array(plotter.image, dtype=np.uint8)
+                done = (k - frames[0]) / max(1, frames.size - 1)
+                yield animation.with_time_bar(picture, float(done))
+        finally:
+            plotter.close()
