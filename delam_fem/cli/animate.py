@@ -26,6 +26,14 @@ Files = Annotated[
 ]  # fmt: skip
 
 
+Solid = Annotated[
+    bool,
+    typer.Option(
+        "--solid", help="Show solids coloured by their stress, their thickness drawn larger."
+    ),
+]
+
+
 def register(app: typer.Typer) -> None:
     """Add the command to the application."""
     app.command("animate")(animate_command)
@@ -42,12 +50,7 @@ def animate_command(
     stretch: Annotated[
         float, typer.Option(metavar="N", help="Factor of lateral lengths; 1: true to scale.")
     ] = 3.0,
-    solid: Annotated[
-        bool,
-        typer.Option(
-            "--solid", help="Show solids coloured by their stress, their thickness drawn larger."
-        ),
-    ] = False,
+    solid: Solid = False,
     quiet: Quiet = False,
 ) -> None:
     """Write a film of the laminae, with the pairs that touch lit."""
@@ -73,10 +76,9 @@ def animate_command(
         for folder in {path.parent for path in paths}:
             folder.mkdir(parents=True, exist_ok=True)
         with progress(Console(stderr=True, quiet=quiet)) as report:
+            length = None if solid else stretch
             keys = {"periods": periods, "rate": rate, "progress": report}
-            written = _written(
-                run, history, case, paths, stretch=None if solid else stretch, **keys
-            )
+            written = _written(run, history, case, paths, length, keys)
         if not written:
             raise CaseError(f"{run}: no frame of the run is finite, so there is nothing to show")
         if not quiet:
@@ -88,9 +90,8 @@ def _written(
     history: xr.Dataset,
     case: Case,
     paths: list[Path],
-    *,
     stretch: float | None,
-    **keys: Any,
+    keys: dict[str, Any],
 ) -> list[Path]:
     """Write the film of the laminae, or without `stretch` that of the solid."""
     if stretch is not None:
