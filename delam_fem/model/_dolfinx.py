@@ -205,6 +205,17 @@ def _lagrange(cell: str, degree: int) -> Any:
     return basix.create_element(basix.ElementFamily.P, shape, degree, variant)
 
 
+def quadrature(cell: str, degree: int) -> tuple[FloatArray, FloatArray]:
+    """Return points, shape (n, dim), and weights, shape (n,), of a rule on a reference cell.
+
+    Args:
+        cell: name of the cell.
+        degree: degree of the polynomials that the rule integrates exactly.
+    """
+    points, weights = basix.make_quadrature(getattr(basix.CellType, cell), degree)
+    return np.asarray(points, dtype=np.float64), np.asarray(weights, dtype=np.float64)
+
+
 def cell_dofs(space: Any) -> npt.NDArray[np.int32]:
     """Return the local dofs of all cells of this rank, ghosts included, shape (n_cells, k).
 

@@ -33,6 +33,7 @@ from delam_fem.model.sensors import StrainRows
 from delam_fem.model.solids import pairs
 from delam_fem.model.solids.body import Body, Touching
 from delam_fem.model.solids.cells import locate
+from delam_fem.model.solids.columns import Columns
 from delam_fem.model.solids.elasticity import Solid
 from delam_fem.model.solids.evaluation import evaluate, gathered
 from delam_fem.model.solids.lattice import lattice
@@ -66,7 +67,10 @@ def assemble(case: Case, *, comm: MPI.Intracomm = MPI.COMM_SELF) -> Structure:
     ranks = whole_bodies(mesh, comm.size)
     solid = Solid.on(mesh, comm, case.model.degree, ranks)
     E = young_modulus(case, mesh)
-    unknowns = Unknowns.of(solid, held(case, solid, E * _width(case, mesh)))
+    ends = held(case, solid, E * _width(case, mesh))
+    is_plain = "lumped" in (case.time.mass, case.contact.impulse)
+    columns = None if is_plain else Columns.of(solid, np.unique(ends.dofs // mesh.dim))
+    unknowns = Unknowns.of(solid, ends, columns)
     touching = pairs.touching(case, unknowns, x)
     layout = _layout(case, unknowns, x, touching)
     M, K, lumped = _matrices(case, unknowns, E * _width(case, mesh))
@@ -137,7 +141,7 @@ def _operators(
     layout: Layout,
     touching: tuple[pairs.Touching, ...],
     matrices: tuple[Restricted, Restricted, Restricted],
-    lumped: FloatArray,
+    lumped: FloatArray | None,
     rayleigh: tuple[FloatArray, FloatArray],
     is_uncoupled: bool,
 ) -> Any:
@@ -178,8 +182,8 @@ def _width(case: Case, mesh: SolidMesh) -> FloatArray:
 
 def _matrices(
     case: Case, unknowns: Unknowns, rigidity: FloatArray
-) -> tuple[Restricted, Restricted, FloatArray]:
-    """Return M, K and the diagonal of the lumped mass.
+) -> tuple[Restricted, Restricted, FloatArray | None]:
+    """Return M, K and the diagonal of the lumped mass, None if there are columns.
 
     The lumped mass is the diagonal of M, scaled so that the total mass is right (Hinton, Rock and
     Zienkiewicz 1976). On cells whose mapping is affine the scale is the same for all cells.
@@ -199,18 +203,20 @@ def _matrices(
         M = unknowns.diagonal(values)
     else:
         M = unknowns.restricted(matrix)
-    K = unknowns.restricted(solid.stiffness(rigidity, case.model.poisson))
-    return M, K, np.array(unknowns.diagonal(values).rows.data)
+    stiffness = unknowns.columns.stiffness(rigidity, case.model.poisson)
+    K = unknowns.restricted(stiffness, is_relative=True)
+    is_plain = unknowns.columns.is_plain
+    return M, K, np.array(unknowns.diagonal(values).rows.data) if is_plain else None
 
 
 def _with_masses(
-    mass: Restricted, lumped: FloatArray, case: Case, layout: Layout, comm: MPI.Intracomm
-) -> tuple[Restricted, FloatArray]:
+    mass: Restricted, lumped: FloatArray | None, case: Case, layout: Layout, comm: MPI.Intracomm
+) -> tuple[Restricted, FloatArray | None]:
     """Return M and the diagonal of the lumped mass with the point masses of a case (collective).
 
     Args:
         mass: M of the laminae.
-        lumped: diagonal of the lumped mass, shape (n_own,) [kg].
+        lumped: diagonal of the lumped mass, shape (n_own,) [kg]; None: there is none.
         case: gives the masses.
         layout: with its readings.
         comm: communicator that shares the dofs.
@@ -235,7 +241,8 @@ def _with_masses(
             corners,
         )
         total = sum(float(abs(piece).sum()) for piece in pieces)
-        lumped = lumped + (own.mass * np.abs(load) / total if total else 0.0)
+        if lumped is not None and total:
+            lumped = lumped + own.mass * np.abs(load) / total
     return mass, lumped
 
 

@@ -19,11 +19,10 @@ import numpy as np
 import scipy.sparse as sp
 
 from delam_fem.model.layout import Interface, Part
-from delam_fem.model.solids.cells import INSIDE, shape_functions
+from delam_fem.model.solids.cells import FACET_OF, INSIDE, Hits, meetings, shape_functions
 from delam_fem.model.solids.elasticity import Solid
 from delam_fem.model.solids.evaluation import evaluate
 from delam_fem.model.solids.mesh import Facing, SolidMesh
-from delam_fem.model.solids.rays import FACET_OF, Hits, meetings
 from delam_fem.numerics.arrays import BoolArray, FloatArray, IntArray
 
 MANY = 0.2

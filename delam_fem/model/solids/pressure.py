@@ -12,10 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
-from delam_fem.model.solids.cells import shape_functions
+from delam_fem.model.solids.cells import FACET_OF, meetings, shape_functions
 from delam_fem.model.solids.facing import Pairs, corner_shares
 from delam_fem.model.solids.mesh import Facing, SolidMesh
-from delam_fem.model.solids.rays import FACET_OF, meetings
 from delam_fem.numerics.arrays import FloatArray, IntArray
 
 ON_FACET = 1e-9

@@ -13,11 +13,10 @@ from delam_fem.case.definition import Case
 from delam_fem.case.toml import CaseError
 from delam_fem.model.layout import Part, Reading
 from delam_fem.model.mesh import edges, placed
-from delam_fem.model.solids.cells import locate
+from delam_fem.model.solids.cells import FACET_OF, locate, meetings
 from delam_fem.model.solids.elasticity import Solid
 from delam_fem.model.solids.evaluation import evaluate
 from delam_fem.model.solids.mesh import FACETS, SolidMesh
-from delam_fem.model.solids.rays import FACET_OF, meetings
 from delam_fem.numerics.arrays import FloatArray, IntArray
 
 UP = 1

@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
+from delam_fem.model import distributed
+from delam_fem.model.solids.columns import Columns
 from delam_fem.model.solids.elasticity import Solid
 from delam_fem.model.solids.supports import SHARED, Held
 from delam_fem.numerics.arrays import FloatArray, IntArray
@@ -46,8 +48,8 @@ class Unknowns:
     """The free dofs of this rank and where they are among those of all ranks.
 
     Attributes:
-        solid: the solid.
-        held: its held dofs.
+        columns: the columns of the solid, in whose d (R1 of columns.py) the free dofs are.
+        held: the held dofs of the solid.
         own: the dof of the solid that each free dof of this rank stands for, shape (n_own,). At a
             pinned end it gives its place to phi.
         first: number of the first free dof of this rank.
@@ -56,7 +58,7 @@ class Unknowns:
             shape (n_held,).
     """
 
-    solid: Solid
+    columns: Columns
     held: Held
     own: IntArray
     first: int
@@ -64,9 +66,16 @@ class Unknowns:
     column_of: IntArray
 
     @classmethod
-    def of(cls, solid: Solid, held: Held) -> Unknowns:
-        """Number the free dofs (collective)."""
+    def of(cls, solid: Solid, held: Held, columns: Columns | None = None) -> Unknowns:
+        """Number the free dofs (collective).
+
+        Args:
+            solid: the solid.
+            held: its held dofs.
+            columns: its columns; None: the free dofs are displacements of nodes.
+        """
         dim, comm = solid.dim, solid.comm
+        columns = Columns.none(solid) if columns is None else columns
         start = dim * solid.first_node
         every = start + np.arange(dim * solid.n_own_nodes)
         kept = ~np.isin(every, np.setdiff1d(held.dofs, held.place))
@@ -78,7 +87,12 @@ class Unknowns:
         number = {int(d): first + k for k, d in enumerate(own.tolist()) if d in places}
         everywhere = {d: k for piece in comm.allgather(number) for d, k in piece.items()}
         column_of = np.array([everywhere.get(int(d), -1) for d in held.place], dtype=np.int64)
-        return cls(solid, held, own, first, sum(counts), column_of)
+        return cls(columns, held, own, first, sum(counts), column_of)
+
+    @property
+    def solid(self) -> Solid:
+        """The solid."""
+        return self.columns.solid
 
     @property
     def n_own(self) -> int:
@@ -95,10 +109,23 @@ class Unknowns:
         """Number of the lamina of each own free dof, or SHARED, shape (n_own,)."""
         low, high = _of_nodes(self.solid, self.solid.mesh.lamina)
         of_nodes = np.where(low == high, low, SHARED)
+        of_nodes = self._of_columns(of_nodes)
         result = of_nodes[self.own // self.solid.dim - self.solid.first_node]
         for dof, lamina in {*zip(self.held.place.tolist(), self.held.lamina.tolist(), strict=True)}:
             result[self.own == dof] = lamina
         return np.asarray(result)
+
+    def _of_columns(self, parts: IntArray) -> IntArray:
+        """Return SHARED for the references of columns that reach through several laminae."""
+        reference, first = self.columns.reference, self.solid.first_node
+        if self.columns.is_plain:
+            return parts
+        everywhere = np.concatenate(self.solid.comm.allgather(parts))
+        low, high = everywhere.copy(), everywhere.copy()
+        np.minimum.at(low, reference, everywhere)
+        np.maximum.at(high, reference, everywhere)
+        result = np.where(low == high, everywhere, SHARED)
+        return np.asarray(result[first : first + parts.size])
 
     @property
     def bodies(self) -> IntArray:
@@ -108,7 +135,7 @@ class Unknowns:
 
     @cached_property
     def free(self) -> sp.csr_matrix:
-        """T of S1, the columns of this rank, CSR (n_dofs, n_own)."""
+        """T of R1 times T of S1, the columns of this rank, CSR (n_dofs, n_own)."""
         is_plain = ~np.isin(self.own, self.held.place)
         plain = np.flatnonzero(is_plain)
         local = self.column_of - self.first
@@ -116,7 +143,8 @@ class Unknowns:
         rows = np.concatenate([self.own[plain], self.held.dofs[turned]])
         columns = np.concatenate([plain, local[turned]])
         values = np.concatenate([np.ones(plain.size), self.held.turn[turned]])
-        return sp.csr_matrix((values, (rows, columns)), shape=(self.n_dofs, self.n_own))
+        selected = sp.csr_matrix((values, (rows, columns)), shape=(self.n_dofs, self.n_own))
+        return selected if self.columns.is_plain else self.columns.transformation @ selected
 
     @cached_property
     def base(self) -> FloatArray:
@@ -125,9 +153,8 @@ class Unknowns:
         result[self.held.dofs] = self.held.base
         return result
 
-    @cached_property
-    def _transformation(self) -> Any:
-        """T of S1 as a PETSc matrix."""
+    def _transformation(self, *, is_relative: bool) -> Any:
+        """Return T of S1 for a matrix in d, T of R1 times it for one in u, in PETSc."""
         from petsc4py import PETSc  # after MPI has started
 
         start, n = self.solid.dim * self.solid.first_node, self.solid.dim * self.solid.n_own_nodes
@@ -143,14 +170,22 @@ class Unknowns:
         result.setType(PETSc.Mat.Type.AIJ)
         result.setPreallocationCSR((own.indptr.astype(index), own.indices.astype(index), own.data))
         result.assemble()
-        return result
+        if is_relative or self.columns.is_plain:
+            return result
+        moved = distributed.matrix(self.columns.transformation[start : start + n], self.solid.comm)
+        product = moved.matMult(result)
+        moved.destroy()
+        result.destroy()
+        return product
 
-    def restricted(self, matrix: Any) -> Restricted:
+    def restricted(self, matrix: Any, *, is_relative: bool = False) -> Restricted:
         """Return a PETSc matrix of the solid restricted to the free dofs (collective).
 
-        The matrix is destroyed.
+        Args:
+            matrix: of the displacements of all nodes; it is destroyed.
+            is_relative: whether it is one of d (R1 of columns.py) instead.
         """
-        T = self._transformation
+        T = self._transformation(is_relative=is_relative)
         g, moved = matrix.createVecs()
         start = self.solid.dim * self.solid.first_node
         g.array = self.base[start : start + g.array.size]
@@ -163,7 +198,7 @@ class Unknowns:
         indptr, indices, data = product.getValuesCSR()
         rows = sp.csr_matrix((data, indices, indptr), shape=(self.n_own, self.n_free))
         result = Restricted(rows, np.array(column.array), corners)
-        for own in (product, g, moved, column):
+        for own in (product, g, moved, column, T):
             own.destroy()
         result.rows.eliminate_zeros()
         return result
@@ -173,7 +208,12 @@ class Unknowns:
 
         Args:
             values: of the dofs of the solid that this rank owns, shape (dim n_own_nodes,).
+
+        Raises:
+            ValueError: there are columns, so that the result is no diagonal.
         """
+        if not self.columns.is_plain:
+            raise ValueError("diagonal: expected displacements of nodes, given columns")
         start = self.solid.dim * self.solid.first_node
         stop = start + values.size
         own = values[self.own - start]

@@ -234,7 +234,8 @@ def assembly_key(case: Case) -> str:
     itself.
     """
     drive = (case.excitation.acts_on, *(getattr(case.excitation, k, None) for k in _OF_THE_POINT))
-    return f"{case.model_dump_json(exclude=NOT_ASSEMBLED)} {drive}"
+    dofs = case.contact.impulse if case.model.is_continuum else ""  # see model/solids/columns.py
+    return f"{case.model_dump_json(exclude=NOT_ASSEMBLED)} {drive} {dofs}"
 
 
 def compute(packed: bytes, chunk: Chunk) -> Done:
