@@ -59,16 +59,17 @@ class Reduction:
         """The highest frequency of the reduced structure, that of a residual shape [Hz]."""
         return float(np.sqrt(self.basis.squares.max()) / (2.0 * np.pi))
 
-    def save(self, directory: Path) -> list[Path]:
+    def save(self, directory: Path | str) -> list[Path]:
         """Write the reduced structure, and the case that is computed with it.
 
         Args:
-            directory: an existing folder.
+            directory: the folder; it is made if it does not exist.
 
         Raises:
             OSError: a file cannot be written.
         """
-        path = (directory / NAME).absolute()
+        path = (Path(directory) / NAME).absolute()
+        path.parent.mkdir(parents=True, exist_ok=True)
         file.write(path, self.structure, self.case, self._strains())
         model = Model(kind="reduced", file=path)
         return [path, save_case(self.case.model_copy(update={"model": model}), directory)]

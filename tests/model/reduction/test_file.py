@@ -76,7 +76,6 @@ def test_a_mesh_file_may_move_but_not_change(tmp_path: Path) -> None:
     mesh = tmp_path / "own.msh"
     mesh.write_bytes((ROOT / "meshes" / "laminae_graded.msh").read_bytes())
     found = reduced_case(preset("default", {"mesh.file": str(mesh)}), 3)
-    (tmp_path / "model").mkdir()
     case = load_case(found.save(tmp_path / "model")[1])
     assert case.mesh.file != mesh
     assert assemble(case).operators.n_pairs == found.full.operators.n_pairs
