@@ -252,23 +252,24 @@ def write_vtx(
     path: str,
     mesh: Any,
     times: FloatArray,
-    fields: Mapping[str, FloatArray],
+    fields: Callable[[int], Mapping[str, FloatArray]],
 ) -> None:
     """Write nodal values for ParaView with ADIOS2; call it only if `has_adios2`.
 
     Args:
         path: a folder whose name ends in .bp.
-        mesh: a mesh of intervals.
+        mesh: a mesh of cells of degree 1.
         times: times of the frames, shape (n_frames,) [s].
-        fields: values by name, each of shape (n_frames, n_nodes), in the order of the input nodes.
+        fields: values of a frame by name, each of shape (n_nodes,), in the order of the input
+            nodes; the same names at all frames.
     """
     linear = space(mesh, "Lagrange", 1)
     nodes = input_nodes(linear)
-    functions = {name: dolfinx.fem.Function(linear, name=name) for name in fields}
+    functions = {name: dolfinx.fem.Function(linear, name=name) for name in fields(0)}
     with dolfinx.io.VTXWriter(mesh.comm, path, list(functions.values()), "BP4") as writer:
         for k, time in enumerate(times):
-            for name, values in fields.items():
-                functions[name].x.array[:] = values[k, nodes]
+            for name, values in fields(k).items():
+                functions[name].x.array[:] = values[nodes]
             writer.write(float(time))
 
 

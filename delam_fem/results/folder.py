@@ -192,22 +192,24 @@ def save_views(
         lines = vtx.write_lines(history, directory / "fields")
         picture = vtk.render(history, case, directory / "figures" / "laminae.png")
         written += [path for path in (lines, picture) if path is not None]
-        written += _pictures_of_solid(history, case, directory)
+        written += _views_of_solid(history, case, directory)
     else:
         vtk.remove_fields(directory / "fields")
     return [*written, write_report(history, summary, case, directory)]
 
 
-def _pictures_of_solid(history: xr.Dataset, case: Case, directory: Path) -> list[Path]:
-    """Draw the stresses of a solid, if the folder has its fields."""
+def _views_of_solid(history: xr.Dataset, case: Case, directory: Path) -> list[Path]:
+    """Draw the stresses of a solid and write them for VTX, if the folder has its fields."""
     path, target = directory / "fields" / SOLID, directory / "figures" / "solid.png"
     if not path.is_file():
         target.unlink(missing_ok=True)
         return []
-    from delam_fem.results.fields import stressed
+    from delam_fem.results.fields import stressed, vtx
+    from delam_fem.results.fields.series import Series
 
+    bodies = vtx.write_bodies(Series.read(path), path.parent)
     drawn = stressed.render(path, history, case, target)
-    return [] if drawn is None else [drawn]
+    return [found for found in (bodies, drawn) if found is not None]
 
 
 def load_numbers(directory: str | Path) -> tuple[Case, xr.Dataset, dict[str, Any]]:

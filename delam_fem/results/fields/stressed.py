@@ -10,11 +10,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 import numpy.typing as npt
 import pyvista as pv
@@ -22,10 +20,12 @@ import xarray as xr
 
 from delam_fem.case.atomic import atomic
 from delam_fem.case.definition import Case
-from delam_fem.numerics.arrays import FloatArray, IntArray
+from delam_fem.numerics.arrays import FloatArray
 from delam_fem.results.fields import animation, snapshots
 from delam_fem.results.fields.derived import held_ends
 from delam_fem.results.fields.ribbons import drawable_frames
+from delam_fem.results.fields.series import Series
+from delam_fem.results.fields.vtkhdf import CELL_TYPES
 from delam_fem.results.figures.style import title
 
 SIZE = (1500, 800)
@@ -36,79 +36,6 @@ SHOWN_THICKNESS = 0.1
 MEGA = 1e-6
 HIGH = 99.9
 """Percentile of the stresses of all cells that the colours reach: a few corners have more."""
-
-
-@dataclass(frozen=True)
-class Series:
-    """What solid.vtkhdf holds; fields are read frame by frame.
-
-    Attributes:
-        path: of the file.
-        times: of the frames, shape (n_frames,) [s].
-        points: laminae at rest, shape (n_points, 3) [m].
-        rise: height by which gaps at rest lift the points, shape (n_points,) [m].
-        cells: shape (n_cells, k).
-        cell_type: VTK's number of their type.
-        lamina: of each cell, from 1, shape (n_cells,).
-    """
-
-    path: Path
-    times: FloatArray
-    points: FloatArray
-    rise: FloatArray
-    cells: IntArray
-    cell_type: int
-    lamina: npt.NDArray[np.int8]
-
-    @classmethod
-    def read(cls, path: Path) -> Series:
-        """Read the file.
-
-        Raises:
-            OSError: there is no such file, or it is damaged.
-        """
-        with h5py.File(path) as file:
-            root = file["VTKHDF"]
-            width = int(root["Offsets"][1])
-            return cls(
-                path,
-                root["Steps/Values"][:],
-                root["Points"][:],
-                root["PointData/rise"][:],
-                root["Connectivity"][:].reshape(-1, width),
-                int(root["Types"][0]),
-                root["CellData/lamina"][:],
-            )
-
-    def field(self, name: str, frame: int) -> FloatArray:
-        """Return a field at the points at a frame, shape (n_points,) or (n_points, 3)."""
-        n = len(self.points)
-        with h5py.File(self.path) as file:
-            values = file[f"VTKHDF/PointData/{name}"][frame * n : (frame + 1) * n]
-        return np.asarray(values, dtype=np.float64)
-
-    def drawn(self, displacement: FloatArray, thickness: float, deflection: float) -> FloatArray:
-        """Return where points are drawn, shape (n_points, 3) [m].
-
-        Args:
-            displacement: of the points, shape (n_points, 3) [m].
-            thickness: factor of lengths across the laminae.
-            deflection: factor of deflections and gaps.
-        """
-        points = self.points + deflection * displacement
-        points[:, 0] += (thickness - 1.0) * deflection * displacement[:, 0]
-        y = self.points[:, 1] - self.rise
-        points[:, 1] = thickness * y + deflection * (self.rise + displacement[:, 1])
-        return points
-
-    def grid(self, points: FloatArray) -> pv.UnstructuredGrid:
-        """Return the cells with points of one's own."""
-        return pv.UnstructuredGrid({self.cell_type: self.cells}, points)
-
-    @property
-    def thickness(self) -> float:
-        """Height of all laminae without their gaps [m]."""
-        return float(np.ptp(self.points[:, 1] - self.rise))
 
 
 def thickening(series: Series) -> float:
@@ -163,7 +90,7 @@ def _picture(series: Series, history: xr.Dataset, case: Case) -> pv.Plotter:
         plotter.subplot(row, 0)
         values = MEGA * series.field(name, frame)
         high = float(np.abs(values).max()) or 1.0
-        grid = series.grid(points)
+        grid = _grid(series, points)
         grid.point_data[name] = values
         _add(plotter, grid, name, (-high if signed else 0.0, high), colours, words)
         _frame(plotter, grid, case)
@@ -175,6 +102,11 @@ def _picture(series: Series, history: xr.Dataset, case: Case) -> pv.Plotter:
         position=(0.02, 0.84), viewport=True, font_size=11, color="black",
     )  # fmt: skip
     return plotter
+
+
+def _grid(series: Series, points: FloatArray) -> pv.UnstructuredGrid:
+    """Return the cells with points where they are drawn."""
+    return pv.UnstructuredGrid({CELL_TYPES[series.cell]: series.cells}, points)
 
 
 def scales(thickness: float, deflection: float) -> str:
@@ -296,7 +228,7 @@ def _pictures(
         plotter = pv.Plotter(off_screen=True, window_size=list(FILM_SIZE))
         try:
             plotter.set_background("white")
-            grid = series.grid(every[0])
+            grid = _grid(series, every[0])
             grid.point_data["von_mises"] = stresses[0]
             _add(plotter, grid, "von_mises", (0.0, high), "viridis", "von Mises stress [MPa]\n ")
             plotter.add_text(

@@ -8,6 +8,7 @@ import numpy as np
 
 from delam_fem.numerics.arrays import FloatArray, IntArray
 
+TENSOR_CELLS = ("quadrilateral", "hexahedron")
 VTK_ORDER = {2: (0, 1, 3, 2), 3: (0, 1, 3, 2, 4, 5, 7, 6)}
 """Corners of quadrilaterals and hexahedra in VTK's order, from their tensor order."""
 
@@ -25,8 +26,7 @@ def subcells(cell: str, degree: int, nodes: FloatArray) -> IntArray:
     """
     dim = nodes.shape[1]
     places = {tuple(key): k for k, key in enumerate(np.rint(degree * nodes).astype(int).tolist())}
-    is_tensor = cell in ("quadrilateral", "hexahedron")
-    found = _boxes(degree, dim) if is_tensor else _simplices(degree, dim)
+    found = _boxes(degree, dim) if cell in TENSOR_CELLS else _simplices(degree, dim)
     return np.array([[places[corner] for corner in own] for own in found], dtype=np.int64)
 
 

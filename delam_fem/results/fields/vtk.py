@@ -61,7 +61,8 @@ def remove_fields(directory: Path) -> None:
     single = [directory / name for name in ("fields.pvd", "fields.vtkhdf", "solid.vtkhdf")]
     for path in (*single, *directory.glob("fields_*.vtu")):
         path.unlink(missing_ok=True)
-    shutil.rmtree(directory / "fields.bp", ignore_errors=True)
+    for name in ("fields.bp", "solid.bp"):
+        shutil.rmtree(directory / name, ignore_errors=True)
 
 
 def render(history: xr.Dataset, case: Case, path: str | Path) -> Path | None:

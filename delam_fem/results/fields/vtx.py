@@ -1,4 +1,4 @@
-"""The fields on the middle lines of the laminae, written by ADIOS2 where dolfinx has it.
+"""The fields on the middle lines of the laminae and of solids, by ADIOS2 where dolfinx has it.
 
 ParaView opens fields.bp with its ADIOS2 VTX reader: one line per lamina in the plane of the motion,
 at rest, with displacement [m], velocity [m/s], moment [N m] and contact_state at the nodes. "Warp
@@ -8,6 +8,7 @@ by scalar" along y shows the motion. `vtk` writes the same fields on bodies with
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -17,6 +18,8 @@ from delam_fem.model import _dolfinx
 from delam_fem.mpi import MPI
 from delam_fem.numerics.arrays import FloatArray, IntArray
 from delam_fem.results import gaps
+from delam_fem.results.fields.series import Series
+from delam_fem.results.fields.subcells import TENSOR_CELLS, VTK_ORDER
 from delam_fem.results.schema import by_interface
 
 FIELDS = ("displacement", "velocity", "moment")
@@ -42,8 +45,57 @@ def write_lines(history: xr.Dataset, directory: str | Path) -> Path | None:
     fields["contact_state"] = by_node(gaps.of_laminae(states).astype(np.float64))
     path = Path(directory) / "fields.bp"
     with atomic(path) as temporary:
-        _dolfinx.write_vtx(str(temporary), mesh, history["frame"].to_numpy(), fields)
+        _dolfinx.write_vtx(
+            str(temporary),
+            mesh,
+            history["frame"].to_numpy(),
+            lambda frame: {name: values[frame] for name, values in fields.items()},
+        )
     return path
+
+
+def write_bodies(series: Series, directory: Path) -> Path | None:
+    """Write solid.bp in place of an earlier one: the fields of solid.vtkhdf.
+
+    Vectors are written as one field for each component, displacement_x and so on.
+
+    Args:
+        series: of solid.vtkhdf.
+        directory: an existing folder.
+
+    Returns:
+        The folder solid.bp; None if dolfinx has no ADIOS2.
+    """
+    if not _dolfinx.has_adios2:
+        return None
+    path = directory / "solid.bp"
+    with atomic(path) as temporary:
+        _dolfinx.write_vtx(
+            str(temporary), mesh_of(series), series.times, lambda frame: components(series, frame)
+        )
+    return path
+
+
+def mesh_of(series: Series) -> Any:
+    """Return the cells of a series as a mesh of dolfinx; its input nodes are the points."""
+    is_flat = series.cell in ("triangle", "quadrilateral")
+    points = series.points[:, : 2 if is_flat else 3]
+    cells = series.cells
+    if series.cell in TENSOR_CELLS:  # VTK's order is its own inverse
+        cells = cells[:, list(VTK_ORDER[points.shape[1]])]
+    return _dolfinx.create_mesh(MPI.COMM_SELF, series.cell, points, cells)
+
+
+def components(series: Series, frame: int) -> dict[str, FloatArray]:
+    """Return the fields of a frame, vectors by components, shape (n_points,) each."""
+    found = {}
+    for name in series.names:
+        values = series.field(name, frame)
+        if values.ndim == 1:
+            found[name] = values
+        else:
+            found |= {f"{name}_{axis}": values[:, k] for k, axis in enumerate("xyz")}
+    return found
 
 
 def lines_at_rest(history: xr.Dataset) -> tuple[FloatArray, IntArray]:

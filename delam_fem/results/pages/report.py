@@ -56,6 +56,7 @@ FILES = {
     "fields/solid.vtkhdf": "the solid laminae of all frames with their stresses",
     "fields/fields.pvd": "the laminae of the last period, one file per frame",
     "fields/fields.bp": "the middle lines, for ParaView's ADIOS2 reader",
+    "fields/solid.bp": "the solid laminae, for ParaView's ADIOS2 reader",
     "figures": "the figures as PNG and SVG",
 }
 """Files beside the page with what they are; missing ones are left out."""

@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 import delam_fem as df
 from delam_fem.cli.app import app
 from delam_fem.results.fields import snapshots, stressed
+from delam_fem.results.fields.series import Series
 from delam_fem.results.folder import Result, load_numbers, save_views
 
 KEYS = {
@@ -39,7 +40,7 @@ def result(folder: Path) -> Result:
 
 
 def test_the_file_gives_the_fields_back(folder: Path, result: Result) -> None:
-    series, frames = stressed.Series.read(folder / "fields" / "solid.vtkhdf"), result.solid
+    series, frames = Series.read(folder / "fields" / "solid.vtkhdf"), result.solid
     assert frames is not None
     np.testing.assert_array_equal(series.times, frames.times)
     for name in ("displacement", "von_mises"):
@@ -53,7 +54,7 @@ def test_the_file_gives_the_fields_back(folder: Path, result: Result) -> None:
 def test_thickness_and_gaps_have_their_factors(
     folder: Path, result: Result, thick: float, deflection: float
 ) -> None:
-    series, frames = stressed.Series.read(folder / "fields" / "solid.vtkhdf"), result.solid
+    series, frames = Series.read(folder / "fields" / "solid.vtkhdf"), result.solid
     assert frames is not None
     u = series.field("displacement", 7)
     drawn, shape = series.drawn(u, thick, deflection), frames.shape
@@ -80,7 +81,7 @@ def test_thickness_and_gaps_have_their_factors(
 
 
 def test_factor_of_thicknesses(folder: Path) -> None:
-    series = stressed.Series.read(folder / "fields" / "solid.vtkhdf")
+    series = Series.read(folder / "fields" / "solid.vtkhdf")
     assert stressed.thickening(series) == 20.0, "0.1 L over 3 mm is 22.8"
     assert "thickness × 20" in stressed.scales(20.0, 1.0)
     assert stressed.scales(20.0, 1.0).endswith("true to scale")

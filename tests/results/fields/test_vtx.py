@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import ufl
 import xarray as xr
 from mpi4py import MPI
 from stack import three_laminae
 from synthetic import small_case, synthetic_history
 
+import delam_fem as df
 from delam_fem.model import _dolfinx
 from delam_fem.results.fields import vtx
+from delam_fem.results.fields.continuum import write_solid
+from delam_fem.results.fields.series import Series
 
 
 @pytest.fixture(scope="module")
@@ -89,3 +94,59 @@ def test_frames_that_are_not_finite_are_left_out(frames: xr.Dataset, tmp_path: P
     broken = frames.copy(deep=True)
     broken["displacement"][:] = np.nan
     assert vtx.write_lines(broken, tmp_path) is None
+
+
+@pytest.fixture(scope="module", params=["plane-stress", "solid"])
+def series(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Series:
+    """Return the fields of a solid that moves a little."""
+    keys = {
+        "model.kind": request.param,
+        "mesh.elements": 3,
+        "time.steps_per_period": 100,
+        "time.periods": 1,
+        "output.window_periods": 1,
+        "output.fields_per_period": 3,
+    }
+    solid = df.run(df.preset("paper", keys)).solid
+    assert solid is not None
+    return Series.read(write_solid(solid, tmp_path_factory.mktemp("fields")))
+
+
+def test_bodies_have_their_values_at_their_points(
+    series: Series, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What would be written, on every release."""
+    seen = []
+
+    def written(path: str, *given: Any) -> None:
+        Path(path).mkdir()
+        seen.extend(given)
+
+    monkeypatch.setattr(_dolfinx, "has_adios2", True)
+    monkeypatch.setattr(_dolfinx, "write_vtx", written)
+    assert vtx.write_bodies(series, tmp_path) == tmp_path / "solid.bp"
+    mesh, times, fields = seen
+    assert times.size == 3
+    linear = _dolfinx.space(mesh, "Lagrange", 1)
+    nodes = _dolfinx.input_nodes(linear)
+    dim = mesh.geometry.dim
+    found = linear.tabulate_dof_coordinates()[:, :dim]
+    np.testing.assert_allclose(found, series.points[nodes, :dim], rtol=0.0, atol=1e-15)
+    mass = ufl.inner(ufl.TrialFunction(linear), ufl.TestFunction(linear)) * ufl.dx
+    size = _dolfinx.assemble_matrix(mass).getValuesCSR()[2].sum()
+    width = 1.0 if dim == 2 else 0.040  # cells whose vertices are in a wrong order have another
+    assert size == pytest.approx(0.685 * 0.003 * width, rel=1e-3)
+    values = fields(1)
+    np.testing.assert_array_equal(values["displacement_y"], series.field("displacement", 1)[:, 1])
+    np.testing.assert_array_equal(values["von_mises"], series.field("von_mises", 1))
+    assert "rise" not in values
+
+
+@pytest.mark.skipif(not _dolfinx.has_adios2, reason="this dolfinx has no ADIOS2")
+def test_bodies_are_written_with_adios2(series: Series, tmp_path: Path) -> None:
+    path = vtx.write_bodies(series, tmp_path)
+    assert path == tmp_path / "solid.bp"
+    names, data = ((path / file).read_bytes() for file in ("md.0", "data.0"))
+    assert b"von_mises" in names
+    for value in series.field("displacement", 1)[:, 1]:
+        assert value.tobytes() in data
