@@ -199,6 +199,17 @@ def a_mesh(rng: random.Random, folder: Path) -> None:
     node_coordinates(preset("paper", {"mesh.file": str(path)}))
 
 
+def a_solid_mesh(rng: random.Random, folder: Path) -> None:
+    """Assemble solids from a damaged mesh."""
+    from delam_fem.model.discretise import assemble
+
+    dim = rng.choice(("plane", "plane", "solid"))
+    path = folder / "solid.msh"
+    path.write_bytes(damaged(rng, (ROOT / "meshes" / "solids" / f"{dim}_strips.msh").read_bytes()))
+    kind = {"plane": "plane-stress", "solid": "solid"}[dim]
+    assemble(preset("paper", {"mesh.elements": None, "mesh.file": str(path), "model.kind": kind}))
+
+
 _MESHES: dict[str, bytes] = {}
 
 
@@ -357,6 +368,7 @@ KINDS: dict[str, tuple[Callable[[random.Random, Path], None], int]] = {
     "sweep": (a_sweep, 250),
     "table": (a_table, 250),
     "mesh": (a_mesh, 250),
+    "solid-mesh": (a_solid_mesh, 250),
     "journal": (a_journal, 150),
     "ladder": (a_ladder, 150),
     "sweep-result": (a_sweep_result, 100),

@@ -17,6 +17,7 @@ from delam_fem.case.definition import Case
 from delam_fem.case.toml import CaseError
 from delam_fem.model.mesh import NODE_TOLERANCE, read_file
 from delam_fem.model.solids.cells import TENSOR, jacobians_of, volumes
+from delam_fem.model.solids.lattice import MOST_DOFS
 from delam_fem.model.solids.mesh import FACETS, VERTICES, Facing, SolidMesh
 from delam_fem.numerics.arrays import FloatArray, IntArray
 
@@ -78,12 +79,14 @@ class _Reader:
 
     def mesh(self) -> SolidMesh:
         """Return the mesh; see `solid_mesh`."""
+        self._require_vertices()
         laminae = [
             self._group(lamina.name, _KINDS[self.cell][0], VERTICES[self.cell])
             for lamina in self.case.lamina
         ]
         cells = np.concatenate(laminae)
         lamina = np.repeat(np.arange(len(laminae)), [len(own) for own in laminae])
+        self._require_size(len(cells))
         if len(np.unique(np.sort(cells, axis=1), axis=0)) < len(cells):
             raise self._error("expected each cell in the group of one lamina, one is in two")
         used, number = np.unique(cells, return_inverse=True)
@@ -119,6 +122,25 @@ class _Reader:
                 f'"{self.case.model.kind}", found: {", ".join(sorted(has)) or "none"}'
             )
         return found[0]
+
+    def _require_vertices(self) -> None:
+        """Check that the case asks for no pairs inside of cells."""
+        if self.case.contact.points_per_element != 1:
+            raise CaseError(
+                "contact.points_per_element: expected 1 with solids from a mesh.file, whose pairs "
+                f"are at vertices, given {self.case.contact.points_per_element}"
+            )
+
+    def _require_size(self, n_cells: int) -> None:
+        """Check that the unknowns are not too many."""
+        p, dim = self.case.model.degree, 2 if self.case.model.kind == "plane-stress" else 3
+        of_brick = 1 if self.cell in TENSOR else {2: 2, 3: 5}[dim]
+        dofs = n_cells * dim * p**dim // of_brick
+        if dofs > MOST_DOFS:
+            raise self._error(
+                f"expected at most {MOST_DOFS} unknowns, given about {dofs} from {n_cells} cells "
+                f"and model.degree = {p}"
+            )
 
     def _group(self, name: str, types: tuple[str, ...], n_vertices: int) -> IntArray:
         """Return the vertices of the cells or facets of a group, shape (n, n_vertices)."""

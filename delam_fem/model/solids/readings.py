@@ -68,7 +68,7 @@ def reading_rows(solid: Solid, x: FloatArray) -> sp.csr_matrix:
         x: points along the laminae, shape (n,) [m].
 
     Raises:
-        CaseError: a lamina does not reach a point.
+        CaseError: a lamina does not reach a point, or has a hole there.
     """
     mesh = solid.mesh
     count = int(mesh.lamina.max()) + 1
@@ -77,8 +77,13 @@ def reading_rows(solid: Solid, x: FloatArray) -> sp.csr_matrix:
     step = np.zeros(mesh.dim)
     step[0] = _BESIDE * (x[-1] - x[0])
     first, last = line[:, 0] == x[0], line[:, 0] == x[-1]
-    before = locate(mesh, line - step * ~first[:, None], lamina)
-    behind = locate(mesh, line + step * ~last[:, None], lamina)
+    try:
+        before = locate(mesh, line - step * ~first[:, None], lamina)
+        behind = locate(mesh, line + step * ~last[:, None], lamina)
+    except ValueError as error:
+        raise CaseError(
+            f"mesh.file: expected laminae without holes at half of their height; {error}"
+        ) from error
     sides = [evaluate(solid, line, cells) for cells in (before, behind)]
     deflection = 0.5 * sum(side.displacement(UP) for side in sides)
     slope = 0.5 * sum(side.derivative(UP, 0) for side in sides)

@@ -1,5 +1,8 @@
 """Solid meshes from files: groups, kinds of cells, orientation, what is refused."""
 
+import os
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -14,6 +17,7 @@ from delam_fem.case.files import preset
 from delam_fem.case.toml import CaseError
 from delam_fem.model import vibration
 from delam_fem.model.discretise import assemble
+from delam_fem.model.solids import meshfile
 from delam_fem.model.solids.cells import volumes
 from delam_fem.model.solids.facing import at_vertices, project
 from delam_fem.model.solids.mesh import SolidMesh
@@ -269,6 +273,23 @@ def test_cells_of_the_other_dimension_are_refused() -> None:
         solid_mesh(case_of("plane_strips", ROOT / "meshes" / "laminae_20.msh"))
 
 
+def test_pairs_inside_cells_are_refused() -> None:
+    keys = {"contact.points_per_element": 2, "contact.impulse": "consistent"}
+    case = case_of("plane_strips", **keys)
+    with pytest.raises(CaseError, match=r"points_per_element: expected 1 .* given 2"):
+        solid_mesh(case)
+
+
+@pytest.mark.parametrize(("name", "dofs"), [("plane_strips", 720), ("solid_delaminated", 10171)])
+def test_too_many_unknowns_are_refused(
+    name: str, dofs: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The estimate is of the size of what comes out (1,080 and 12,534)."""
+    monkeypatch.setattr(meshfile, "MOST_DOFS", 100)
+    with pytest.raises(CaseError, match=f"at most 100 unknowns, given about {dofs} from"):
+        solid_mesh(case_of(name))
+
+
 def test_formats_without_groups_are_refused(tmp_path: Path) -> None:
     mesh = meshio.read(MESHES / "plane_strips.msh", file_format="gmsh")
     path = tmp_path / "m.vtu"
@@ -335,3 +356,47 @@ def test_mesh_of_a_file_runs() -> None:
     tips = [data["displacement"].values[:, :free, -1] for data in (found, beam)]
     assert free > 3
     np.testing.assert_allclose(tips[0], tips[1], atol=0.005 * np.abs(tips[1]).max())
+
+
+SHARED = """
+import sys
+import numpy as np
+from test_meshfile import case_of
+from delam_fem.model.discretise import assemble
+from delam_fem.mpi import MPI
+
+comm = MPI.COMM_WORLD
+assert comm.size == int(sys.argv[1])
+for name in ("plane_strips", "solid_delaminated"):
+    one, shared = (assemble(case_of(name), comm=own) for own in (MPI.COMM_SELF, comm))
+    load = np.linspace(1.0, 2.0, one.operators.n_pairs)
+    for of in (lambda s: s.operators.gap_matrix, lambda s: s.layout.reading.matrix):
+        sums = [(own @ own.T).toarray() for own in (of(one), of(shared))]
+        np.testing.assert_allclose(comm.allreduce(sums[1]), sums[0], atol=1e-9 * abs(sums[0]).max())
+    for of in (lambda s: s.operators.gap0, lambda s: s.operators.pair_weights):
+        assert np.array_equal(of(one), of(shared))
+    O, S = one.operators, shared.operators
+    expected = O.gap_matrix @ (O.stiffness @ (O.gap_matrix.T @ load))
+    x, y = S.stiffness.createVecs()
+    x.array = S.gap_matrix.T @ load
+    S.stiffness.mult(x, y)
+    found = comm.allreduce(S.gap_matrix @ y.array)
+    np.testing.assert_allclose(found, expected, atol=1e-9 * abs(expected).max())
+"""
+
+
+@pytest.mark.mpi
+@pytest.mark.slow
+@pytest.mark.parametrize("ranks", [2, 3])
+def test_ranks_share_pairs_and_readings(ranks: int, tmp_path: Path) -> None:
+    """H Hᵀ and the like do not depend on the order of the dofs."""
+    command = ["mpirun", "--allow-run-as-root", "--oversubscribe", "-n", str(ranks)]
+    path = f"{ROOT}:{ROOT / 'tests'}:{Path(__file__).parent}"
+    done = subprocess.run(
+        [*command, sys.executable, "-c", SHARED, str(ranks)],
+        env=os.environ | {"PYTHONPATH": path, "OMP_NUM_THREADS": "1"},
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stderr

@@ -76,6 +76,15 @@ def test_lamina_that_is_too_short_is_refused() -> None:
         readings.middle_line(mesh, 1, X)
 
 
+def test_hole_in_the_middle_is_refused() -> None:
+    mesh = two_bricks("quadrilateral", (5, 3), (5, 1))
+    at = mesh.points[mesh.cells].mean(axis=1)
+    kept = (np.abs(at - np.array([1.0, 0.25])) > 1e-6).any(axis=1)
+    holed = SolidMesh(mesh.points, mesh.cells[kept], mesh.cell, mesh.lamina[kept])
+    with pytest.raises(CaseError, match=r"without holes .*; point .* is in no cell of lamina 0"):
+        readings.reading_rows(Solid.on(holed, MPI.COMM_SELF, 2), X)
+
+
 def test_what_moves_with_the_base_is_read_through_it() -> None:
     """The base carries the nodes at x = 0; the others follow their dofs."""
     mesh = two_bricks("quadrilateral", (5, 1), (5, 1))
