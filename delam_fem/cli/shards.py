@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -40,7 +41,7 @@ Slurm = Annotated[
     ),
 ]
 Hours = Annotated[
-    float,
+    float | None,
     typer.Option(
         "--hours", min=0.0, metavar="H", help="With --slurm: longest time of a job (default: 24)."
     ),
@@ -66,13 +67,16 @@ def require_one(**given: object) -> str | None:
     return names[0].removeprefix("--") if names else None
 
 
-def require_fitting(way: str | None, *, partial: bool, **others: bool) -> None:
+def require_fitting(
+    way: str | None, whole: Mapping[str, bool], partial: bool, hours: float | None
+) -> None:
     """Check the options that go with a way of computing a sweep.
 
     Args:
         way: "shard", "merge" or "slurm"; None: the whole sweep at once.
+        whole: options that only go with the whole sweep, by name.
         partial: whether to write a result without all points.
-        others: options that only go with the whole sweep, by name.
+        hours: longest time of a job, if it is given.
 
     Raises:
         CaseError: an option does not go with the way.
@@ -81,7 +85,9 @@ def require_fitting(way: str | None, *, partial: bool, **others: bool) -> None:
 
     if partial and way != "merge":
         raise CaseError("--partial: only goes with --merge")
-    found = next((name for name, value in others.items() if value), None)
+    if hours is not None and way != "slurm":
+        raise CaseError("--hours: only goes with --slurm")
+    found = next((name for name, value in whole.items() if value), None)
     if way is not None and found is not None:
         raise CaseError(f"--{found.replace('_', '-')}: does not go with --{way}; leave it out")
 
@@ -145,7 +151,7 @@ def print_script(
     directory: Path,
     overrides: list[str] | None,
     n_shards: int,
-    hours: float,
+    hours: float | None,
 ) -> None:
     """Measure the time of a point, and print the script of the shards."""
     from delam_fem.studies.slurm import array_script, measured_cost
@@ -154,7 +160,8 @@ def print_script(
     command += ["-o", str(directory.resolve())]
     command += [f"--set={text}" for text in overrides or []]
     cost = measured_cost(sweep)
-    text = array_script(sweep, command, n_shards, cost, most_hours=hours, interrupted=INTERRUPTED)
+    most = DAY if hours is None else hours
+    text = array_script(sweep, command, n_shards, cost, most_hours=most, interrupted=INTERRUPTED)
     typer.echo(text, nl=False)
 
 

@@ -23,7 +23,6 @@ from delam_fem.cli.console.terminal import (
 )
 from delam_fem.cli.inputs import DryRun, Overrides, Overwrite, Quiet, Workers, Yes, inputs_of
 from delam_fem.cli.shards import (
-    DAY,
     Hours,
     Merge,
     Partial,
@@ -93,7 +92,7 @@ def sweep_command(
     merge: Merge = False,
     partial: Partial = False,
     slurm: Slurm = None,
-    hours: Hours = DAY,
+    hours: Hours = None,
     dry_run: DryRun = False,
     yes: Yes = False,
     quiet: Quiet = False,
@@ -102,7 +101,7 @@ def sweep_command(
     with reported(quiet):
         where = workers, executor
         way = require_one(shard=shard, merge=merge, slurm=slurm)
-        require_fitting(way, partial=partial, overwrite=overwrite, dry_run=dry_run)
+        require_fitting(way, {"overwrite": overwrite, "dry_run": dry_run}, partial, hours)
         if way is None:
             check = functools.partial(_shown_only, where, yes) if dry_run else None
             going_on = resume, overwrite
@@ -305,7 +304,13 @@ def _read(source: Path, output: Path | None) -> tuple[xr.Dataset, Path]:
     from delam_fem.studies.sweeps.reading import open_result
 
     path = source / "sweep.nc" if source.is_dir() else source
-    if not path.is_file() and (source / "sweep.journal").exists():
+    has_journal = not path.is_file() and (source / "sweep.journal").exists()
+    if has_journal and not (source / "sweep.toml").is_file():
+        raise CaseError(
+            f"diagram: {source} has shards that are not merged; delam-fem sweep FILE --merge -o "
+            f"{source} joins them"
+        )
+    if has_journal:
         raise CaseError(
             f"diagram: the sweep in {source} is not finished, {_points_in(source)}; "
             f"{_go_on(source)} goes on with it"

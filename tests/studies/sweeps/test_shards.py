@@ -256,36 +256,48 @@ def killed(folder: Path, k: int, of: int, rng: random.Random) -> int:
         if process.poll() is not None:
             break
         time.sleep(0.005)
-    time.sleep(rng.uniform(0.0, 0.3))
+    time.sleep(rng.uniform(0.0, 0.1))
     os.killpg(process.pid, signal.SIGKILL)
     return finished(process)[0]
 
 
-def survived(tmp_path: Path, *, count: int, of: int, n_kills: int) -> int:
-    """Kill shards, resume them, merge, and compare with one run; return how many kills hit."""
-    tiny(tmp_path, count)
+def survived(folder: Path, *, count: int, of: int, n_kills: int, where: tuple[object, ...]) -> int:
+    """Kill shards, resume all, merge, and compare with one run; return how many kills hit.
+
+    The working directory changes, because the page names the folder of the sweep.
+    """
+    tiny(folder, count)
     rng = random.Random(5)
     hit = sum(
-        killed(tmp_path / "many", 1 + k % of, of, rng) == -signal.SIGKILL for k in range(n_kills)
+        killed(folder / "many", 1 + 3 * k % of, of, rng) == -signal.SIGKILL for k in range(n_kills)
     )
+    line = ("../tiny.toml", "-o", "out", "-q")
+    os.chdir(folder / "many")
     for k in range(1, of + 1):
-        status, errors = finished(start(tmp_path / "many", "--shard", f"{k}/{of}", "--resume"))
-        assert status == 0, errors
-    status, errors = finished(start(tmp_path / "many", "--merge"))
-    assert status == 0, errors
-    assert finished(start(tmp_path / "one", "-j", 2))[0] == 0
-    merged, one = contents(tmp_path / "many" / "out"), contents(tmp_path / "one" / "out")
+        assert run(*line, *where, "--shard", f"{k}/{of}", "--resume") == (0, "")
+    assert run(*line, "--merge") == (0, "")
+    (folder / "one").mkdir()
+    os.chdir(folder / "one")
+    assert run(*line, *where) == (0, "")
+    merged, one = contents(folder / "many" / "out"), contents(folder / "one" / "out")
     assert set(merged) == set(FILES) and merged == one
     return hit
 
 
-def test_killed_shards_merge_to_the_bytes_of_one_run(tmp_path: Path) -> None:
-    assert survived(tmp_path, count=300, of=3, n_kills=1) == 1
+def test_killed_shards_merge_to_the_bytes_of_one_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    serial = ("--executor", "serial")
+    assert survived(tmp_path, count=600, of=4, n_kills=1, where=serial) == 1
 
 
 @pytest.mark.nightly
-def test_many_killed_shards_merge_to_the_bytes_of_one_run(tmp_path: Path) -> None:
-    assert survived(tmp_path, count=10_000, of=16, n_kills=8) > 4
+def test_many_killed_shards_merge_to_the_bytes_of_one_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert survived(tmp_path, count=10_000, of=16, n_kills=8, where=("-j", 2)) > 4
 
 
 def run(*arguments: object) -> tuple[int, str]:
@@ -307,6 +319,13 @@ def test_the_command_computes_and_merges(tmp_path: Path) -> None:
     assert load_sweep(out / "sweep.toml").n_points == 12
 
 
+def test_a_diagram_of_shards_says_that_they_are_not_merged(tmp_path: Path) -> None:
+    run(tiny(tmp_path, 4), "-o", tmp_path / "out", "--executor", "serial", "--shard", "2/2", "-q")
+    found = CliRunner().invoke(app, ["diagram", "response", str(tmp_path / "out")])
+    assert found.exit_code == 2
+    assert "has shards that are not merged; delam-fem sweep FILE --merge" in found.output
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -315,6 +334,7 @@ def test_the_command_computes_and_merges(tmp_path: Path) -> None:
         (("--merge", "--dry-run"), "--dry-run: does not go with --merge"),
         (("--partial",), "--partial: only goes with --merge"),
         (("--merge",), "no such folder"),
+        (("--hours", "3"), "--hours: only goes with --slurm"),
     ],
 )
 def test_options_that_do_not_go_together_are_refused(
