@@ -69,6 +69,7 @@ class Engine:
     base_state: np.ndarray | None = None
     ends_at: int = STEPS * PERIODS
     """Step after which no further step is computed."""
+    n_shares: int = 1
 
     def state(self) -> State:
         s = self.stepper

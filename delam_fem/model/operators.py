@@ -124,6 +124,11 @@ class Operators:
         return int(self.mass.shape[0])
 
     @property
+    def n_own(self) -> int:
+        """Number of free dofs of this process, which has them all."""
+        return self.n_dofs
+
+    @property
     def n_probes(self) -> int:
         """Number of probes."""
         return int(self.probes.shape[0])

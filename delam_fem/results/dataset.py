@@ -142,7 +142,7 @@ def _frames(
             contact.append(np.array(record.contact))
             base.append(record.base_states[own, :2])
     if not steps:
-        empty = np.empty((0, 2, operators.n_dofs)), np.empty((0, operators.n_pairs), np.int8)
+        empty = np.empty((0, 2, operators.n_own)), np.empty((0, operators.n_pairs), np.int8)
         return np.empty(0, np.int64), *empty, np.empty((0, 2))
     of_base = 0.0 if operators.base.is_force else 1.0
     return (

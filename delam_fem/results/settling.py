@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 
 from delam_fem.case.definition import Case
+from delam_fem.case.sections import Mesh
+from delam_fem.model.beams import closed_form
 from delam_fem.model.beams.bonded import n_rigid
 from delam_fem.model.layout import Structure
 from delam_fem.model.vibration import slowest_decay
@@ -26,6 +28,8 @@ AGREEING = 2
 """Successive judgements that must agree before such a run ends."""
 FEWEST_IRREGULAR = 100
 """Judged periods before a run ends whose motion is irregular: ten for each of ten windows."""
+BEAM_CELLS = 100
+"""Cells of the beams that stand for solids whose mesh is from a file."""
 LEAST_RANGE = 1e-6
 """Range of a probe relative to the largest one below which the probe counts as being at rest."""
 
@@ -58,8 +62,15 @@ def verdict_of(
 
 
 def decay_of(case: Case, structure: Structure) -> float:
-    """Return the rate at which the slowest mode of a structure dies out [1/s]."""
+    """Return the rate at which the slowest mode of a structure dies out [1/s].
+
+    Solids have the damping of the beams of the same case, and frequencies close to theirs; the
+    modes of the beams are found in no time and on any number of ranks.
+    """
     is_floating = not case.is_apart and n_rigid(case) > 0
+    if case.model.is_continuum:
+        mesh = case.mesh if case.mesh.file is None else Mesh(elements=BEAM_CELLS)
+        structure = closed_form.assemble(case.model_copy(update={"mesh": mesh, "sensor": ()}))
     return slowest_decay(structure.operators, is_floating=is_floating)
 
 

@@ -90,7 +90,7 @@ def arrays_of(
     """Return the arrays of a checkpoint by name; see `save`."""
     k, state = recorder.n_closed, engine.state()
     arrays: dict[str, Any] = {
-        **{key: np.array(text) for key, text in _origin(case, name).items()},
+        **{key: np.array(text) for key, text in _origin(case, name, engine).items()},
         "outcome": np.array(outcome),
         "n_closed": k,
         "motion": state.motion,
@@ -106,12 +106,13 @@ def arrays_of(
     return arrays
 
 
-def _origin(case: Case, name: str) -> dict[str, str]:
+def _origin(case: Case, name: str, engine: Engine) -> dict[str, str]:
     """Return the texts that must be equal for a run to continue bit for bit."""
     return {
         "version": version("delam_fem"),
         "engine": name,
         "scheme": case.time.scheme,
+        "ranks": str(engine.n_shares),
         "case": case.to_toml(),
     }
 
@@ -151,12 +152,13 @@ def load(
     try:
         with path.open("rb") as file, np.load(file) as archive:  # each array has a checksum
             data = {key: archive[key] for key in archive.files}
-        found = {key: str(data[key]) for key in _origin(case, name)}
+        expected = _origin(case, name, engine)
+        found = {key: str(data[key]) for key in expected}
         if of_shorter and _of_any_length(Case.from_toml(found["case"])) == _of_any_length(case):
             found["case"] = case.to_toml()
     except Exception as error:  # a damaged archive raises a dozen different ones
         raise _damaged(path, error) from None
-    _require_origin(path, found, case, name)
+    _require_origin(path, found, expected)
     try:
         return _restored(data, engine, recorder, motion)
     except (ValueError, KeyError, IndexError, TypeError) as error:
@@ -198,9 +200,9 @@ def _damaged(path: Path, error: Exception) -> CaseError:
     )
 
 
-def _require_origin(path: Path, found: Mapping[str, str], case: Case, name: str) -> None:
-    """Refuse the checkpoint of another version, engine, scheme or case."""
-    for key, expected in _origin(case, name).items():
+def _require_origin(path: Path, found: Mapping[str, str], origin: Mapping[str, str]) -> None:
+    """Refuse the checkpoint of another version, engine, scheme, number of ranks or case."""
+    for key, expected in origin.items():
         if found[key] == expected:
             continue
         if key == "case":

@@ -49,6 +49,10 @@ class Engine(Protocol):
     def stepper(self) -> Moving:
         """The stepper, from which a recorder reads the state."""
 
+    @property
+    def n_shares(self) -> int:
+        """Number of ranks on which the order of the dofs depends; 1: on none."""
+
     def state(self) -> State:
         """Return the present state of all dofs (collective)."""
 
@@ -82,6 +86,10 @@ class Advancing(Moving, Kinematics, Protocol):
     resting: BoolArray
     is_resting: bool
 
+    @property
+    def n_shares(self) -> int:
+        """Number of ranks on which the order of the dofs depends; 1: on none."""
+
     def restore(self, state: FloatArray) -> None:
         """Set (u, v, a) of the own dofs, shape (3, n_own)."""
 
@@ -113,6 +121,11 @@ class StepByStep:
 
     stepper: Advancing
     supervisor: Supervisor
+
+    @property
+    def n_shares(self) -> int:
+        """Number of ranks on which the order of the dofs depends; 1: on none."""
+        return self.stepper.n_shares
 
     def state(self) -> State:
         """Return the present state of all dofs (collective)."""

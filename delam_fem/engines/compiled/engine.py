@@ -99,7 +99,10 @@ class Compiled:
     Attributes:
         operators: the semi-discrete problem.
         stepper: the state, in the form that a recorder reads.
+        n_shares: 1: this process has all dofs.
     """
+
+    n_shares = 1
 
     def __init__(
         self,

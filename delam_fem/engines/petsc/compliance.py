@@ -33,25 +33,33 @@ class LazyCompliance:
         """
         n = dynamics.operators.n_pairs
         self._dynamics, self._factor = dynamics, factor
-        self._values = np.zeros((n, n))
-        self._is_known = np.zeros(n, dtype=np.bool_)
+        self._columns = np.empty((0, n))  # one below the other, in the order of their computation
+        self._place = np.full(n, -1)
+        self._n_known = 0
 
     def _require(self, pairs: IntArray) -> None:
-        if not self._is_known[pairs].all():
-            for k in pairs[~self._is_known[pairs]]:
-                response = self._dynamics.response(self._factor, int(k))
-                self._values[:, k] = self._factor.scale * response
-                self._is_known[k] = True
+        missing = pairs[self._place[pairs] < 0]
+        if not missing.size:
+            return
+        room = self._n_known + missing.size
+        if room > len(self._columns):
+            more = np.empty((max(room, 2 * self._n_known) - self._n_known, self._place.size))
+            self._columns = np.concatenate([self._columns[: self._n_known], more])
+        for k in missing.tolist():
+            response = self._dynamics.response(self._factor, k)
+            self._columns[self._n_known] = self._factor.scale * response
+            self._place[k] = self._n_known
+            self._n_known += 1
 
     def diagonal(self, pairs: IntArray) -> FloatArray:
         """Return the diagonal entries of some pairs, shape (k,)."""
         self._require(pairs)
-        return self._values[pairs, pairs]
+        return self._columns[self._place[pairs], pairs]
 
     def block(self, pairs: IntArray) -> FloatArray:
         """Return the rows and columns of some pairs, shape (k, k)."""
         self._require(pairs)
-        return self._values[pairs[:, None], pairs]
+        return self._columns[self._place[pairs], pairs[:, None]]
 
 
 class LumpedCompliance:

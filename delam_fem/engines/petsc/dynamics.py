@@ -244,6 +244,11 @@ class Dynamics:
         for row, vector in zip(state, (self.u, self.v, self.a), strict=True):
             vector.array[:] = row
 
+    @property
+    def n_shares(self) -> int:
+        """Number of ranks on which the order of the dofs depends; 1: on none."""
+        return 1 if self.operators.is_shared_order else self.comm.size
+
     def whole(self, share: FloatArray) -> FloatArray:
         """Return values of all dofs from those of the own dofs, the last axis (collective)."""
         return whole(share, self.comm)
