@@ -46,3 +46,20 @@ def test_reduced_study_finds_limits_and_smoothness(tmp_path: Path) -> None:
     rough, smooth = (max(found["growth"][name]) for name in names)
     assert smooth < 1.5 < rough
     assert (tmp_path / "figures" / "reduced.png").stat().st_size > 1000
+
+
+@pytest.mark.mpi
+@pytest.mark.slow
+def test_cost_of_solids_is_measured_on_ranks_of_their_own(tmp_path: Path) -> None:
+    rows = script("continuum_cost").main(["--short", "-o", str(tmp_path)])
+    assert [(row["kind"], row["ranks"]) for row in rows] == [
+        ("plane-stress", 1),
+        ("solid", 1),
+        ("solid", 2),
+    ]
+    assert rows[0]["dofs"] == 4 * 24
+    for row in rows:
+        assert 0.0 < row["solve_ms"] < row["step_ms"]
+        assert len(row["peak_mb"]) == row["ranks"]
+    assert json.loads((tmp_path / "continuum_cost.json").read_text()) == rows
+    assert (tmp_path / "figures" / "continuum_cost.png").stat().st_size > 1000
