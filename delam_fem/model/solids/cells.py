@@ -205,10 +205,15 @@ def _near(
     corners: FloatArray, origins: FloatArray, directions: FloatArray
 ) -> Iterator[tuple[IntArray, IntArray]]:
     """Yield lines with facets whose bounding spheres they cross: numbers of both, (m,) each."""
+    if not len(corners) or not len(origins):
+        return
     centres = corners.mean(axis=1)
     radii = np.linalg.norm(corners - centres[:, None], axis=2).max(axis=1, initial=0.0)
     limit = ((1.0 + 1e-6) * radii) ** 2
-    shift = centres.mean(axis=0) if len(centres) else 0.0
+    if np.abs(directions - directions[0]).max() < _PARALLEL:
+        yield _near_parallel(centres, np.sqrt(limit), origins, directions[0])
+        return
+    shift = centres.mean(axis=0)
     step = max(1, _MOST_CANDIDATES // max(1, len(corners)))
     for first in range(0, len(origins), step):
         some = slice(first, first + step)
@@ -216,6 +221,20 @@ def _near(
         along = np.einsum("snd,sd->sn", away, directions[some])
         line, facet = np.nonzero(np.einsum("snd,snd->sn", away, away) - along**2 <= limit)
         yield first + line, facet
+
+
+def _near_parallel(
+    centres: FloatArray, radii: FloatArray, origins: FloatArray, direction: FloatArray
+) -> tuple[IntArray, IntArray]:
+    """Return parallel lines with facets whose bounding spheres they cross: see `_near`."""
+    across = np.linalg.svd(direction[None])[2][1:].T  # (dim, dim - 1), normal to the lines
+    at, places = centres @ across, origins @ across
+    found = cKDTree(at).query_ball_point(places, radii.max())
+    line = np.repeat(np.arange(len(origins)), [len(own) for own in found])
+    facet = np.fromiter((k for own in found for k in own), dtype=np.int64, count=line.size)
+    crosses = np.linalg.norm(at[facet] - places[line], axis=1) <= radii[facet]
+    order = np.lexsort([facet[crosses], line[crosses]])
+    return line[crosses][order], facet[crosses][order]
 
 
 def _meet(

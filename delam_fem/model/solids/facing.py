@@ -273,7 +273,9 @@ def _halves(at: FloatArray, grid: FloatArray) -> FloatArray:
     halves = np.zeros(every.size)
     halves[:-1] += 0.5 * steps
     halves[1:] += 0.5 * steps
-    return np.asarray(halves[np.abs(every - at[:, None]).argmin(axis=1)])
+    behind = np.clip(np.searchsorted(every, at), 1, every.size - 1)
+    is_before = at - every[behind - 1] < every[behind] - at
+    return np.asarray(halves[behind - is_before])
 
 
 def corner_shares(

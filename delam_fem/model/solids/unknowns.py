@@ -84,7 +84,8 @@ class Unknowns:
         counts = comm.allgather(own.size)
         first = sum(counts[: comm.rank])
         places = np.unique(held.place[held.place >= 0])
-        number = {int(d): first + k for k, d in enumerate(own.tolist()) if d in places}
+        turning = np.flatnonzero(np.isin(own, places))
+        number = dict(zip(own[turning].tolist(), (first + turning).tolist(), strict=True))
         everywhere = {d: k for piece in comm.allgather(number) for d, k in piece.items()}
         column_of = np.array([everywhere.get(int(d), -1) for d in held.place], dtype=np.int64)
         return cls(columns, held, own, first, sum(counts), column_of)
