@@ -3,6 +3,7 @@
 With all n modes Φ of K φ = λ M φ, normalised to Φᵀ M Φ = I, and damping that they make diagonal
 (any Rayleigh damping), u = Φ η turns M, C, K into diagonal matrices. The scheme is the same, only
 the coordinates differ. The gap operator becomes the dense matrix H Φ, so this pays for few pairs.
+Reduced models (model/reduction) come in such coordinates, and are taken as they are.
 """
 
 from __future__ import annotations

@@ -26,6 +26,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.sparse as sp
 from scipy.linalg import block_diag, eigh
 
 from delam_fem.model.operators import Operators
@@ -77,7 +78,7 @@ class _Piece:
         body: the body.
         squares: ω² of its normal modes, shape (m,) [1/s2].
         modes: Φ, shape (n, m).
-        loads: loads of B1 that omitted modes give way to, shape (n, k).
+        loads: loads of B1 that omitted modes give way to, CSC (n, k).
         compliance: XᵀK X of these loads, shape (k,) [m/N].
         shapes: residual shapes, orthonormal with K, the most flexible first, shape (n, r).
         weights: eigenvalues of the scaled Gram matrix, decreasing, shape (r,).
@@ -88,7 +89,7 @@ class _Piece:
     body: Body
     squares: FloatArray
     modes: FloatArray
-    loads: FloatArray
+    loads: sp.csc_matrix
     compliance: FloatArray
     shapes: FloatArray
     weights: FloatArray
@@ -190,20 +191,19 @@ def _independent(body: Body, shapes: FloatArray) -> tuple[FloatArray, FloatArray
     result = shapes @ (turn / np.sqrt(weights))
     for _ in range(2):  # round-off of the eigenvalues is that of the largest
         factor = np.linalg.cholesky(_gram(result, body.stiffness @ result))
-        result = np.linalg.solve(factor, result.T).T
+        result = result @ np.linalg.inv(factor).T  # the factor is nearly 1
     return result, weights
 
 
-def _loads(o: Operators, body: Body) -> FloatArray:
-    """Return the loads of B1 that act on a body, shape (n, k)."""
+def _loads(o: Operators, body: Body) -> sp.csc_matrix:
+    """Return the loads of B1 that act on a body, CSC (n, k)."""
     H = o.gap_matrix[:, body.dofs]
-    rows = np.flatnonzero(np.diff(H.indptr))
     stiff, inertia = o.base.stiffness[body.dofs], o.base.mass[body.dofs]
-    columns = [H[rows].T.toarray(), stiff[:, None]]
+    columns = [stiff]
     if not o.base.is_force:
-        columns.append((inertia - body.mass @ body.solve(stiff))[:, None])
-    loads = np.hstack(columns)
-    return np.asarray(loads[:, np.abs(loads).max(axis=0) > 0.0])
+        columns.append(inertia - body.mass @ body.solve(stiff))
+    loads = sp.hstack([H.T, sp.csc_matrix(np.column_stack(columns))], format="csc")
+    return loads[:, np.flatnonzero(abs(loads).sum(axis=0))]
 
 
 def _ritz(body: Body, shapes: FloatArray) -> tuple[FloatArray, FloatArray]:

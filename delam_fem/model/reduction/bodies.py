@@ -81,7 +81,7 @@ class Body:
         masses = np.sqrt(np.einsum("ij,ij->j", vectors, self.mass @ vectors))
         return squares, vectors / (masses * _signs(vectors))
 
-    def static(self, loads: FloatArray, modes: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def static(self, loads: sp.csc_matrix, modes: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the flexibility of all modes to loads, and the shapes of those left out.
 
             X = R f,   R = Σ φ φᵀ / ω²   over the omitted modes
@@ -90,14 +90,14 @@ class Body:
         place of ω²; X ← X_s + s (K + s M)⁻¹ M X, from X = X_s, corrects that.
 
         Args:
-            loads: f, shape (n_dofs, k).
+            loads: f, CSC (n_dofs, k).
             modes: the kept modes, shape (n_dofs, m).
 
         Returns:
             fᵀ(K + s M)⁻¹f of each load, shape (k,) [m/N], and X, shape (n_dofs, k).
         """
-        shapes = self.solve(loads)
-        flexibility = np.einsum("ij,ij->j", loads, shapes)
+        shapes = self.solve(loads.toarray())
+        flexibility = np.asarray(loads.T @ shapes).diagonal().copy()
         self._remove(modes, shapes)
         first = shapes
         for _ in range(CORRECTIONS if self.shift else 0):

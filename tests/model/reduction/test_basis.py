@@ -45,6 +45,17 @@ def test_a_slow_base_moves_the_structure_as_in_the_full_model() -> None:
     np.testing.assert_allclose(shape[1::2], 0.0, atol=1e-8)
 
 
+def test_the_inertia_of_a_base_bends_the_structure_as_in_the_full_model() -> None:
+    o = operators()
+    V, squares = (found := basis_of(o, 2)).vectors, found.squares
+    stiffness = o.stiffness.toarray()
+    load = o.base.mass - o.mass @ np.linalg.solve(stiffness, o.base.stiffness)
+    expected = np.linalg.solve(stiffness, load)
+    np.testing.assert_allclose(
+        V @ ((V.T @ load) / squares), expected, atol=1e-9 * np.abs(expected).max()
+    )
+
+
 def test_normal_modes_are_kept_as_they_are() -> None:
     o = operators()
     found = basis_of(o, 6)
