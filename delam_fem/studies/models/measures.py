@@ -95,6 +95,8 @@ def measure(model: Variant, frequencies: tuple[float, ...], periods: int, modes:
         natural, owners = structure_modes(model.structure, model.case, modes).frequencies, [""]
     rows = o.probes[:count]
     bent = splu(o.stiffness.tocsc()).solve(rows.T.toarray())
+    if frequencies:
+        _motion(model, frequencies[0], 1)  # compiled code is loaded before costs are measured
     return Measured(
         model.name,
         o.n_dofs,
