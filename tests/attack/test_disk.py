@@ -102,7 +102,7 @@ def test_a_sweep_on_a_full_disk_is_finished_later(
     resize(size)
     (tmp_path / "s.toml").write_text(sweep_text(periods=8, count=100))
     sweep = tmp_path / "s.toml"
-    line = command("sweep", sweep, "-o", folder / "s", "-j", 2, "-q")
+    line = command("sweep", sweep, "-o", folder / "s", "-j", 2, "-q", "--yes")
     process = start(line)
     _, errors = process.communicate(timeout=300)
     assert process.returncode in (0, 1), errors

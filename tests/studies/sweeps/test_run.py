@@ -211,6 +211,20 @@ def test_an_unfinished_sweep_is_not_lost_by_mistake(tmp_path: Path) -> None:
     assert same(resumed, run_sweep(small(), tmp_path / "whole", "serial"))
 
 
+def test_a_track_goes_on_with_all_that_its_state_has(tmp_path: Path) -> None:
+    """The compiled engine has unknowns of its own, and energies count from the first point on."""
+    amplitude = {"key": "excitation.amplitude", "values": [1e-4, 2e-4, 3e-4, 4e-4]}
+    short = SMALL | {"mesh.elements": 10, "time.steps_per_period": 100}
+    made = small(amplitude, base="embedded", order="up", engine="compiled", set=short)
+    interrupted(made, tmp_path)
+    with Journal(tmp_path / "sweep.journal", made.identity, resume=True) as journal:
+        with journal.joined() as joined:
+            n_done, state = joined.reached(made.tracks[0], 0)
+    assert 0 < n_done < 4 and state is not None and state.internal is not None
+    resumed = run_sweep(made, tmp_path, "serial", resume=True)
+    assert same(resumed, run_sweep(made, tmp_path / "whole", "serial"))
+
+
 def test_a_journal_has_one_writer(tmp_path: Path) -> None:
     path = tmp_path / "sweep.journal"
     with Journal(path, "one", resume=False):
