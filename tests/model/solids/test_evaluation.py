@@ -10,7 +10,7 @@ import pytest
 from bricks import two_bricks
 from project import ROOT
 
-from delam_fem.model.solids.cells import locate, reference_coordinates
+from delam_fem.model.solids.cells import locate
 from delam_fem.model.solids.elasticity import Solid
 from delam_fem.model.solids.evaluation import evaluate
 from delam_fem.model.solids.mesh import SolidMesh
@@ -70,44 +70,10 @@ def test_polynomials_of_the_degree_are_exact(cell: str, degree: int) -> None:
     np.testing.assert_allclose(found.along(directions) @ u, along, rtol=0, atol=ROUND_OFF)
 
 
-@pytest.mark.parametrize("cell", COUNTS)
-def test_points_on_boundaries_of_cells_have_the_first_of_them(cell: str) -> None:
-    mesh = two_bricks(cell, *COUNTS[cell])
-    has = [np.flatnonzero(np.any(mesh.cells == v, axis=1)) for v in range(len(mesh.points))]
-    first = np.array([cells[0] for cells in has])
-    assert locate(mesh, mesh.points, mesh.lamina[first]).tolist() == first.tolist()
-
-
-def test_laminae_that_touch_are_told_apart() -> None:
-    mesh = two_bricks("quadrilateral", (4, 1), (3, 1))
-    at = np.array([[0.9, 0.5]])  # on the lower one's upper surface and the upper one's lower one
-    assert [mesh.lamina[locate(mesh, at, number)[0]] for number in (0, 1)] == [0, 1]
-
-
-def test_thin_cells_are_found_at_their_ends() -> None:
-    mesh = two_bricks(
-        "hexahedron", (20, 1, 2), (20, 1, 2), size=(0.685, 1e-3, 0.05), ends=(0, 0.685)
-    )
-    x = np.array([[0.685, 1e-3, 0.025], [0.0, 0.0, -0.025], [0.3425, 5e-4, 0.0]])
-    assert np.all(mesh.lamina[locate(mesh, x, 0)] == 0)
-
-
-def test_point_outside_its_lamina_is_refused() -> None:
-    mesh = two_bricks("triangle", (4, 1), (3, 1))
-    with pytest.raises(ValueError, match=r"point \[0\.9 0\.7\] is in no cell of lamina 0"):
-        locate(mesh, np.array([[0.9, 0.3], [0.9, 0.7]]), 0)
-
-
-def test_reference_coordinates_are_those_of_basix() -> None:
-    corners = np.array([[[0.0, 0.0], [2.0, 0.0], [0.0, 1.0], [2.0, 1.0]]])
-    X = reference_coordinates("quadrilateral", corners, np.array([[0.5, 0.75]]))
-    np.testing.assert_allclose(X, [[0.25, 0.75]], atol=1e-14)
-
-
 SUM = """
 import numpy as np
 from bricks import two_bricks
-from delam_fem.model.solids.cells import locate, reference_coordinates
+from delam_fem.model.solids.cells import locate
 from delam_fem.model.solids.cells import locate
 from delam_fem.model.solids.elasticity import Solid
 from delam_fem.model.solids.evaluation import evaluate, gathered

@@ -303,14 +303,6 @@ def test_other_thickness_is_told(caplog: pytest.LogCaptureFixture) -> None:
     assert "the area of lamina 'thin' is 0.833 times that of the case" in caplog.text
 
 
-def test_volumes_of_bent_cells() -> None:
-    points = np.array([[0.0, 0.0], [2.0, 0.0], [0.5, 1.0], [1.0, 1.5]])
-    mesh = SolidMesh(points, np.array([[0, 1, 2, 3]]), "quadrilateral", np.zeros(1, dtype=np.int64))
-    x, y = points[[0, 1, 3, 2]].T
-    shoelace = 0.5 * (x @ np.roll(y, -1) - y @ np.roll(x, -1))
-    assert volumes(mesh)[0] == pytest.approx(shoelace, rel=1e-14)
-
-
 def frequencies(case: Case) -> Array:
     """Return the two lowest natural frequencies without contact [Hz]."""
     operators = assemble(case).operators
