@@ -258,6 +258,40 @@ def test_constant_pressure_on_quadratic_cells_is_not_uniform_deformation() -> No
     assert scatter[at_middles, 16] < 0.6 * scatter[at_vertices, 16]
 
 
+def test_points_are_ordered_along_the_laminae() -> None:
+    mesh = two_bricks("tetrahedron", (3, 1, 2), (2, 1, 1))
+    mesh = moved(mesh, mesh.points * np.array([-1.0, 1.0, 1.0]))
+    for places in (at_vertices, at_middles):
+        x, z = places(mesh, mesh.sides[0]).x[:, [0, 2]].round(9).T
+        assert np.all((np.diff(x) > 0.0) | ((np.diff(x) == 0.0) & (np.diff(z) > 0.0)))
+
+
+def test_nearest_facet_opposite_counts() -> None:
+    """Of two facets that face a point, above and far below it, the one above is opposite."""
+    mesh = two_bricks("quadrilateral", (4, 1), (3, 1), gap=GAP)
+    x = np.concatenate([mesh.points, [[0.0, -3.0], [2.0, -3.0], [0.0, -2.0], [2.0, -2.0]]])
+    n = len(mesh.points)
+    cells = np.concatenate([mesh.cells, n + np.arange(4)[None]])
+    facets = np.concatenate([mesh.sides[0].upper, [[n, n + 1]]])
+    facing = Facing((0, 1), mesh.sides[0].lower, facets)
+    both = SolidMesh(x, cells, mesh.cell, np.append(mesh.lamina, 1), sides=(facing,))
+    np.testing.assert_allclose(project(both, facing, at_vertices(both, facing)).gap, GAP)
+
+
+def test_edges_of_a_bond_are_no_pairs() -> None:
+    """The front of a delamination is an edge of both sides."""
+    mesh = two_bricks("tetrahedron", (1, 1, 1), (1, 1, 1))
+    sides = mesh.sides[0]
+    front = [side[np.abs(mesh.points[side, 0]) < ROUND_OFF] for side in (sides.lower, sides.upper)]
+    lower, upper = (np.unique(own) for own in front)
+    to = np.arange(len(mesh.points))
+    to[upper] = lower
+    facing = Facing((0, 1), sides.lower, to[sides.upper])
+    glued = SolidMesh(mesh.points, to[mesh.cells], mesh.cell, mesh.lamina, sides=(facing,))
+    assert at_middles(mesh, sides).x[:, 0].min() == 0.0
+    np.testing.assert_allclose(at_middles(glued, facing).x[:, 0], [1.0, 1.0, 1.0, 2.0])
+
+
 def test_middles_of_triangles_are_those_of_their_edges() -> None:
     mesh = two_bricks("tetrahedron", (1, 1, 1), (1, 1, 1))
     points = at_middles(mesh, mesh.sides[0])
