@@ -20,6 +20,8 @@ from test_bar_impact import UNIT_BAR
 
 from delam_fem.model import _dolfinx
 from delam_fem.model.operators import BaseCoupling, Operators
+from delam_fem.model.solids.elasticity import Solid
+from delam_fem.model.solids.mesh import SolidMesh
 from delam_fem.mpi import MPI
 from delam_fem.numerics.arrays import FloatArray
 
@@ -243,3 +245,61 @@ def test_quadratic_elements() -> None:
     assert np.log2(coarse.error / found.error) == pytest.approx(0.89, abs=0.1)
     assert found.pressure.mean() == pytest.approx(300.0, rel=PLATEAU)
     assert linear.rebound < found.rebound < 1.0
+
+
+HEIGHT, WIDTH = 0.5, 2.0
+"""Of the section of the bar as a solid, whose area is 1 [m]."""
+
+
+def from_solid(bar: Bar, n: int) -> tuple[Operators, FloatArray]:
+    """Return the bar as n quadratic quadrilaterals in plane stress, and x of its dofs.
+
+    The nodes of its face x = 0 meet the wall; nothing is held.
+    """
+    x = np.linspace(0.0, bar.length, n + 1)
+    points = np.array([(a, y) for y in (0.0, HEIGHT) for a in x])
+    first = np.arange(n)
+    cells = np.column_stack([first, first + 1, first + n + 1, first + n + 2])
+    mesh = SolidMesh(points, cells, "quadrilateral", np.zeros(n, dtype=np.int64))
+    solid = Solid.on(mesh, MPI.COMM_SELF, 2)
+    matrices = []
+    for matrix in (
+        solid.mass(np.full(n, bar.density * WIDTH)),
+        solid.stiffness(np.full(n, bar.young_modulus * WIDTH), 0.0),
+    ):
+        rows, columns, values = matrix.getValuesCSR()
+        matrices.append(sp.csr_matrix((values, columns, rows)))
+        matrix.destroy()
+    size, place = 2 * solid.n_nodes, solid.coordinates[:, 0]
+    face = 2 * np.flatnonzero(place < 1e-9)
+    of_face = sp.csr_matrix((np.ones(face.size), (np.arange(face.size), face)), (face.size, size))
+    operators = Operators(
+        mass=matrices[0],
+        damping=sp.csr_matrix((size, size)),
+        stiffness=matrices[1],
+        base=BaseCoupling.none(size),
+        gap_matrix=of_face,
+        gap0=np.full(face.size, bar.gap),
+        probes=sp.identity(size, format="csr"),
+    )
+    return operators, np.repeat(place, 2)
+
+
+def test_bar_as_a_solid() -> None:
+    """Without lateral strain it is the bar of quadratic line elements, at every node."""
+    bar, n = UNIT_BAR, 20
+    operators, x = from_solid(bar, n)
+    along = np.arange(operators.n_dofs) % 2 == 0
+    dt = COURANT * bar.length / n / bar.wave_speed
+    steps = round((bar.contact_start + 1.6 * bar.contact_duration) / dt)
+    start = np.zeros(along.size), np.where(along, -bar.speed, 0.0)
+    law = Law("newton@moreau-jean")
+    solid = simulate(operators, law, start, time_step=dt, n_steps=steps)
+    line = fall(law.name, from_form(bar, n, 2), n)
+    place = np.rint(x[along] / (0.5 * bar.length / n)).astype(int)
+    np.testing.assert_allclose(solid.u[:, along], line.motions.u[:, place], rtol=0.0, atol=1e-9)
+    assert np.abs(solid.u[:, ~along]).max() < 1e-9
+    force = np.zeros(solid.time.size)
+    np.add.at(force, np.rint(solid.impact_time / dt).astype(int), solid.impulse / dt)
+    np.testing.assert_allclose(force, line.force, rtol=0.0, atol=1e-6 * bar.contact_force)
+    assert np.unique(solid.impact_pair).size == 3

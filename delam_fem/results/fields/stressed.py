@@ -21,6 +21,7 @@ import xarray as xr
 from delam_fem.case.atomic import atomic
 from delam_fem.case.definition import Case
 from delam_fem.numerics.arrays import FloatArray
+from delam_fem.results import diagnostics
 from delam_fem.results.fields import animation, snapshots
 from delam_fem.results.fields.derived import held_ends
 from delam_fem.results.fields.ribbons import drawable_frames
@@ -33,7 +34,8 @@ FILM_SIZE = (1280, 608)
 """Width and height of the picture and of the film [px]; MP4 wants multiples of 16."""
 SHOWN_THICKNESS = 0.1
 """All laminae together are drawn at most so thick, in lengths of the structure."""
-MEGA = 1e-6
+UNITS = (("MPa", 1e6), ("kPa", 1e3), ("Pa", 1.0))
+"""Units of stress, of which the largest is taken that gives a number of at least 0.1."""
 HIGH = 99.9
 """Percentile of the stresses of all cells that the colours reach: a few corners have more."""
 
@@ -83,20 +85,22 @@ def _picture(series: Series, history: xr.Dataset, case: Case) -> pv.Plotter:
     plotter = pv.Plotter(off_screen=True, window_size=list(SIZE), shape=(2, 1), border=False)
     plotter.set_background("white")
     panels = (
-        ("von_mises", "von Mises stress [MPa]\n ", "viridis", False),
-        ("stress_xx", "stress along x [MPa]\n ", snapshots.COLOURS, True),
+        ("von_mises", "von Mises stress", "viridis", False),
+        ("stress_xx", "stress along x", snapshots.COLOURS, True),
     )
     for row, (name, words, colours, signed) in enumerate(panels):
         plotter.subplot(row, 0)
-        values = MEGA * series.field(name, frame)
-        high = float(np.abs(values).max()) or 1.0
+        values = series.field(name, frame)
+        high, unit, size = _scaled(float(np.abs(values).max()))
         grid = _grid(series, points)
-        grid.point_data[name] = values
-        _add(plotter, grid, name, (-high if signed else 0.0, high), colours, words)
+        grid.point_data[name] = values / size
+        low = -high if signed else 0.0
+        _add(plotter, grid, name, (low, high), colours, f"{words} [{unit}]\n ")
         _frame(plotter, grid, case)
         _aim(plotter, points, SIZE[0] / (0.5 * SIZE[1]))
     plotter.subplot(0, 0)
-    when = f"t = {series.times[frame]:.4f} s, the first frame after the strongest strike"
+    event = "strongest strike" if diagnostics.is_at_probes(history).any() else "smallest gap"
+    when = f"t = {series.times[frame]:.4f} s, the first frame after the {event}"
     plotter.add_text(
         f"{title(case)}\n{when}; {scales(thick, factor)}",
         position=(0.02, 0.84), viewport=True, font_size=11, color="black",
@@ -107,6 +111,12 @@ def _picture(series: Series, history: xr.Dataset, case: Case) -> pv.Plotter:
 def _grid(series: Series, points: FloatArray) -> pv.UnstructuredGrid:
     """Return the cells with points where they are drawn."""
     return pv.UnstructuredGrid({CELL_TYPES[series.cell]: series.cells}, points)
+
+
+def _scaled(largest: float) -> tuple[float, str, float]:
+    """Return a largest stress in a unit, the unit, and its size [Pa]."""
+    name, size = next((unit for unit in UNITS if largest >= 0.1 * unit[1]), UNITS[-1])
+    return largest / size or 1.0, name, size
 
 
 def scales(thickness: float, deflection: float) -> str:
@@ -221,16 +231,17 @@ def _pictures(
     thick = thickening(series)
     factor = snapshots.magnification(history, frames.tolist(), case.length)
     every = [series.drawn(series.field("displacement", int(k)), thick, factor) for k in frames]
-    stresses = [MEGA * series.field("von_mises", int(k)) for k in frames]
-    high = float(np.percentile(np.stack(stresses), HIGH)) or 1.0
+    stresses = [series.field("von_mises", int(k)) for k in frames]
+    high, unit, size = _scaled(float(np.percentile(np.stack(stresses), HIGH)))
     bounds = np.concatenate([[own.min(axis=0), own.max(axis=0)] for own in every])
     with pv.vtk_verbosity("error"):
         plotter = pv.Plotter(off_screen=True, window_size=list(FILM_SIZE))
         try:
             plotter.set_background("white")
             grid = _grid(series, every[0])
-            grid.point_data["von_mises"] = stresses[0]
-            _add(plotter, grid, "von_mises", (0.0, high), "viridis", "von Mises stress [MPa]\n ")
+            grid.point_data["von_mises"] = stresses[0] / size
+            words = f"von Mises stress [{unit}]\n "
+            _add(plotter, grid, "von_mises", (0.0, high), "viridis", words)
             plotter.add_text(
                 f"{title(case)}\n{scales(thick, factor)}",
                 position=(0.02, 0.88), viewport=True, font_size=11, color="black",
@@ -239,7 +250,7 @@ def _pictures(
             plotter.show(auto_close=False)
             for k, points, stress in zip(frames, every, stresses, strict=True):
                 grid.points = points
-                grid.point_data["von_mises"][:] = stress
+                grid.point_data["von_mises"][:] = stress / size
                 _frame(plotter, grid, case)
                 animation.tell_time(plotter, float(series.times[k]), case)
                 plotter.render()

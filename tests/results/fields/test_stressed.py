@@ -88,6 +88,13 @@ def test_factor_of_thicknesses(folder: Path) -> None:
     assert "× 50" in stressed.scales(1.0, 50.0)
 
 
+@pytest.mark.parametrize(
+    ("largest", "shown"), [(7.5e6, (7.5, "MPa")), (6940.0, (6.94, "kPa")), (20.0, (20.0, "Pa"))]
+)
+def test_units_of_stress(largest: float, shown: tuple[float, str]) -> None:
+    assert stressed._scaled(largest)[:2] == shown
+
+
 def test_picture_and_page(folder: Path) -> None:
     case, history, summary = load_numbers(folder)
     written = save_views(history, summary, case, folder)
