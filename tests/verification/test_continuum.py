@@ -149,7 +149,7 @@ def test_solids_without_poisson_agree_with_plane_stress_and_beams() -> None:
     solid, flat = assemble(case), assemble(plane("default", 40))
     for lamina in (THICK, THIN):
         found, expected = (frequencies(own, lamina, 2) for own in (solid, flat))
-        np.testing.assert_allclose(found, expected, rtol=2e-4)
+        np.testing.assert_allclose(found, expected, rtol=1e-5)
         exact = case.lamina[lamina].angular_frequencies(2) / (2.0 * np.pi)
         np.testing.assert_allclose(found, exact, rtol=1e-3)
 
