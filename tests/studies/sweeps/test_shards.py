@@ -261,7 +261,15 @@ def killed(folder: Path, k: int, of: int, rng: random.Random) -> int:
     return finished(process)[0]
 
 
-def survived(folder: Path, *, count: int, of: int, n_kills: int, where: tuple[object, ...]) -> int:
+def survived(
+    folder: Path,
+    *,
+    count: int,
+    of: int,
+    n_kills: int,
+    where: tuple[object, ...],
+    is_at_once: bool = False,
+) -> int:
     """Kill shards, resume all, merge, and compare with one run; return how many kills hit.
 
     The working directory changes, because the page names the folder of the sweep.
@@ -273,6 +281,10 @@ def survived(folder: Path, *, count: int, of: int, n_kills: int, where: tuple[ob
     )
     line = ("../tiny.toml", "-o", "out", "-q")
     os.chdir(folder / "many")
+    if is_at_once:
+        going_on = [("--shard", f"{k}/{of}", "--resume", "-j", 1) for k in range(1, of + 1)]
+        processes = [start(folder / "many", *options) for options in going_on]
+        assert [finished(process) for process in processes] == [(0, "")] * of
     for k in range(1, of + 1):
         assert run(*line, *where, "--shard", f"{k}/{of}", "--resume") == (0, "")
     assert run(*line, "--merge") == (0, "")
@@ -297,7 +309,7 @@ def test_many_killed_shards_merge_to_the_bytes_of_one_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert survived(tmp_path, count=10_000, of=16, n_kills=8, where=("-j", 2)) > 4
+    assert survived(tmp_path, count=10_000, of=8, n_kills=8, where=("-j", 2), is_at_once=True) > 4
 
 
 def run(*arguments: object) -> tuple[int, str]:
