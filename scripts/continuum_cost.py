@@ -202,9 +202,15 @@ def main(arguments: list[str] | None = None) -> list[dict[str, Any]]:
             print(json.dumps(row))
         return [row]
     plane, solid, shared = ((4,), ((2, 1),), (2, 1)) if given.short else (PLANE, SOLID, SHARED)
-    rows = [of_process("plane-stress", elements, 1, 1) for elements in plane]
-    rows += [of_process("solid", *mesh, 1) for mesh in solid]
-    rows += [of_process("solid", *shared, ranks) for ranks in RANKS[1 : 2 if given.short else None]]
+    ranks = RANKS[1 : 2 if given.short else None]
+    todo: list[tuple[str, int, int, int]] = [("plane-stress", elements, 1, 1) for elements in plane]
+    todo += [("solid", *mesh, 1) for mesh in solid] + [("solid", *shared, n) for n in ranks]
+    rows = []
+    for one in todo:
+        try:
+            rows.append(of_process(*one))
+        except RuntimeError as error:  # the machine has too little memory
+            print(error, flush=True)
     print(table(rows))
     if given.output is not None:
         (given.output / "figures").mkdir(parents=True, exist_ok=True)
