@@ -261,7 +261,7 @@ class Dynamics:
         """Free all PETSc objects."""
         o = self.operators
         for product in (self._M, self._C, self._K):
-            if isinstance(product, linear_algebra.SpreadProduct | linear_algebra.HalvedProduct):
+            if isinstance(product, linear_algebra.SpreadProduct):
                 product.destroy()
         matrices = (o.mass, o.damping, o.stiffness) if self._is_owner else ()
         for thing in (

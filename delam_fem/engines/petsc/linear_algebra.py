@@ -19,9 +19,6 @@ from delam_fem.numerics.arrays import FloatArray
 
 LARGE = 20000
 """Entries up to which PETSc's LU factors are the fastest: 800 dofs in plane stress, 240 in 3D."""
-HALVED = 5000
-"""Dofs beyond which the product with the upper half of a matrix is faster; it has more to do, but
-less to read."""
 WIDE = 12
 """Mean number of entries in a row above which a large matrix is that of a solid; beams have 6."""
 ROUND_OFF = 1e-12
@@ -58,34 +55,7 @@ def product(whole: PETSc.Mat, is_uncoupled: bool) -> Product:
     """
     if whole.comm.size > 1 and not is_uncoupled:
         return SpreadProduct(whole)
-    own = whole if whole.comm.size == 1 else whole.getDiagonalBlock()
-    n, entries = own.getSize()[0], own.getInfo()["nz_used"]
-    if n > HALVED and entries > WIDE * n and _is_symmetric(own):
-        return HalvedProduct(own)
-    return own
-
-
-class HalvedProduct:
-    """The product with a large sequential symmetric matrix, by its upper half alone."""
-
-    def __init__(self, whole: PETSc.Mat) -> None:
-        """Copy the upper half.
-
-        Args:
-            whole: the matrix, which the caller owns.
-        """
-        indptr, indices, data = whole.getValuesCSR()
-        upper = sp.triu(sp.csr_matrix((data, indices, indptr), shape=whole.getSize())).tocsr()
-        upper.sort_indices()
-        index = PETSc.IntType
-        arrays = upper.indptr.astype(index), upper.indices.astype(index), upper.data
-        self._half = PETSc.Mat().createSBAIJ(upper.shape, 1, csr=arrays, comm=PETSc.COMM_SELF)
-        self._half.assemble()
-        self.mult, self.multAdd = self._half.mult, self._half.multAdd
-
-    def destroy(self) -> None:
-        """Free the copy."""
-        self._half.destroy()
+    return whole if whole.comm.size == 1 else whole.getDiagonalBlock()
 
 
 class SpreadProduct:
