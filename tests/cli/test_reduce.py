@@ -1,9 +1,14 @@
 """The command `delam-fem reduce`, and the commands that take what it writes."""
 
 import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+import xarray as xr
 from typer.testing import CliRunner
 
 from delam_fem.cli.app import app
@@ -80,3 +85,17 @@ values = [0.010, 0.012]
     status, output = call("sweep", tmp_path / "s.toml", "-o", tmp_path / "sweep", "-j", "1")
     assert status == 0, output
     assert (tmp_path / "sweep" / "sweep.nc").is_file()
+
+
+def test_two_ranks_read_the_whole_file(folder: Path, tmp_path: Path) -> None:
+    line = ["run", folder / "case.toml", *SHORT, "-q", "--no-figures"]
+    command = [sys.executable, "-m", "delam_fem", *line, "-o"]
+    both = ("mpirun", "--allow-run-as-root", "--oversubscribe", "-n", "2")
+    for name, launcher in (("one", ()), ("two", both)):
+        whole = [str(word) for word in (*launcher, *command, tmp_path / name)]
+        environment = os.environ | {"OMP_NUM_THREADS": "1"}  # without what MPI set in this process
+        done = subprocess.run(whole, capture_output=True, text=True, env=environment, check=False)
+        assert done.returncode == 0, done.stderr[-2000:]
+    one, two = (xr.open_dataset(tmp_path / name / "result.nc") for name in ("one", "two"))
+    for name in ("tip_displacement", "displacement", "velocity"):
+        np.testing.assert_allclose(two[name], one[name], atol=1e-10)
