@@ -49,6 +49,7 @@ class Body:
         stiffness: K, CSC (n, n).
         shift: s [1/s2]; 0: the body is held.
         solve: applies (K + s M)⁻¹.
+        rayleigh: α and β, if the operators say them.
     """
 
     dofs: IntArray
@@ -57,6 +58,7 @@ class Body:
     stiffness: sp.csc_matrix
     shift: float
     solve: Solve
+    rayleigh: tuple[float, float] | None = None
 
     def modes(self, n: int) -> tuple[FloatArray, FloatArray]:
         """Return ω² [1/s2], increasing, shape (m,), and Φ with Φᵀ M Φ = 1, shape (n_dofs, m).
@@ -117,7 +119,7 @@ class Body:
             shapes: V, with VᵀMV = 1 and VᵀKV = ω², shape (n_dofs, m).
         """
         C = self.damping
-        alpha, beta = self._rayleigh(shapes[:, 0])
+        alpha, beta = self.rayleigh or self._fitted(shapes[:, 0])
         beside = sp.coo_matrix(C - alpha * self.mass - beta * self.stiffness)
         scale = np.sqrt(np.maximum(C.diagonal(), 0.0))
         if (abs(beside.data) <= NOT_RAYLEIGH * scale[beside.row] * scale[beside.col]).all():
@@ -125,7 +127,7 @@ class Body:
         projected = shapes.T @ (C @ shapes)
         return np.asarray(0.5 * (projected + projected.T))
 
-    def _rayleigh(self, slowest: FloatArray) -> tuple[float, float]:
+    def _fitted(self, slowest: FloatArray) -> tuple[float, float]:
         """Return α and β for which α M + β K is near C: by its entries, and by the slowest mode.
 
         Args:
@@ -162,7 +164,9 @@ def bodies(o: Operators, shift: float = 0.0) -> list[Body]:
         dofs = np.flatnonzero(label == number)
         M, C, K = (A[dofs][:, dofs].tocsc() for A in (o.mass, o.damping, o.stiffness))
         A = (K + shift * M).tocsc() if shift else K
-        found.append(Body(dofs, M, C, K, shift, _factorised(A)))
+        given = None if o.rayleigh is None else [float(values[dofs[0]]) for values in o.rayleigh]
+        rayleigh = None if given is None else (given[0], given[1])
+        found.append(Body(dofs, M, C, K, shift, _factorised(A), rayleigh))
     return found
 
 
