@@ -30,6 +30,7 @@ from scipy.sparse.csgraph import connected_components
 from delam_fem.model import _dolfinx, distributed
 from delam_fem.model.solids.cells import TENSOR, jacobians_of
 from delam_fem.model.solids.elasticity import Solid
+from delam_fem.mpi import MPI
 from delam_fem.numerics.arrays import FloatArray, IntArray
 
 _SAME = 1e-9
@@ -107,7 +108,10 @@ class Columns:
             young_modulus, elasticity(self.solid.dim, poisson)
         ):
             total = total + sp.csr_matrix((values, (rows, columns)), shape=(n, n))
-        return distributed.matrix(_own_rows(self.solid, total), self.solid.comm)
+        first = self.solid.dim * self.solid.first_node
+        stop = first + self.solid.dim * self.solid.n_own_nodes
+        comm = self.solid.comm
+        return distributed.matrix(own_rows(total, first, stop, comm), comm)
 
     def _entries(
         self, young_modulus: FloatArray, D: FloatArray
@@ -227,17 +231,24 @@ def _cell_stiffness(
     return np.asarray(0.5 * (K + K.T))
 
 
-def _own_rows(solid: Solid, total: sp.csr_matrix) -> sp.csr_matrix:
-    """Return the rows of this rank, with what the cells of others add (collective)."""
-    first = solid.dim * solid.first_node
-    stop = first + solid.dim * solid.n_own_nodes
-    if solid.comm.size == 1:
-        return total
-    entries = total.tocoo()
+def own_rows(total: sp.spmatrix, first: int, stop: int, comm: MPI.Intracomm) -> sp.csr_matrix:
+    """Return the rows of this rank in the sum of all ranks' matrices (collective).
+
+    What others add comes in the order of the ranks, so that the same work gives the same bits.
+
+    Args:
+        total: what this rank has, of all rows.
+        first: first row of this rank.
+        stop: the row after its last.
+        comm: communicator whose ranks have the rows in their order.
+    """
+    if comm.size == 1:
+        return sp.csr_matrix(total)
+    entries = sp.coo_matrix(total)
     is_own = (entries.row >= first) & (entries.row < stop)
     others = entries.row[~is_own], entries.col[~is_own], entries.data[~is_own]
-    result = total[first:stop]
-    for rows, columns, values in solid.comm.allgather(others):
+    result = sp.csr_matrix(total)[first:stop]
+    for rows, columns, values in comm.allgather(others):
         own = (rows >= first) & (rows < stop)
         place = rows[own] - first, columns[own]
         result = result + sp.csr_matrix((values[own], place), shape=result.shape)

@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from delam_fem.model import distributed
-from delam_fem.model.solids.columns import Columns
+from delam_fem.model.solids.columns import Columns, own_rows
 from delam_fem.model.solids.elasticity import Solid
 from delam_fem.model.solids.supports import SHARED, Held
 from delam_fem.numerics.arrays import FloatArray, IntArray
@@ -135,17 +134,27 @@ class Unknowns:
         return np.asarray(body[self.own // self.solid.dim - self.solid.first_node])
 
     @cached_property
+    def _selection(self) -> sp.csr_matrix:
+        """T of S1, the columns of all ranks (collective), CSR (n_dofs, n_free)."""
+        own = np.concatenate(self.solid.comm.allgather(self.own))
+        plain = np.flatnonzero(~np.isin(own, self.held.place))
+        turned = np.flatnonzero(self.column_of >= 0)
+        rows = np.concatenate([own[plain], self.held.dofs[turned]])
+        columns = np.concatenate([plain, self.column_of[turned]])
+        values = np.concatenate([np.ones(plain.size), self.held.turn[turned]])
+        return sp.csr_matrix((values, (rows, columns)), shape=(self.n_dofs, self.n_free))
+
+    @cached_property
+    def _whole(self) -> sp.csr_matrix:
+        """T of R1 times T of S1, the columns of all ranks (collective), CSR (n_dofs, n_free)."""
+        if self.columns.is_plain:
+            return self._selection
+        return sp.csr_matrix(self.columns.transformation @ self._selection)
+
+    @cached_property
     def free(self) -> sp.csr_matrix:
         """T of R1 times T of S1, the columns of this rank, CSR (n_dofs, n_own)."""
-        is_plain = ~np.isin(self.own, self.held.place)
-        plain = np.flatnonzero(is_plain)
-        local = self.column_of - self.first
-        turned = np.flatnonzero((self.column_of >= 0) & (local >= 0) & (local < self.n_own))
-        rows = np.concatenate([self.own[plain], self.held.dofs[turned]])
-        columns = np.concatenate([plain, local[turned]])
-        values = np.concatenate([np.ones(plain.size), self.held.turn[turned]])
-        selected = sp.csr_matrix((values, (rows, columns)), shape=(self.n_dofs, self.n_own))
-        return selected if self.columns.is_plain else self.columns.transformation @ selected
+        return self._whole[:, self.first : self.first + self.n_own]
 
     @cached_property
     def base(self) -> FloatArray:
@@ -154,31 +163,6 @@ class Unknowns:
         result[self.held.dofs] = self.held.base
         return result
 
-    def _transformation(self, *, is_relative: bool) -> Any:
-        """Return T of S1 for a matrix in d, T of R1 times it for one in u, in PETSc."""
-        from petsc4py import PETSc  # after MPI has started
-
-        start, n = self.solid.dim * self.solid.first_node, self.solid.dim * self.solid.n_own_nodes
-        is_plain = ~np.isin(self.own, self.held.place)
-        here = (self.held.dofs >= start) & (self.held.dofs < start + n) & (self.column_of >= 0)
-        rows = np.concatenate([self.own[is_plain], self.held.dofs[here]]) - start
-        columns = np.concatenate([self.first + np.flatnonzero(is_plain), self.column_of[here]])
-        values = np.concatenate([np.ones(np.count_nonzero(is_plain)), self.held.turn[here]])
-        own = sp.csr_matrix((values, (rows, columns)), shape=(n, self.n_free))
-        index = PETSc.IntType
-        result = PETSc.Mat().create(self.solid.comm)
-        result.setSizes(((n, self.n_dofs), (self.n_own, self.n_free)))
-        result.setType(PETSc.Mat.Type.AIJ)
-        result.setPreallocationCSR((own.indptr.astype(index), own.indices.astype(index), own.data))
-        result.assemble()
-        if is_relative or self.columns.is_plain:
-            return result
-        moved = distributed.matrix(self.columns.transformation[start : start + n], self.solid.comm)
-        product = moved.matMult(result)
-        moved.destroy()
-        result.destroy()
-        return product
-
     def restricted(self, matrix: Any, *, is_relative: bool = False) -> Restricted:
         """Return a PETSc matrix of the solid restricted to the free dofs (collective).
 
@@ -186,23 +170,23 @@ class Unknowns:
             matrix: of the displacements of all nodes; it is destroyed.
             is_relative: whether it is one of d (R1 of columns.py) instead.
         """
-        T = self._transformation(is_relative=is_relative)
-        g, moved = matrix.createVecs()
+        T = self._selection if is_relative else self._whole
         start = self.solid.dim * self.solid.first_node
-        g.array = self.base[start : start + g.array.size]
-        matrix.mult(g, moved)
-        corners = self._by_lamina(g.array * moved.array)
-        column, _ = T.createVecs()
-        T.multTranspose(moved, column)
-        product = matrix.ptap(T)
+        stop = start + self.solid.dim * self.solid.n_own_nodes
+        indptr, indices, data = matrix.getValuesCSR()
         matrix.destroy()
-        indptr, indices, data = product.getValuesCSR()
-        rows = sp.csr_matrix((data, indices, indptr), shape=(self.n_own, self.n_free))
-        result = Restricted(rows, np.array(column.array), corners)
-        for own in (product, g, moved, column, T):
-            own.destroy()
-        result.rows.eliminate_zeros()
-        return result
+        A = sp.csr_matrix((data, indices, indptr), shape=(stop - start, self.n_dofs))
+        moved = A @ self.base
+        transposed = T[start:stop].T.tocsr()
+        rows = self._own_rows(transposed @ (A @ T))
+        rows.eliminate_zeros()
+        column = self._own_rows(transposed @ sp.csr_matrix(moved[:, None]))
+        corners = self._by_lamina(self.base[start:stop] * moved)
+        return Restricted(rows, column.toarray().ravel(), corners)
+
+    def _own_rows(self, total: sp.spmatrix) -> sp.csr_matrix:
+        """Return the rows of own free dofs in the sum of all ranks' matrices (collective)."""
+        return own_rows(total, self.first, self.first + self.n_own, self.solid.comm)
 
     def diagonal(self, values: FloatArray) -> Restricted:
         """Return a diagonal matrix restricted to the free dofs (collective).
