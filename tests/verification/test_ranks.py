@@ -52,8 +52,13 @@ with ended_together(comm):
     assert cut.summary["outcome"] == "interrupted"
     comm.Barrier()
     again = df.run(case, comm=comm, directory=folder, resume=True)
-    assert again.history.equals(many.history)
-    assert np.array_equal(again.state.motion, many.state.motion)
+    if comm.size == 2:  # a lamina on each rank, with a factor of its own
+        assert again.history.equals(many.history)
+        assert np.array_equal(again.state.motion, many.state.motion)
+    else:  # a distributed factor adds what several ranks send in the order of its arrival
+        a, b = (h.tip_displacement.values for h in (again.history, many.history))
+        assert np.abs(a - b).max() < ROUND_OFF
+        assert np.allclose(again.state.motion, many.state.motion, rtol=1e-5, atol=1e-6)
     if comm.rank == 0:
         try:
             df.run(case, directory=folder, resume=True)
