@@ -152,8 +152,8 @@ def table(rows: list[dict[str, Any]]) -> str:
     """Return the measurements as a table for a page."""
     lines = [
         "| model | dofs | pairs | ranks | step [ms] | by the clock [ms] | share of the solve "
-        "| factorisation [s] | assembly [s] | peak of each rank [MB] |",
-        "|" + "---|" * 10,
+        "| factorisation [s] | peak of each rank [MB] |",
+        "|" + "---|" * 9,
     ]
     for row in rows:
         peak = ", ".join(str(mb) for mb in row["peak_mb"])
@@ -161,7 +161,7 @@ def table(rows: list[dict[str, Any]]) -> str:
             f"| {row['kind']} | {row['dofs']} | {row['pairs']} | {row['ranks']} "
             f"| {row['step_ms']:.3g} | {row['step_wall_ms']:.3g} "
             f"| {100 * row['solve_ms'] / row['step_ms']:.0f} % | {row['factorisation_s']:.2g} "
-            f"| {row['assembly_s']:.2g} | {peak} |"
+            f"| {peak} |"
         )
     return "\n".join(lines)
 
