@@ -224,7 +224,7 @@ def cell_dofs(space: Any) -> npt.NDArray[np.int32]:
     table = space.dofmap.list
     if isinstance(table, np.ndarray):
         return table
-    return np.asarray(table.array).reshape(table.num_nodes, -1)
+    return np.asarray(table.array).reshape(table.num_nodes, space.dofmap.dof_layout.num_dofs)
 
 
 def facet_dofs(space: Any, n_facets: int) -> list[list[int]]:
@@ -280,7 +280,8 @@ def cell_nodes(mesh: Any) -> npt.NDArray[np.int32]:
     count = mesh.topology.index_map(mesh.topology.dim).size_local
     if isinstance(table, np.ndarray):
         return table[:count]
-    return np.array([table.links(c) for c in range(count)], dtype=np.int32).reshape(count, -1)
+    rows = [table.links(c) for c in range(count)]
+    return np.array(rows, dtype=np.int32).reshape(count, len(rows[0]) if rows else 0)
 
 
 @_compiling_in_silence()

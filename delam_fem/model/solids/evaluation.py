@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
-from delam_fem.model import _dolfinx
 from delam_fem.model.solids.cells import jacobians_of, reference_coordinates
 from delam_fem.model.solids.elasticity import Solid
 from delam_fem.mpi import MPI
@@ -81,8 +80,7 @@ def evaluate(solid: Solid, points: FloatArray, cells: IntArray) -> Evaluation:
     local = np.full(len(mesh.cells), -1, dtype=np.int64)
     local[own_cells] = np.arange(own_cells.size)
     own = np.flatnonzero(local[cells] >= 0)
-    where = _dolfinx.cell_nodes(solid.domain)[local[cells[own]]]
-    corners = np.asarray(solid.domain.geometry.x)[where, : mesh.dim]
+    corners = mesh.points[mesh.cells[cells[own]]]
     X = reference_coordinates(mesh.cell, corners, points[own])
     table = solid.tabulate(1, X) if own.size else np.zeros((1 + mesh.dim, 0, 0))
     inverse = np.linalg.inv(jacobians_of(mesh.cell, corners, X))  # dX_k/dx_j
