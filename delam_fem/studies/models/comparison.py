@@ -59,7 +59,7 @@ class ModelComparison:
         """Return rows of one motion with a column for each model.
 
         "Difference until then" is the largest one of the tips from those of the first model before
-        the first strike at the tips, relative to their largest displacement.
+        the first strike near the tips, relative to their largest displacement.
 
         Args:
             number: number of the frequency.

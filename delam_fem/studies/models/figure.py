@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
 from matplotlib.figure import Figure
 
 from delam_fem.case.definition import Case
@@ -34,14 +33,15 @@ def draw(case: Case, models: Sequence[Measured]) -> Figure:
                         turns[shown], 1e3 * tip[shown], style, color=colour, lw=1.0, label=label
                     )
                 along.plot(motion.x, 1e3 * motion.impulse, color=colour, lw=1.0)
-                if np.isfinite(motion.strike):
+                if motion.strike * motion.frequency <= SHOWN_PERIODS:
                     histories.axvline(motion.strike * motion.frequency, color=colour, lw=0.5)
             frequency = models[0].motions[k].frequency
             histories.set(ylabel="tip [mm]", title=f"{frequency:g} Hz; thin line: first strike")
             along.set(ylabel="impulse [mN s/m per period]", title="second half of the run")
         rows[-1][0].set_xlabel("periods")
         rows[-1][1].set_xlabel("x [m]")
-        rows[0][0].legend(loc="upper left")
+        handles, labels = rows[0][0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
         names = ", ".join(f"{lamina.name}" for lamina in case.lamina)
         figure.suptitle(f"{case.name}: {names} (full, dashed, …) by model")
     return figure

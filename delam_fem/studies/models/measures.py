@@ -19,6 +19,9 @@ from delam_fem.studies.structure_modes import structure_modes
 ENERGIES = ("base_work", "force_work", "damping_loss", "contact_damping_loss", "impact_loss")
 """Columns of the ledger that explain where the energy of a period goes."""
 
+NEAR = 0.1
+"""Distance from the reference probes, in lengths, within which an impact is a strike there."""
+
 
 @dataclass(frozen=True)
 class Motion:
@@ -28,7 +31,8 @@ class Motion:
         frequency: of the excitation [Hz].
         time: shape (n_steps,) [s].
         tips: displacements of the reference probes, shape (n_laminae, n_steps) [m].
-        strike: time of the first strike at the probes [s]; infinite if there is none.
+        strike: time of the first impact within a tenth of the length of the probes [s]; infinite if
+            there is none.
         summary: numbers of the second half of the run; see `diagnostics.summary_of`.
         energies: means over the periods of the second half, by the names in `ENERGIES` [J].
         residual: largest part of a period's energy that the ledger does not explain [-].
@@ -118,7 +122,6 @@ def _motion(model: Variant, frequency: float, periods: int) -> Motion:
     case = model.case.with_overrides(span | keys)
     found = run(case, model.engine, structure=model.structure)
     history = found.history
-    closed = np.flatnonzero(diagnostics.tip_closed(history))
     t = history["time"].to_numpy()
     late = diagnostics.last_periods(history, case, math.ceil(periods / 2))
     x, impulse = _along(history, model, float(late["time"][0]))
@@ -127,7 +130,7 @@ def _motion(model: Variant, frequency: float, periods: int) -> Motion:
         frequency,
         t,
         history["tip_displacement"].to_numpy(),
-        float(t[closed[0]]) if closed.size else math.inf,
+        _first_strike(history),
         diagnostics.summary(late.isel(period=kept), case),
         {name: float(history[f"energy_{name}"][kept].mean()) for name in ENERGIES},
         float(found.summary["energy_residual"]),
@@ -135,6 +138,15 @@ def _motion(model: Variant, frequency: float, periods: int) -> Motion:
         impulse / math.ceil(periods / 2),
         (found.summary["microseconds_per_step"], found.summary["steps"] / periods),
     )
+
+
+def _first_strike(history: xr.Dataset) -> float:
+    """Return the time of the first impact near the reference probes [s]; infinite without one."""
+    x = history["x"].to_numpy()
+    apart = np.abs(x[history["event_node"].to_numpy()] - x[diagnostics.probe_node(history)])
+    near = history["event_time"].to_numpy()[apart <= NEAR * np.ptp(x)]
+    closed = history["time"].to_numpy()[diagnostics.tip_closed(history)]
+    return float(min(near.min(initial=math.inf), closed.min(initial=math.inf)))
 
 
 def _along(history: xr.Dataset, model: Variant, since: float) -> tuple[FloatArray, FloatArray]:
