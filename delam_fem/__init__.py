@@ -53,6 +53,7 @@ if TYPE_CHECKING:
     from delam_fem.studies.branches.follow import follow
     from delam_fem.studies.convergence.run import converge
     from delam_fem.studies.diagrams.drawing import diagram
+    from delam_fem.studies.models.comparison import compare_models
     from delam_fem.studies.modes import modes
     from delam_fem.studies.orbits.run import orbit
     from delam_fem.studies.reduced.motion import reduced
@@ -78,6 +79,7 @@ _HOMES = {
     "Sweep": "studies.sweeps.grid",
     "SweptMotion": "case.motion.excitation",
     "compare": "reference.compare",
+    "compare_models": "studies.models.comparison",
     "converge": "studies.convergence.run",
     "diagram": "studies.diagrams.drawing",
     "follow": "studies.branches.follow",
@@ -117,6 +119,7 @@ __all__ = [
     "SweptMotion",
     "__version__",
     "compare",
+    "compare_models",
     "converge",
     "diagram",
     "follow",
