@@ -214,7 +214,6 @@ def _steps(case: Case, direction: str, steps: str | None) -> tuple[int, ...]:
 
 def _tell(found: Convergence, directory: Path, quiet: bool) -> None:
     """Write tables and figures, show the short tables, and fail if the ladder is incomplete."""
-    from rich.markup import escape
 
     from delam_fem.case.atomic import write_text
     from delam_fem.studies.convergence.figures import save_figures
@@ -230,7 +229,7 @@ def _tell(found: Convergence, directory: Path, quiet: bool) -> None:
     if not quiet:
         typer.echo(verdict(found))
         for entry in overview(found):
-            table(escape(entry.title), [escape(text) for text in entry.heading], entry.rows)
+            table(entry.title, entry.heading, entry.rows)
         if not found.ladder.has_limit:
             tell(NO_LIMIT)
         say_files(written)
