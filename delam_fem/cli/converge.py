@@ -214,7 +214,6 @@ def _steps(case: Case, direction: str, steps: str | None) -> tuple[int, ...]:
 
 def _tell(found: Convergence, directory: Path, quiet: bool) -> None:
     """Write tables and figures, show the short tables, and fail if the ladder is incomplete."""
-
     from delam_fem.case.atomic import write_text
     from delam_fem.studies.convergence.figures import save_figures
     from delam_fem.studies.convergence.overview import overview, verdict
