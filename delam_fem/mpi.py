@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import gc
 import os
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -51,7 +52,7 @@ if NO_HANDLER not in options:
 with _alone():
     from mpi4py import MPI
 
-__all__ = ["MPI", "hold", "release"]
+__all__ = ["MPI", "end_with_any", "hold", "release"]
 
 _held: list[Any] = []
 """PETSc's copies of communicators that `hold` keeps."""
@@ -67,6 +68,22 @@ def hold(comm: MPI.Intracomm) -> None:
         from petsc4py import PETSc
 
         _held.append(PETSc.Comm(comm).duplicate())
+
+
+def end_with_any(comm: MPI.Intracomm) -> None:
+    """End all ranks, with its traceback, when an exception that nobody catches ends one of them.
+
+    The others would wait for it forever. A script of one's own needs this as the command does.
+    """
+    if comm.size == 1 or sys.excepthook is not sys.__excepthook__:
+        return  # in a notebook or debugger somebody else shows exceptions, and goes on
+
+    def show_and_abort(*what: Any) -> None:
+        sys.__excepthook__(*what)
+        sys.stderr.flush()
+        comm.Abort(1)
+
+    sys.excepthook = show_and_abort
 
 
 def release(comm: MPI.Intracomm) -> None:

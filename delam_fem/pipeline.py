@@ -94,6 +94,7 @@ def run(
     if extend:
         case, source = _extended(case, directory, extend, comm, resume=resume)
     mpi.hold(comm)
+    mpi.end_with_any(comm)
     structure = discretise.assemble(case, comm=comm) if structure is None else structure
     with session_of(case, structure.operators, initial=initial, engine=engine, comm=comm) as opened:
         recorder = opened.recorder

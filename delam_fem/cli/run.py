@@ -159,7 +159,7 @@ def ended_together(comm: MPI.Intracomm) -> Iterator[None]:
         if comm.size > 1:
             found = explained(error)
             if found is None:
-                _log.exception("process %d failed", comm.rank)
+                _log.critical("process %d failed", comm.rank, exc_info=True)
             else:
                 let_the_first_speak()
                 tell(f"delam-fem: {found[0]}")

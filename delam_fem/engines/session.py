@@ -103,8 +103,11 @@ def session(
         set_initial(computing, initial, motion(0)[0])
         recorder = Recorder(operators.base, span, operators.n_probes, operators.n_sensors)
         yield Session(computing, recorder, motion)
-    finally:
-        computing.destroy()
+    except BaseException:
+        if comm is None or comm.size == 1:  # to free what ranks share, all must take part
+            computing.destroy()
+        raise
+    computing.destroy()
 
 
 @contextmanager

@@ -229,3 +229,40 @@ def test_an_error_on_one_rank_ends_all(tmp_path: Path) -> None:
     assert status == 1
     assert "delam-fem: x.nc: No space left on device" in errors
     assert periods_kept(tmp_path / "run") == FEW["time.periods"]
+
+
+WITHIN = """
+from delam_fem.mpi import MPI
+from delam_fem.engines.petsc.theta import MoreauJean
+
+computed, steps = MoreauJean.advance, []
+
+
+def advance(stepper):
+    steps.append(None)
+    if len(steps) > 150 and MPI.COMM_WORLD.rank == 1:
+        raise RuntimeError("rank one is lost")
+    return computed(stepper)
+
+
+MoreauJean.advance = advance
+"""
+"""A step fails on one of two ranks while the other goes on and waits for it."""
+KEYS = {"mesh.elements": 6, "time.periods": 2}
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("way", ["command", "script"])
+def test_an_error_within_a_step_of_one_rank_ends_all(way: str, tmp_path: Path) -> None:
+    command = ["delam-fem", "run", "default", "-q", "-o", str(tmp_path / "run")]
+    command += [f"--set={key}={value}" for key, value in KEYS.items()]
+    ways = {
+        "command": f"import sys\nfrom delam_fem.cli.app import app\nsys.argv = {command!r}\napp()",
+        "script": f"import delam_fem as df\ndf.run(df.preset('default', {KEYS!r}), "
+        "comm=MPI.COMM_WORLD)",
+    }
+    script = tmp_path / "one.py"
+    script.write_text(f"{WITHIN}\n{ways[way]}\n")
+    status, errors = ended([*MPIRUN, sys.executable, str(script)])
+    assert status == 1
+    assert "RuntimeError: rank one is lost" in errors
