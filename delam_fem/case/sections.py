@@ -251,7 +251,7 @@ class Model(Section):
         poisson: Poisson's ratio of all laminae [-].
         degree: degree of the elements.
         layers: number of cells through the thickness of each lamina.
-        strips: number of cells across the width.
+        strips: number of cells across the width; give 2 or more where contact counts.
         file: file of `delam-fem reduce`; a relative name counts from the case file.
     """
 
