@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from delam_fem.model.operators import BaseCoupling, Operators
+from delam_fem.model.operators import BaseCoupling, Operators, Recorded
 from delam_fem.numerics.arrays import FloatArray
 
 if TYPE_CHECKING:  # those who compute with `Operators` alone start neither
@@ -24,7 +24,7 @@ if TYPE_CHECKING:  # those who compute with `Operators` alone start neither
 
 
 @dataclass(frozen=True)
-class DistributedOperators:
+class DistributedOperators(Recorded):
     """Matrices of one semi-discrete contact problem, spread over the ranks of a communicator.
 
     The equations and the units are those of `Operators`. This rank owns n_own of the n dofs.
@@ -115,39 +115,6 @@ class DistributedOperators:
     def own(self) -> slice:
         """The dofs of this rank among all dofs."""
         return slice(*self.mass.getOwnershipRange())
-
-    @property
-    def n_pairs(self) -> int:
-        """Number of contact pairs."""
-        return int(self.gap0.shape[0])
-
-    @property
-    def n_probes(self) -> int:
-        """Number of probes."""
-        return int(self.probes.shape[0])
-
-    @property
-    def n_sensors(self) -> int:
-        """Number of functionals of sensors."""
-        return int(self.sensors.shape[0])
-
-    @property
-    def observed(self) -> sp.csr_matrix:
-        """Own columns of probes and sensors, CSR (n_probes + n_sensors, n_own)."""
-        return sp.vstack([self.probes, self.sensors], format="csr")
-
-    def require_lumped_mass(self) -> FloatArray:
-        """Return the own part of the diagonal of the lumped mass, shape (n_own,).
-
-        Raises:
-            ValueError: there is no lumped mass.
-        """
-        if self.lumped_mass is None:
-            raise ValueError(
-                'operators: lumped_mass is missing, but impulse = "lumped" acts on it; give it, or '
-                'take impulse = "consistent"'
-            )
-        return self.lumped_mass
 
 
 def spread(operators: Operators, comm: MPI.Intracomm) -> DistributedOperators:

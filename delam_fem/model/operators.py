@@ -54,8 +54,50 @@ class BaseCoupling:
         return cls(np.zeros(n), np.zeros(n), np.zeros(n))
 
 
+class Recorded:
+    """What operators have whatever holds their matrices: numbers of pairs, probes and sensors."""
+
+    gap0: FloatArray
+    lumped_mass: FloatArray | None
+    probes: sp.csr_matrix
+    sensors: sp.csr_matrix
+
+    @property
+    def n_probes(self) -> int:
+        """Number of probes."""
+        return int(self.probes.shape[0])
+
+    @property
+    def n_sensors(self) -> int:
+        """Number of functionals of sensors."""
+        return int(self.sensors.shape[0])
+
+    @property
+    def observed(self) -> sp.csr_matrix:
+        """Probes and sensors, all that is recorded of u and of v: their rows, own columns."""
+        return sp.vstack([self.probes, self.sensors], format="csr")
+
+    @property
+    def n_pairs(self) -> int:
+        """Number of contact pairs."""
+        return int(self.gap0.shape[0])
+
+    def require_lumped_mass(self) -> FloatArray:
+        """Return the diagonal of the lumped mass at the own dofs, shape (n_own,).
+
+        Raises:
+            ValueError: there is no lumped mass.
+        """
+        if self.lumped_mass is None:
+            raise ValueError(
+                'operators: lumped_mass is missing, but impulse = "lumped" acts on it; give it, or '
+                'take impulse = "consistent"'
+            )
+        return self.lumped_mass
+
+
 @dataclass(frozen=True)
-class Operators:
+class Operators(Recorded):
     """Matrices of one semi-discrete contact problem, in SI units and float64; never changed.
 
     Attributes:
@@ -127,36 +169,3 @@ class Operators:
     def n_own(self) -> int:
         """Number of free dofs of this process, which has them all."""
         return self.n_dofs
-
-    @property
-    def n_probes(self) -> int:
-        """Number of probes."""
-        return int(self.probes.shape[0])
-
-    @property
-    def n_sensors(self) -> int:
-        """Number of functionals of sensors."""
-        return int(self.sensors.shape[0])
-
-    @property
-    def observed(self) -> sp.csr_matrix:
-        """Probes and sensors, all that is recorded of u and of v, CSR (n_probes + n_sensors, n)."""
-        return sp.vstack([self.probes, self.sensors], format="csr")
-
-    @property
-    def n_pairs(self) -> int:
-        """Number of contact pairs."""
-        return int(self.gap0.shape[0])
-
-    def require_lumped_mass(self) -> FloatArray:
-        """Return the diagonal of the lumped mass, shape (n,).
-
-        Raises:
-            ValueError: there is no lumped mass.
-        """
-        if self.lumped_mass is None:
-            raise ValueError(
-                'operators: lumped_mass is missing, but impulse = "lumped" acts on it; give it, or '
-                'take impulse = "consistent"'
-            )
-        return self.lumped_mass
