@@ -8,7 +8,6 @@ ranks contribute; loads of contact forces need no communication.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from operator import attrgetter
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -71,27 +70,8 @@ class DistributedOperators(Recorded):
         Raises:
             ValueError: a matrix or vector does not fit the number of own dofs or of pairs.
         """
-        n, pairs = self.n_own, self.n_pairs
-        for name in ("probes", "sensors"):
-            if getattr(self, name) is None:
-                object.__setattr__(self, name, sp.csr_matrix((0, n)))
-        shapes: dict[str, tuple[int, ...]] = {
-            "lumped_mass": (n,),
-            "base.mass": (n,),
-            "base.damping": (n,),
-            "base.stiffness": (n,),
-            "gap_matrix": (pairs, n),
-            "pair_weights": (pairs,),
-            "probes": (self.n_probes, n),
-            "sensors": (self.n_sensors, n),
-        }
-        for name, expected in shapes.items():
-            array = attrgetter(name)(self)
-            if array is not None and array.shape != expected:
-                raise ValueError(
-                    f"distributed operators: {name} has shape {array.shape} on rank "
-                    f"{self.comm.rank}, expected {expected}"
-                )
+        n, text = self.n_own, "distributed operators: {name} has shape {given} on rank "
+        self._complete(n, {}, f"{text}{self.comm.rank}, expected {{expected}}")
         for name in ("mass", "damping", "stiffness"):
             rows, columns = getattr(self, name).getSizes()
             if tuple(rows) != (n, self.n_dofs) or tuple(columns) != tuple(rows):

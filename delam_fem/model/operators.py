@@ -9,6 +9,7 @@ they are integrated in time.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from operator import attrgetter
 
@@ -61,6 +62,36 @@ class Recorded:
     lumped_mass: FloatArray | None
     probes: sp.csr_matrix
     sensors: sp.csr_matrix
+
+    def _complete(self, n: int, further: Mapping[str, tuple[int, ...]], text: str) -> None:
+        """Replace missing probes and sensors by an empty matrix; check the shapes.
+
+        Args:
+            n: number of own dofs.
+            further: expected shapes of further arrays by name, which are checked first.
+            text: of the error, with {name}, {given} and {expected}.
+
+        Raises:
+            ValueError: an array has another shape.
+        """
+        for name in ("probes", "sensors"):
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, sp.csr_matrix((0, n)))
+        shapes: dict[str, tuple[int, ...]] = {
+            **further,
+            "lumped_mass": (n,),
+            "base.mass": (n,),
+            "base.damping": (n,),
+            "base.stiffness": (n,),
+            "gap_matrix": (self.n_pairs, n),
+            "pair_weights": (self.n_pairs,),
+            "probes": (self.n_probes, n),
+            "sensors": (self.n_sensors, n),
+        }
+        for name, expected in shapes.items():
+            array = attrgetter(name)(self)
+            if array is not None and array.shape != expected:
+                raise ValueError(text.format(name=name, given=array.shape, expected=expected))
 
     @property
     def n_probes(self) -> int:
@@ -138,27 +169,9 @@ class Operators(Recorded):
         Raises:
             ValueError: a matrix or vector does not fit the number of dofs or of pairs.
         """
-        n, pairs = self.n_dofs, self.n_pairs
-        for name in ("probes", "sensors"):
-            if getattr(self, name) is None:
-                object.__setattr__(self, name, sp.csr_matrix((0, n)))
-        shapes: dict[str, tuple[int, ...]] = {
-            "mass": (n, n),
-            "damping": (n, n),
-            "stiffness": (n, n),
-            "lumped_mass": (n,),
-            "base.mass": (n,),
-            "base.damping": (n,),
-            "base.stiffness": (n,),
-            "gap_matrix": (pairs, n),
-            "pair_weights": (pairs,),
-            "probes": (self.n_probes, n),
-            "sensors": (self.n_sensors, n),
-        }
-        for name, expected in shapes.items():
-            array = attrgetter(name)(self)
-            if array is not None and array.shape != expected:
-                raise ValueError(f"operators: {name} has shape {array.shape}, expected {expected}")
+        n = self.n_dofs
+        square = {"mass": (n, n), "damping": (n, n), "stiffness": (n, n)}
+        self._complete(n, square, "operators: {name} has shape {given}, expected {expected}")
 
     @property
     def n_dofs(self) -> int:

@@ -85,13 +85,16 @@ class Reduction:
         return np.array(rows).reshape(len(rows), self.basis.squares.size + 1)
 
 
-def reduced_case(case: Case, modes: int = 20, *, coordinates: int | None = None) -> Reduction:
+def reduced_case(
+    case: Case, modes: int = 20, *, coordinates: int | None = None, full: Structure | None = None
+) -> Reduction:
     """Reduce a case to normal modes and residual flexibility; see `basis.py`.
 
     Args:
         case: the case.
         modes: number of normal modes of each body.
         coordinates: largest number of coordinates; None: all shapes that are independent.
+        full: the discretised case; None: it is assembled.
 
     Raises:
         CaseError: the case is of a reduced model already, acts on a lumped mass, or cannot be
@@ -105,7 +108,7 @@ def reduced_case(case: Case, modes: int = 20, *, coordinates: int | None = None)
     is_floating = not case.is_apart and n_rigid(case) > 0
     slowest = min(float(own.angular_frequencies(1)[0]) for own in case.lamina)
     begin = time.perf_counter()
-    full = assemble(case)
+    full = assemble(case) if full is None else full
     assembled = time.perf_counter()
     try:
         basis = basis_of(

@@ -59,11 +59,10 @@ def variants(case: Case, names: Sequence[str], modes: int) -> list[Variant]:
                     "models: expected a model before reduced, the one that it reduces, for example "
                     "plane-stress,reduced"
                 )
-            from delam_fem.model.reduction.basis import basis_of
-            from delam_fem.model.reduction.projection import projected
+            from delam_fem.model.reduction.of_case import reduced_case
 
             whole = found[-1]
-            structure = projected(whole.structure, basis_of(whole.structure.operators, modes))
+            structure = reduced_case(whole.case, modes, full=whole.structure).structure
             own, label = whole.case, f"{whole.name}, {modes} modes"
         else:
             own, label = with_model(case, name), name
