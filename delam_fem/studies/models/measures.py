@@ -38,7 +38,7 @@ class Motion:
         residual: largest part of a period's energy that the ledger does not explain [-].
         x: positions along the contact line, shape (n_points,) [m].
         impulse: mean impulse of a period and length, shape (n_points,) [N s/m].
-        cost: processor time of a step [µs], and steps in a period.
+        cost: duration of a step by the clock [µs], and steps in a period.
     """
 
     frequency: float
