@@ -99,13 +99,21 @@ def attributes(function: ast.FunctionDef) -> Iterator[tuple[str, int]]:
             yield node.attr, node.lineno
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=lambda path: str(path.relative_to(ROOT)))
-def test_datasets_are_read_by_names_of_the_schema(path: Path) -> None:
-    wrong = [(name, line) for f in functions(path) for name, line in subscripts(f)]
-    assert [entry for entry in wrong if entry[0] not in NAMES] == []
-    read = {name for f in functions(path) for name, _ in attributes(f)}
-    assert read & NAMES == set(), "read variables by subscript, not as attributes"
-    assert {name for name in read if not hasattr(xr.Dataset, name)} == set()
+def test_datasets_are_read_by_names_of_the_schema() -> None:
+    wrong, read = [], {}
+    for path in SOURCES:
+        for function in functions(path):
+            wrong += [
+                f"{path.relative_to(ROOT)}:{line} {name}"
+                for name, line in subscripts(function)
+                if name not in NAMES
+            ]
+            read |= {
+                name: f"{path.relative_to(ROOT)}:{line}" for name, line in attributes(function)
+            }
+    assert wrong == []
+    assert {name: read[name] for name in read if name in NAMES} == {}, "read them by subscript"
+    assert {name: read[name] for name in read if not hasattr(xr.Dataset, name)} == {}
 
 
 def test_the_search_finds_what_it_looks_for() -> None:
