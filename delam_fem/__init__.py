@@ -32,6 +32,8 @@ from __future__ import annotations
 from importlib import import_module, metadata
 from typing import TYPE_CHECKING
 
+from delam_fem import imports as imports  # first: it guards the import of dolfinx
+
 if TYPE_CHECKING:
     from delam_fem.case.definition import Case
     from delam_fem.case.files import PRESETS, load_case, preset, save_case

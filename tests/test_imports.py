@@ -25,6 +25,7 @@ SOURCES = {
 PURE = {"caches", "mpi", "numerics", "case", "contact", "model", "simulation"}
 BELOW_STUDIES = PURE | {"engines", "results", "pipeline"}
 ALLOWED: dict[str, set[str]] = {
+    "imports": set(),
     "caches": set(),
     "mpi": set(),
     "numerics": set(),
@@ -38,8 +39,8 @@ ALLOWED: dict[str, set[str]] = {
     "studies": BELOW_STUDIES,
     "reference": BELOW_STUDIES | {"studies"},
     "paper": BELOW_STUDIES | {"studies"},
-    "cli": BELOW_STUDIES | {"studies", "reference", "paper"},
-    "__init__": BELOW_STUDIES | {"studies", "reference"},
+    "cli": BELOW_STUDIES | {"imports", "studies", "reference", "paper"},
+    "__init__": BELOW_STUDIES | {"imports", "studies", "reference"},
     "__main__": {"cli"},
 }
 

@@ -207,23 +207,6 @@ def test_two_ranks_compute_what_one_does(impulse: str, law: str, tmp_path: Path)
     assert done.returncode == 0, done.stderr
 
 
-def test_dolfinx_pictures_and_netcdf_live_in_one_process(tmp_path: Path) -> None:
-    script = tmp_path / "together.py"
-    script.write_text(
-        "from delam_fem.model import _dolfinx\n"
-        "import h5py, netCDF4, pyvista\n"
-        "pyvista.OFF_SCREEN = True\n"
-        "mesh = pyvista.Sphere(); mesh['z'] = mesh.points[:, 2]\n"
-        "plot = pyvista.Plotter(off_screen=True); plot.add_mesh(mesh, scalars='z')\n"
-        f"plot.screenshot({str(tmp_path / 'ball.png')!r})\n"
-        f"netCDF4.Dataset({str(tmp_path / 'a.nc')!r}, 'w').close()\n"
-        f"h5py.File({str(tmp_path / 'a.h5')!r}, 'w').close()\n"
-    )
-    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    assert (tmp_path / "ball.png").stat().st_size > 1000
-
-
 def test_keys_that_nothing_reads_are_in_the_summary_and_the_log(
     caplog: pytest.LogCaptureFixture,
 ) -> None:

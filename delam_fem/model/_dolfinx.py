@@ -1,21 +1,16 @@
 """The only module that imports dolfinx; it hides differences between dolfinx versions.
 
 The code is written for the names of dolfinx 0.11 and tested with 0.5.2, 0.9.0 and 0.11.0. No other
-file asks for a version. The import itself needs care. dolfinx up to 0.7 switches the process to
-RTLD_GLOBAL and leaves it so. Later versions, if Numba is installed, make llvmlite load PETSc, and
-HDF5 with it, in the same global way. In both cases the wheels of vtk, netCDF4 and h5py then pick up
-symbols of these libraries instead of their own and break. The import therefore disables both calls.
+file asks for a version.
 """
 
 from __future__ import annotations
 
 import logging
-import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
-import llvmlite.binding
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
@@ -25,32 +20,15 @@ from delam_fem.caches.folders import ensure_home
 from delam_fem.mpi import MPI  # before dolfinx, which would start MPI
 from delam_fem.numerics.arrays import FloatArray, IntArray
 
-
-@contextmanager
-def _symbols_stay_local() -> Iterator[None]:
-    """Disable the calls that make a library's symbols visible to all other libraries."""
-    held = [(sys, "setdlopenflags"), (llvmlite.binding, "load_library_permanently")]
-    originals = [getattr(owner, name) for owner, name in held]
-    for owner, name in held:
-        setattr(owner, name, lambda *_: None)
-    try:
-        yield
-    finally:
-        for (owner, name), original in zip(held, originals, strict=True):
-            setattr(owner, name, original)
-
-
 ensure_home()  # dolfinx asks for it when it is imported
-with _symbols_stay_local():
-    import dolfinx
-    import dolfinx.fem.petsc
-    import dolfinx.graph
-    import dolfinx.io
-    import dolfinx.mesh
-
 import basix  # noqa: E402
+import dolfinx  # noqa: E402  (see `delam_fem.imports`)
+import dolfinx.fem.petsc  # noqa: E402
+import dolfinx.graph  # noqa: E402
+import dolfinx.io  # noqa: E402
+import dolfinx.mesh  # noqa: E402
 import ffcx.codegeneration.jit  # noqa: E402
-import ufl  # noqa: E402  (after dolfinx, which brings it)
+import ufl  # noqa: E402
 
 forms.protect(ffcx.codegeneration.jit)
 _is_old = not hasattr(dolfinx.fem, "functionspace")

@@ -96,6 +96,8 @@ def test_two_ranks_read_the_whole_file(folder: Path, tmp_path: Path) -> None:
         environment = os.environ | {"OMP_NUM_THREADS": "1"}  # without what MPI set in this process
         done = subprocess.run(whole, capture_output=True, text=True, env=environment, check=False)
         assert done.returncode == 0, done.stderr[-2000:]
-    one, two = (xr.open_dataset(tmp_path / name / "result.nc") for name in ("one", "two"))
+    one, two = (
+        xr.load_dataset(tmp_path / name / "result.nc", engine="h5netcdf") for name in ("one", "two")
+    )
     for name in ("tip_displacement", "displacement", "velocity"):
         np.testing.assert_allclose(two[name], one[name], atol=1e-10)
