@@ -71,10 +71,11 @@ def operators_command(
 ) -> None:
     """Write M, C, K, H, g0 and the vectors of the base for other programs (NumPy or MATLAB)."""
     with reported(quiet):
-        from delam_fem.model.beams.closed_form import assemble
+        from delam_fem.model.discretise import assemble, require_kind
         from delam_fem.model.export import write_operators
 
         case = case_of(case_name, overrides)
-        path = write_operators(assemble(case), case, output)
+        require_kind(case, "operators")
+        path = write_operators(assemble(case, needs_dolfinx=False), case, output)
         if not quiet:
             say_files([path])

@@ -5,13 +5,54 @@ Each one is imported only when it is chosen: only some need dolfinx.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from delam_fem.case.definition import Case
+from delam_fem.case.sections import ModelKind
+from delam_fem.case.toml import CaseError
 from delam_fem.model.layout import Structure
 
 if TYPE_CHECKING:
     from delam_fem.mpi import MPI
+
+KINDS: Mapping[str, tuple[tuple[ModelKind, ...], str]] = MappingProxyType(
+    {
+        "compare": (("beam",), "the reference is one of beams; --models compares models"),
+        "operators": (
+            ("beam", "reduced"),
+            "solids are too large for dense matrices; give the case that delam-fem reduce writes",
+        ),
+        "converge": (
+            ("beam",),
+            "other models are refined in steps alone, on mesh.elements: --in steps",
+        ),
+        "comparison with the intact structure": (
+            ("beam", "plane-stress", "solid"),
+            "the file of a reduced model has its delaminations; give the case that was reduced",
+        ),
+    }
+)
+"""Kinds of model that a study takes, and why no others; a study that is not here follows all."""
+
+
+def require_kind(case: Case, study: str) -> None:
+    """Refuse a case whose kind of model a study cannot follow.
+
+    Args:
+        case: the case.
+        study: name of the study in `KINDS`.
+
+    Raises:
+        CaseError: the study takes other kinds only.
+    """
+    kinds, reason = KINDS[study]
+    if case.model.kind not in kinds:
+        expected = " or ".join(f'"{kind}"' for kind in kinds)
+        raise CaseError(
+            f'model.kind: {study}: expected {expected}, given "{case.model.kind}": {reason}'
+        )
 
 
 def assemble(

@@ -51,13 +51,14 @@ def operators_of(structure: Structure, case: Case) -> dict[str, Any]:
     Returns:
         `M`, `C`, `K` of shape (n, n); `m_b`, `c_b`, `k_b` of shape (n,), `M_bb`, `C_bb`, `K_bb`;
         `H` of shape (n_pairs, n) and `g0`; `P` of shape (n_probes, n), the rows of the tips;
-        `lamina`, `x` and `component` (0 displacement, 1 slope) of each dof, numbers from 0, shape
-        (n,); `pair_x` [m]; `drive_frequency` [Hz] and `drive_amplitude` [m or N] (NaN if the drive
-        is not harmonic); `drive_is_force`; `case`, the case as TOML.
+        `lamina`, `x` and `component` (0 displacement, 1 slope) of each dof, numbers from 0, -1 of
+        the coordinates of a reduced model, shape (n,); `pair_x` [m]; `drive_frequency` [Hz] and
+        `drive_amplitude` [m or N] (NaN if the drive is not harmonic); `drive_is_force`;
+        `case`, the case as TOML.
     """
     o, layout = structure.operators, structure.layout
     of_dofs = np.full((3, o.n_dofs), -1.0)
-    for number, part in enumerate(layout.parts):
+    for number, part in enumerate(layout.parts if layout.reading is None else ()):
         for component, dofs in enumerate(part.dofs.T):
             free = dofs >= 0
             of_dofs[0, dofs[free]], of_dofs[2, dofs[free]] = number, component

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.linalg import eigh
+from scipy.linalg import eigh, null_space
 from scipy.sparse.linalg import eigsh, splu
 
 from delam_fem.model.layout import Layout, Structure
@@ -99,12 +99,15 @@ def kept_closed(layout: Layout, n_dofs: int) -> sp.csr_matrix:
 def keeping_closed(structure: Structure) -> sp.csr_matrix:
     """Return the matrix S of u = S u_closed, with equal motion on both sides of every pair.
 
-    Of beams see `kept_closed`. Of solids: each row of H u = 0 gives one dof through the others.
+    Of beams see `kept_closed`. Of others S spans H u = 0; of many dofs, each row gives one dof
+    through the others, so that S stays sparse.
     """
     layout, H = structure.layout, structure.operators.gap_matrix
     n = structure.operators.n_dofs
     if layout.reading is None:
         return kept_closed(layout, n)
+    if n <= DENSE_DOFS:
+        return sp.csr_matrix(null_space(H.toarray()))
     pivots = np.empty(H.shape[0], dtype=np.int64)
     is_free = np.ones(n, dtype=np.bool_)
     for k in range(H.shape[0]):

@@ -10,6 +10,7 @@ import scipy.sparse as sp
 
 from delam_fem.case.definition import Case
 from delam_fem.case.toml import CaseError
+from delam_fem.model.discretise import require_kind
 from delam_fem.model.layout import Structure
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.arrays import FloatArray
@@ -94,6 +95,7 @@ def compare(case: Case, *, impacts: int = 20, periods: int = 3) -> Comparison:
     for name, number in (("impacts", impacts), ("periods", periods)):
         if number < 1:
             raise CaseError(f"{name}: expected at least 1, given {number}")
+    require_kind(case, "compare")
     from delam_fem import pipeline  # dolfinx too; its HDF5 must come after that of the pipeline
     from delam_fem.model.beams import bending
 

@@ -11,6 +11,7 @@ from scipy.sparse.linalg import splu
 
 from delam_fem.case.definition import Case
 from delam_fem.case.motion.drive import Excitation, ForceExcitation, HarmonicExcitation
+from delam_fem.model import discretise
 from delam_fem.model.beams import closed_form
 from delam_fem.model.beams.bonded import n_rigid
 from delam_fem.model.layout import Structure
@@ -36,7 +37,7 @@ def linear_amplitudes(case: Case, frequency: FloatArray) -> FloatArray:
         Shape (n_laminae, k) [m].
     """
     n, given = len(case.lamina), case.excitation
-    if case.is_apart and given.acts_on == "base" and not case.point_mass:
+    if _is_exact(case) and given.acts_on == "base":
         return np.stack([case.linear_amplitude(i, frequency) for i in range(n)])
     if not given.is_periodic:
         return np.full((n, frequency.size), np.nan)
@@ -75,6 +76,11 @@ def closed_motion(case: Case, structure: Structure) -> State | None:
     return State(motion, np.zeros(o.n_pairs, dtype=np.bool_))
 
 
+def _is_exact(case: Case) -> bool:
+    """Return whether the laminae are the uniform cantilevers whose solution is exact."""
+    return case.is_apart and not case.point_mass and case.model.kind == "beam"
+
+
 def _size(given: Excitation, frequency: float) -> float:
     """Return the amplitude of a harmonic excitation: of the base [m], or of the force [N]."""
     if isinstance(given, HarmonicExcitation):
@@ -87,7 +93,7 @@ def first_frequencies(case: Case) -> list[float]:
 
     In a bonded stack they are all that of the structure with free delaminations.
     """
-    if case.is_apart and not case.point_mass:
+    if _is_exact(case):
         return [float(lamina.angular_frequencies(1)[0]) for lamina in case.lamina]
     fine = _fine(case.to_toml())
     rigid = n_rigid(case)
@@ -113,7 +119,9 @@ def first_shapes(case: Case, structure: Structure) -> FloatArray:
 
 @lru_cache(maxsize=4)
 def _fine(case_text: str) -> Structure:
-    """Return the structure of a case (as TOML) on a fine mesh."""
+    """Return the structure of a case (as TOML): beams on a fine mesh, other models on their own."""
     case = Case.from_toml(case_text)
+    if case.model.kind != "beam":
+        return discretise.assemble(case)
     n = max(FINE, 2 * (case.mesh.elements or 0))
     return closed_form.assemble(case.with_overrides({"mesh.elements": n}))

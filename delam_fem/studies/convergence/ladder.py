@@ -18,6 +18,7 @@ from delam_fem.case.definition import Case
 from delam_fem.case.toml import CaseError
 from delam_fem.contact.laws import COMBINATIONS, LAWS, Impulse, combined_name
 from delam_fem.engines.choose import EngineName
+from delam_fem.model.discretise import require_kind
 from delam_fem.model.mesh import node_coordinates
 
 
@@ -186,6 +187,8 @@ class Ladder:
         _require_rising("steps", self.steps)
         if not self.meshes:
             raise CaseError("elements: expected at least one number or mesh file, given none")
+        if self.meshes != (self.case.mesh.elements,):
+            require_kind(self.case, "converge")
         sizes = [self._new(LIMIT, mesh, self.steps[0]).points for mesh in self.meshes]
         _require_rising(self.refines, sizes)
 

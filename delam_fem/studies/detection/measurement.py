@@ -198,6 +198,7 @@ def settling_periods(case: Case, settled: float = SETTLED) -> int:
 
 def intact(case: Case) -> Case:
     """Return the case without its delaminations: one bonded beam on the same supports."""
+    discretise.require_kind(case, "comparison with the intact structure")
     data = tomllib.loads(case.to_toml())
     for key in ("delamination", "gap"):
         data.pop(key, None)

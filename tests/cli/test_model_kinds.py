@@ -1,0 +1,96 @@
+"""Every command follows `model.kind` or refuses it."""
+
+from __future__ import annotations
+
+import inspect
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import delam_fem as df
+from delam_fem.cli.app import app
+from delam_fem.model import discretise
+from delam_fem.model.discretise import KINDS
+from delam_fem.model.reduction.of_case import reduced_case
+from delam_fem.studies.linear import first_frequencies, linear_amplitudes
+
+COARSE = ("--set", "mesh.elements=3")
+FOLLOW = {
+    "run", "modes", "orbit", "continue", "reduce", "reduced", "resonance", "identify", "excite",
+    "pod", "infer",
+}  # fmt: skip
+"""Commands that compute whatever model a case has."""
+REFUSE = {"compare", "operators", "converge", "detect", "modulate"}
+"""Commands that cannot, at least in a part of what they do."""
+
+
+def test_each_command_that_takes_a_case_has_been_decided() -> None:
+    taking = set()
+    for command in app.registered_commands:
+        assert command.callback is not None
+        if "case_name" in inspect.signature(command.callback).parameters:
+            taking.add(command.name)
+    assert taking == FOLLOW | REFUSE
+
+
+@pytest.mark.parametrize(
+    ("arguments", "kind", "study"),
+    [
+        (("compare", "default"), "plane-stress", "compare"),
+        (("operators", "default", "-o", "a.npz"), "solid", "operators"),
+        (("converge", "default", "--in", "elements"), "plane-stress", "converge"),
+        (("converge", "default", "--in", "points"), "solid", "converge"),
+        (("converge", "default", "--meshes", "a.msh"), "plane-stress", "converge"),
+    ],
+)
+def test_a_model_that_a_study_does_not_follow_is_refused(
+    arguments: tuple[str, ...], kind: str, study: str, tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a.msh").write_text("", encoding="utf-8")
+    given = CliRunner().invoke(app, [*arguments, *COARSE, "--set", f"model.kind={kind}"])
+    assert given.exit_code == 2
+    assert f'model.kind: {study}: expected "beam"' in given.stderr
+    assert f'given "{kind}": {KINDS[study][1]}' in given.stderr
+    assert not list(tmp_path.glob("runs/*")) and not (tmp_path / "a.npz").exists()
+
+
+def test_a_reduced_model_gives_its_own_operators_and_modes(tmp_path: Path) -> None:
+    small = df.preset("default", {"mesh.elements": 6})
+    reduced_case(small, 6).save(tmp_path)
+    case = str(tmp_path / "case.toml")
+    status = CliRunner().invoke(app, ["operators", case, "-o", str(tmp_path / "o.npz")])
+    assert status.exit_code == 0, status.stderr
+    with np.load(tmp_path / "o.npz") as found:
+        assert np.all(found["M"] == np.eye(len(found["M"]))) and np.all(found["lamina"] == -1)
+        lowest = np.sqrt(np.linalg.eigvalsh(found["K"])[0])
+    assert lowest == pytest.approx(min(first_frequencies(small)), rel=1e-4)
+    own, full = df.load_case(case), df.modes(small, 3, delaminations="closed")
+    reduced = df.modes(own, 3, delaminations="closed")
+    assert reduced.structure is not None and full.structure is not None
+    # the reduced one ties gaps alone, not slopes
+    assert reduced.structure.frequencies[0] == pytest.approx(full.structure.frequencies[0], rel=0.1)
+
+
+def test_the_motion_without_contact_is_that_of_the_model() -> None:
+    few = {"mesh.elements": 3, "excitation.frequency": 1.3}
+    plane = df.preset("default", {**few, "model.kind": "plane-stress", "model.poisson": 0.3})
+    beam = df.preset("default", few)
+    modes = df.modes(plane, 1)
+    assert first_frequencies(plane)[0] == pytest.approx(2 * np.pi * modes.frequencies.min())
+    at = np.array([1.3])
+    assert discretise.assemble(plane).operators.n_dofs == 72
+    ratio = linear_amplitudes(plane, at) / linear_amplitudes(beam, at)
+    assert np.all(np.abs(ratio - 1.0) > 1e-3) and np.all(np.abs(ratio - 1.0) < 0.5)
+
+
+def test_the_intact_structure_of_a_reduced_model_is_refused(tmp_path: Path) -> None:
+    reduced_case(df.preset("embedded", {"mesh.elements": 20}), 6).save(tmp_path)
+    given = CliRunner().invoke(
+        app, ["detect", str(tmp_path / "case.toml"), "-o", str(tmp_path / "d")]
+    )
+    assert given.exit_code == 2
+    assert 'model.kind: comparison with the intact structure: expected "beam"' in given.stderr
