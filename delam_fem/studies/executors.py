@@ -122,14 +122,12 @@ class Pool:
         Raises:
             CaseError: its workers died because the script of the user has no guard.
         """
-        processes = (getattr(self.executor, "_processes", None) or {}).values()
-        if any(process.exitcode == _UNGUARDED for process in list(processes)):
+        if _UNGUARDED in _abandon(self.executor):
             raise CaseError(
                 "workers: each worker process imports the script, which begins the computation "
                 'again; put the call under `if __name__ == "__main__":`, or use '
                 'executor="serial"'
             )
-        self.executor.shutdown(wait=False, cancel_futures=True)
         self.executor = self._fresh()
         return self.executor
 
@@ -154,8 +152,7 @@ def pool(name: ExecutorName, workers: int | None = None) -> Iterator[Pool]:
     try:
         yield opened
     except BaseException:
-        opened.executor.shutdown(wait=False, cancel_futures=True)
-        _kill(opened.executor)
+        _abandon(opened.executor)
         raise
     opened.executor.shutdown(wait=True, cancel_futures=True)
 
@@ -224,10 +221,25 @@ def _end_with(sentinel: Any) -> None:
     os._exit(1)
 
 
-def _kill(executor: Executor) -> None:
-    """End the workers of a process pool at once."""
-    for process in list((getattr(executor, "_processes", None) or {}).values()):
+def _abandon(executor: Executor) -> set[int]:
+    """Shut an executor down and kill its workers; return the exit statuses of those dead before."""
+    processes = list((getattr(executor, "_processes", None) or {}).values())  # shutdown drops them
+    dead = multiprocessing.connection.wait([process.sentinel for process in processes], timeout=0.0)
+    executor.shutdown(wait=False, cancel_futures=True)
+    statuses = {_status(process) for process in processes if process.sentinel in dead}
+    for process in processes:
         process.kill()
+    return statuses
+
+
+def _status(process: Any) -> int:
+    """Return the exit status of a process that has closed its files.
+
+    The system gives the status out only a moment later, and to one of two threads that ask.
+    """
+    while process.exitcode is None:
+        process.join(0.1)
+    return int(process.exitcode)
 
 
 def _mpi_executor() -> tuple[Executor, int]:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import time
 from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from types import ModuleType
 
@@ -92,3 +94,33 @@ def test_a_script_without_a_guard_is_told_once(tmp_path: Path) -> None:
     assert done.stderr.count("__main__") == 1
     assert done.stderr.rstrip().endswith('or use executor="serial"')
     assert "locked" not in done.stderr and "another process" not in done.stderr
+
+
+def leave_slowly() -> None:
+    """Close all files, by which the parent sees the end, before the exit status exists."""
+    os.closerange(3, 256)
+    time.sleep(0.5)
+    os._exit(executors._UNGUARDED)
+
+
+def test_the_status_of_a_dead_worker_is_waited_for() -> None:
+    """On an idle machine the pool broke before the status was there, and nothing was told."""
+    with executors.pool("process", 1) as opened:
+        future = opened.executor.submit(leave_slowly)
+        with pytest.raises(BrokenProcessPool):
+            future.result(timeout=60.0)
+        assert opened.renew is not None
+        with pytest.raises(CaseError, match="__main__"):
+            opened.renew()
+
+
+def test_an_error_ends_the_workers_at_once() -> None:
+    with pytest.raises(ZeroDivisionError), executors.pool("process", 1) as opened:
+        assert opened.executor.submit(os.getpid).result(timeout=60.0) != os.getpid()
+        asleep = opened.executor.submit(time.sleep, 600.0)
+        while not asleep.running():
+            time.sleep(0.01)
+        (worker,) = opened.executor._processes.values()
+        raise ZeroDivisionError
+    worker.join(10.0)
+    assert worker.exitcode is not None
