@@ -40,7 +40,9 @@ Excitation = Annotated[
 ]
 Segment = Annotated[
     float | None,
-    typer.Option(metavar="S", help="Length of averaged segments (default: an eighth)."),
+    typer.Option(
+        metavar="S", help="Length of averaged segments (default: an eighth, or from blow to blow)."
+    ),
 ]
 Estimator = Annotated[
     Literal["H1", "H2", "Hv"], typer.Option(help="Estimator of frequency responses.")

@@ -7,6 +7,7 @@ import xarray as xr
 
 from delam_fem.case.toml import CaseError
 from delam_fem.numerics.arrays import FloatArray
+from delam_fem.results.measured.blows import cut, on_axis, pulses
 from delam_fem.results.measured.columns import Values
 from delam_fem.results.measured.reading import history_of
 from delam_fem.results.measured.units import unit_of
@@ -28,7 +29,8 @@ def with_responses(
 ) -> xr.Dataset:
     """Return a measurement with the frequency responses of all channels to one of them.
 
-    sdypy-FRF averages over segments that overlap by half, each with a Hann window.
+    sdypy-FRF averages over segments that overlap by half, each with a Hann window; where the
+    excitation is that of a hammer, over one segment for each blow (`blows`), without it.
 
         H1 = S_fx / S_ff,  H2 = S_xx / S_xf,  coherence = |S_fx|^2 / (S_ff S_xx)
 
@@ -36,15 +38,16 @@ def with_responses(
         data: a measurement with at least two histories.
         excitation: name of the channel of the excitation, such as "force".
         segment: length of the segments [s], the reciprocal of the step of the frequency; None:
-            an eighth of the record.
+            an eighth of the record, or up to the next blow.
         estimator: one of `ESTIMATORS`.
 
     Returns:
-        The measurement with `response(frequency, output)`, complex, and `coherence`.
+        The measurement with `response(frequency, output)`, complex, and `coherence`, NaN of a
+        single blow; what was done with blows is in the notes.
 
     Raises:
-        CaseError: there is no such channel or estimator, the samples are not evenly spaced, or the
-            record is shorter than two segments.
+        CaseError: there is no such channel or estimator, the samples are not evenly spaced, the
+            record is shorter than two segments, or it holds no whole blow.
 
     Source: N. M. M. Maia, J. M. M. Silva, Theoretical and Experimental Modal Analysis, 1997.
     """
@@ -53,23 +56,44 @@ def with_responses(
     if estimator not in ESTIMATORS:
         raise CaseError(f"estimator: expected one of {', '.join(ESTIMATORS)}, given {estimator!r}")
     first, outputs = _chosen(data, excitation)
-    step, n = _step(data["time"].to_numpy()), data.sizes["time"]
-    length = n // SEGMENTS if segment is None else round(segment / step)
-    if not 8 <= length <= n // 2:
+    time: FloatArray = data["time"].to_numpy()
+    step, n = _step(time), time.size
+    force, motions = history_of(data, first), np.array([history_of(data, k) for k in outputs])
+    if not np.ptp(force):
+        raise CaseError(f"excitation: expected a channel that moves, given {excitation!r} at rest")
+    struck = pulses(force)
+    longest, whole = (n, "the record") if struck else (n // 2, "half the record")
+    length = n // (1 if struck else SEGMENTS) if segment is None else round(segment / step)
+    if not 8 <= length <= longest:
         raise CaseError(
-            f"segment: expected from {8 * step:.3g} s to half the record, {n // 2 * step:.3g} s, "
-            f"given {length * step:.3g} s"
+            f"segment: expected from {8 * step:.3g} s to {whole}, {longest * step:.3g} s, given "
+            f"{length * step:.3g} s"
         )
+    exc, resp, decay, notes = force[None, None], motions[None], 0.0, list[str]()
+    if struck:
+        exc, resp, decay, notes = cut(time, force, motions, struck, length if segment else None)
+        length = exc.shape[2]
     found = FRF(
-        1, exc=history_of(data, first)[None, None, :],
-        resp=np.array([history_of(data, k) for k in outputs])[None],
-        exc_type="f", resp_type="d", window="hann", fft_len=length, nperseg=length,
-        frf_estimator=estimator,
+        1, exc=exc, resp=resp, exc_type="f", resp_type="d", window="none" if struck else "hann",
+        fft_len=length, nperseg=length, frf_estimator=estimator,
     )  # fmt: skip
     # in samples, and without conversions from velocity or acceleration: the ratio as it is
     responses = np.nan_to_num(found.get_FRF()[:, 0, :])
     coherence = np.nan_to_num(found.get_coherence()).real
-    return _with(data, np.fft.rfftfreq(length, step), (responses, coherence), (first, outputs))
+    frequency = np.fft.rfftfreq(length, step)
+    if struck:
+        responses[:, 0] = 0.0  # the library takes the mean out, so nothing is known of it
+        notes.insert(0, f"{len(exc)} blow(s), one segment of up to {length * step:.6g} s for each")
+        if len(exc) == 1:
+            coherence[:] = np.nan
+            notes.append("coherence: of one segment it means nothing (always 1), and is left out")
+    if decay:
+        size = np.sqrt(found.S_FF[0, 0].real)
+        responses, led = on_axis(frequency, responses, size, decay / step)
+        peaks = ", ".join(f"{f:.5g}" for f in led) or "none"
+        notes.append(f"exponential window, its damping taken out at the peaks: {peaks} Hz")
+    data = data.assign_attrs(notes="\n".join(filter(None, [data.attrs.get("notes"), *notes])))
+    return _with(data, frequency, (responses, coherence), (first, outputs))
 
 
 def _chosen(data: xr.Dataset, excitation: str) -> tuple[int, list[int]]:
