@@ -2,8 +2,8 @@
 
 FFCx writes into the folder that all processes read. If a process ends while it compiles, every
 later one waits for it and fails; an empty or truncated library ends the process that loads it. Here
-each library is compiled in a private folder, sealed with a checksum, and renamed when it is on the
-disk. What is stale or damaged is compiled anew.
+FFCx compiles each library in a private folder, which is sealed with a checksum and renamed when it
+is on the disk. What is stale or damaged is compiled anew.
 """
 
 from __future__ import annotations
@@ -11,21 +11,19 @@ from __future__ import annotations
 import functools
 import hashlib
 import importlib.machinery
-import importlib.util
 import logging
 import os
 import shutil
 import tempfile
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from delam_fem.caches.folders import is_writable, temporary_folder
 
-FOLDER = "delam_fem"
-"""Folder below FFCx's own cache."""
+FOLDER = Path("fenics") / "delam_fem"
+"""Folder below the user's cache: beside what dolfinx compiles for others."""
 PRIVATE = "part-"
 """Prefix of the folders in which libraries are compiled."""
 STALE_SECONDS = 3600.0
@@ -33,103 +31,84 @@ STALE_SECONDS = 3600.0
 _SEAL = "sha256"
 
 _log = logging.getLogger(__name__)
+_T = TypeVar("_T")
 
 
-def protect(jit: Any) -> None:
-    """Make FFCx's compiler (the module `ffcx.codegeneration.jit`) use this cache."""
-    for name in ("compile_elements", "compile_forms", "compile_expressions"):
-        if hasattr(jit, name):  # not every version compiles elements
-            setattr(jit, name, _in_private(jit, getattr(jit, name)))
+def compiled(comm: Any, key: str, make: Callable[[Path], _T]) -> _T:
+    """Return what `make` compiles, or what an earlier process has compiled (collective).
 
+    Args:
+        comm: communicator of `make`; its first rank compiles.
+        key: text that differs where the code of the library would.
+        make: compiles in the folder that it is given, or loads what FFCx finds there.
 
-def _in_private(jit: Any, compile_: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a function of FFCx that compiles in a private folder and then publishes it."""
-
-    @functools.wraps(compile_)
-    def compiled(*args: Any, cache_dir: Any = None, **options: Any) -> Any:
-        place = _Place.below(Path(cache_dir or temporary_folder()).expanduser() / FOLDER)
-        jit.get_cached_module = place.find
-        try:
-            result = compile_(*args, cache_dir=place.private, **options)
-            place.publish()
-        except Exception as error:
-            text = f"the forms cannot be compiled ({error}); is there a C compiler, and space?"
-            raise OSError(0, text, str(place.shared)) from error
-        finally:
-            shutil.rmtree(place.private, ignore_errors=True)
-        return result
-
-    return compiled
-
-
-@dataclass
-class _Place:
-    """Where one library is looked for and compiled.
-
-    Attributes:
-        shared: folder of the finished libraries, one folder each.
-        private: folder to compile in.
-        is_lasting: whether `shared` can be written.
-        name: name of the library that is being compiled; empty if it was found.
+    Raises:
+        OSError: the code cannot be compiled.
     """
+    shared, final, folder = comm.bcast(_places(key) if comm.rank == 0 else None)
+    try:
+        result = make(folder)
+        if folder != final:
+            comm.Barrier()  # all ranks have loaded it
+            if comm.rank == 0:
+                _publish(folder, final)
+    except Exception as error:
+        text = f"the forms cannot be compiled ({error}); is there a C compiler, and space?"
+        raise OSError(0, text, str(shared)) from error
+    finally:
+        if comm.rank == 0 and folder != final:
+            shutil.rmtree(folder, ignore_errors=True)
+    return result
 
-    shared: Path
-    private: Path
-    is_lasting: bool
-    name: str = ""
 
-    @classmethod
-    def below(cls, shared: Path) -> _Place:
-        """Return a place with a new private folder."""
-        is_lasting = is_writable(shared)
-        private = tempfile.mkdtemp(prefix=PRIVATE, dir=shared if is_lasting else None)
-        return cls(shared, Path(private), is_lasting)
+def _places(key: str) -> tuple[Path, Path, Path]:
+    """Return the folder of all libraries, that of this one, and where FFCx is to look for it."""
+    name = hashlib.sha256(key.encode()).hexdigest()[:40]
+    kept = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    shared = Path(kept) / FOLDER
+    is_found = _is_intact(shared / name)
+    if not is_found and not is_writable(shared):
+        shared = temporary_folder() / FOLDER.name
+        shared.mkdir(exist_ok=True)
+        is_found = _is_intact(shared / name)
+    final = shared / name
+    if is_found:
+        return shared, final, final
+    _announce()
+    return shared, final, Path(tempfile.mkdtemp(prefix=PRIVATE, dir=shared))
 
-    def find(self, name: str, objects: Sequence[str], *_: Any) -> tuple[list[Any] | None, Any]:
-        """Return the objects and the module of a finished library; (None, None) to compile it."""
-        module = self._module(name)
-        if module is None and not self.is_lasting:
-            self.shared = temporary_folder() / FOLDER
-            self.shared.mkdir(exist_ok=True)
-            module = self._module(name)
-        if module is not None:
-            return [getattr(module.lib, wanted) for wanted in objects], module
-        self.name = name
-        _announce()
-        (self.private / f"{name}.c").touch()  # FFCx renames it where the compiler fails
-        return None, None
 
-    def _module(self, name: str) -> Any:
-        """Return the module of an intact library; None if there is none."""
-        folder = self.shared / name
-        if not folder.is_dir():
-            return None
-        library = _library(folder, name)
-        try:
-            if library is None or (folder / _SEAL).read_text("ascii") != _checksum(library):
-                raise ValueError("missing, or another checksum")
-            return _loaded(name, library)
-        except (OSError, ValueError, ImportError) as error:
-            _log.debug("%s: damaged (%s); compiled anew", folder, error)
-            return None
+def _is_intact(folder: Path) -> bool:
+    """Return whether a folder has a library as it was sealed, and what FFCx looks for beside it."""
+    if not folder.is_dir():
+        return False
+    try:
+        library = _library(folder)
+        if library is None or (folder / _SEAL).read_text("ascii") != _checksum(library):
+            raise ValueError("missing, or another checksum")
+    except (OSError, ValueError) as error:
+        _log.debug("%s: damaged (%s); compiled anew", folder, error)
+        return False
+    return True
 
-    def publish(self) -> None:
-        """Seal a new library and give its folder the final name."""
-        library = _library(self.private, self.name) if self.name else None
-        if library is None:
-            return
-        try:
-            _to_disk(library)
-            (self.private / _SEAL).write_text(_checksum(library), "ascii")
-            _to_disk(self.private / _SEAL)
-            final, old = self.shared / self.name, self.private.with_suffix(".old")
-            if final.is_dir():  # damaged, or another process was faster
-                os.rename(final, old)
-                shutil.rmtree(old, ignore_errors=True)
-            os.rename(self.private, final)
-        except OSError as error:  # the library is loaded and stays so
-            _log.debug("%s: not kept (%s)", self.name, error)
-        _clear_out(self.shared)
+
+def _publish(private: Path, final: Path) -> None:
+    """Seal a new library and give its folder the final name."""
+    library = _library(private)
+    if library is None:
+        return
+    try:
+        _to_disk(library)
+        (private / _SEAL).write_text(_checksum(library), "ascii")
+        _to_disk(private / _SEAL)
+        old = private.with_suffix(".old")
+        if final.is_dir():  # damaged, or another process was faster
+            os.rename(final, old)
+            shutil.rmtree(old, ignore_errors=True)
+        os.rename(private, final)
+    except OSError as error:  # the library is loaded and stays so
+        _log.debug("%s: not kept (%s)", private, error)
+    _clear_out(final.parent)
 
 
 @functools.cache
@@ -138,10 +117,14 @@ def _announce() -> None:
     _log.info("compiling the weak forms, once, some seconds")
 
 
-def _library(folder: Path, name: str) -> Path | None:
-    """Return the path of a compiled library in a folder; None if there is none."""
-    paths = (folder / f"{name}{suffix}" for suffix in importlib.machinery.EXTENSION_SUFFIXES)
-    return next((path for path in paths if path.is_file()), None)
+def _library(folder: Path) -> Path | None:
+    """Return the path of the finished library in a folder; None if there is none."""
+    for ready in folder.glob("*.c.cached"):
+        source = ready.with_suffix("")
+        paths = (source.with_suffix(end) for end in importlib.machinery.EXTENSION_SUFFIXES)
+        if source.is_file():
+            return next((path for path in paths if path.is_file()), None)
+    return None
 
 
 def _checksum(path: Path) -> str:
@@ -152,15 +135,6 @@ def _to_disk(path: Path) -> None:
     """Wait until a file is on the disk."""
     with path.open("rb") as file:
         os.fsync(file.fileno())
-
-
-def _loaded(name: str, library: Path) -> Any:
-    """Load a library as the module `name`."""
-    spec = importlib.util.spec_from_file_location(name, library)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 def _clear_out(shared: Path) -> None:

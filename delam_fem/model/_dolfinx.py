@@ -9,6 +9,9 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
+from importlib.machinery import EXTENSION_SUFFIXES
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -26,12 +29,21 @@ import dolfinx  # noqa: E402  (see `delam_fem.imports`)
 import dolfinx.fem.petsc  # noqa: E402
 import dolfinx.graph  # noqa: E402
 import dolfinx.io  # noqa: E402
+import dolfinx.jit  # noqa: E402
 import dolfinx.mesh  # noqa: E402
 import ffcx.codegeneration.jit  # noqa: E402
 import ufl  # noqa: E402
 
-forms.protect(ffcx.codegeneration.jit)
 _is_old = not hasattr(dolfinx.fem, "functionspace")
+_OPTIONS = "options" if hasattr(ffcx, "options") else "params"
+if _OPTIONS == "options":
+    _FORM_DEFAULTS = ffcx.options.FFCX_DEFAULT_OPTIONS
+    _JIT_DEFAULTS = dolfinx.jit.DOLFINX_DEFAULT_JIT_OPTIONS
+else:
+    _FORM_DEFAULTS = ffcx.parameters.FFCX_DEFAULT_PARAMETERS
+    _JIT_DEFAULTS = dolfinx.jit.DOLFINX_DEFAULT_JIT_PARAMETERS
+_FORM_OPTIONS = {key: row[1] if len(row) > 2 else row[0] for key, row in _FORM_DEFAULTS.items()}
+_JIT_OPTIONS = {key: row[0] for key, row in _JIT_DEFAULTS.items() if key != "cache_dir"}
 version: str = dolfinx.__version__
 has_adios2: bool = dolfinx.common.has_adios2
 
@@ -50,7 +62,33 @@ def _compiling_in_silence() -> Iterator[None]:
         logging.root.removeFilter(_is_warning)
 
 
-@_compiling_in_silence()
+def _compiled(comm: MPI.Intracomm, what: str, make: Callable[..., Any]) -> Any:
+    """Return what `make` compiles, with all options given, so that no file of options counts.
+
+    Args:
+        comm: communicator of the mesh.
+        what: text that differs where the compiled code would.
+        make: a function of dolfinx that takes options for its compilers.
+    """
+    key = f"{what} {_FORM_OPTIONS} {_JIT_OPTIONS} {ffcx.__version__} {EXTENSION_SUFFIXES[0]}"
+
+    def in_folder(folder: Path) -> Any:
+        jit = {**_JIT_OPTIONS, "cache_dir": folder}
+        return make(**{f"form_compiler_{_OPTIONS}": dict(_FORM_OPTIONS), f"jit_{_OPTIONS}": jit})
+
+    with _compiling_in_silence():
+        return forms.compiled(comm, key, in_folder)
+
+
+def _space(mesh: Any, element: Any) -> Any:
+    """Return the space of an element, or of (family, degree, shape), on a mesh."""
+    make = getattr(dolfinx.fem, "functionspace", None) or dolfinx.fem.FunctionSpace
+    if not hasattr(ffcx.codegeneration.jit, "compile_elements"):
+        return make(mesh, element)
+    what = f"{element!r} on {mesh.ufl_cell()!r}"
+    return _compiled(mesh.comm, what, partial(make, mesh, element))
+
+
 def create_interval_mesh(comm: MPI.Intracomm, x: FloatArray, cells: IntArray) -> Any:
     """Build a mesh of intervals that need not be connected.
 
@@ -66,7 +104,6 @@ def create_interval_mesh(comm: MPI.Intracomm, x: FloatArray, cells: IntArray) ->
     return create_mesh(comm, "interval", x, cells)
 
 
-@_compiling_in_silence()
 def create_mesh(
     comm: MPI.Intracomm, cell: str, x: FloatArray, cells: IntArray, ranks: IntArray | None = None
 ) -> Any:
@@ -96,7 +133,10 @@ def create_mesh(
         coordinates = basix.ufl.element("Lagrange", cell, 1, shape=(dim,))
         # keyword arguments, because up to 0.9 the points come before the element
         return dolfinx.mesh.create_mesh(comm, cells, e=coordinates, x=points, **further)
-    domain = ufl.Mesh(ufl.VectorElement("Lagrange", ufl.Cell(cell, geometric_dimension=dim), 1))
+    shape = ufl.Cell(cell, geometric_dimension=dim)
+    # FFCx gives the element this variant when it compiles a form, which would change the signatures
+    # of the forms after it, so that the cache would not have them
+    domain = ufl.Mesh(ufl.VectorElement("Lagrange", shape, 1, variant="equispaced"))
     return dolfinx.mesh.create_mesh(comm, cells, points, domain, **further)
 
 
@@ -125,34 +165,28 @@ def _given_ranks(cells: IntArray, ranks: IntArray, *, is_first: bool) -> Callabl
     return partition
 
 
-@_compiling_in_silence()
 def mixed_space(mesh: Any, n: int) -> Any:
     """Return the mixed space P1 × … × P1 of n components on a mesh of intervals."""
-    if hasattr(dolfinx.fem, "functionspace"):
-        import basix.ufl
+    if _is_old:
+        linear = ufl.FiniteElement("Lagrange", mesh.ufl_cell(), 1)
+        return _space(mesh, ufl.MixedElement([linear] * n))
+    import basix.ufl
 
-        linear = basix.ufl.element("Lagrange", "interval", 1)
-        return dolfinx.fem.functionspace(mesh, basix.ufl.mixed_element([linear] * n))
-    linear = ufl.FiniteElement("Lagrange", mesh.ufl_cell(), 1)
-    return dolfinx.fem.FunctionSpace(mesh, ufl.MixedElement([linear] * n))
+    linear = basix.ufl.element("Lagrange", "interval", 1)
+    return _space(mesh, basix.ufl.mixed_element([linear] * n))
 
 
-@_compiling_in_silence()
 def space(mesh: Any, family: str, degree: int) -> Any:
     """Return the scalar space of a family ("Lagrange", "Discontinuous Lagrange") and degree."""
-    if hasattr(dolfinx.fem, "functionspace"):
-        return dolfinx.fem.functionspace(mesh, (family, degree))
-    return dolfinx.fem.FunctionSpace(mesh, (family, degree))
+    return _space(mesh, (family, degree))
 
 
-@_compiling_in_silence()
 def vector_space(mesh: Any, degree: int) -> Any:
     """Return the Lagrange space of vectors of a degree, with a component for each dimension."""
     dim = mesh.geometry.dim
-    if hasattr(dolfinx.fem, "functionspace"):
-        return dolfinx.fem.functionspace(mesh, ("Lagrange", degree, (dim,)))
-    element = ufl.VectorElement("Lagrange", mesh.ufl_cell(), degree, dim)
-    return dolfinx.fem.FunctionSpace(mesh, element)
+    if _is_old:
+        return _space(mesh, ufl.VectorElement("Lagrange", mesh.ufl_cell(), degree, dim))
+    return _space(mesh, ("Lagrange", degree, (dim,)))
 
 
 def tabulate(cell: str, degree: int, derivatives: int, points: FloatArray) -> FloatArray:
@@ -262,10 +296,11 @@ def cell_nodes(mesh: Any) -> npt.NDArray[np.int32]:
     return np.array(rows, dtype=np.int32).reshape(count, len(rows[0]) if rows else 0)
 
 
-@_compiling_in_silence()
 def assemble_matrix(form: Any) -> Any:
     """Assemble a bilinear UFL form into a PETSc matrix that the caller owns."""
-    matrix = dolfinx.fem.petsc.assemble_matrix(dolfinx.fem.form(form))
+    mesh = form.arguments()[0].ufl_function_space().mesh
+    compiled = _compiled(mesh.comm, form.signature(), partial(dolfinx.fem.form, form))
+    matrix = dolfinx.fem.petsc.assemble_matrix(compiled)
     matrix.assemble()
     return matrix
 

@@ -1,5 +1,6 @@
 """Compiled code survives damage, kills, folders that cannot be written and no home at all."""
 
+import json
 import logging
 import os
 import shutil
@@ -48,6 +49,17 @@ u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
 matrix = _dolfinx.assemble_matrix(u * v * ufl.dx)
 assert abs(sum(matrix.getValuesCSR()[2]) - 1.0) < 1e-14
 matrix.destroy()
+"""
+STRUCTURES = """
+import delam_fem as df
+from delam_fem.model import discretise
+
+discretise.assemble(df.preset("default"))
+discretise.assemble(df.preset("default", {"model.kind": "plane-stress", "mesh.elements": 4}))
+"""
+OWN_FORM = """
+import dolfinx
+dolfinx.fem.form(u * v * ufl.dx(metadata={"quadrature_degree": 7}))
 """
 DAMAGES = {
     "empty": lambda text: b"",
@@ -183,7 +195,41 @@ def test_without_home_forms_are_compiled_in_a_temporary_folder(tmp_path: Path) -
     assert done.stderr.count("no folder for compiled code can be written") == 1
     (temporary,) = (tmp_path / "tmp").glob("delam_fem-*")
     assert temporary.stat().st_mode & 0o077 == 0
-    assert list(temporary.glob("delam_fem/libffcx_*/*.so"))
+    assert list(temporary.glob("delam_fem/*/libffcx_*.so"))
+
+
+def test_a_second_process_compiles_no_form(tmp_path: Path) -> None:
+    program = tmp_path / "forms.py"
+    program.write_text(STRUCTURES)
+    found = []
+    for _ in range(2):
+        assert python(program, cwd=tmp_path).returncode == 0
+        found.append(libraries(tmp_path))
+    assert len(found[0]) >= 8 and found[1] == found[0]
+    assert not list((tmp_path / "cache" / "fenics").glob("*.c"))
+
+
+def test_a_form_of_the_user_stays_where_dolfinx_puts_it(
+    compiled_forms: Path, tmp_path: Path
+) -> None:
+    shutil.copytree(compiled_forms, tmp_path, dirs_exist_ok=True)
+    (tmp_path / "own.py").write_text(FORMS + OWN_FORM)
+    before = libraries(tmp_path)
+    done = python(tmp_path / "own.py", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert libraries(tmp_path) == before
+    assert list((tmp_path / "cache" / "fenics").glob("libffcx_forms_*.c.cached"))
+
+
+def test_options_in_the_working_folder_do_not_count(tmp_path: Path) -> None:
+    (tmp_path / "forms.py").write_text(FORMS)
+    (tmp_path / "bad.h").write_text("#error from the working folder\n")
+    options = {"cffi_extra_compile_args": ["-include", str(tmp_path / "bad.h")]}
+    for name in ("parameters", "options"):
+        (tmp_path / f"dolfinx_jit_{name}.json").write_text(json.dumps(options))
+        (tmp_path / f"ffcx_{name}.json").write_text('{"tabulate_tensor_void": true}')
+    done = python(tmp_path / "forms.py", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.parametrize("of_others", ["link", "open"])
