@@ -176,11 +176,11 @@ def _extended(
 
     The folder gets the new case, from which --resume goes on.
     """
-    if periods < 1 or resume or directory is None or case.excitation.length is not None:
+    if periods < 1 or resume or directory is None or not case.is_periodic:
         raise CaseError(
             "extend: expected a positive number of periods, the directory of a completed run, no "
-            f"resume, and no swept sine; given {periods} periods, directory {directory}, resume "
-            f"{resume}, an excitation of the kind {case.excitation.kind}"
+            f"resume, and an excitation that repeats; given {periods} periods, directory "
+            f"{directory}, resume {resume}, an excitation of the kind {case.excitation.kind}"
         )
     path = checkpoint.final_in(Path(directory))
     longer = case.with_overrides({"time.periods": checkpoint.periods_in(path) + periods})

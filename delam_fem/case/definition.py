@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from html import escape
 from itertools import pairwise
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Self
 
 import numpy as np
@@ -19,6 +20,7 @@ from delam_fem.case.fields import Section, expected, inconsistent
 from delam_fem.case.layers import Delamination, Support, require_fitting
 from delam_fem.case.motion.drive import (
     Excitation,
+    HammerExcitation,
     HarmonicExcitation,
     SweepExcitation,
     TableExcitation,
@@ -43,6 +45,21 @@ from delam_fem.numerics.cantilever import transmissibility
 
 _ROUND_OFF = 1e-9
 """Share of a period by which round-off alone may make a sweep longer than whole periods."""
+PARTS = 100
+"""Parts of a run with a given time step; each stands for a period."""
+LEAST_STEPS = 4
+"""Smallest number of steps of such a part."""
+MOST_FRAMES = 500
+"""Frames of a run whose excitation does not repeat, where nothing else is said."""
+_NEEDS: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {"hammer": ("step", "duration"), "table": ("step",)}
+)
+"""Keys of the section `time` that a kind of excitation needs."""
+_OF_PERIODS = (
+    ("time", "periods"), ("time", "steps_per_period"), ("output", "window_periods"),
+    ("output", "fields_per_period"),
+)  # fmt: skip
+"""Keys with another default, or without meaning, where the excitation does not repeat."""
 
 
 def _several_tables(value: object) -> object:
@@ -103,6 +120,7 @@ class Case(Section):
         self._check_laminae()
         self._check_openings()
         self._check_force()
+        self._check_time()
         self._check_attachments()
         if self.time.periods == "settled" and not self.is_periodic:
             raise inconsistent(
@@ -123,7 +141,7 @@ class Case(Section):
                 "share its nodes and separate impulses on them add energy; given "
                 f'{self.contact.points_per_element}: use contact.impulse = "consistent"',
             )
-        if self.output.fields_per_period > self.time.steps_per_period:
+        if self.time.step is None and self.output.fields_per_period > self.time.steps_per_period:
             raise inconsistent(
                 "output.fields_per_period",
                 f"expected at most time.steps_per_period = {self.time.steps_per_period}, "
@@ -146,6 +164,33 @@ class Case(Section):
             raise inconsistent(
                 "excitation.position",
                 f"expected at most the length {lengths[name]!r} m, given {position!r}",
+            )
+
+    def _check_time(self) -> None:
+        """Check that time is in periods, or in seconds if the excitation does not repeat."""
+        kind = self.excitation.kind
+        for key, other in (("step", "steps_per_period"), ("duration", "periods")):
+            given = getattr(self.time, key)
+            if given is None and key in _NEEDS.get(kind, ()):
+                raise inconsistent(
+                    f"time.{key}", f'missing, but required [s] with excitation.kind = "{kind}"'
+                )
+            if given is not None and (self.is_periodic or other in self.time.model_fields_set):
+                reason = ", because the excitation repeats" if self.is_periodic else ", not both"
+                raise inconsistent(
+                    f"time.{key}", f"expected time.{other} instead{reason}; given {given:g} s"
+                )
+        blow = self.excitation
+        if not isinstance(blow, HammerExcitation):
+            return
+        end = self.n_periods * self.period
+        begin = end - self.n_window_periods * self.period
+        margin = _ROUND_OFF * end
+        if blow.start < begin - margin or blow.start + blow.duration > end + margin:
+            raise inconsistent(
+                "excitation.start",
+                f"expected a blow within the window, {begin:g} to {end:g} s, given {blow.start:g} "
+                f"to {blow.start + blow.duration:g} s",
             )
 
     def _check_attachments(self) -> None:
@@ -179,9 +224,9 @@ class Case(Section):
                 f'expected neighbours from bottom to top, {choices}, given ["{own.between[0]}", '
                 f'"{own.between[1]}"]',
             )
-        if own.sampling_rate is None or isinstance(self.excitation, TableExcitation):
-            return  # the step of a table may not be known yet
-        most = 1.0 / self.time_step
+        if own.sampling_rate is None:
+            return
+        most = 1.0 / (self.time.step or self.time_step)
         if own.sampling_rate > most * (1.0 + _ROUND_OFF):
             raise inconsistent(
                 f"{key}.sampling_rate",
@@ -239,7 +284,7 @@ class Case(Section):
         """Keys that the case sets although a run does not use them, as overrides name them."""
         read = self._read_contact_keys
         keys = [f"contact.{key}" for key in sorted(self.contact.model_fields_set - read)]
-        if self.excitation.length is not None and "periods" in self.time.model_fields_set:
+        if not self.is_periodic and "periods" in self.time.model_fields_set:
             keys.append("time.periods")
         keys += [
             f"sensor.{own.name}.seed"
@@ -265,26 +310,62 @@ class Case(Section):
     @property
     def n_periods(self) -> int:
         """Number of periods to compute, at most; for a sweep, enough to cover its duration."""
-        length = self.excitation.length
-        if length is None:
+        if self.is_periodic:
             periods = self.time.periods
             return self.time.most_periods if periods == "settled" else periods
-        return max(1, math.ceil(length * self.excitation.top_frequency - _ROUND_OFF))
+        if self.time.step is not None:
+            return math.ceil(self._least_steps / self.steps_per_period)
+        return max(1, math.ceil(self._length * self.excitation.top_frequency - _ROUND_OFF))
+
+    @property
+    def _length(self) -> float:
+        """Time that a run with an excitation that does not repeat must cover [s]."""
+        length = self.time.duration or self.excitation.length
+        if length is None:
+            raise CaseError("time.duration: missing; load the case from a file, which sets it")
+        return length
+
+    @property
+    def _least_steps(self) -> int:
+        """Number of steps that are no longer than `time.step`."""
+        return math.ceil(self._length / (self.time.step or math.inf) * (1.0 - _ROUND_OFF))
+
+    @property
+    def steps_per_period(self) -> int:
+        """Number N of steps of a period; with `time.step`, of a hundredth of the run."""
+        if self.time.step is None:
+            return self.time.steps_per_period
+        return max(LEAST_STEPS, math.ceil(self._least_steps / PARTS))
 
     @property
     def n_window_periods(self) -> int:
         """Number of last periods that are recorded at every step (the window)."""
+        if not self.is_periodic and "window_periods" not in self.output.model_fields_set:
+            return self.n_periods
         return min(self.output.window_periods, self.n_periods)
 
     @property
+    def frames_per_period(self) -> int:
+        """Number of frames of the fields per period of the window."""
+        frames = self.output.fields_per_period
+        if not self.is_periodic and "fields_per_period" not in self.output.model_fields_set:
+            frames = min(frames, max(1, MOST_FRAMES // self.n_window_periods))
+        return min(frames, self.steps_per_period)
+
+    @property
     def time_step(self) -> float:
-        """Time step dt = 1/(N f), where f is the highest frequency of a sweep [s]."""
-        return 1.0 / (self.time.steps_per_period * self.excitation.top_frequency)
+        """Time step dt = 1/(N f), where f is the highest frequency of a sweep [s].
+
+        With `time.step`: the longest step up to that of which whole periods cover the run.
+        """
+        if self.time.step is None:
+            return 1.0 / (self.time.steps_per_period * self.excitation.top_frequency)
+        return self._length / (self.n_periods * self.steps_per_period)
 
     @property
     def period(self) -> float:
         """Length of the N steps of one period [s]."""
-        return self.time.steps_per_period * self.time_step
+        return self.steps_per_period * self.time_step
 
     def rayleigh(self, i: int) -> tuple[float, float]:
         """Return the damping coefficients of one lamina, C = alpha M + beta K.
@@ -341,6 +422,10 @@ class Case(Section):
         data = self.model_dump(exclude_none=True)
         kept = self._read_contact_keys | self.contact.model_fields_set
         data["contact"] = {k: value for k, value in data["contact"].items() if k in kept}
+        if not self.is_periodic:
+            for section, key in _OF_PERIODS:
+                if key not in getattr(self, section).model_fields_set:
+                    del data[section][key]
         for key in ("delamination", "point_mass", "sensor"):
             if not data[key]:
                 del data[key]
@@ -415,7 +500,7 @@ class Case(Section):
         return self._with_table_checked(label)
 
     def _with_table_checked(self, label: str) -> Self:
-        """Return the case with the period of a tabulated excitation; check its table.
+        """Return the case with the duration of a tabulated excitation; check its table.
 
         Raises:
             CaseError: the table cannot be used, or it ends before the run.
@@ -424,16 +509,14 @@ class Case(Section):
         if not isinstance(given, TableExcitation):
             return self
         length = read_series(given.file, given.acts_on).length
-        if given.period is None:
-            period = length / self.n_periods
-            return self.model_copy(
-                update={"excitation": given.model_copy(update={"period": period})}
-            )
-        if self.n_periods * given.period > length * (1.0 + _ROUND_OFF):
+        duration = self.time.duration
+        if duration is None:
+            time = self.time.model_copy(update={"duration": length})
+            return self.model_copy(update={"time": time})
+        if duration > length * (1.0 + _ROUND_OFF):
             raise CaseError(
-                f"{label}: excitation.file: expected times up to {self.time.periods} periods of "
-                f"{given.period:g} s, given {length:g} s; set time.periods to at most "
-                f"{int(length / given.period)}"
+                f"{label}: excitation.file: expected times up to time.duration = {duration:g} s, "
+                f"given {length:g} s"
             )
         return self
 

@@ -13,10 +13,15 @@ _ALTERNATIVES = (
     ("mesh", ("elements", "file")),
     ("gap", ("exponent", "shape", "file")),
     ("excitation", ("amplitude", "acceleration")),
+    ("time", ("steps_per_period", "step")),
+    ("time", ("periods", "duration")),
 )
 """Sections with alternative keys: an override that sets one of them removes the others."""
 
-
+_NOT_PERIODIC = ("sweep", "hammer", "table")
+"""Kinds of excitation that never repeat."""
+_OF_PERIODS = ("window_periods", "fields_per_period")
+"""Keys of the section `output` that such an excitation removes: they count periods."""
 _MATERIAL_KEYS = {
     "material": ("density", "young_modulus", "mass_per_length", "bending_stiffness"),
     "density": ("material", "mass_per_length"),
@@ -142,6 +147,9 @@ def apply_overrides(data: Data, overrides: Mapping[str, object]) -> None:
         are_alike = any(kind in group and table.get("kind") in group for group in groups)
         kept = ("amplitude", "acceleration", "lamina", "position") if are_alike else ()
         data["excitation"] = {key: table[key] for key in kept if key in table}
+        output = data.get("output")
+        if kind in _NOT_PERIODIC and isinstance(output, dict):  # the window is the whole run
+            data["output"] = {k: v for k, v in output.items() if k not in _OF_PERIODS}
     for key, value in overrides.items():
         if key == "contact.law" and isinstance(value, str) and "@" in value:
             value, _, scheme = value.partition("@")  # a law with its scheme

@@ -11,7 +11,12 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 
 from delam_fem.case.definition import Case
-from delam_fem.case.motion.drive import ForceExcitation, HarmonicExcitation, SweepExcitation
+from delam_fem.case.motion.drive import (
+    ForceExcitation,
+    HammerExcitation,
+    HarmonicExcitation,
+    SweepExcitation,
+)
 from delam_fem.case.sections import Lamina
 
 Bounds = tuple[float, float]
@@ -32,6 +37,12 @@ DAMPING: Bounds = (0.0, 0.2)
 """Damping ratio."""
 MASS: Bounds = (0.0, 20.0)
 """Point mass over the mass of its lamina."""
+THICKEST = 0.1
+"""Thickness above which a slender lamina has its lengths in another unit than m [m]."""
+ROUNDED = 1e-3
+"""Share by which a given EI may differ from that of a material."""
+BLOW_STEPS = 20
+"""Steps that a blow should have at least."""
 
 _OTHERS: Mapping[str, tuple[tuple[str, float], ...]] = {
     "m": (("mm", 1e-3), ("cm", 1e-2), ("µm", 1e-6)),
@@ -92,9 +103,20 @@ def _checked(
 def _of_lamina(lamina: Lamina) -> Iterator[str]:
     """Yield warnings about a lamina: slenderness, density, wave speed, damping."""
     key = f"lamina.{lamina.name}"
+    EI, of_modulus = lamina.flexural_rigidity, lamina.young_modulus * lamina.second_moment
+    if lamina.material is not None and abs(EI - of_modulus) > ROUNDED * of_modulus:
+        yield (
+            f"{key}.bending_stiffness = {EI:.4g} N m2 counts, not the {of_modulus:.4g} N m2 of "
+            f"the material {lamina.material}; remove the one that is not meant"
+        )
     L, h, rho = lamina.length, lamina.thickness, lamina.density
     words = "length over thickness"
-    if not SLENDERNESS[0] <= 1e-3 * L / h <= SLENDERNESS[1]:  # a length in mm would be plausible
+    if _is_in_mm(lamina):
+        yield (
+            f"{key}: length = {L:g} m, width = {lamina.width:g} m and thickness = {h:g} m look "
+            f'unusual; did you mean "{L:g} mm", "{lamina.width:g} mm" and "{h:g} mm"?'
+        )
+    elif not SLENDERNESS[0] <= 1e-3 * L / h <= SLENDERNESS[1]:  # a length in mm would be plausible
         yield from _checked(f"{key}.thickness", h, "m", words, SLENDERNESS, lambda value: L / value)
     else:
         yield from _checked(f"{key}.length", L, "m", words, SLENDERNESS, lambda value: value / h)
@@ -114,6 +136,12 @@ def _of_lamina(lamina: Lamina) -> Iterator[str]:
     )
 
 
+def _is_in_mm(lamina: Lamina) -> bool:
+    """Return whether all lengths of a lamina look like numbers in mm."""
+    is_slender = SLENDERNESS[0] <= lamina.length / lamina.thickness <= SLENDERNESS[1]
+    return lamina.thickness > THICKEST and is_slender
+
+
 def _of_gaps(case: Case) -> Iterator[str]:
     """Yield warnings about gaps at rest."""
     numbers = {f"delamination.{k}.opening": own.opening for k, own in enumerate(case.delamination)}
@@ -128,6 +156,11 @@ def _of_gaps(case: Case) -> Iterator[str]:
 def _of_excitation(case: Case) -> Iterator[str]:
     """Yield warnings about amplitude and frequency."""
     given = case.excitation
+    if isinstance(given, HammerExcitation) and given.duration < BLOW_STEPS * case.time_step:
+        yield (
+            f"time.step = {case.time.step:g} s is long: the blow of {given.duration:g} s has "
+            f"{given.duration / case.time_step:.3g} steps, below {BLOW_STEPS}"
+        )
     if isinstance(given, HarmonicExcitation | SweepExcitation) and given.amplitude is not None:
         yield from _checked(
             "excitation.amplitude",
@@ -137,7 +170,8 @@ def _of_excitation(case: Case) -> Iterator[str]:
             AMPLITUDE,
             lambda value: value / case.length,
         )
-    if not isinstance(given, HarmonicExcitation | SweepExcitation | ForceExcitation):
+    is_judged = isinstance(given, HarmonicExcitation | SweepExcitation | ForceExcitation)
+    if not is_judged or any(map(_is_in_mm, case.lamina)):
         return
     firsts = [lamina.angular_frequencies(1)[0] / (2.0 * math.pi) for lamina in case.lamina]
     for key in ("frequency", "start_frequency", "end_frequency"):

@@ -58,7 +58,8 @@ class Lamina(Section):
             see docs/layered.md.
         density: density rho [kg/m3]; a material or mass_per_length gives it too.
         young_modulus: Young's modulus E [Pa]; a material or bending_stiffness gives it too.
-        bending_stiffness: bending stiffness EI [N m2]; if given, it replaces E b h^3/12.
+        bending_stiffness: bending stiffness EI [N m2]; if given, it replaces E b h^3/12, also
+            that of a material.
         damping_ratio: damping ratio D at the modes that the damping model names [-].
         mass_per_length: mass per length rho b h [kg/m]; in a case file instead of density.
     """
@@ -96,7 +97,12 @@ class Lamina(Section):
         """Bending stiffness EI: the given one, otherwise E b h^3/12 [N m2]."""
         if self.bending_stiffness is not None:
             return self.bending_stiffness
-        return self.young_modulus * self.width * self.thickness**3 / 12.0
+        return self.young_modulus * self.second_moment
+
+    @property
+    def second_moment(self) -> float:
+        """Second moment of area b h^3/12 [m4]."""
+        return self.width * self.thickness**3 / 12.0
 
     @property
     def mass_per_length(self) -> float:
@@ -332,25 +338,34 @@ class TimeStepping(Section):
         mass: "consistent" or "lumped" mass matrix.
         steps_per_period: time steps per period, N; in a sweep, a period is that of the
             highest frequency.
+        step: longest time step [s]; instead of steps_per_period where the excitation does not
+            repeat, and needed for a blow or a table.
         refine: largest division r; near contact a step is divided into up to r steps of Δt/r; 1:
             never.
         refine_velocity: gap rate up to which a pair near contact does not divide a step [m/s].
-        periods: number of periods of a harmonic run; a sweep runs for its duration instead.
-            "settled": as many as it takes until the motion has settled.
+        periods: number of periods of a harmonic run. "settled": as many as it takes until the
+            motion has settled.
+        duration: length of the run [s]; instead of periods where the excitation does not repeat,
+            and needed for a blow. A sweep runs for its own duration, a table for its length.
         most_periods: number of periods after which a run ends that has not settled.
     """
 
     scheme: SchemeName = "newmark"
     mass: Literal["consistent", "lumped"] = "consistent"
     steps_per_period: Steps = 1000
+    step: Annotated[Positive, Unit("s")] | None = None
     refine: Refine = 1
     refine_velocity: Annotated[NotNegative, Unit("m/s")] = 0.0
     periods: CountOrSettled = 300
+    duration: Annotated[Positive, Unit("s")] | None = None
     most_periods: Count = 3000
 
 
 class Output(Section):
     """The record of a run: its window and its frames.
+
+    The default window of an excitation that does not repeat is the whole run, with about 500
+    frames. With `time.step`, a hundredth of the run counts as a period.
 
     Attributes:
         window_periods: number of last periods that are recorded at every step (the window).

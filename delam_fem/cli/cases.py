@@ -148,16 +148,31 @@ def _about(case: Case) -> list[tuple[str, str]]:
         ("structure", _structure(case)),
         ("excitation", case.excitation.words),
         ("contact", f"{combined_name(law, scheme)}: {LAWS[law].meaning}"),
-        (
-            "time",
-            f"{case.n_periods} periods of {case.time.steps_per_period} steps of "
-            f"{case.time_step:.4g} s",
-        ),
-        ("window", f"the last {case.n_window_periods} periods"),
+        ("time", _time(case)),
+        ("window", _window(case)),
     ]
     if case.unread:
         rows.append(("given, but not read", ", ".join(case.unread)))
     return rows
+
+
+def _time(case: Case) -> str:
+    """Return in words how long a run is, and its steps."""
+    if case.time.step is None:
+        number = f"{case.n_periods} periods of {case.steps_per_period}"
+    else:
+        n_steps = case.n_periods * case.steps_per_period
+        number = f"{n_steps * case.time_step:g} s, {n_steps}"
+    return f"{number} steps of {case.time_step:.4g} s"
+
+
+def _window(case: Case) -> str:
+    """Return in words what of a run is recorded at every step."""
+    if case.n_window_periods == case.n_periods:
+        return "the whole run"
+    if case.time.step is None:
+        return f"the last {case.n_window_periods} periods"
+    return f"the last {case.n_window_periods * case.period:g} s"
 
 
 def _structure(case: Case) -> str:

@@ -51,7 +51,7 @@ def reduced_command(
         motion = reduced(case, modes, refine=refine)
         folder = output or Path("runs") / f"{case.name}-reduced"
         with claimed(folder, inputs=inputs_of(case), may_hold_results=overwrite) as directory:
-            with progress(Console(stderr=True, quiet=quiet), case.time.steps_per_period) as report:
+            with progress(Console(stderr=True, quiet=quiet), case.steps_per_period) as report:
                 result = motion.run(progress=report)
             paths = result.save(directory)
         if not quiet:

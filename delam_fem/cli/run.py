@@ -116,7 +116,7 @@ def _computed(
     from delam_fem.cli.console.progress import progress
     from delam_fem.pipeline import run
 
-    with progress(error_console(quiet), case.time.steps_per_period) as report:
+    with progress(error_console(quiet), case.steps_per_period) as report:
         result = run(case, directory=directory, progress=report, comm=comm, **options)
     paths = _saved(result, directory, figures) if comm.rank == 0 else []
     if not quiet:

@@ -71,7 +71,7 @@ class Cost:
 
 def n_steps(case: Case) -> float:
     """Return the number of time steps of a case, without refined ones."""
-    return float(case.n_periods) * case.time.steps_per_period
+    return float(case.n_periods) * case.steps_per_period
 
 
 def step_hours(case: Case, engine: EngineName) -> float:
@@ -83,8 +83,8 @@ def step_hours(case: Case, engine: EngineName) -> float:
 def run_cost(case: Case, engine: EngineName) -> Cost:
     """Return the cost of the run of a case."""
     window = case.n_window_periods
-    recorded = float(window) * case.time.steps_per_period
-    values = float(window) * case.output.fields_per_period * _n_dofs(case) / 2.0
+    recorded = float(window) * case.steps_per_period
+    values = float(window) * case.frames_per_period * _n_dofs(case) / 2.0
     rows = float(case.n_periods)
     memory = _ROW_NUMBERS * rows + _STEP_NUMBERS * recorded + _NODE_NUMBERS * values
     disk = (

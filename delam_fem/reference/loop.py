@@ -104,7 +104,7 @@ def simulate_reference(
     if refusal:
         raise CaseError(refusal)
     state = initial or Standing.at_rest(operators)
-    N, dt = case.time.steps_per_period, case.time_step
+    N, dt = case.steps_per_period, case.time_step
     steps = np.arange(state.step, state.step + periods * N + 1)
     base = base_motion(case).states(steps * dt)
     system = _System(operators, dt, case.contact.penalty_stiffness)

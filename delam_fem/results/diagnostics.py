@@ -225,15 +225,17 @@ def last_periods(history: xr.Dataset, case: Case, count: int | None = None) -> x
     Args:
         history: of a run.
         case: its case.
-        count: number of periods; None for the last whole periods of the window.
+        count: number of periods, or the window if the excitation has none; None for the last whole
+            periods of the window.
 
     Returns:
         The same dataset with fewer steps; without any step if the window is shorter than one
         period and `count` is None.
     """
-    N = case.time.steps_per_period
+    N = case.steps_per_period
     n = history.sizes["time"]
-    kept = n // N * N if count is None else min(n, count * N)
+    last = n if not case.is_periodic else min(n, (count or 0) * N)
+    kept = n // N * N if count is None else last
     return history.isel(time=slice(n - kept, n))
 
 
@@ -264,7 +266,7 @@ def summary_of(motion: ProbeMotion, case: Case) -> dict[str, Any]:
         Values by name [m, -]; None or NaN if a number has no meaning: harmonics and periodicity
         under a swept sine, contacts without a contact law.
     """
-    q, N = motion.displacement, case.time.steps_per_period
+    q, N = motion.displacement, case.steps_per_period
     n_periods = q.shape[1] / N
     is_harmonic = case.is_periodic
     amplitudes = _harmonics(motion.whole_periods(N), N) if is_harmonic else None
@@ -292,7 +294,7 @@ def window_harmonics(history: xr.Dataset, case: Case) -> FloatArray | None:
         A_1, A_2, …, shape (n_laminae, n_harmonics) [m]; None if there is no whole period or the
         motion is not finite.
     """
-    N = case.time.steps_per_period
+    N = case.steps_per_period
     return _harmonics(ProbeMotion.of(history).whole_periods(N), N)
 
 

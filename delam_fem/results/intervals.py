@@ -69,7 +69,7 @@ def _entry(means: FloatArray, periods: int) -> dict[str, Any]:
 
 def _of_window(history: xr.Dataset, case: Case) -> dict[str, dict[str, Any]]:
     """Return means and intervals of the numbers that need every step of their periods."""
-    N = case.time.steps_per_period
+    N = case.steps_per_period
     motion = diagnostics.ProbeMotion.of(history)
     whole = motion.whole_periods(N)
     n = whole.shape[1] // N

@@ -35,10 +35,10 @@ def span_of(case: Case) -> Span:
     """Return the span of a case: the length of its run, and what the run records."""
     return Span(
         case.time_step,
-        case.time.steps_per_period,
+        case.steps_per_period,
         case.n_periods,
         case.n_window_periods,
-        case.output.fields_per_period,
+        case.frames_per_period,
         DIVERGED_LENGTHS * case.lamina[0].length,
         Refinement(case.time.refine, case.time.refine_velocity),
     )

@@ -85,7 +85,7 @@ def test_times_of_a_harmonic_run() -> None:
 def test_times_of_a_sweep_follow_its_highest_frequency() -> None:
     case = preset("paper", SWEEP)
     assert case.time_step == pytest.approx(1 / 4000, rel=ROUND_OFF)
-    assert (case.n_periods, case.n_window_periods) == (40, 10)
+    assert (case.n_periods, case.n_window_periods) == (40, 40)
     assert preset("paper", {**SWEEP, "excitation.duration": 10.1}).n_periods == 41
 
 

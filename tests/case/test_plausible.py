@@ -4,11 +4,40 @@ from __future__ import annotations
 
 import logging
 import re
+import tomllib
+from typing import Any
 
 import pytest
 
+from delam_fem.case.definition import Case
 from delam_fem.case.files import PRESETS, preset
+from delam_fem.case.keys.template import case_text
 from delam_fem.case.plausible import tell, warnings
+
+
+def test_of_two_bending_stiffnesses_the_one_that_counts_is_told() -> None:
+    data: Any = tomllib.loads(case_text("apart", "mine"))  # which sets EI
+    for key in ("density", "young_modulus"):
+        del data["lamina"][0][key]
+    data["lamina"][0]["material"] = "aluminium"
+    case = Case.checked(data, "case")
+    assert case.lamina[0].flexural_rigidity == 1.51
+    assert warnings(case) == [
+        "lamina.thick.bending_stiffness = 1.51 N m2 counts, not the 1.867 N m2 of the material "
+        "aluminium; remove the one that is not meant"
+    ]
+    assert not warnings(case.with_overrides({"lamina.thick.bending_stiffness": None}))
+
+
+def test_lengths_in_mm_are_named_instead_of_the_frequency() -> None:
+    sizes = {"length": 400.0, "width": 20.0, "thickness": 2.0, "bending_stiffness": None}
+    keys = {f"lamina.{name}.{key}": v for name in ("thick", "thin") for key, v in sizes.items()}
+    found = warnings(preset("paper", keys | {"excitation.frequency": 10.0, "gap.tip": 4.0}))
+    assert found == [
+        f"lamina.{name}: length = 400 m, width = 20 m and thickness = 2 m look unusual; did you "
+        'mean "400 mm", "20 mm" and "2 mm"?'
+        for name in ("thick", "thin")
+    ]
 
 
 @pytest.mark.parametrize("name", PRESETS)

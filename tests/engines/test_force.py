@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.sparse.linalg import spsolve
@@ -11,6 +13,7 @@ from delam_fem.case.motion.force import HalfSine
 from delam_fem.model.beams import closed_form
 from delam_fem.model.beams.laminae import point_load
 from delam_fem.pipeline import run
+from delam_fem.studies.sweeps.load import sweep_of
 
 ENGINES = ("petsc", "compiled")
 FORCE = {
@@ -117,3 +120,34 @@ def test_short_blow_changes_the_velocity_like_an_impulse() -> None:
 def test_force_where_the_lamina_is_held() -> None:
     with pytest.raises(df.CaseError, match=r"expected a point that can move, given 0.0 m"):
         closed_form.assemble(case_of(excitation__position=0.0))
+
+
+BLOW = {
+    "excitation.kind": "hammer", "excitation.duration": 1e-3, "excitation.start": 2e-3,
+    "time.duration": 0.02, "time.step": 2e-5, "time.steps_per_period": None, "time.periods": None,
+    "output.window_periods": None, "excitation.frequency": None,
+}  # fmt: skip
+
+
+def test_the_whole_run_of_a_blow_is_recorded_by_both_engines() -> None:
+    case = df.preset("embedded", FORCE | BLOW)
+    structure = closed_form.assemble(case)
+    found = [run(case, engine, structure=structure).history for engine in ENGINES]
+    for history in found:
+        t, F = history.time.to_numpy(), history.force.to_numpy()
+        assert t == pytest.approx(2e-5 * np.arange(1, 1001))
+        assert 2e-5 * F.sum() == pytest.approx(2.0 / np.pi * 0.01 * 1e-3, rel=1e-3)
+        assert not F[t < 2e-3].any() and not F[t > 3e-3].any()
+    tips = [history.tip_displacement.to_numpy() for history in found]
+    assert np.abs(tips[0] - tips[1]).max() < 1e-7 * np.abs(tips[0]).max()
+    assert np.abs(tips[0]).max() > 0.0
+
+
+def test_a_sweep_over_a_blow(tmp_path: Path) -> None:
+    sweep = sweep_of({
+        "name": "blows", "base": "embedded", "set": FORCE | BLOW, "engine": "compiled",
+        "axis": [{"key": "excitation.duration", "values": [5e-4, 1e-3]}],
+    })  # fmt: skip
+    with df.run_sweep(sweep, tmp_path, "serial") as data:
+        assert data.attrs["n_completed"] == 2
+        assert np.diff(data.tip_max.sel(lamina="upper").to_numpy())[0] > 0.0

@@ -12,7 +12,6 @@ from typing import Annotated, Literal, Self, TypeAlias
 from pydantic import Field, model_validator
 
 from delam_fem.case.fields import FileName, Label, NotNegative, Positive, Section, inconsistent
-from delam_fem.case.toml import CaseError
 from delam_fem.case.units import Unit
 
 Target = Literal["base", "force"]
@@ -228,13 +227,11 @@ class HammerExcitation(_AtPoint):
         kind: "hammer".
         duration: length of the blow [s].
         start: time at which the blow begins [s].
-        period: length of the N steps of one period [s].
     """
 
     kind: Literal["hammer"] = "hammer"
     duration: Annotated[Positive, Unit("s")]
     start: Annotated[NotNegative, Unit("s")] = 0.0
-    period: Annotated[Positive, Unit("s")]
 
     @property
     def is_periodic(self) -> bool:
@@ -243,12 +240,12 @@ class HammerExcitation(_AtPoint):
 
     @property
     def top_frequency(self) -> float:
-        """Frequency whose period is divided into steps [Hz]."""
-        return 1.0 / self.period
+        """Frequency of the half sine [Hz]."""
+        return 0.5 / self.duration
 
     @property
     def length(self) -> float | None:
-        """Time that a run must cover [s]; None: `time.periods` periods."""
+        """Time that a run must cover [s]; None: `time.duration`."""
         return None
 
     @property
@@ -267,8 +264,6 @@ class TableExcitation(Section):
         acts_on: "base" (displacement [m] or acceleration [m/s2]) or "force" [N].
         lamina: name of the lamina on which a force acts.
         position: x of the point at which a force acts [m].
-        period: length of the N steps of one period [s]; if it is not given, `time.periods` periods
-            cover the table.
     """
 
     kind: Literal["table"] = "table"
@@ -276,7 +271,6 @@ class TableExcitation(Section):
     acts_on: Target
     lamina: Label | None = None
     position: Annotated[NotNegative, Unit("m")] | None = None
-    period: Annotated[Positive, Unit("s")] | None = None
 
     @model_validator(mode="after")
     def _has_point(self) -> Self:
@@ -296,14 +290,12 @@ class TableExcitation(Section):
 
     @property
     def top_frequency(self) -> float:
-        """Frequency whose period is divided into steps [Hz]."""
-        if self.period is None:
-            raise CaseError("excitation.period: missing; load the case from a file, which sets it")
-        return 1.0 / self.period
+        """Frequency whose period is divided into steps [Hz]; a table has none."""
+        return math.nan
 
     @property
     def length(self) -> float | None:
-        """Time that a run must cover [s]; None: `time.periods` periods."""
+        """Time that a run must cover [s]; None: `time.duration`, by default that of the table."""
         return None
 
     @property

@@ -46,7 +46,8 @@ def write_fields(history: xr.Dataset, case: Case, directory: str | Path) -> list
     directory.mkdir(parents=True, exist_ok=True)
     bodies = ribbons.Ribbons.of(history, case)
     series = vtkhdf.write(bodies.mesh, times, bodies.point_data, directory / "fields.vtkhdf")
-    last = np.flatnonzero(times > times[-1] - case.period + 0.5 * case.time_step)
+    length = case.period if case.is_periodic else np.inf
+    last = np.flatnonzero(times > times[-1] - length + 0.5 * case.time_step)
     names = [f"fields_{k:0{len(str(last.size - 1))}d}.vtu" for k in range(last.size)]
     for frame, name in zip(last, names, strict=True):
         with atomic(directory / name) as temporary:

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from delam_fem.case.definition import Case
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.results import gaps
+from delam_fem.results import diagnostics, gaps
 from delam_fem.results.figures.style import (
     BLACK,
     BLUE,
@@ -59,7 +59,8 @@ def contact_line(history: xr.Dataset, case: Case) -> Figure:
     """Draw the gap of each interface over x and t, with contacts and impacts marked."""
     unit, label = time_axis(case)
     end = float(history["time"][-1])
-    start = max(end - LINE_PERIODS * case.period, float(history["time"][0]) - case.time_step)
+    last = diagnostics.last_periods(history, case, LINE_PERIODS)
+    start = float(last["time"][0]) - case.time_step
     names = [str(name) for name in history["lamina"].to_numpy()]
     n = len(names) - 1
     figure = Figure(figsize=(WIDTH, ONE_PANEL if n == 1 else PANEL * n), layout="constrained")

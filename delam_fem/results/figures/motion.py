@@ -88,7 +88,7 @@ def tip_histories(history: xr.Dataset, case: Case) -> Figure:
 def phase_portraits(history: xr.Dataset, case: Case) -> Figure:
     """Draw velocity over displacement of each lamina, with the state at the end of each period."""
     portrait = finite(diagnostics.phase_portrait(history, case, PORTRAIT_PERIODS))
-    n, N = len(portrait), case.time.steps_per_period
+    n, N = len(portrait), case.steps_per_period
     columns = min(n, PORTRAIT_COLUMNS)
     rows = math.ceil(n / columns)
     figure = Figure(figsize=(WIDTH, 4.6 * rows), layout="constrained")
@@ -114,7 +114,7 @@ def spectra(history: xr.Dataset, case: Case) -> Figure:
     """Draw the amplitude spectra of all displacements with the harmonics marked."""
     whole = diagnostics.last_periods(history, case)
     amplitudes = 1e3 * harmonics.amplitude_spectrum(finite(whole["tip_displacement"]))
-    n_periods = whole.sizes["time"] // case.time.steps_per_period
+    n_periods = whole.sizes["time"] // case.steps_per_period
     orders = np.arange(amplitudes.shape[1]) / n_periods
     is_harmonic = case.is_periodic
     found = diagnostics.window_harmonics(history, case) if is_harmonic else None

@@ -82,7 +82,7 @@ def save_figures(history: xr.Dataset, case: Case, directory: str | Path) -> list
     """
     directory = Path(directory)
     directory.mkdir(parents=True, exist_ok=True)
-    has_period = history.sizes["time"] >= case.time.steps_per_period
+    has_period = history.sizes["time"] >= case.steps_per_period
     figures = figures_of(history)
     names = [name for name in figures if has_period or name != "spectra"]
     for name in (FIGURES | OF_SENSORS).keys() - set(names):

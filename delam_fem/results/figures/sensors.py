@@ -6,6 +6,7 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from delam_fem.case.definition import Case
+from delam_fem.results import diagnostics
 from delam_fem.results.figures.style import (
     BLACK,
     HISTORY_PERIODS,
@@ -33,8 +34,7 @@ _DOTS_BELOW = 400
 def sensors(history: xr.Dataset, case: Case) -> Figure:
     """Draw the signal of each sensor over the last periods, one below the other."""
     names = sensors_of(history)
-    end = float(history["time"][-1])
-    start = end - min(HISTORY_PERIODS, case.n_window_periods) * case.period
+    start = float(diagnostics.last_periods(history, case, HISTORY_PERIODS)["time"][0])
     unit, label = time_axis(case)
     height = max(4.2, 1.0 + 2.1 * len(names))
     figure = Figure(figsize=(WIDTH, height), layout="constrained")

@@ -92,6 +92,9 @@ def _contacts(run: Run) -> str:
         return f"the {run.end}s never meet{near}"
     found = _strongest(run)
     speed = f" at {found[1].approach:.3g} m/s" if found else ""
+    if not run.case.is_periodic:
+        times = rate * run.history.sizes["time"] / run.case.steps_per_period
+        return f"{times:.0f} {run.end} strike{'s' * (round(times) != 1)}{speed}"
     return f"{_often(rate, run.end)}{speed}"
 
 
@@ -117,7 +120,7 @@ def _strongest(run: Run) -> tuple[int, strikes.Strikes] | None:
     """Return the interface with the fastest strikes, and these; None if there are none."""
     if not run.summary.get("tip_contacts_per_period"):
         return None
-    N, n = run.case.time.steps_per_period, run.history.sizes["lamina"]
+    N, n = run.case.steps_per_period, run.history.sizes["lamina"]
     found = [(j, strikes.of_interface(run.history, N, j)) for j in range(n - 1)]
     found = [entry for entry in found if entry[1].step.size and entry[1].approach > 0.0]
     return max(found, key=lambda entry: entry[1].approach, default=None)

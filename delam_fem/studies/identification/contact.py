@@ -92,7 +92,7 @@ class Experiment:
     @property
     def error(self) -> float:
         """Standard deviation of the real and of the imaginary part of a harmonic [m]."""
-        own = self.case.n_window_periods * self.case.time.steps_per_period
+        own = self.case.n_window_periods * self.case.steps_per_period
         return self.noise * math.sqrt(2.0 / (self.n_samples or own))
 
     def simulate(

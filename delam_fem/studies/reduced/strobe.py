@@ -132,7 +132,7 @@ class ReducedMap:
 
     def _first(self, motion: ReducedMotion) -> int:
         """Return the number of the step of the drive at which a period of the map begins."""
-        return round(self._phase * motion.case.time.steps_per_period)
+        return round(self._phase * motion.case.steps_per_period)
 
 
 def _seen(motion: ReducedMotion, period: Period) -> FloatArray:

@@ -148,7 +148,7 @@ def require_valid(sweep: Sweep) -> None:
 
 def _check_frames(sweep: Sweep, case: Case, label: str) -> None:
     """Check that all points record evenly spaced frames on the same nodes."""
-    N, frames = case.time.steps_per_period, case.output.fields_per_period
+    N, frames = case.steps_per_period, case.frames_per_period
     if frames < 4 or N % frames:
         raise CaseError(
             f"{label}: record.node_distortion: expected output.fields_per_period of at least 4 "
@@ -166,7 +166,7 @@ def _check_scan(sweep: Sweep, case: Case, label: str) -> None:
     """Check that the points of a scan exist, and that the window suffices for its shapes."""
     scan = sweep.file.record.scan
     assert scan is not None
-    N, frames = case.time.steps_per_period, case.output.fields_per_period
+    N, frames = case.steps_per_period, case.frames_per_period
     if frames < 5 or N % frames or case.n_window_periods < LEAST_PERIODS:
         raise CaseError(
             f"{label}: record.scan: expected output.window_periods of at least {LEAST_PERIODS},"

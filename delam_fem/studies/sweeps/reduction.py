@@ -68,7 +68,7 @@ def row_of(
     strobe = recorder.strobe[: recorder.n_closed, :, :n_laminae]
     values["strobe_displacement"], values["strobe_velocity"] = strobe.transpose(1, 2, 0)
     values["periods_computed"] = recorder.n_closed
-    N = case.time.steps_per_period
+    N = case.steps_per_period
     if "harmonic_amplitude" in names:
         whole = motion.whole_periods(N)
         values["harmonic_amplitude"] = harmonic_amplitudes(whole, whole.shape[1] // N)
@@ -92,7 +92,7 @@ def _of_signal(signal: Signal, case: Case) -> dict[str, npt.ArrayLike]:
     its samples need not fill whole periods.
     """
     name, value = f"{SENSOR}{signal.sensor.name}", signal.value
-    N, n = case.time.steps_per_period, case.n_window_periods
+    N, n = case.steps_per_period, case.n_window_periods
     if signal.sensor.sampling_rate is None and value.size >= N:
         whole = value[value.size % N :]
         amplitudes = harmonic_amplitudes(whole, whole.size // N)

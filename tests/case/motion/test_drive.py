@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -12,18 +13,23 @@ from delam_fem.case.definition import Case
 from delam_fem.case.files import preset, save_case
 from delam_fem.case.motion.excitation import HarmonicMotion, SweptMotion, TabulatedMotion, drive
 from delam_fem.case.motion.force import HalfSine
+from delam_fem.case.plausible import warnings
 from delam_fem.case.toml import CaseError
 
 FORCE = {"kind": "force", "lamina": "thin", "position": 0.3, "amplitude": 2.0, "frequency": 5.0}
 HAMMER = {
     **{"kind": "hammer", "lamina": "thick", "position": 0.1, "amplitude": 20.0},
-    **{"duration": 1e-3, "period": 0.2},
+    **{"duration": 1e-3},
 }
+SECONDS = {"time.step": 1e-4, "time.duration": 0.8}
 
 
 def with_excitation(**keys: object) -> Case:
-    """Return the preset "paper" with another section `[excitation]`."""
-    return preset("paper", {"excitation": keys, "time.periods": 4})
+    """Return the preset "paper" with another section `[excitation]`, its time in seconds."""
+    kind = str(keys["kind"])
+    time = {"hammer": SECONDS, "table": {"time.step": 1e-3}}.get(kind, {"time.periods": 4})
+    left = {"time.periods": None} if kind == "table" else {}
+    return preset("paper", {"excitation": keys, "output": {}, **time, **left})
 
 
 def table(path: Path, value: object, heading: str = "time [s], value", n: int = 201) -> Path:
@@ -69,7 +75,8 @@ def test_force_and_hammer() -> None:
     force = drive(with_excitation(**FORCE))
     assert force == HarmonicMotion(5.0, 2.0)
     case = with_excitation(**HAMMER)
-    assert (case.period, case.n_periods, case.is_periodic) == (0.2, 4, False)
+    assert (case.n_periods, case.steps_per_period, case.is_periodic) == (100, 80, False)
+    assert (case.time_step, case.n_window_periods) == (pytest.approx(1e-4), 100)
     blow = drive(case)
     t = np.linspace(0.0, 2e-3, 20001)
     F, rate, bend = blow.states(t).T
@@ -93,7 +100,7 @@ def test_table_of_displacements(tmp_path: Path) -> None:
     w = 2 * math.pi * 2.0
     file = table(tmp_path / "base.csv", lambda t: 0.5 + 1e-3 * np.sin(w * t), "t [s], q [m]")
     case = with_excitation(kind="table", file=str(file), acts_on="base")
-    assert (case.period, case.time_step) == (0.25, pytest.approx(0.25 / 1000))
+    assert (case.n_periods * case.period, case.time_step) == (1.0, pytest.approx(1e-3))
     t = np.linspace(0.0, 1.0, 57)
     expected = HarmonicMotion(2.0, 1e-3).states(t)
     assert np.abs(drive(case).states(t) - expected).max(axis=0) == pytest.approx(
@@ -116,7 +123,7 @@ def test_table_of_accelerations_does_not_drift(tmp_path: Path) -> None:
 def test_table_of_forces(tmp_path: Path) -> None:
     file = table(tmp_path / "f.csv", lambda t: t * (1.0 - t), "time [s], force [N]")
     case = with_excitation(
-        kind="table", file=str(file), acts_on="force", lamina="thin", position=0.2, period=0.1
+        kind="table", file=str(file), acts_on="force", lamina="thin", position=0.2
     )
     rows = drive(case).states(np.array([0.5, 1.5]))
     assert rows[0, :2] == pytest.approx([0.25, 0.0], abs=1e-3)
@@ -148,7 +155,8 @@ def test_table_is_saved_with_its_case(tmp_path: Path) -> None:
         ({**FORCE, "duration": 2.0}, "excitation.duration: expected either frequency or"),
         ({**FORCE, "frequency": None}, "excitation.frequency: missing, but required; or start_fr"),
         ({**HAMMER, "duration": 0.0}, "excitation.duration: expected a positive number, given 0"),
-        ({**HAMMER, "period": None}, "excitation.period: missing, but required"),
+        ({**HAMMER, "period": 0.2}, "excitation.period: unknown key"),
+        ({**HAMMER, "start": 0.7995}, "excitation.start: expected a blow within the window, 0 to"),
         ({"kind": "table", "file": "x.csv", "acts_on": "base"}, "excitation.file: no such file: /"),
         ({"kind": "table", "file": "x.csv", "acts_on": "tip"}, "acts_on: expected 'base' or 'for"),
         (
@@ -191,5 +199,67 @@ def test_bad_table(tmp_path: Path, text: str, expected: str) -> None:
 
 def test_table_must_cover_the_run(tmp_path: Path) -> None:
     file = table(tmp_path / "f.csv", lambda t: t)
-    with pytest.raises(CaseError, match=r"given 1 s; set time.periods to at most 3"):
-        with_excitation(kind="table", file=str(file), acts_on="base", period=0.3)
+    case = with_excitation(kind="table", file=str(file), acts_on="base")
+    with pytest.raises(CaseError, match=r"expected times up to time.duration = 1.1 s, given 1 s"):
+        case.with_overrides({"time.duration": 1.1})
+
+
+@pytest.mark.parametrize(
+    ("keys", "expected"),
+    [
+        ({"time.step": None}, 'time.step: missing, but required [s] with excitation.kind = "ham'),
+        ({"time.duration": None}, "time.duration: missing, but required [s]"),
+        ({"excitation.start": 0.79, "output.window_periods": 1}, "within the window, 0.792 to 0.8"),
+        ({"excitation.duration": 0.9}, "expected a blow within the window, 0 to 0.8 s, given 0"),
+        (
+            {"excitation.kind": "harmonic", "excitation.frequency": 2.0, "excitation.amplitude": 1},
+            "time.step: expected time.steps_per_period instead, because the excitation repeats; g",
+        ),
+    ],
+)
+def test_bad_time_of_a_blow(keys: dict[str, object], expected: str) -> None:
+    with pytest.raises(CaseError, match=re.escape(expected)):
+        with_excitation(**HAMMER).with_overrides(keys)
+
+
+def test_two_steps_are_one_too_many() -> None:
+    text = with_excitation(**HAMMER).to_toml()
+    with pytest.raises(CaseError, match=r"time.step: expected time.steps_per_period instead, not"):
+        Case.from_toml(text.replace("[time]\n", "[time]\nsteps_per_period = 100\n"))
+
+
+@pytest.mark.parametrize(
+    ("duration", "step", "steps", "periods"),
+    [(1.0, 1e-5, 1000, 100), (0.101, 1e-3, 4, 26), (1e-3, 1e-2, 4, 1), (2.0, 0.9e-5, 2223, 100)],
+)
+def test_steps_cover_the_run_and_are_no_longer_than_asked(
+    duration: float, step: float, steps: int, periods: int
+) -> None:
+    blow = {"excitation.duration": duration, "time.duration": duration, "time.step": step}
+    case = with_excitation(**HAMMER).with_overrides(blow)
+    assert (case.steps_per_period, case.n_periods) == (steps, periods)
+    assert case.n_periods * case.period == pytest.approx(duration, rel=1e-12)
+    assert case.time_step <= step * (1.0 + 1e-9)
+
+
+def test_the_window_of_a_drive_that_does_not_repeat_is_the_whole_run() -> None:
+    case = with_excitation(**HAMMER)
+    assert (case.n_window_periods, case.frames_per_period) == (100, 5)
+    late = {"excitation.start": 0.75, "output.window_periods": 10, "output.fields_per_period": 0}
+    few = case.with_overrides(late)
+    assert (few.n_window_periods, few.frames_per_period) == (10, 0)
+    for own in (case, few):
+        again = Case.from_toml(own.to_toml())
+        assert (again, again.n_window_periods) == (own, own.n_window_periods)
+        assert again.frames_per_period == own.frames_per_period and not again.unread
+    sweep = {"kind": "sweep", "start_frequency": 1.0, "end_frequency": 5.0, "duration": 40.0}
+    swept = with_excitation(**sweep, amplitude=1e-3)
+    assert (swept.n_periods, swept.n_window_periods, swept.frames_per_period) == (200, 200, 2)
+
+
+def test_few_steps_of_a_blow_are_told() -> None:
+    case = with_excitation(**HAMMER)
+    assert warnings(case) == [
+        "time.step = 0.0001 s is long: the blow of 0.001 s has 10 steps, below 20"
+    ]
+    assert not warnings(case.with_overrides({"time.step": 5e-5}))
