@@ -4,6 +4,6 @@
 set -euo pipefail
 
 cd -P -- "$(dirname -- "$(readlink -f -- "${BASH_SOURCE[0]}")")/.."
-scripts/setup.sh
+scripts/setup.sh test
 source scripts/clean_environment.sh
 exec .venv/bin/python -m sphinx -W --keep-going -q -b html "$@" docs docs/_build

@@ -1,11 +1,12 @@
 #!/usr/bin/env bash
 # Sets delam_fem up on Debian: installs dolfinx and related packages with apt, and all other packages
 # from PyPI in .venv. The script can be repeated; it does nothing if nothing has changed meanwhile.
+# Usage: scripts/setup.sh [test]    ("test" adds what the tests and the documentation site need)
 set -euo pipefail
 
 ROOT=$(cd -P -- "$(dirname -- "$(readlink -f -- "${BASH_SOURCE[0]}")")/.." && pwd)
 VENV=$ROOT/.venv
-STAMP=$VENV/delam_fem-setup.sha256
+EXTRA='' # or "test", an extra in pyproject.toml
 PYTHON=/usr/bin/python3 # sees the distribution's dolfinx, for any PATH
 PACKAGES=(
     python3-dolfinx python3-petsc4py python3-mpi4py python3-meshio python3-gmsh python3-numpy
@@ -95,6 +96,9 @@ constraints() {
     grep -qs '^numpy==' "$file" || printf 'numpy==%s\n' "$(distribution_numpy)"
 }
 
+# Prints the file that says for which state the set-up (with extra $1, if given) was done.
+stamp() { printf '%s\n' "$VENV/delam_fem-setup${1:+-$1}.sha256"; }
+
 # Prints a checksum of everything that the set-up for release $1 depends on.
 fingerprint() {
     {
@@ -106,7 +110,9 @@ fingerprint() {
 }
 
 is_done() {
-    [[ -x $VENV/bin/delam-fem && -r $STAMP && $(<"$STAMP") == "$(fingerprint "$1")" ]]
+    local stamp
+    stamp=$(stamp "$EXTRA")
+    [[ -x $VENV/bin/delam-fem && -r $stamp && $(<"$stamp") == "$(fingerprint "$1")" ]]
 }
 
 # Succeeds if .venv was made in this place by this interpreter and sees the system's packages.
@@ -133,11 +139,11 @@ make_venv() {
 }
 
 install_python_packages() {
-    local options=(--disable-pip-version-check --no-input)
+    local options=(--disable-pip-version-check --no-input --no-compile) # Python compiles what it imports
     [[ -t 1 ]] || options+=(--quiet)
-    say "installing from PyPI (about 1 GB)"
+    say "installing from PyPI${EXTRA:+, with what tests need} (some minutes)"
     constraints "$1" >"$VENV/constraints.txt"
-    "$VENV/bin/python" -I -m pip install "${options[@]}" -c "$VENV/constraints.txt" -e "$ROOT[test]" ||
+    "$VENV/bin/python" -I -m pip install "${options[@]}" -c "$VENV/constraints.txt" -e "$ROOT${EXTRA:+[$EXTRA]}" ||
         die "pip could not install the Python packages; see its message above"
 }
 
@@ -161,7 +167,9 @@ PYTHON
 }
 
 main() {
-    local release
+    local release extra
+    EXTRA=${1:-}
+    [[ -z $EXTRA || $EXTRA == test ]] || die "expected no argument or \"test\", given \"$EXTRA\""
     release=$(debian_codename /etc/os-release)
     # shellcheck source=scripts/clean_environment.sh
     source "$ROOT/scripts/clean_environment.sh"
@@ -177,16 +185,18 @@ main() {
     fi
     [[ -r $ROOT/scripts/constraints-$release.txt ]] ||
         say "Debian $release is untested with this version; going on, with only numpy fixed to the distribution's version"
-    rm -f "$STAMP"
+    rm -f "$(stamp "$EXTRA")"
     install_packages
     make_venv
     install_python_packages "$release"
     verify "$(distribution_numpy)"
-    fingerprint "$release" >"$STAMP.new"
-    mv "$STAMP.new" "$STAMP"
+    for extra in "" "$EXTRA"; do
+        fingerprint "$release" >"$(stamp "$extra").new"
+        mv "$(stamp "$extra").new" "$(stamp "$extra")"
+    done
     say "done: $VENV/bin/delam-fem"
 }
 
 if [[ ${BASH_SOURCE[0]} == "$0" ]]; then
-    main
+    main "$@"
 fi

@@ -1,13 +1,13 @@
 #!/usr/bin/env bash
-# Sets delam_fem up, checks style and types, and runs all tests with branch coverage, which must reach
-# the limit in pyproject.toml. Arguments go to pytest instead: "scripts/test.sh tests/case/test_gap.py".
+# Sets delam_fem up, checks style and types, and runs all tests but the nightly ones on all cores.
+# Arguments go to pytest instead: "scripts/test.sh tests/case/test_gap.py".
 set -euo pipefail
 
 cd -P -- "$(dirname -- "$(readlink -f -- "${BASH_SOURCE[0]}")")/.."
-scripts/setup.sh
+scripts/setup.sh test
 source scripts/clean_environment.sh
 .venv/bin/ruff check .
 .venv/bin/ruff format --check .
 .venv/bin/mypy
-(($#)) || set -- --cov --cov-report=term-missing:skip-covered
+(($#)) || set -- --numprocesses=auto --dist=worksteal
 exec .venv/bin/python -m pytest "$@"

@@ -105,12 +105,14 @@ test_tree() {
         verdict failed "README.md has no line 'scripts/setup.sh' in a bash block" </dev/null
     say "$release: $command" >&3
     within "$tree" timeout "$SETUP_SECONDS" "$command" || verdict failed "$command" </dev/null
+    say "$release: short demo" >&3
+    short_demo "$tree" || verdict failed "$(versions "$tree"); the short demo failed" </dev/null
     say "$release: tests" >&3
-    within "$tree" timeout "$TESTS_SECONDS" .venv/bin/python -m pytest -q -p no:cacheprovider -m "not once and not nightly" | tee "$2/pytest" ||
+    within "$tree" timeout "$SETUP_SECONDS" "$command" test || verdict failed "$command test" </dev/null
+    within "$tree" timeout "$TESTS_SECONDS" .venv/bin/python -m pytest -q --numprocesses=auto --dist=worksteal \
+        -p no:cacheprovider -m "not once and not nightly" | tee "$2/pytest" ||
         status=$?
     found="$(versions "$tree"); tests: $(tests_summary "$2/pytest" || printf 'no summary, exit status %s' "$status")"
-    say "$release: short demo" >&3
-    short_demo "$tree" || verdict failed "$found; the short demo failed" </dev/null
     ((status)) && status=failed || status=passed
     verdict "$status" "$found" < <(
         grep -E '^(SKIPPED|FAILED|ERROR) ' "$2/pytest" || true

@@ -1,6 +1,8 @@
-"""What all tests share: no display, one thread, the same random inputs, labelled axes."""
+"""What all tests share: no display, one thread, the same random inputs, labelled axes, time."""
 
 import os
+import tempfile
+import time
 from collections.abc import Iterator
 
 import hypothesis
@@ -12,11 +14,38 @@ for name, value in {
     "MPLBACKEND": "Agg",
     "OMP_NUM_THREADS": "1",  # small matrices: more threads only wait for each other
     "PYVISTA_OFF_SCREEN": "true",
+    "OMPI_MCA_hwloc_base_binding_policy": "none",  # tests side by side would share the first cores
+    "OMPI_MCA_mpi_yield_when_idle": "true",
 }.items():
     os.environ.setdefault(name, value)
 
 hypothesis.settings.register_profile("fixed", derandomize=True, deadline=None)
 hypothesis.settings.load_profile("fixed")
+
+END = pytest.StashKey[float]()
+"""Time after which no test begins [s]."""
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add the time box."""
+    parser.addoption(
+        "--minutes", type=float, default=float("inf"), help="skip tests that would begin later"
+    )
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Begin the time box; give a worker of xdist a folder for temporary files of its own."""
+    config.stash[END] = time.monotonic() + 60.0 * config.getoption("minutes")
+    if worker := os.environ.get("PYTEST_XDIST_WORKER"):
+        folder = tempfile.TemporaryDirectory(prefix=f"delam_fem-{worker}-")
+        config.add_cleanup(folder.cleanup)
+        os.environ["TMPDIR"] = tempfile.tempdir = folder.name
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Skip a test for which there is no time."""
+    if time.monotonic() > item.config.stash[END]:
+        pytest.skip("the minutes given are over")
 
 
 @pytest.fixture(autouse=True)

@@ -1,6 +1,7 @@
 """The scripts of the shell: what they promise without installing anything."""
 
 import os
+import re
 import subprocess
 import sys
 import time
@@ -16,7 +17,7 @@ import delam_fem
 
 ROOT = Path(__file__).parents[1]
 SETUP = ROOT / "scripts" / "setup.sh"
-STAMP = ROOT / ".venv" / "delam_fem-setup.sha256"
+STAMP = ROOT / ".venv" / "delam_fem-setup-test.sha256"
 CI = ROOT / ".ci" / "run"
 COMMANDS = [*sorted(ROOT.glob("scripts/*.sh")), CI]
 SOURCED = "clean_environment.sh"
@@ -25,7 +26,7 @@ NOT_TO_STAY = ("PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV", "CONDA_PREFIX", "CC")
 QUICK = 5.0  # s; it takes 0.03 s, and a set-up that starts anew takes 8 s at the very least
 
 needs_setup = pytest.mark.skipif(
-    not STAMP.exists(), reason="this environment was not made by scripts/setup.sh"
+    not STAMP.exists(), reason="this environment was not made by scripts/setup.sh test"
 )
 
 
@@ -60,14 +61,15 @@ def test_script_is_sound_bash(path: Path) -> None:
 
 
 @needs_setup
+@pytest.mark.parametrize("extra", [[], ["test"]])
 def test_second_setup_is_quick_from_anywhere_and_not_misled(
-    misleading: dict[str, str], tmp_path: Path
+    extra: list[str], misleading: dict[str, str], tmp_path: Path
 ) -> None:
-    current = shell('is_done "$(debian_codename /etc/os-release)"').returncode == 0
-    assert current, "what the set-up depends on has changed: run scripts/setup.sh"
+    current = shell('EXTRA=test; is_done "$(debian_codename /etc/os-release)"').returncode == 0
+    assert current, "what the set-up depends on has changed: run scripts/setup.sh test"
     start = time.perf_counter()
     done = subprocess.run(
-        [SETUP],
+        [SETUP, *extra],
         cwd=tmp_path,
         env={**os.environ, **misleading},
         capture_output=True,
@@ -192,45 +194,76 @@ def test_constraints_of_bookworm_pin_every_direct_dependency() -> None:
 
 
 def test_another_setup_of_the_same_folder_is_waited_for(tmp_path: Path) -> None:
-    # The first holds the folder's lock for a while; the second must find it done by then.
+    # The first holds the folder's lock until the second waits for it.
     (tmp_path / "scripts").mkdir()
     for file in ("pyproject.toml", *(f"scripts/{name}" for name in READ_BY_SETUP)):
         (tmp_path / file).touch()
     fakes = f"""
-        ROOT='{tmp_path}'; STAMP='{tmp_path}/stamp'
+        ROOT='{tmp_path}'; VENV='{tmp_path}'
         debian_codename() {{ echo bookworm; }}
-        is_done() {{ [[ -e $STAMP ]]; }}
-        install_packages() {{ echo began; sleep 0.5; }}
+        is_done() {{ [[ -e $(stamp) ]]; }}
+        said() {{ until grep -q "$1" '{tmp_path}/log' 2>/dev/null; do sleep 0.01; done; }}
+        install_packages() {{ echo began | tee -a '{tmp_path}/log'; said waiting; }}
+        say() {{ echo "$*" | tee -a '{tmp_path}/log'; }}
         make_venv() {{ :; }}; install_python_packages() {{ :; }}; verify() {{ :; }}
     """
-    done = shell(f"{fakes}\nmain & sleep 0.2; main; wait")
+    done = shell(f"{fakes}\nmain & said began; main; wait")
     assert done.stdout.count("began") == 1, done.stdout
     assert "waiting for another" in done.stdout and "done by the other" in done.stdout
 
 
+def test_setup_for_tests_adds_to_the_setup_for_running(tmp_path: Path) -> None:
+    """Each has a stamp; the larger one writes both, and asks pip for the extra."""
+    (tmp_path / "scripts").mkdir()
+    (tmp_path / "bin").mkdir()
+    for file in ("pyproject.toml", *(f"scripts/{name}" for name in READ_BY_SETUP)):
+        (tmp_path / file).touch()
+    for name in ("python", "delam-fem"):
+        (tmp_path / "bin" / name).write_text('#!/bin/sh\necho "ran: $*"\n')
+        (tmp_path / "bin" / name).chmod(0o755)
+    fakes = f"""
+        ROOT='{tmp_path}'; VENV='{tmp_path}'
+        debian_codename() {{ echo bookworm; }}
+        install_packages() {{ :; }}; make_venv() {{ :; }}; verify() {{ :; }}
+    """
+    runs = [shell(f"{fakes}\nmain {extra}") for extra in ("", "", "test", "test", "", "other")]
+    asked = [r.stdout.split() for r in runs]
+    whole = f"{tmp_path}[test]"
+    assert [str(tmp_path) in a for a in asked] == [True, False, False, False, False, False]
+    assert [whole in a for a in asked] == [False, False, True, False, False, False]
+    assert [r.returncode for r in runs] == [0, 0, 0, 0, 0, 1]
+    assert 'expected no argument or "test", given "other"' in runs[-1].stderr
+    (tmp_path / "pyproject.toml").write_text("changed")
+    assert "ran: " in shell(f"{fakes}\nmain test").stdout
+    assert "nothing to do" in shell(f"{fakes}\nmain").stdout
+
+
 @pytest.mark.parametrize(
-    ("tests", "versions", "expected"), [(0, 0, 0), (0, 77, 0), (0, 1, 1), (0, 2, 1), (1, 0, 1)]
+    ("tests", "nightly", "versions", "expected"),
+    [(0, 0, 0, 0), (0, 0, 77, 0), (0, 0, 1, 1), (0, 0, 2, 1), (1, 0, 0, 1), (0, 1, 0, 1)],
 )
 def test_ci_passes_what_could_not_be_tested_and_no_failure(
-    tmp_path: Path, tests: int, versions: int, expected: int
+    tmp_path: Path, tests: int, nightly: int, versions: int, expected: int
 ) -> None:
     fakes = {
         ".ci/run": CI.read_text(encoding="utf-8"),
         "scripts/setup.sh": f"ROOT='{tmp_path}'; say() {{ echo $*; }}; apt_get() {{ false; }}",
         "scripts/test.sh": f"echo tests $*; exit {tests}",
+        ".venv/bin/python": f"echo python $*; exit {nightly}",
         "scripts/test_versions.sh": f"echo versions; exit {versions}",
     }
     for name, text in fakes.items():
         path = tmp_path / name
-        path.parent.mkdir(exist_ok=True)
+        path.parent.mkdir(exist_ok=True, parents=True)
         path.write_text(f"#!/bin/bash\n{text}\n")
         path.chmod(0o755)
-    done = subprocess.run([tmp_path / ".ci" / "run", "-x"], capture_output=True, text=True)
+    done = subprocess.run([tmp_path / ".ci" / "run"], capture_output=True, text=True)
     assert done.returncode == expected, done.stderr
     assert "no python3-siconos here" in done.stdout
     assert "no chromium here" in done.stdout
-    assert "tests -x\n" in done.stdout
-    assert ("versions\n" in done.stdout) == (tests == 0)
+    assert re.search("^tests .*--cov", done.stdout, re.MULTILINE)
+    assert ("-m nightly" in done.stdout) == (tests == 0)
+    assert ("versions\n" in done.stdout) == (tests == nightly == 0)
 
 
 def test_version_of_the_package_is_the_projects() -> None:
