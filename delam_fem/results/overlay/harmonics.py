@@ -112,13 +112,35 @@ def fitted(time: FloatArray, values: FloatArray, frequency: float, multiple: int
     )
 
 
-def drive_frequency(time: FloatArray, values: FloatArray, expected: float) -> float | None:
+def strongest_frequency(time: FloatArray, values: FloatArray, lowest: float) -> float | None:
+    """Return the frequency at which a measurement moves most.
+
+    Args:
+        time: of the samples [s], shape (n,).
+        values: histories in one unit, shape (n_channels, n).
+        lowest: frequency below which motions are not looked at [Hz].
+
+    Returns:
+        The frequency [Hz]; None: the record is too short to tell it.
+    """
+    even = np.linspace(time[0], time[-1], time.size)
+    rows = np.array([np.interp(even, time, row - row.mean()) for row in values])
+    power = (np.abs(np.fft.rfft(np.hanning(time.size) * rows)) ** 2).sum(axis=0)
+    frequency = np.fft.rfftfreq(time.size, even[1] - even[0])
+    strongest = float(frequency[np.argmax(np.where(frequency < lowest, 0.0, power))])
+    return drive_frequency(time, values, strongest, 2.0 * frequency[1])
+
+
+def drive_frequency(
+    time: FloatArray, values: FloatArray, expected: float, reach: float | None = None
+) -> float | None:
     """Return the frequency near the drive's at which a measurement has its line.
 
     Args:
         time: of the samples [s], shape (n,).
         values: histories, shape (n_channels, n).
         expected: frequency of the drive [Hz].
+        reach: how far from it the line may be [Hz]; None: `NEIGHBOURHOOD`.
 
     Returns:
         The frequency [Hz]; None: the record is too short, or there is no line near the drive's.
@@ -133,7 +155,7 @@ def drive_frequency(time: FloatArray, values: FloatArray, expected: float) -> fl
     def power(f: float) -> float:
         return float((np.abs(scaled @ np.exp(-2j * np.pi * f * time)) ** 2).sum())
 
-    reach = min(max(NEIGHBOURHOOD * expected, 2.0 / duration), 0.45 * expected)
+    reach = reach or min(max(NEIGHBOURHOOD * expected, 2.0 / duration), 0.45 * expected)
     grid = np.arange(expected - reach, expected + reach, 0.25 / duration)
     powers = [power(float(f)) for f in grid]
     k = int(np.argmax(powers))

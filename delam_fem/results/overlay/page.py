@@ -61,7 +61,9 @@ def _alignment(overlay: Overlay, numbers: dict[str, Any]) -> Table:
     """Return the numbers of the alignment as a table."""
     rows = [
         ("offset", f"{shown(numbers['offset'], 1e3)} ± {shown(numbers['offset_error'], 1e3)} ms",
-         "time of the run minus time of the measurement"),
+         f"time of the run minus that of the measurement, at {numbers['first_sample']:.10g} s"),
+        ("clock", f"{numbers['clock_rate']:.8g} ± {numbers['clock_rate_error']:.1g}",
+         f"seconds of the run in one measured: {shown(numbers['clock_drift'], 1e3)} ms in all"),
         ("method", numbers["method"], "of the alignment"),
         ("samples", f"{numbers['samples']} in {shown(numbers['duration'])} s", "measured"),
     ]  # fmt: skip

@@ -53,13 +53,19 @@ class Overlay:
 
     @property
     def offset(self) -> float:
-        """Time to add to that of the measurement to get that of the run [s].
+        """Time of the run minus that of the measurement at its first sample [s].
 
-        For a periodic motion within half a period of zero.
+        For a periodic motion within half a period of zero. At the last sample it is larger by
+        `drift`.
         """
-        offset = self.alignment.start - self.alignment.rate * self.alignment.first
+        offset = self.alignment.start - self.alignment.first
         period = self.course.period
         return offset if period is None else (offset + period / 2) % period - period / 2
+
+    @property
+    def drift(self) -> float:
+        """By how much the clock of the run gains on the measurement's over the record [s]."""
+        return (self.alignment.rate - 1.0) * float(self.pairs.time[-1] - self.pairs.time[0])
 
     @property
     def data(self) -> xr.Dataset:
@@ -96,8 +102,10 @@ class Overlay:
             "offset_degrees": None if frequency is None else 360.0 * frequency * self.offset,
             "frequency": frequency,
             "measured_frequency": self.measured_frequency,
+            "first_sample": self.alignment.first,
             "clock_rate": self.alignment.rate,
             "clock_rate_error": self.alignment.rate_error,
+            "clock_drift": self.drift,
             "samples": self.pairs.time.size,
             "duration": float(self.pairs.time[-1] - self.pairs.time[0]),
             "unmatched": list(self.pairs.unmatched),
@@ -150,9 +158,11 @@ class Overlay:
 
     def sentences(self) -> Iterator[str]:
         """Yield the outcome in sentences."""
+        own = self.alignment
         yield (
             f"time of the run = time of the measurement {self.offset:+.6g} s ± "
-            f"{self.alignment.start_error:.2g} s"
+            f"{own.start_error:.2g} s at the first sample ({own.first:.10g} s); the run's clock is "
+            f"{own.rate:.8g} ± {own.rate_error:.1g} times as fast, {self.drift:+.2g} s at the last"
         )
         yield from (own.text for own in self.findings)
         if not self.findings:

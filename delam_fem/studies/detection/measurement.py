@@ -18,6 +18,8 @@ from delam_fem.model.beams.bonded import n_rigid
 from delam_fem.model.vibration import lowest
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.results.measured.reading import scan as measured_scan
+from delam_fem.results.overlay.findings import SAME_RATE
+from delam_fem.results.overlay.harmonics import strongest_frequency
 from delam_fem.results.scan import scan_field, scan_positions, surface_of
 from delam_fem.studies.linear import closed_motion
 
@@ -25,6 +27,10 @@ SAMPLES = 50
 """Samples per period, unless a sampling rate is given."""
 LEAST_STEPS = 100
 """Steps per period below which contact is not resolved."""
+SLOWEST = 0.125
+"""Share of the excitation's frequency below which a motion is the surroundings'."""
+UNCERTAIN = 0.001
+"""Periods by which a record's drive and the case's may part over the record and be the same."""
 SETTLED = 0.001
 """Share of a free motion of the lowest mode that may be left when the record begins."""
 
@@ -161,17 +167,19 @@ def simulated(case: Case, scan: Scan) -> Measurement:
     return Measurement(times, x, v if scan.quantity == "velocity" else u, f)
 
 
-def read(data: xr.Dataset, case: Case, scan: Scan, frequency: float | None = None) -> Measurement:
+def read(data: xr.Dataset, case: Case, scan: Scan) -> Measurement:
     """Return the field in a dataset of measurements (`results.measured`).
+
+    Its frequency is that at which the record moves most, so that a clock that is a little wrong
+    does no harm.
 
     Args:
         data: with the histories of points along a lamina.
-        case: gives the frequency of the excitation, unless it is given.
+        case: with the excitation of the record.
         scan: gives the lamina and the quantity.
-        frequency: of the excitation [Hz].
 
     Raises:
-        CaseError: fewer than five points are measured, or their records have gaps.
+        CaseError: fewer than five points are measured, or the record is of another frequency.
     """
     found = measured_scan(data, scan.quantity, scan.surface(case))
     field, x = found.to_numpy(), found["position"].to_numpy()
@@ -182,7 +190,15 @@ def read(data: xr.Dataset, case: Case, scan: Scan, frequency: float | None = Non
         )
     whole = np.isfinite(field).all(axis=1)
     times = found["time"].to_numpy()[whole]
-    return Measurement(times, x, field[whole], frequency or case.excitation.top_frequency)
+    drive = case.excitation.top_frequency
+    frequency = strongest_frequency(times, field[whole].T, SLOWEST * drive) or drive
+    if abs(frequency / drive - 1.0) > SAME_RATE:
+        raise CaseError(
+            f"measured: expected a record of {drive:.6g} Hz, the excitation of case {case.name}, "
+            f"given one of {frequency:.6g} Hz; was it --set excitation.frequency={frequency:.6g}?"
+        )
+    is_same = abs(frequency - drive) * (times[-1] - times[0]) < UNCERTAIN
+    return Measurement(times, x, field[whole], drive if is_same else frequency)
 
 
 def settling_periods(case: Case, settled: float = SETTLED) -> int:

@@ -63,5 +63,11 @@ def test_a_measured_file_is_judged_like_a_simulated_scan(tmp_path: Path) -> None
     numbers = json.loads((tmp_path / "d" / "detection.json").read_text("utf-8"))
     assert numbers["is_measured"] and numbers["detected"] and not numbers["intact_called"]
     assert (numbers["start"], numbers["end"]) == (0.12, 0.28)
+    assert numbers["frequency"] == 80.0
     status, output = invoke("detect", "embedded", *FAST, *keys, "-o", tmp_path / "e")
     assert status == 2, output
+    for wrong in ("40", "160", "60"):  # half, twice, another
+        keys = ("--set", f"excitation.frequency={wrong}", "--measured", tmp_path / "scan.csv")
+        status, output = invoke("detect", "embedded", *FAST, *keys, *channels, "-o", tmp_path / "f")
+        assert status == 2 and f"a record of {wrong} Hz" in output and "one of 79.999" in output
+        assert not (tmp_path / "f").exists()

@@ -99,6 +99,23 @@ def test_a_clock_that_runs_wrong_is_found(tmp_path: Path, clock: float) -> None:
     assert all(abs(own.gain - 1.0) < 0.01 for own in found.channels)
 
 
+def test_absolute_times_keep_offset_clock_and_drift(tmp_path: Path) -> None:
+    t, (a, _) = recorded(RUN.history, period=PERIOD, start=START, noise=NOISE, clock=1.0004)
+    first = 86_400.0 * 300  # seconds of a year
+    plain, late = (
+        df.overlay(RUN, df.read_measured(write_csv(tmp_path / "m.csv", t, {"tip thick": a}))
+                   .assign_coords(time=t + begin))
+        for begin in (0.0, first)
+    )  # fmt: skip
+    assert abs(wrapped(late.offset + first - START)) < SIGMAS * late.alignment.start_error
+    assert wrapped(late.offset + first - plain.offset) == pytest.approx(0.0, abs=1e-6)
+    assert late.drift == pytest.approx(0.0004 * t[-1], rel=0.1)
+    assert late.drift == pytest.approx(plain.drift, rel=1e-3)
+    text = next(late.sentences())
+    assert "at the first sample (25920000 s)" in text
+    assert f"clock is {late.alignment.rate:.8g} ±" in text and f"{late.drift:+.2g} s at the" in text
+
+
 def kinds(found: Overlay) -> list[tuple[str, str]]:
     return [(own.kind, own.channel) for own in found.findings]
 
