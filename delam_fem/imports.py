@@ -1,4 +1,4 @@
-"""Keep the symbols of dolfinx's libraries from those of others, whoever imports it, and when.
+"""Keep two intruders out: symbols of dolfinx's libraries, and settings in the working folder.
 
 dolfinx up to 0.7 switches the process to RTLD_GLOBAL and leaves it so. Later versions, if Numba is
 installed, make llvmlite load PETSc, and HDF5 with it, in the same global way. In both cases the
@@ -6,13 +6,16 @@ wheels of vtk, netCDF4 and h5py that are loaded afterwards pick up symbols of th
 instead of their own and break. The import of dolfinx is therefore kept from both calls. Where it
 came first, what is loaded from now on prefers its own symbols; what was loaded between the two
 cannot be mended.
+
+PETSc, Numba and matplotlib read settings in the folder where a process is started, and some of them
+run code or change results. Cases come from other people: the command reads none of them.
 """
 
 from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from importlib.machinery import ModuleSpec, PathFinder
 from types import ModuleType
@@ -32,6 +35,39 @@ def _symbols_stay_local() -> Iterator[None]:
     finally:
         for (owner, name), original in zip(held, originals, strict=True):
             setattr(owner, name, original)
+
+
+@contextmanager
+def elsewhere() -> Iterator[None]:
+    """Leave the working folder for a while."""
+    here = os.open(".", os.O_PATH)
+    os.chdir("/")
+    try:
+        yield
+    finally:
+        os.fchdir(here)
+        os.close(here)
+
+
+@contextmanager
+def _without_its_file() -> Iterator[None]:
+    """Import Numba elsewhere; it looks for its file of settings again when it compiles."""
+    with elsewhere():
+        yield
+    if config := sys.modules.get("numba.core.config"):
+        config._config_fname = os.devnull  # type: ignore[attr-defined]
+
+
+@contextmanager
+def added(variables: Mapping[str, str]) -> Iterator[None]:
+    """Set the environment variables that are not set, and remove them afterwards."""
+    new = {name: value for name, value in variables.items() if name not in os.environ}
+    os.environ.update(new)
+    try:
+        yield
+    finally:
+        for name in new:
+            os.environ.pop(name, None)
 
 
 class Within:
@@ -57,6 +93,11 @@ class Within:
 
             loader.exec_module = exec_module  # type: ignore[method-assign]
         return spec
+
+
+def ignore_working_folder() -> None:
+    """Keep Numba and matplotlib from reading settings in the working folder."""
+    sys.meta_path[:0] = [Within("numba", _without_its_file), Within("matplotlib", elsewhere)]
 
 
 sys.meta_path.insert(0, Within("dolfinx", _symbols_stay_local))

@@ -1,8 +1,8 @@
 """The one door to MPI: no other module imports `mpi4py.MPI`, whose import starts MPI.
 
 A process that no launcher has started needs no network. Open MPI nevertheless opens listening
-sockets on all interfaces, unless it is told before its start to stay alone. PETSc is told, also
-before its start, to leave signals to the package.
+sockets on all interfaces, unless it is told before its start to stay alone. PETSc is started to
+leave signals to the package, and files in the working folder unread.
 """
 
 from __future__ import annotations
@@ -10,9 +10,9 @@ from __future__ import annotations
 import gc
 import os
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Any
+
+from delam_fem.imports import added, elsewhere
 
 LAUNCHED = ("OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_RANK", "PMI_SIZE", "MPI_LOCALNRANKS")
 """Variables that a launcher (mpirun, srun) sets for the processes it starts."""
@@ -25,37 +25,29 @@ ALONE = {
 """Variables that keep Open MPI, in a process that is alone, from opening sockets and from answering
 a deadly signal with a page of text, in which it may hang."""
 
-NO_HANDLER = "-no_signal_handler"
-"""Option of PETSc; its handlers would answer a closed terminal or pipe with a page of text."""
+PETSC_ARGUMENTS = ("-no_signal_handler", "-skip_petscrc")
+"""Handlers would answer a closed terminal or pipe with a page of text; .petscrc may load code."""
 
+with added({} if any(name in os.environ for name in LAUNCHED) else ALONE):
+    from mpi4py import MPI  # an mpirun that this process may start does not inherit them
 
-@contextmanager
-def _alone() -> Iterator[None]:
-    """Set the variables of `ALONE` that are not set, unless a launcher started this process.
-
-    They are removed again, so that an mpirun that this process may start does not inherit them.
-    """
-    is_launched = any(name in os.environ for name in LAUNCHED)
-    added = {} if is_launched else {k: v for k, v in ALONE.items() if k not in os.environ}
-    os.environ.update(added)
-    try:
-        yield
-    finally:
-        for name in added:
-            del os.environ[name]
-
-
-options = os.environ.get("PETSC_OPTIONS", "")
-if NO_HANDLER not in options:
-    os.environ["PETSC_OPTIONS"] = f"{options} {NO_HANDLER}".strip()
-
-with _alone():
-    from mpi4py import MPI
-
-__all__ = ["MPI", "end_with_any", "hold", "release"]
+__all__ = ["MPI", "end_with_any", "hold", "release", "start_petsc"]
 
 _held: list[Any] = []
 """PETSc's copies of communicators that `hold` keeps."""
+
+
+def start_petsc(comm: MPI.Intracomm | None = None) -> None:
+    """Start PETSc, unless it runs; the options in PETSC_OPTIONS count.
+
+    Args:
+        comm: communicator of PETSc; None: all ranks.
+    """
+    import petsc4py.lib
+
+    with elsewhere():  # it may look for petsc.cfg, which says where PETSc is
+        arch = petsc4py.lib.ImportPETSc().__arch__
+    petsc4py.init(PETSC_ARGUMENTS, arch, comm)
 
 
 def hold(comm: MPI.Intracomm) -> None:

@@ -27,7 +27,7 @@ BELOW_STUDIES = PURE | {"engines", "results", "pipeline"}
 ALLOWED: dict[str, set[str]] = {
     "imports": set(),
     "caches": set(),
-    "mpi": set(),
+    "mpi": {"imports"},
     "numerics": set(),
     "case": {"numerics", "contact"},
     "contact": {"caches", "numerics"},
@@ -36,7 +36,7 @@ ALLOWED: dict[str, set[str]] = {
     "engines": PURE,
     "results": PURE,
     "pipeline": PURE | {"engines", "results"},
-    "studies": BELOW_STUDIES,
+    "studies": BELOW_STUDIES | {"imports"},
     "reference": BELOW_STUDIES | {"studies"},
     "paper": BELOW_STUDIES | {"studies"},
     "cli": BELOW_STUDIES | {"imports", "studies", "reference", "paper"},

@@ -94,9 +94,7 @@ def initialise_petsc_alone() -> MPI.Intracomm:
     By default PETSc initialises with all ranks together. The worker of a sweep would then wait for
     the other ranks forever.
     """
-    import petsc4py
+    from delam_fem.mpi import MPI, start_petsc
 
-    from delam_fem.mpi import MPI
-
-    petsc4py.init(comm=MPI.COMM_SELF)
+    start_petsc(MPI.COMM_SELF)
     return MPI.COMM_SELF

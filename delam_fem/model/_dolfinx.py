@@ -20,10 +20,11 @@ import scipy.sparse as sp
 
 from delam_fem.caches import forms
 from delam_fem.caches.folders import ensure_home
-from delam_fem.mpi import MPI  # before dolfinx, which would start MPI
+from delam_fem.mpi import MPI, start_petsc
 from delam_fem.numerics.arrays import FloatArray, IntArray
 
 ensure_home()  # dolfinx asks for it when it is imported
+start_petsc()  # before dolfinx does
 import basix  # noqa: E402
 import dolfinx  # noqa: E402  (see `delam_fem.imports`)
 import dolfinx.fem.petsc  # noqa: E402

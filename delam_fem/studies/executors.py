@@ -16,6 +16,7 @@ from logging.handlers import QueueHandler, QueueListener
 from typing import Any, Literal, ParamSpec, TypeVar
 
 from delam_fem.case.toml import CaseError
+from delam_fem.imports import added
 from delam_fem.simulation.interrupts import STOPPING
 
 ExecutorName = Literal["process", "mpi", "serial"]
@@ -25,8 +26,14 @@ _log = logging.getLogger(_PACKAGE)
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
 
-_ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-"""Variables set to 1 in workers: on small matrices more threads only wait for each other."""
+_OF_WORKERS = {
+    "OMP_NUM_THREADS": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+    "MKL_NUM_THREADS": "1",
+    "PYTHONSAFEPATH": "1",
+}
+"""Environment of workers: on small matrices more threads only wait for each other; modules in the
+working folder are not those that the worker looks for."""
 _RANKS = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MPI_LOCALNRANKS")
 """Variables that hold the number of processes under mpiexec."""
 _UNGUARDED = 76
@@ -148,19 +155,18 @@ def pool(name: ExecutorName, workers: int | None = None) -> Iterator[Pool]:
         CaseError: "mpi" is asked for, but there is only one process.
     """
     leave_if_imported()
-    opened = Pool(name, workers)
-    try:
-        yield opened
-    except BaseException:
-        _abandon(opened.executor)
-        raise
-    opened.executor.shutdown(wait=True, cancel_futures=True)
+    with added(_OF_WORKERS if name == "process" else {}):
+        opened = Pool(name, workers)
+        try:
+            yield opened
+        except BaseException:
+            _abandon(opened.executor)
+            raise
+        opened.executor.shutdown(wait=True, cancel_futures=True)
 
 
 def _process_pool(workers: int) -> ProcessPoolExecutor:
     """Return a pool of new interpreters; forked ones would share the state of an MPI library."""
-    for name in _ONE_THREAD:  # workers read them when they import numpy
-        os.environ.setdefault(name, "1")
     context = multiprocessing.get_context("spawn")
     messages = context.Queue()
     level = _log.getEffectiveLevel()

@@ -1,3 +1,5 @@
 """The PETSc engine: it computes single steps and asks a supervisor after each step."""
 
-from delam_fem.mpi import MPI as MPI  # before PETSc, which would start MPI
+from delam_fem.mpi import start_petsc
+
+start_petsc()
