@@ -1,8 +1,7 @@
-"""The compiled engine against the PETSc engine: one motion, the same impacts, the same ledger."""
+"""The compiled engine against the PETSc engine, where the covering array does not reach."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -11,7 +10,6 @@ import pytest
 
 from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
-from delam_fem.contact.laws import COMBINATIONS
 from delam_fem.engines.choose import ENGINES, EngineName
 from delam_fem.engines.session import session_of
 from delam_fem.model.beams import closed_form
@@ -27,15 +25,6 @@ SAME_ENERGY = 1e-9
 CLOSED = 1e-9
 """Relative residual of the ledger; round-off of a thousand steps (seen: 1e-11)."""
 FIRST_IMPACTS = 20
-
-
-def cases() -> Iterator[Any]:
-    """Every law under every scheme that it goes with, every impulse that it reads, both masses."""
-    for (law, scheme), row in COMBINATIONS.items():
-        for impulse in ("lumped", "consistent") if "impulse" in row.reads else ("consistent",):
-            for mass in ("lumped", "consistent"):
-                name = "-".join((law, impulse, mass, scheme))
-                yield pytest.param(law, impulse, mass, scheme, id=name)
 
 
 def case_of(law: str, impulse: str, mass: str, scheme: str, **more: Any) -> Case:
@@ -89,27 +78,6 @@ def assert_same(one: Recorder, other: Recorder) -> None:
     np.testing.assert_allclose(one.ledger, other.ledger, rtol=0.0, atol=SAME_ENERGY)
     # impulses [N s], counts, and energy gained [J], which is round-off or nothing
     np.testing.assert_allclose(one.impulse, other.impulse, rtol=1e-7, atol=1e-15)
-
-
-@pytest.mark.parametrize(("law", "impulse", "mass", "scheme"), list(cases()))
-def test_compiled_equals_petsc(law: str, impulse: str, mass: str, scheme: str) -> None:
-    case = case_of(law, impulse, mass, scheme)
-    petsc, end = compute(case, "petsc")
-    compiled, same_end = compute(case, "compiled")
-    assert_same(petsc, compiled)
-    assert impacts(petsc) == impacts(compiled)
-    if law not in ("none", "penalty"):
-        assert len(impacts(petsc)) >= FIRST_IMPACTS
-    for a, b in zip(petsc.window, compiled.window, strict=True):
-        for (_, one, energy), (_, other, same) in zip(a.jumps, b.jumps, strict=True):
-            np.testing.assert_allclose(other.impulses, one.impulses, rtol=1e-6, atol=1e-10)
-            np.testing.assert_allclose(other.rate_pre, one.rate_pre, rtol=1e-6, atol=1e-8)
-            np.testing.assert_allclose(other.rate_post, one.rate_post, rtol=1e-6, atol=1e-8)
-            assert same == pytest.approx(energy, rel=1e-6, abs=1e-14)
-    np.testing.assert_array_equal(same_end.resting, end.resting)
-    np.testing.assert_allclose(same_end.motion[0], end.motion[0], rtol=0.0, atol=SAME)
-    if scheme != "central-difference":
-        assert compiled.energy_residual() < CLOSED
 
 
 @pytest.mark.parametrize("elements", [1, 2, 7])

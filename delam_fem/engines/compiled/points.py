@@ -256,9 +256,12 @@ def see(system, memory, ahead, touch):  # type: ignore[no-untyped-def]
 
 @njit(forceinline=True)
 def see_approach(system, memory, ahead):  # type: ignore[no-untyped-def]
-    """Do the same as `see` for U + min(ahead U̇, 0), with `touch` = 0."""
-    X, size = memory.X, system.size
+    """Do the same as `see` for U + min(ahead U̇, 0), with `touch` = 0.
+
+    The values go to `present_gap` and `present_rate`: `gap` and `rate` are those of the law.
+    """
+    X, size, gap, rate = memory.X, system.size, memory.present_gap, memory.present_rate
     least = lowest_approach(X, size, system.points.control, ahead)
     if least > 0.0:
         return least
-    return measure(system.points, size, X, ahead, True, memory.gap, memory.rate)
+    return measure(system.points, size, X, ahead, True, gap, rate)

@@ -67,7 +67,7 @@ def _mark_points(system, memory, ahead, level, slow):  # type: ignore[no-untyped
     n_springs = memory.counts[N_SPRINGS]
     if points.see_approach(system, memory, ahead) <= 0.0:
         for k in range(system.n_pairs):
-            if memory.gap[k] <= 0.0 and not (n_springs and memory.resting[k]):
+            if memory.present_gap[k] <= 0.0 and not (n_springs and memory.resting[k]):
                 near[first + k] = 1
                 found |= abs(row_product(system.gap_rows, k, X, system.size)) > slow
     for j in range(n_springs):
