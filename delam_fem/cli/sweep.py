@@ -132,9 +132,15 @@ def _shown_only(where: tuple[int | None, ExecutorName | None], yes: bool, sweep:
 
 
 def _finish(data: xr.Dataset, directory: Path, quiet: bool) -> None:
-    """Write the page of a sweep and say which files there are."""
+    """Write the page of a sweep; say what has not settled, and which files there are."""
+    from delam_fem.studies.diagrams.axes import is_unsettled
     from delam_fem.studies.diagrams.page import write_page
 
+    if moving := int(is_unsettled(data).sum()):
+        tell(
+            f"warning: {moving} of {data.attrs['n_completed']} completed points have not settled; "
+            'try more time.periods, or time.periods = "settled"'
+        )
     page = write_page(data, directory)
     data.close()
     if not quiet:

@@ -142,11 +142,12 @@ def _directions(
 
 
 def _shade_two_motions(panel: Axes, data: xr.Dataset, axis: DiagramAxis) -> None:
-    """Shade where amplitudes of both directions differ by more than the share `SAME_ATTRACTOR`."""
+    """Shade where settled amplitudes of both directions differ by more than `SAME_ATTRACTOR`."""
     if "direction" not in data.dims or "tip_amplitude" not in data:
         return
     a = data["tip_amplitude"].transpose("direction", axis.name, "lamina").to_numpy()
     differs = (np.abs(a[0] - a[1]) > SAME_ATTRACTOR * np.maximum(a[0], a[1])).any(axis=-1)
+    differs &= ~is_unsettled(data).any("direction").to_numpy()  # one may still become the other
     edges = np.flatnonzero(np.diff(differs.astype(np.int8), prepend=0, append=0))
     x = axis.shown
     middles = np.concatenate([x[:1], 0.5 * (x[1:] + x[:-1]), x[-1:]])

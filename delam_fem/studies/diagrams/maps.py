@@ -97,7 +97,9 @@ def basins(data: xr.Dataset) -> Figure:
     require(data, "periodicity", "record.summary = true")
     require(data, "strobe_displacement", "record.strobes = 40")
     names = ("periodicity", "tip_min", "tip_max", "strobe_displacement")
-    found = at.attractors(*(_values(data, name, x, y) for name in names))
+    moving = is_unsettled(data)
+    kept_points = data[list(names)].where(~moving)
+    found = at.attractors(*(_values(kept_points, name, x, y) for name in names))
     isolated = at.is_isolated(found.number)
     kept = np.setdiff1d(found.number[~isolated], [-1])
     number = np.where(isolated, kept.size, np.searchsorted(kept, found.number))
@@ -113,7 +115,7 @@ def basins(data: xr.Dataset) -> Figure:
     for colour, text, share in (
         (OTHERS, f"{kept.size - shown} others", found.share[kept[shown:]].sum()),
         (ISOLATED, "isolated cells: not decided", isolated.mean()),
-        (NONE, "not completed", (found.number < 0).mean()),
+        (NONE, "not completed", (found.number < 0).mean() - float(moving.mean())),
         (NONE, UNSETTLED, _hatch_unsettled(panel, x, y, data)),
     ):
         if share > 0.0:

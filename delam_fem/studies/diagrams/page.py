@@ -114,10 +114,11 @@ def sentence(data: xr.Dataset) -> str:
     parts = [f"{count} {outcome}" for outcome, count in outcomes.most_common()]
     text = f"{sum(outcomes.values())} points: {', '.join(parts)}"
     if "periodicity" in data and outcomes["completed"]:
-        found = data["periodicity"].to_numpy()[data["outcome"].to_numpy() == "completed"]
+        is_moving = is_unsettled(data)
+        is_judged = (data["outcome"] == "completed") & ~is_moving
+        found = data["periodicity"].to_numpy()[is_judged.to_numpy()]
         kinds = Counter(int(P) if np.isfinite(P) else 0 for P in found)
-        moving = int(is_unsettled(data).sum())
-        kinds[0] -= moving
+        moving = int(is_moving.sum())
         words = [
             f"{kinds[P]} of period {P}" if P else f"{kinds[0]} without a period"
             for P in sorted(+kinds, key=lambda P: P or 99)

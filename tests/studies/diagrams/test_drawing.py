@@ -162,6 +162,20 @@ def test_what_depends_on_the_direction_is_shaded() -> None:
     assert [band.get_x(), band.get_x() + band.get_width()] == pytest.approx([3.3, 3.5])
 
 
+def test_points_that_have_not_settled_decide_nothing() -> None:
+    """Neither do they depend on the direction, nor are they of an attractor."""
+    for place in ((0, 2), (1, 2)):
+        assert not diagram("bifurcation", unsettled(lines(), place)).axes[0].patches
+    assert diagram("bifurcation", unsettled(lines(), (0, 1))).axes[0].patches
+    before, after = (diagram("basins", data) for data in (plane(), unsettled(plane(), (0, 1))))
+    meshes = [next(c for c in f.axes[0].collections if isinstance(c, QuadMesh)) for f in
+              (before, after)]  # fmt: skip
+    numbers = [mesh.get_array().reshape(3, 2).T for mesh in meshes]
+    none = meshes[1].cmap.N - 1
+    assert numbers[0][0, 1] != meshes[0].cmap.N - 1 and numbers[1][0, 1] == none
+    assert (numbers[1] == none).sum() == 1 + (numbers[0] == meshes[0].cmap.N - 1).sum()
+
+
 def test_bifurcation_draws_every_strobe() -> None:
     figure = diagram("bifurcation", lines())
     points = [line for line in figure.axes[1].get_lines() if len(line.get_xdata()) > 5]
@@ -279,6 +293,7 @@ def test_the_command_computes_once_and_draws(tmp_path: Path) -> None:
     file.write_text(SWEEP)
     status, text = run("sweep", file, "-o", out, "--executor", "serial")
     assert status == 0 and "completed" in text
+    assert "warning: 4 of 4 completed points have not settled; try more time.periods" in text
     computed = (out / "sweep.nc").stat().st_mtime_ns
     for kind, source in (("response", file), ("bifurcation", out), ("response", out / "sweep.nc")):
         status, text = run("diagram", kind, source, "-o", out, "--executor", "serial", "-q")

@@ -52,6 +52,8 @@ def test_the_sentence_counts_outcomes_and_periods() -> None:
     moving = plane().assign(settled=(plane()["outcome"].dims, np.ones((2, 3))))
     moving["settled"][1, 1] = 0.0
     assert sentence(moving) == f"{expected}, 1 not settled."
+    moving["settled"][:] = 0.0
+    assert sentence(moving).endswith("; of these 5 not settled.")
     assert sentence(plane().drop_vars("periodicity")) == "6 points: 5 completed, 1 diverged."
 
 
