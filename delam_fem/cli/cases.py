@@ -82,6 +82,8 @@ def _show(name: str, overrides: list[str] | None, engine: EngineName) -> None:
     Raises:
         CaseError: it cannot be computed.
     """
+    from delam_fem.engines.cost import require_affordable, run_cost
+
     path = Path(name)
     if path.suffix == SUFFIX and path.is_file():
         from delam_fem.case.toml import read_toml
@@ -89,10 +91,16 @@ def _show(name: str, overrides: list[str] | None, engine: EngineName) -> None:
         if "axis" in read_toml(path):
             from delam_fem.case.overrides import parse_override
             from delam_fem.studies.sweeps.load import load_sweep
+            from delam_fem.studies.sweeps.run import sweep_cost
 
-            show_sweep(load_sweep(path, dict(parse_override(text) for text in overrides or [])))
+            sweep = load_sweep(path, dict(parse_override(text) for text in overrides or []))
+            what, cost = f"sweep {sweep.file.name}", sweep_cost(sweep)
+            require_affordable(cost, what, is_confirmed=False)
+            show_sweep(sweep)
             return
-    show_case(case_of(name, overrides), engine)
+    case = case_of(name, overrides)
+    require_affordable(run_cost(case, engine), f"case {case.name}", is_confirmed=False)
+    show_case(case, engine)
 
 
 def show_case(case: Case, engine: EngineName) -> None:

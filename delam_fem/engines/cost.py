@@ -1,11 +1,14 @@
 """Estimate time, memory and disk of a computation before it starts.
 
-The numbers are rough, a factor of two up or down on a processor that has nothing else to do
-(docs/usage.md has some beside what was measured). They are there to notice a zero too many.
+The numbers are rough, a factor of three up or down in processor time (docs/usage.md has some beside
+what was measured). They are there to notice a zero too many. A step costs so much for each entry of
+the stiffness matrix, times a factor if lasting contact is solved for in it; a period and a point of
+a sweep cost something whatever they compute.
 """
 
 from __future__ import annotations
 
+import math
 import os
 import shutil
 from dataclasses import dataclass
@@ -14,18 +17,32 @@ from pathlib import Path
 from delam_fem.case.definition import Case
 from delam_fem.case.toml import CaseError
 from delam_fem.engines.choose import EngineName
+from delam_fem.model import discretise
+from delam_fem.model.mesh import node_coordinates, read_file
+from delam_fem.mpi import MPI
 
 MOST_HOURS = 24.0
 """Computing time of which a computation must be confirmed [h]."""
 MOST_BYTES = 4e9
 """Memory or disk of which a computation must be confirmed [bytes]."""
-_STEP_MICROSECONDS: dict[EngineName, tuple[float, float]] = {
-    "petsc": (5.0, 0.035),
-    "compiled": (0.2, 0.005),
+_STEP: dict[EngineName, tuple[float, float, float]] = {
+    "petsc": (4.5, 2.0e-3, 2.0e-3),
+    "compiled": (0.1, 0.4e-3, 1.3e-3),
 }
-"""Time of a step, and of each of its dofs [µs]; see docs/performance.md."""
+"""Time of a step, and of each entry of the stiffness matrix, of beams and of solids [µs]."""
+CONTACT: dict[EngineName, float] = {"petsc": 8.0, "compiled": 0.1}
+"""Time that lasting contact adds to a step [µs]."""
+LASTING, REFINED, INSIDE = 1.5, 4.0, 0.25
+"""Factors of such a step; where it is refined near contact; more for each further contact point of
+an element."""
+PERIOD: dict[EngineName, float] = {"petsc": 50.0, "compiled": 100.0}
+"""Time of a period beside its steps: its record, its ledger [µs]."""
+POINT_SECONDS = 0.0035
+"""Time of a point of a sweep beside its periods [s]."""
 START_SECONDS, STUDY_SECONDS = 6.0, 3.0
 """Time of start, figures, fields and page of a run; the same of a sweep or a ladder [s]."""
+ENTRY_BYTES = 140.0
+"""Memory of matrices and factors for each entry of the stiffness matrix [bytes]."""
 RUN_BYTES, WORKER_BYTES = 0.7e9, 0.3e9
 """Memory of a run with its pictures, and of a worker of a sweep, before they keep anything."""
 FILE_BYTES = 4e6
@@ -69,22 +86,24 @@ class Cost:
         )
 
 
-def n_steps(case: Case) -> float:
-    """Return the number of time steps of a case, without refined ones."""
-    return float(case.n_periods) * case.steps_per_period
-
-
 def step_hours(case: Case, engine: EngineName) -> float:
-    """Return the time of the steps of a case on one processor [h]."""
-    fixed, per_dof = _STEP_MICROSECONDS[engine]
-    return n_steps(case) * (fixed + per_dof * _n_dofs(case)) * 1e-6 / 3600.0
+    """Return the time of the periods of a case on one processor [h]."""
+    n_dofs, per_dof = _size_of(case)
+    fixed, of_beams, of_solids = _STEP[engine]
+    step = fixed + (of_solids if case.model.is_continuum else of_beams) * n_dofs * per_dof
+    contact, time = case.contact, case.time
+    if contact.law != "none" and (time.scheme == "moreau-jean" or time.refine > 1):
+        step = (step + CONTACT[engine]) * (LASTING if time.refine == 1 else REFINED)
+        step *= 1.0 + INSIDE * (contact.points_per_element - 1)
+    return case.n_periods * (case.steps_per_period * step + PERIOD[engine]) * 1e-6 / 3600.0
 
 
 def run_cost(case: Case, engine: EngineName) -> Cost:
-    """Return the cost of the run of a case."""
+    """Return the cost of the run of a case on the ranks of this process's communicator."""
+    n_dofs, per_dof = _size_of(case)
     window = case.n_window_periods
     recorded = float(window) * case.steps_per_period
-    values = float(window) * case.frames_per_period * _n_dofs(case) / 2.0
+    values = float(window) * case.frames_per_period * n_dofs / 2.0
     rows = float(case.n_periods)
     memory = _ROW_NUMBERS * rows + _STEP_NUMBERS * recorded + _NODE_NUMBERS * values
     disk = (
@@ -92,8 +111,10 @@ def run_cost(case: Case, engine: EngineName) -> Cost:
         + _STEP_NUMBERS_IN_FILES * recorded
         + _NODE_NUMBERS_IN_FILES * values
     )
-    hours = START_SECONDS / 3600.0 + step_hours(case, engine)
-    return Cost(hours, _DOUBLE * memory, FILE_BYTES + _DOUBLE * disk)
+    ranks = min(MPI.COMM_WORLD.size, len(case.lamina)) if case.model.is_continuum else 1
+    hours = START_SECONDS / 3600.0 + step_hours(case, engine) / ranks
+    matrices = ENTRY_BYTES * n_dofs * per_dof
+    return Cost(hours, _DOUBLE * memory + matrices, FILE_BYTES + _DOUBLE * disk)
 
 
 def require_affordable(
@@ -163,6 +184,26 @@ def _size(number: float) -> str:
     return f"{number / 1e6:.0f} MB" if number < _GIGA else f"{number / _GIGA:.3g} GB"
 
 
-def _n_dofs(case: Case) -> float:
-    """Return the number of dofs; for a mesh file, whose size is not known yet, that of a few."""
-    return 2.0 * len(case.lamina) * (case.mesh.elements or 50)
+def _size_of(case: Case) -> tuple[float, float]:
+    """Return the number of dofs of a case, and of the entries in a row of its stiffness matrix.
+
+    A row of a reduced model has those of the gaps, whose matrix is dense. A row of solids has an
+    entry for each component of each node of the neighbouring cells.
+
+    Raises:
+        CaseError: the file of a mesh or of a reduced model cannot be used.
+    """
+    model, file = case.model, case.mesh.file
+    if model.kind == "reduced":
+        o = discretise.assemble(case).operators
+        return o.n_dofs, 1.0 + 0.5 * o.n_pairs
+    if not model.is_continuum:
+        n = case.mesh.elements or node_coordinates(case).size
+        return 2.0 * len(case.lamina) * n, 6.0
+    p, dim = model.degree, 2 if model.kind == "plane-stress" else 3
+    if file is not None:  # of triangles and tetrahedra half as many neighbours
+        return float(dim * p**dim * len(read_file(file).points)), 0.5 * dim * (p + 2.0) ** dim
+    across = [p * n + 1 for n in (model.layers, model.strips)[: dim - 1]]
+    neighbours = math.prod(min(n, p + 2) for n in across) * (p + 2.0)
+    n_nodes = (case.mesh.elements or 0) * p * math.prod(across)
+    return float(dim * len(case.lamina) * n_nodes), dim * neighbours

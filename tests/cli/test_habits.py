@@ -79,6 +79,8 @@ def test_a_dry_run_tells_and_writes_nothing() -> None:
         assert not Path("out").exists()
     absurd = invoke("run", "paper", "--set", "time.periods=1000000000", "--dry-run")
     assert (absurd.exit_code, "must be confirmed by --yes" in absurd.stderr) == (2, True)
+    checked = invoke("validate", "paper", "--set", "time.periods=1000000000")
+    assert (checked.exit_code, "must be confirmed by --yes" in checked.stderr) == (2, True)
     steps = ("--steps", "90000000", "--limit-steps", "0")
     assert "must be confirmed by --yes" in invoke("converge", "paper", *steps).stderr
 

@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING
 
 from delam_fem.engines.cost import (
     FILE_BYTES,
+    POINT_SECONDS,
     STUDY_SECONDS,
     WORKER_BYTES,
     Cost,
@@ -238,7 +239,8 @@ def _cost(sweep: Sweep, wanted: tuple[Quantity, ...], n_workers: int, n_points: 
     """Return the cost of a sweep whose points all are like the first."""
     case, record = sweep.case(0), sweep.file.record
     longer = 1.0 + 2.0 * record.lyapunov / case.n_periods
-    hours = n_points * step_hours(case, sweep.file.engine) * longer / n_workers
+    each = step_hours(case, sweep.file.engine) * longer + POINT_SECONDS / 3600.0
+    hours = n_points * each / n_workers
     row = 8.0 * sum(quantity.size for quantity in wanted)
     listed = 0 if sweep.file.order == "independent" else 8 * n_points
     worker = run_cost(case, sweep.file.engine).memory * n_workers
