@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from logging.handlers import QueueHandler, QueueListener
+from multiprocessing.context import SpawnContext, SpawnProcess
 from typing import Any, Literal, ParamSpec, TypeVar
 
 from delam_fem.case.toml import CaseError
@@ -167,7 +168,7 @@ def pool(name: ExecutorName, workers: int | None = None) -> Iterator[Pool]:
 
 def _process_pool(workers: int) -> ProcessPoolExecutor:
     """Return a pool of new interpreters; forked ones would share the state of an MPI library."""
-    context = multiprocessing.get_context("spawn")
+    context = _Spawning()
     messages = context.Queue()
     level = _log.getEffectiveLevel()
     executor = _ListeningPool(
@@ -175,6 +176,21 @@ def _process_pool(workers: int) -> ProcessPoolExecutor:
     )
     executor.listen(messages)
     return executor
+
+
+class _Worker(SpawnProcess):
+    """A process that the pool kills when it breaks; it ignores the signal meant for that."""
+
+    def terminate(self) -> None:
+        """Kill the process; it may wait for a lock that a dead worker held, or for its reader."""
+        if not multiprocessing.connection.wait([self.sentinel], timeout=0.0):
+            self.kill()  # the others are leaving, with a status that says why
+
+
+class _Spawning(SpawnContext):
+    """New interpreters as workers."""
+
+    Process = _Worker
 
 
 class _ListeningPool(ProcessPoolExecutor):
@@ -230,11 +246,14 @@ def _end_with(sentinel: Any) -> None:
 def _abandon(executor: Executor) -> set[int]:
     """Shut an executor down and kill its workers; return the exit statuses of those dead before."""
     processes = list((getattr(executor, "_processes", None) or {}).values())  # shutdown drops them
+    calls = getattr(executor, "_call_queue", None)
     dead = multiprocessing.connection.wait([process.sentinel for process in processes], timeout=0.0)
     executor.shutdown(wait=False, cancel_futures=True)
     statuses = {_status(process) for process in processes if process.sentinel in dead}
     for process in processes:
         process.kill()
+    if calls is not None:
+        calls._reader.close()  # Python up to 3.11.4 would wait for a reader of a full pipe
     return statuses
 
 

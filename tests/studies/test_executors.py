@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -124,3 +125,36 @@ def test_an_error_ends_the_workers_at_once() -> None:
         raise ZeroDivisionError
     worker.join(10.0)
     assert worker.exitcode is not None
+
+
+def die() -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def test_a_broken_pool_does_not_wait_for_the_workers_that_live() -> None:
+    """They ignore the signal by which Python ends them, and may wait for what no one gives."""
+    begin = time.monotonic()
+    with executors.pool("process", 2) as opened:
+        asleep = opened.executor.submit(time.sleep, 300.0)
+        while not asleep.running():
+            time.sleep(0.01)
+        with pytest.raises(BrokenProcessPool):
+            opened.executor.submit(die).result(timeout=100.0)
+    assert time.monotonic() - begin < 200.0
+
+
+def test_a_pool_that_broke_with_a_full_pipe_ends() -> None:
+    with executors.pool("process", 1) as opened:
+        asleep = opened.executor.submit(time.sleep, 300.0)
+        waiting = opened.executor.submit(len, bytes(10**6))  # more than a pipe holds
+        while not asleep.running():
+            time.sleep(0.01)
+        manager = opened.executor._executor_manager_thread
+        (worker,) = opened.executor._processes.values()
+        time.sleep(0.5)
+        os.kill(worker.pid, signal.SIGKILL)
+        with pytest.raises(BrokenProcessPool):
+            waiting.result(timeout=60.0)
+        opened.renew()
+        manager.join(60.0)
+        assert not manager.is_alive()
