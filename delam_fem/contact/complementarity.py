@@ -28,6 +28,17 @@ CHANCES = 3
 UNSOLVABLE = 1e-4
 """A residual above this number times the largest |q| is an error; nearly equal pairs reach 1e-6."""
 
+SOLVED, NOT_FINITE, NOT_FOUND, OUT_OF_RANGE = range(4)
+FAILURES = {
+    NOT_FINITE: "the velocities before the impact are not finite; the motion diverges: use a "
+    "smaller time step",
+    NOT_FOUND: "no solution found; check that the mass, damping and stiffness matrices are "
+    "symmetric",
+    OUT_OF_RANGE: "no impulses can part these pairs (q is not in the range of W); check their rows "
+    "of the gap matrix",
+}
+"""The results of `solve_checked` that are errors."""
+
 
 @njit
 def _solve_active(W, q, active, n_active, out):  # type: ignore[no-untyped-def]
@@ -147,6 +158,28 @@ def solve_into(W, q, p):  # type: ignore[no-untyped-def]
     if _solve_all(W, q, p):
         return True
     return _active_set(W, q, p, TOLERANCE * np.max(np.abs(q))) >= 0
+
+
+@njit
+def solve_checked(W, q, p, change):  # type: ignore[no-untyped-def]
+    """Write the solution into p, and W p into `change`; return SOLVED, or what is wrong."""
+    n, largest = q.size, 0.0
+    for i in range(n):
+        largest = max(largest, abs(q[i]))
+        if not np.isfinite(q[i]):
+            return NOT_FINITE
+        for j in range(n):
+            if not np.isfinite(W[i, j]):
+                return NOT_FINITE
+    if n and not solve_into(W, q, p):
+        return NOT_FOUND
+    for i in range(n):
+        change[i] = 0.0
+        for j in range(n):
+            change[i] += W[i, j] * p[j]
+        if n > 1 and change[i] + q[i] < -UNSOLVABLE * largest:
+            return OUT_OF_RANGE
+    return SOLVED
 
 
 @njit
@@ -307,19 +340,11 @@ def solve(W: FloatArray, q: FloatArray) -> FloatArray:
         C. L. Lawson, R. J. Hanson, Solving Least Squares Problems, ch. 23.
     """
     p = np.zeros(q.size)
-    if not (np.isfinite(q).all() and np.isfinite(W).all()):
-        raise ArithmeticError(
-            "impulses: the velocities before the impact are not finite; the motion diverges: use a "
-            "smaller time step"
-        )
-    if q.size and not solve_into(W, q, p):
-        raise ArithmeticError(
-            f"impulses: no solution found for {q.size} pairs; check that the mass, damping and "
-            "stiffness matrices are symmetric"
-        )
-    if q.size > 1 and (W @ p + q).min() < -UNSOLVABLE * np.abs(q).max():
-        raise ArithmeticError(
-            "impulses: no impulses can part these pairs (q is not in the range of W); check their "
-            "rows of the gap matrix"
-        )
+    require_solved(solve_checked(W, q, p, np.zeros(q.size)))
     return p
+
+
+def require_solved(result: int) -> None:
+    """Raise an ArithmeticError if a result of `solve_checked` is an error."""
+    if result != SOLVED:
+        raise ArithmeticError(f"impulses: {FAILURES[result]}")

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from delam_fem.caches.kernels import njit
+from delam_fem.contact import complementarity
 from delam_fem.contact.decision import Decision, Kinematics, Setting
-from delam_fem.contact.impulses import coupled_impulses
-from delam_fem.numerics.arrays import BoolArray, FloatArray, IntArray
 
 CLOSED = 1e-4
 """A gap below this fraction of Δt times the largest gap rate is closed, if pairs touch at rest.
@@ -38,35 +38,62 @@ class StepImpacts:
         """
         self._compliance, self._n_pairs = setting.compliance, setting.n_pairs
         self._restitution, self._resting_velocity = restitution, resting_velocity
+        self._active = np.zeros(setting.n_pairs, dtype=np.int64)
 
     def examine(self, seen: Kinematics) -> Decision | None:
         """Return the impulses of this step, or None if no pair needs one."""
-        active = np.flatnonzero(seen.gap <= 0.0)
-        if not active.size:
+        e, rate_pre, rate_free = self._restitution, seen.rate_pre(), seen.rate_free()
+        n_active = _list_active(seen.gap, rate_pre, rate_free, e, self._active)
+        if not n_active:
             return None
-        rate_pre, rate_free = seen.rate_pre()[active], seen.rate_free()[active]
-        if (rate_free + self._restitution * rate_pre >= 0.0).all():
-            return None
-        W = self._compliance.block(active)
-        impulses = coupled_impulses(rate_pre, rate_free, self._restitution, W)
-        pushed = impulses > 0.0
-        rate_post = (rate_free + W @ impulses)[pushed]
-        hit, rate_pre = active[pushed], rate_pre[pushed]
-        resting = pushed_at_rest(self._n_pairs, hit, rate_pre, self._resting_velocity)
-        return Decision(hit, impulses[pushed], rate_pre, rate_post, resting)
+        active = self._active[:n_active]
+        W, resting = self._compliance.block(active), np.zeros(self._n_pairs, dtype=np.bool_)
+        hit, pushed = np.empty(n_active, np.int64), np.empty((3, n_active))
+        given = rate_pre, rate_free, e, self._resting_velocity
+        n, result = _push(W, active, *given, hit, pushed, resting)
+        complementarity.require_solved(result)
+        if n < n_active:
+            hit, pushed = hit[:n], pushed[:, :n]
+        impulses, pre, post = pushed
+        return Decision(hit, impulses, pre, post, resting)
 
 
-def pushed_at_rest(
-    n_pairs: int, hit: IntArray, rate_pre: FloatArray, resting_velocity: float
-) -> BoolArray:
-    """Return which pairs were pushed although they hardly approached, shape (n_pairs,).
+@njit
+def _list_active(gap, rate_pre, rate_free, restitution, active):  # type: ignore[no-untyped-def]
+    """List the closed pairs; return how many they are, or 0 if all of them part fast enough."""
+    n, lacks = 0, False
+    for k in range(gap.size):
+        if gap[k] <= 0.0:
+            active[n] = k
+            n += 1
+            lacks |= not rate_free[k] + restitution * rate_pre[k] >= 0.0  # also if not a number
+    return n if lacks else 0
+
+
+@njit
+def _push(W, active, rate_pre, rate_free, restitution, slow, hit, pushed, resting):  # type: ignore[no-untyped-def]
+    """Push the closed pairs apart; return how many get an impulse, and whether that was solved.
 
     Args:
-        n_pairs: number of pairs.
-        hit: pairs that receive an impulse, shape (k,).
-        rate_pre: gap rates of the hit pairs before the impact, shape (k,) [m/s].
-        resting_velocity: a pair that approaches slower than this counts as resting [m/s].
+        W: compliance of the closed pairs, shape (k, k).
+        active: the closed pairs, shape (k,).
+        rate_pre: gap rates of all pairs before the impact, shape (n_pairs,).
+        rate_free: the same at the end of the step without impulses.
+        restitution: e [-].
+        slow: a pair that approaches slower than this counts as resting [m/s].
+        hit: result, the pairs with an impulse, the first entries.
+        pushed: result, their impulses and their gap rates before and after, the first columns.
+        resting: result, the pairs that were pushed although they hardly approached, (n_pairs,).
     """
-    resting = np.zeros(n_pairs, dtype=np.bool_)
-    resting[hit[rate_pre > -resting_velocity]] = True
-    return resting
+    q, p, change, n = np.empty(active.size), np.zeros(active.size), np.empty(active.size), 0
+    for i in range(active.size):
+        q[i] = rate_free[active[i]] + restitution * rate_pre[active[i]]
+    result = complementarity.solve_checked(W, q, p, change)
+    for i in range(active.size):
+        if p[i] > 0.0:
+            k = active[i]
+            hit[n], pushed[0, n], pushed[1, n] = k, p[i], rate_pre[k]
+            pushed[2, n] = rate_free[k] + change[i]
+            resting[k] = rate_pre[k] > -slow
+            n += 1
+    return n, result

@@ -137,6 +137,20 @@ def _sums(seen, base, is_divided, sums):  # type: ignore[no-untyped-def]
 
 
 @njit
+def add_rows(sums, rows):  # type: ignore[no-untyped-def]
+    """Add small steps to the four sums of `_sums`.
+
+    Args:
+        sums: the four sums, shape (4,); changed.
+        rows: the start and the end of each step: (m_b·u, c_b·u, k_b·u), (q, q', q''), and the size
+            of the step over Δt, shape (k+1, 7).
+    """
+    for j in range(1, rows.shape[0]):
+        before, after = rows[j - 1], rows[j]
+        add_flows(sums, before, after, before[3:6], after[3:6], after[6])
+
+
+@njit
 def add_flows(sums, seen_before, seen, before, after, share):  # type: ignore[no-untyped-def]
     """Add a small step to the four sums of `_sums`.
 

@@ -53,17 +53,28 @@ class Jumps:
 
     def __init__(self, *parts: Columns) -> None:
         """Start with the impacts of some columns, or with none."""
-        self._parts = [part for part in parts if part.ticks.size]
+        self._columns = [part for part in parts if part.ticks.size]
+        self._single: list[tuple[int, Decision, float]] = []
 
     def append(self, tick: int, decision: Decision, energy: float) -> None:
         """Add the impact of a decision that hits at least one pair."""
-        d = decision
-        instant = np.array([tick]), np.array([d.hit.size]), np.array([energy])
-        self._parts.append(Columns(*instant, d.hit, d.impulses, d.rate_pre, d.rate_post))
+        self._single.append((tick, decision, energy))
+
+    @property
+    def _parts(self) -> list[Columns]:
+        """Columns of all impacts, after those that came one by one have become columns."""
+        if self._single:
+            ticks, decisions, energies = zip(*self._single, strict=True)
+            hits = ((d.hit, d.impulses, d.rate_pre, d.rate_post) for d in decisions)
+            joined = [np.concatenate(values) for values in zip(*hits, strict=True)]
+            sizes = np.array([d.hit.size for d in decisions])
+            self._columns.append(Columns(np.array(ticks), sizes, np.array(energies), *joined))
+            self._single = []
+        return self._columns
 
     def extend(self, columns: Columns) -> None:
         """Add the impacts of columns, which must not be changed afterwards."""
-        self._parts.append(columns)
+        self._parts.append(columns)  # behind those that came one by one
 
     def columns(self) -> Columns:
         """Return the columns of all impacts."""

@@ -6,7 +6,9 @@ knows no law, no scheme and no file.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import gc
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
@@ -102,8 +104,12 @@ class Advancing(Moving, Kinematics, Protocol):
     def rest(self, pairs: BoolArray) -> None:
         """Set which pairs are at rest, shape (n_pairs,)."""
 
-    def begin(self, base_states: FloatArray) -> None:
-        """Begin a period; rows (q, q', q'') of the base at its start and steps, shape (k, 3)."""
+    def begin(self, base_states: FloatArray) -> Sequence[Sequence[float]]:
+        """Begin a period with (q, q', q'') of the base at its start and steps, shape (k, 3).
+
+        Returns:
+            The same numbers as sequences.
+        """
 
     def destroy(self) -> None:
         """Free the PETSc objects that the stepper holds, if any."""
@@ -183,6 +189,18 @@ def set_initial(engine: Engine, initial: State | None, base_state: FloatArray) -
     engine.stepper.renew_acceleration()
 
 
+@contextmanager
+def _no_collection() -> Iterator[None]:
+    """Pause the search for cycles of objects, which took a quarter of the steps and finds none."""
+    was_enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_enabled:
+            gc.enable()
+
+
 def simulate(
     engine: Engine,
     recorder: Recorder,
@@ -210,7 +228,8 @@ def simulate(
     record = None
     for period in range(recorder.n_closed, recorder.n_periods):
         record = recorder.open(engine.stepper, motion(period), record)
-        n_steps = engine.run_period(record, -recorder.limit)
+        with _no_collection():
+            n_steps = engine.run_period(record, -recorder.limit)
         is_bounded = recorder.close(record, engine.stepper, n_steps)
         if not is_bounded or n_steps < recorder.steps_per_period:
             return "diverged"

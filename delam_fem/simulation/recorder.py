@@ -117,6 +117,12 @@ class PeriodRecord:
     ticks_per_step: int = 1
     resting: BoolArray = field(default_factory=lambda: np.zeros(0, np.bool_))
 
+    def __post_init__(self) -> None:
+        """Prepare `keep`."""
+        self._rows_u: list[bytes] = []
+        self._rows_v: list[bytes] = []
+        self._has_frame = frozenset(self.frame_steps.tolist())
+
     def jump(self, tick: int, decision: Decision, changes: tuple[float, float]) -> None:
         """Record a decision at a tick, and its energy changes by impulses and by springs [J]."""
         impact, released = changes
@@ -127,10 +133,9 @@ class PeriodRecord:
 
     def keep(self, step: int, stepper: Stepper) -> None:
         """Record the state at the end of a step."""
-        self.u[step] = stepper.seen_u
-        self.v[step] = stepper.seen_v
-        n_frames = len(self.frames)
-        if n_frames < self.frame_steps.size and step == self.frame_steps[n_frames]:
+        self._rows_u.append(stepper.seen_u.tobytes())
+        self._rows_v.append(stepper.seen_v.tobytes())
+        if step in self._has_frame:
             self.frames.append(stepper.state()[:2])
             resting = stepper.resting
             state = np.where(resting, RESTING, OPEN).astype(np.int8)
@@ -138,6 +143,17 @@ class PeriodRecord:
             hit = self.jumps.hit_within((step - 1) * ticks, step * ticks)
             state[hit] = np.where(resting[hit], RESTING, HIT)
             self.contact.append(state)
+
+    def end_steps(self, n_steps: int) -> None:
+        """Write what `keep` has collected: rows of arrays cost more than the bytes of all rows."""
+        self.n_steps = n_steps
+        for rows, table in ((self._rows_u, self.u), (self._rows_v, self.v)):
+            if rows:
+                first = n_steps + 1 - len(rows)
+                table[first : n_steps + 1] = np.frombuffer(bytearray().join(rows)).reshape(
+                    len(rows), table.shape[1]
+                )
+                rows.clear()
 
 
 class Recorder:
@@ -218,7 +234,7 @@ class Recorder:
     def close(self, record: PeriodRecord, stepper: Stepper, n_steps: int) -> bool:
         """End a period after `n_steps` steps; return whether the motion stayed within `limit`."""
         k = self.n_closed
-        record.n_steps = n_steps
+        record.end_steps(n_steps)
         if record.end is None:
             record.end = _level(stepper)
         self.window.append(record)

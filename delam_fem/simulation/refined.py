@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -9,15 +10,16 @@ import numpy as np
 
 from delam_fem.contact.decision import NO_PAIRS
 from delam_fem.numerics.arrays import BoolArray, FloatArray, IntArray
-from delam_fem.simulation.energy import add_flows
+from delam_fem.simulation.energy import add_rows
 from delam_fem.simulation.loop import Advancing, StepByStep
 from delam_fem.simulation.recorder import N_BASE, PeriodRecord
-from delam_fem.simulation.refinement import SAFETY, Refinement, base_within
+from delam_fem.simulation.refinement import SAFETY, Refinement, base_rows, is_near
 
 COARSE, MIDDLE, FINE = 0, 1, -1
 """Levels of steps. Without middle steps, MIDDLE and FINE are the same level."""
+NOT_SOUGHT: BoolArray = np.zeros(0, dtype=np.bool_)
 
-BaseState = tuple[float, float, float]
+BaseState = Sequence[float]
 
 
 class Refinable(Advancing, Protocol):
@@ -35,10 +37,10 @@ class Refinable(Advancing, Protocol):
         """Keep the present state for `undo`."""
 
     def undo(self) -> None:
-        """Return to the state of the last `keep`."""
+        """Return to the state of the last `keep`, after one step."""
 
-    def near(self, ahead: float) -> tuple[BoolArray, FloatArray]:
-        """Return which pairs may close within a time ahead, or back; and all gap rates [m/s]."""
+    def margins(self) -> tuple[FloatArray, FloatArray]:
+        """Return gaps and gap rates, both (n_pairs,); of pairs on springs the negative ones."""
 
 
 @dataclass(frozen=True)
@@ -58,15 +60,17 @@ class RefinedSteps(StepByStep):
 
     def run_period(self, record: PeriodRecord, floor: float) -> int:
         """Compute the steps of a period and write them into its record; see `Engine`."""
-        s, rows = self.stepper, [tuple(row) for row in record.base_states.tolist()]
-        s.begin(record.base_states[:1])
+        s, factor = self.stepper, self.refinement.factor
+        rows = s.begin(record.base_states)
         s.observe()
         for step in range(1, len(rows)):
-            states = rows[step - 1], rows[step]
-            near = self._leap(COARSE, states, record, step * self.refinement.factor)
+            near = self._leap(COARSE, rows[step - 1], rows[step], record, step * factor)
             if near is not None:
                 record.is_divided[step] = 1
-                if not self._divide(record, step, states, near, floor):
+                ends: list[list[float]] = []
+                is_bounded = self._divide(record, step, rows, near, floor, ends)
+                add_rows(record.flows, np.array(ends))
+                if not is_bounded:
                     return step - 1
             else:
                 record.effort[0] += 1
@@ -75,63 +79,69 @@ class RefinedSteps(StepByStep):
         return len(rows) - 1
 
     def _leap(
-        self, level: int, states: tuple[BaseState, BaseState], record: PeriodRecord, tick: int
+        self, level: int, before: BaseState, after: BaseState, record: PeriodRecord, tick: int
     ) -> BoolArray | None:
         """Make a coarse or middle step that ends at a tick; undo it if a fast pair is near.
 
         Returns:
-            The near pairs, shape (n_pairs,); None if the step was made.
+            None if the step was made. If not, the near pairs of a coarse step, shape (n_pairs,);
+            those of a middle step are not sought.
         """
-        s = self.stepper
+        s, slow = self.stepper, self.refinement.slow
         s.use(level)
         reach = 0.5 * SAFETY * s.time_step
-        near, is_fast = self._near(reach)
-        if level != COARSE and is_fast:
-            return near
+        is_fast = is_near(*s.margins(), reach, slow)
+        if is_fast and level != COARSE:
+            return NOT_SOUGHT
         s.keep()
-        s.begin_step(*states)
+        s.begin_step(before, after)
         smallest_gap = s.advance()
-        near_after, is_fast_after = self._near(-reach)
-        if is_fast or is_fast_after:
+        if is_fast or is_near(*s.margins(), -reach, slow):
+            near = self._near(-reach) if level == COARSE else NOT_SOUGHT
             s.undo()
-            return near | near_after
+            return near | self._near(reach) if level == COARSE else near
         self._ask(record, tick, smallest_gap)
         return None
 
-    def _near(self, ahead: float) -> tuple[BoolArray, bool]:
-        """Return which pairs may close, and whether one of them is fast enough to divide a step."""
-        near, rate = self.stepper.near(ahead)
-        return near, bool((np.abs(rate[near]) > self.refinement.slow).any())
+    def _near(self, ahead: float) -> BoolArray:
+        """Return which pairs may close within a time ahead, or back (F1), shape (n_pairs,)."""
+        gap, rate = self.stepper.margins()
+        return np.asarray(gap + np.minimum(ahead * rate, 0.0) <= 0.0)
 
     def _divide(
         self,
         record: PeriodRecord,
         step: int,
-        states: tuple[BaseState, BaseState],
+        rows: Sequence[BaseState],
         near: BoolArray,
         floor: float,
+        ends: list[list[float]],
     ) -> bool:
         """Make a coarse step in smaller steps; return False if the motion diverges.
 
         Args:
             record: record of the period.
             step: number of the coarse step.
-            states: (q, q', q'') of the base at its start and end.
+            rows: (q, q', q'') of the base at the coarse steps.
             near: pairs with a small gap according to the coarse step, shape (n_pairs,).
             floor: gap below which the motion counts as diverged [m].
+            ends: list that gets the rows of `add_rows`.
         """
-        r, m = self.refinement.factor, self.refinement.middle
-        first, before, is_first = (step - 1) * r, states[0], True
-        for j in range(1, m + 1):
-            after, last = self._base_in(states, j / m), j * (r // m)
-            if m > 1 and self._leap(MIDDLE, (before, after), record, first + last) is None:
-                record.effort[1] += 1
-                self._account(record, before, after, 1.0 / m)
-                before = after
-                continue
-            for tick in range(last - r // m + 1, last + 1):
-                after = self._base_in(states, tick / r)
-                smallest_gap = self._fine_step((before, after))
+        s, r, m = self.stepper, self.refinement.factor, self.refinement.middle
+        first, is_first = (step - 1) * r, True
+        within = base_rows(tuple(rows[step - 1]), tuple(rows[step]), r, self.time_step).tolist()
+        ends.append([*s.seen_u[:N_BASE].tolist(), *within[0], 0.0])
+        for last in range(r // m, r + 1, r // m):
+            start = last - r // m
+            if m > 1:
+                if self._leap(MIDDLE, within[start], within[last], record, first + last) is None:
+                    record.effort[1] += 1
+                    self._observe(within[last], 1.0 / m, ends)
+                    continue
+            s.use(FINE)
+            for tick in range(start + 1, last + 1):
+                s.begin_step(within[tick - 1], within[tick])
+                smallest_gap = s.advance()
                 if smallest_gap < floor:
                     return False
                 record.effort[2] += 1
@@ -140,16 +150,8 @@ class RefinedSteps(StepByStep):
                     is_first = False
                     record.effort[3] += 1
                     record.effort[4] += not near[hit].all()
-                self._account(record, before, after, 1.0 / r)
-                before = after
+                self._observe(within[tick], 1.0 / r, ends)
         return True
-
-    def _fine_step(self, states: tuple[BaseState, BaseState]) -> float:
-        """Make the candidate of a fine step; return the smallest gap to examine [m]."""
-        s = self.stepper
-        s.use(FINE)
-        s.begin_step(*states)
-        return s.advance()
 
     def _ask(self, record: PeriodRecord, tick: int, smallest_gap: float) -> IntArray:
         """Let the law examine the candidate; return the pairs that it hits."""
@@ -161,18 +163,7 @@ class RefinedSteps(StepByStep):
                 return decision.hit
         return NO_PAIRS
 
-    def _base_in(self, states: tuple[BaseState, BaseState], share: float) -> BaseState:
-        """Return (q, q', q'') of the base within a coarse step; share 1 is its end."""
-        if share == 1.0:
-            return states[1]
-        within: BaseState = base_within(*states, share, self.time_step)
-        return within
-
-    def _account(
-        self, record: PeriodRecord, before: BaseState, after: BaseState, share: float
-    ) -> None:
-        """Add the work of the base over a small step, a share of a coarse one, to the record."""
-        s = self.stepper
-        seen_before = s.seen_u[:N_BASE].copy()
-        s.observe()
-        add_flows(record.flows, seen_before, s.seen_u[:N_BASE], before, after, share)
+    def _observe(self, base_state: BaseState, share: float, ends: list[list[float]]) -> None:
+        """Note the end of a small step, a share of a coarse one, for the work of the base."""
+        self.stepper.observe()
+        ends.append([*self.stepper.seen_u[:N_BASE].tolist(), *base_state, share])

@@ -18,6 +18,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from delam_fem.caches.kernels import njit
 from delam_fem.numerics.arrays import IntArray
 
@@ -71,6 +73,28 @@ def unforeseen_warning(contacts: IntArray) -> str | None:
         f"{unforeseen} of {total} contacts in refined steps were unforeseen, so others may have "
         "been missed between coarse steps; try more time.steps_per_period and a smaller time.refine"
     )
+
+
+@njit
+def is_near(gap, rate, ahead, slow):  # type: ignore[no-untyped-def]
+    """Return whether a pair that is faster than `slow` may close by F1 (see `RefinedSteps`)."""
+    for k in range(gap.size):
+        if gap[k] + min(ahead * rate[k], 0.0) <= 0.0 and abs(rate[k]) > slow:
+            return True
+    return False
+
+
+@njit
+def base_rows(before, after, r, time_step):  # type: ignore[no-untyped-def]
+    """Return (q, q', q'') of the base at the start of a step and at each of its r parts, (r+1, 3).
+
+    The arguments are those of `base_within`.
+    """
+    rows = np.empty((r + 1, 3))
+    for j in range(r + 1):
+        rows[j] = base_within(before, after, j / r, time_step)
+    rows[0], rows[r] = before, after
+    return rows
 
 
 @njit

@@ -7,7 +7,7 @@ import pytest
 
 from delam_fem.case.motion.excitation import SweptMotion
 from delam_fem.model.operators import BaseCoupling
-from delam_fem.simulation.energy import Energies, Flows, base_flows
+from delam_fem.simulation.energy import Energies, Flows, add_rows, base_flows
 
 N, STEPS, DT = 3, 37, 0.01
 """Free dofs; steps; time step [s]. The base ends at another speed than it began with."""
@@ -82,3 +82,16 @@ def test_stored_and_exchanged_energies_add_up() -> None:
     flows = Flows(1.0, 0.25, 0.125, -0.5, -2.0)
     assert flows.net == 1.0 - 0.25 - 0.125 + 0.5 - 2.0
     assert flows.exchanged == 1.0 + 0.25 + 0.125 + 0.5 + 2.0
+
+
+def test_rows_of_small_steps_add_up_to_the_work_over_the_same_steps() -> None:
+    rng = np.random.default_rng(3)
+    seen, states = rng.normal(size=(5, 3)), rng.normal(size=(5, 3))
+    base = BaseCoupling(np.zeros(2), np.zeros(2), np.zeros(2), (0.0, 1.7, 0.0))
+    momentum, dt, parts = (0.3, -0.2), 0.5, 4
+    whole = base_flows(seen, momentum, states, base, dt)
+    sums = np.zeros(4)
+    add_rows(sums, np.column_stack([seen, states, np.full(5, 1.0 / parts)]))
+    ends, is_divided = np.array([0, 4]), np.array([0, 1], np.uint8)
+    divided = base_flows(seen[ends], momentum, states[ends], base, parts * dt, (is_divided, sums))
+    assert divided == pytest.approx(whole, rel=1e-12)

@@ -3,7 +3,13 @@
 import numpy as np
 import pytest
 
-from delam_fem.simulation.refinement import Refinement, base_within, unforeseen_warning
+from delam_fem.simulation.refinement import (
+    Refinement,
+    base_rows,
+    base_within,
+    is_near,
+    unforeseen_warning,
+)
 
 
 @pytest.mark.parametrize(
@@ -55,3 +61,29 @@ def test_unforeseen_contacts_warn_from_a_share_on() -> None:
     text = unforeseen_warning(np.array([[10, 1], [10, 1]]))
     assert text is not None
     assert text.startswith("2 of 20 contacts in refined steps were unforeseen")
+
+
+def test_rows_within_a_step_are_those_of_its_parts() -> None:
+    before, after, parts, dt = (0.1, -2.0, 5.0), (0.3, 4.0, -7.0), 8, 0.05
+    rows = base_rows(before, after, parts, dt)
+    assert rows[0].tolist() == list(before) and rows[-1].tolist() == list(after)
+    for j in range(1, parts):
+        assert rows[j].tolist() == list(base_within(before, after, j / parts, dt))
+
+
+@pytest.mark.parametrize(
+    ("gap", "rate", "ahead", "near"),
+    [
+        (1.0, -3.0, 0.5, True),  # closes within the time ahead
+        (1.0, -3.0, 0.3, False),
+        (1.0, 3.0, 0.5, False),  # opens
+        (1.0, 3.0, -0.5, True),  # was closed before
+        (-1.0, 2.0, 0.1, False),  # closed, but slow
+        (0.0, 2.5, 0.1, True),  # touches
+    ],
+)
+def test_a_fast_pair_is_near_that_may_close(
+    gap: float, rate: float, ahead: float, near: bool
+) -> None:
+    slow = 2.0
+    assert is_near(np.array([9.0, gap]), np.array([0.0, rate]), ahead, slow) is near

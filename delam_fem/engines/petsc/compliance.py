@@ -11,6 +11,9 @@ from delam_fem.engines.petsc import linear_algebra
 from delam_fem.model.distributed import DistributedOperators
 from delam_fem.numerics.arrays import FloatArray, IntArray
 
+ROOM = 100_000
+"""Number of entries up to which blocks of pairs are kept: contact returns to the same pairs."""
+
 
 class Responding(Protocol):
     """An object that computes the response of all gaps to a load on one pair; see dynamics.py."""
@@ -36,6 +39,8 @@ class LazyCompliance:
         self._columns = np.empty((0, n))  # one below the other, in the order of their computation
         self._place = np.full(n, -1)
         self._n_known = 0
+        self._blocks: dict[bytes, FloatArray] = {}
+        self._room = ROOM
 
     def _require(self, pairs: IntArray) -> None:
         missing = pairs[self._place[pairs] < 0]
@@ -58,8 +63,16 @@ class LazyCompliance:
 
     def block(self, pairs: IntArray) -> FloatArray:
         """Return the rows and columns of some pairs, shape (k, k)."""
-        self._require(pairs)
-        return self._columns[self._place[pairs], pairs[:, None]]
+        key = pairs.tobytes()
+        found = self._blocks.get(key)
+        if found is None:
+            self._require(pairs)
+            found = self._columns[self._place[pairs], pairs[:, None]]
+            self._room -= pairs.size**2
+            if self._room < 0:
+                self._blocks, self._room = {}, ROOM
+            self._blocks[key] = found
+        return found
 
 
 class LumpedCompliance:

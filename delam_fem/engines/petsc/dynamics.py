@@ -32,7 +32,7 @@ class Dynamics:
         operators: the semi-discrete problem.
         u, v, a: displacements, velocities and accelerations of the own free dofs.
         resting: pairs at rest, shape (n_pairs,); the array is replaced, never written to.
-        is_resting: whether any pair rests.
+        is_resting: whether a pair rests, so that the law must be asked although no gap is closed.
         spring_stiffness: stiffness of the spring that a resting pair carries [N/m]; 0: no spring.
         contact_damped: energy that contact dampers have taken so far [J].
     """
@@ -62,13 +62,11 @@ class Dynamics:
         )
         self._kept = [self._vector() for _ in range(3)]
         self._kept_losses = (0.0, 0.0)
-        self._gap0 = self._H.createVecLeft()
-        if o.comm.rank == 0:  # the contributions of all ranks are added
-            self._gap0.array[:] = o.gap0
-        self._gap, self._rate, self._impulse, self._force = (
-            linear_algebra.Shared(o.n_pairs, o.comm) for _ in range(4)
+        self._rate, self._impulse, self._force = (
+            linear_algebra.Shared(o.n_pairs, o.comm) for _ in range(3)
         )
-        self._make_observation()
+        self._make_views()
+        self._base_table: FloatArray | None = None
         self._base_states: Sequence[BaseState] = [[0.0, 0.0, 0.0]]
         self._step = 0
         self._dissipated = self.contact_damped = 0.0
@@ -113,13 +111,19 @@ class Dynamics:
         """Return the sum of the shares of all ranks (collective)."""
         return share if self.comm.size == 1 else linear_algebra.added([share], self.comm)[0]
 
-    def begin(self, base_states: FloatArray) -> None:
-        """Begin a period.
+    def begin(self, base_states: FloatArray) -> Sequence[BaseState]:
+        """Begin a period; return the given states as lists.
 
         Args:
-            base_states: q, q', q'' of the base at the start and at each step, shape (k, 3).
+            base_states: q, q', q'' of the base at the start and at each step, shape (k, 3). The
+                lists of a read-only table are kept for the next period, as they cost as much as a
+                quarter of its steps.
         """
-        self._base_states, self._step = base_states.tolist(), 0
+        if self._base_table is not base_states or base_states.flags.writeable:
+            self._base_table, self._base_rows = base_states, base_states.tolist()
+        self._base_states, self._step = self._base_rows, 0
+        self._is_seen_u = self._is_seen_v = False
+        return self._base_rows
 
     def begin_step(self, before: BaseState, after: BaseState) -> None:
         """Begin a single step, over which the base moves between two states (q, q', q'')."""
@@ -141,50 +145,70 @@ class Dynamics:
         """Return to the state of the last `keep`; resting pairs are those of the present."""
         for kept, vector in zip(self._kept, (self.u, self.v, self.a), strict=True):
             kept.copy(vector)
+        self._is_seen_u = self._is_seen_v = False
         self._dissipated, self.contact_damped = self._kept_losses
 
-    def near(self, ahead: float) -> tuple[BoolArray, FloatArray]:
-        """Return which pairs may close (F1 of refinement.py), and gap rates, both (n_pairs,).
+    def margins(self) -> tuple[FloatArray, FloatArray]:
+        """Return gaps and gap rates, both (n_pairs,); of pairs on springs the negative ones.
 
-        Args:
-            ahead: time over which gap rates are extrapolated; negative: backwards [s].
+        The first must not fall below 0, or a pair closes, or one that rests opens.
         """
-        self._find_gap()
-        gap, rate = self._gap.values, self.gap_rate()
-        if self.is_resting and self.spring_stiffness:  # these must not open
+        self._see_u()
+        gap, rate = self._gap_values, self.gap_rate()
+        if self.is_resting and self.spring_stiffness:
             sign = np.where(self.resting, -1.0, 1.0)
             gap, rate = sign * gap, sign * rate
-        return np.asarray(gap + np.minimum(ahead * rate, 0.0) <= 0.0), rate
+        return gap, rate
 
-    def _find_gap(self) -> None:
-        """Compute the gaps of the present displacements on all ranks."""
-        self._H.multAdd(self.u, self._gap0, self._gap.own)
-        self._gap.gather()
-
-    def _make_observation(self) -> None:
-        """Create the matrices and vectors of the recorded quantities."""
+    def _make_views(self) -> None:
+        """Create the matrices and vectors of the gaps and of the recorded quantities."""
         o = self.operators
         rows = sp.csr_matrix(np.vstack([o.base.mass, o.base.damping, o.base.stiffness]))
-        self._observe_u = linear_algebra.local(sp.vstack([rows, o.observed]))
-        self._observe_v = linear_algebra.local(o.observed)
-        n_u, n_v = (m.getSize()[0] for m in (self._observe_u, self._observe_v))
-        self._seen = linear_algebra.Shared(n_u + n_v, o.comm)
-        of_u, of_v = slice(0, n_u), slice(n_u, n_u + n_v)
-        self._own_seen_u, self._own_seen_v = self._seen.part(of_u), self._seen.part(of_v)
-        self.seen_u: FloatArray = self._seen.values[of_u]
-        self.seen_v: FloatArray = self._seen.values[of_v]
+        self._view_u = linear_algebra.local(sp.vstack([o.gap_matrix, rows, o.observed]))
+        self._view_v = linear_algebra.local(sp.vstack([o.gap_matrix, o.observed]))
+        self._at_rest = self._view_u.createVecLeft()
+        if o.comm.rank == 0:  # the contributions of all ranks are added
+            self._at_rest.array[: o.n_pairs] = o.gap0
+        self._all_seen_u, self._all_seen_v = (
+            linear_algebra.Shared(m.getSize()[0], o.comm) for m in (self._view_u, self._view_v)
+        )
+        pairs, others = slice(0, o.n_pairs), slice(o.n_pairs, None)
+        self.seen_u: FloatArray = self._all_seen_u.values[others]
+        self.seen_v: FloatArray = self._all_seen_v.values[others]
+        self._gap_values, self._rate_values = (
+            shared.values[pairs] for shared in (self._all_seen_u, self._all_seen_v)
+        )
+        self._gap_vector, self._rate_vector = (
+            PETSc.Vec().createWithArray(values, comm=PETSc.COMM_SELF)
+            for values in (self._gap_values, self._rate_values)
+        )
+        self._is_seen_u = self._is_seen_v = False  # whether these belong to the present state
+
+    def _see_u(self) -> None:
+        """Compute the gaps and `seen_u` of the present displacements, unless they are known."""
+        if not self._is_seen_u:
+            self._view_u.multAdd(self.u, self._at_rest, self._all_seen_u.own)
+            self._all_seen_u.gather()
+            self._is_seen_u = True
+
+    def _see_v(self) -> None:
+        """Compute the gap rates and `seen_v` of the present velocities, unless they are known."""
+        if not self._is_seen_v:
+            self._view_v.mult(self.v, self._all_seen_v.own)
+            self._all_seen_v.gather()
+            self._is_seen_v = True
 
     # -- for contact laws ------------------------------------------------------------------------
 
     @property
     def gap(self) -> FloatArray:
         """Gaps of the candidate state, shape (n_pairs,) [m]."""
-        return self._gap.values
+        return self._gap_values
 
     def gap_rate(self) -> FloatArray:
         """Return H v, shape (n_pairs,) [m/s] (collective)."""
-        self._H.mult(self.v, self._rate.own)
-        return self._rate.gather()
+        self._see_v()
+        return self._rate_values
 
     def response(self, factor: linear_algebra.Factor, pair: int) -> FloatArray:
         """Return H x, where x is the factor's solution for a unit load on a pair, (n_pairs,)."""
@@ -203,9 +227,8 @@ class Dynamics:
 
     def observe(self) -> None:
         """Update `seen_u` = (m_b·u, c_b·u, k_b·u, probes of u) and `seen_v` = (probes of v)."""
-        self._observe_u.mult(self.u, self._own_seen_u)
-        self._observe_v.mult(self.v, self._own_seen_v)
-        self._seen.gather()
+        self._see_u()
+        self._see_v()
 
     def energies(self) -> Energies:
         """Return the energies of the whole system, base included, in the fixed frame [J]."""
@@ -229,8 +252,8 @@ class Dynamics:
         """Return the energy of springs on some pairs at the current gaps [J]."""
         if not self.spring_stiffness:
             return 0.0
-        self._find_gap()
-        gap = self._gap.values[pairs]
+        self._see_u()
+        gap = self._gap_values[pairs]
         if self.operators.pair_weights is not None:
             gap = gap * np.sqrt(self.operators.pair_weights[pairs])
         return 0.5 * self.spring_stiffness * float(gap @ gap)
@@ -243,6 +266,7 @@ class Dynamics:
         """Take over (u, v, a) of the own dofs, shape (3, n_own)."""
         for row, vector in zip(state, (self.u, self.v, self.a), strict=True):
             vector.array[:] = row
+        self._is_seen_u = self._is_seen_v = False
 
     @property
     def n_shares(self) -> int:
@@ -265,11 +289,10 @@ class Dynamics:
                 product.destroy()
         matrices = (o.mass, o.damping, o.stiffness) if self._is_owner else ()
         for thing in (
-            *(self._gap, self._rate, self._impulse, self._force),
-            *(self._own_seen_u, self._own_seen_v, self._seen),
-            *(*matrices, self._H, self._observe_u, self._observe_v),
-            *(self.u, self.v, self.a, self._residual, self._load, self._response),
-            *(*self._kept, self._gap0),
+            *(self._rate, self._impulse, self._force, self._gap_vector, self._rate_vector),
+            *(self._all_seen_u, self._all_seen_v, self._at_rest),
+            *(*matrices, self._H, self._view_u, self._view_v),
+            *(self.u, self.v, self.a, self._residual, self._load, self._response, *self._kept),
             *(self._base_mass, self._base_damping, self._base_stiffness),
         ):
             thing.destroy()

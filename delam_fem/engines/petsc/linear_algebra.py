@@ -256,10 +256,6 @@ class Shared:
             self.values = np.zeros(size)
             self.total = PETSc.Vec().createWithArray(self.values, comm=PETSc.COMM_SELF)
 
-    def part(self, rows: slice) -> PETSc.Vec:
-        """Return a vector in the memory of some of the own contributions."""
-        return PETSc.Vec().createWithArray(self._memory[rows], comm=PETSc.COMM_SELF)
-
     def gather(self) -> FloatArray:
         """Update `values` from the contributions of all ranks (collective) and return them."""
         if self._parts is not None:

@@ -137,6 +137,7 @@ class Newmark(Dynamics):
         """Compute the candidate state of the next step; return its smallest gap [m]."""
         u, v, a, both, now = self.u, self.v, self.a, self._velocities, self._now
         self._step += 1
+        self._is_seen_u = self._is_seen_v = False
         v.copy(both)
         u.axpy(now.time_step, v)
         if self._is_average:
@@ -163,8 +164,9 @@ class Newmark(Dynamics):
             self._H.mult(both, self._rate.own)
             rate = self._of_springs(self._rate.gather())
             self.contact_damped += 0.25 * self.time_step * self._spring_damping * float(rate @ rate)
-        self._find_gap()
-        return float(self._gap.total.min()[1])
+        self._see_u()
+        smallest: float = self._gap_vector.min()[1]
+        return smallest
 
     def _find_residual(self) -> None:
         """Write the residual K u + C v - f, the negative right-hand side of N1."""
@@ -181,8 +183,8 @@ class Newmark(Dynamics):
     def _push_springs(self) -> None:
         """Correct the candidate by the spring forces (N2)."""
         k, c = self.spring_stiffness, self._spring_damping
-        self._find_gap()
-        drive = k * self._of_springs(self._gap.values)
+        self._see_u()
+        drive = k * self._of_springs(self._gap_values)
         if c:
             drive += c * self._of_springs(self.gap_rate())
         now = self._now
@@ -195,6 +197,7 @@ class Newmark(Dynamics):
         self.a.axpy(1.0, self._response)
         self.u.axpy(now.to_u, self._response)
         self.v.axpy(now.to_v, self._response)
+        self._is_seen_u = self._is_seen_v = False
 
     def _of_springs(self, values: FloatArray) -> FloatArray:
         """Return gaps or gap rates of the spring pairs, times √w if pairs have weights."""
@@ -282,14 +285,15 @@ class Newmark(Dynamics):
         mean.waxpy(0.5, change, self.v)  # of the velocities before and after the impact
         self._M.mult(change, load)
         self.v.axpy(1.0, change)
+        self._is_seen_v = False
         return self._total(float(load.dot(mean)))
 
     def renew_acceleration(self) -> None:
         """Compute a from M a = f - C v - K u - H^T λ at the current state."""
         self._find_residual()
         if self._pairs.size:
-            self._find_gap()
-            forces = self.spring_stiffness * self._of_springs(self._gap.values)
+            self._see_u()
+            forces = self.spring_stiffness * self._of_springs(self._gap_values)
             if self._spring_damping:
                 forces += self._spring_damping * self._of_springs(self.gap_rate())
             self._push(forces)

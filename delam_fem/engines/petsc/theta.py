@@ -10,6 +10,7 @@ impacts.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,11 +21,11 @@ from delam_fem.contact.moreau import CLOSED
 from delam_fem.engines.petsc import linear_algebra
 from delam_fem.engines.petsc.compliance import LazyCompliance
 from delam_fem.engines.petsc.damping import RayleighDamping, Weights
-from delam_fem.engines.petsc.dynamics import Dynamics
+from delam_fem.engines.petsc.dynamics import BaseState, Dynamics
 from delam_fem.model.distributed import DistributedOperators
 from delam_fem.model.operators import Operators
 from delam_fem.mpi import MPI
-from delam_fem.numerics.arrays import FloatArray, IntArray
+from delam_fem.numerics.arrays import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -83,8 +84,8 @@ class MoreauJean(Dynamics):
         self._is_touching = bool((operators.gap0 <= 0.0).any())
         self._none_resting = self.resting
         self._is_unaccounted = False
-        self._predicted, self._rate_start = (
-            linear_algebra.Shared(self.operators.n_pairs, self.comm) for _ in range(2)
+        self._predicted, self._rate_start = (  # sums of all ranks from the beginning
+            linear_algebra.Shared(self.operators.n_pairs, MPI.COMM_SELF) for _ in range(2)
         )
 
     def _size(self, time_step: float) -> _Size:
@@ -94,23 +95,30 @@ class MoreauJean(Dynamics):
         weights = None if rayleigh is None else Weights.of(rayleigh, reach, reach**2, scale)
         return _Size(time_step, factor, LazyCompliance(self, factor), weights)
 
-    def begin(self, base_states: FloatArray) -> None:
+    def begin(self, base_states: FloatArray) -> Sequence[BaseState]:
         """Begin a period; see `Dynamics`."""
-        super().begin(base_states)
+        rows = super().begin(base_states)
         if self._damping is not None:
             self._damping.renew(self.v)
+        return rows
 
     def keep(self) -> None:
-        """Keep the present state for `undo`."""
-        super().keep()
+        """Keep the present state for `undo` of one step, which keeps the velocities itself."""
+        self.u.copy(self._kept[0])
         if self._damping is not None:
             self._damping.keep()
 
     def undo(self) -> None:
-        """Return to the state of the last `keep`; see `Dynamics`."""
-        super().undo()
+        """Return to the state of the last `keep`, before the last step."""
+        self._kept[0].copy(self.u)
+        self._start.copy(self.v)
+        self._is_unaccounted = self._is_seen_u = self._is_seen_v = False
         if self._damping is not None:
             self._damping.undo()
+
+    def rest(self, pairs: BoolArray) -> None:
+        """Set which pairs rest; this is only a report, so that the law need not be asked."""
+        self.resting = pairs
 
     def use(self, level: int) -> None:
         """Choose the size of the next steps by its number."""
@@ -129,7 +137,7 @@ class MoreauJean(Dynamics):
 
     def rate_pre(self) -> FloatArray:
         """Return gap rates at the start of the step, shape (n_pairs,) [m/s]."""
-        return self._rate_start.gather()
+        return self._rate_start.values
 
     def rate_free(self) -> FloatArray:
         """Return gap rates at the end of the step without impulses, shape (n_pairs,) [m/s]."""
@@ -138,16 +146,14 @@ class MoreauJean(Dynamics):
     def advance(self) -> float:
         """Compute the free motion of the next step; return the smallest predicted gap [m]."""
         u, v, dt, theta = self.u, self.v, self.time_step, self._theta
-        rate = self._rate_start.own
-        self._H.multAdd(u, self._gap0, self._gap.own)
-        self._H.mult(v, rate)
-        self._predicted.own.waxpy(0.5 * dt, rate, self._gap.own)
-        self._predicted.gather()
-        if self.is_resting:
-            self.rest(self._none_resting)
+        self._see_u()
+        self._see_v()
+        self._rate_vector.copy(self._rate_start.own)
+        self._predicted.own.waxpy(0.5 * dt, self._rate_vector, self._gap_vector)
+        self.resting = self._none_resting
         v.copy(self._start)
         self._find_residual()
-        self._is_unaccounted = True
+        self._is_unaccounted, self._is_seen_u, self._is_seen_v = True, False, False
         self._now.A.solve(self._residual, self._response)
         if self._damping is not None:
             self._account(self._residual, 1.0)
@@ -156,8 +162,9 @@ class MoreauJean(Dynamics):
         u.axpy(dt * theta, v)
         if self._is_touching:
             fastest = np.abs(self.gap_rate()).max(initial=0.0)
-            self._predicted.total.shift(-CLOSED * dt * fastest)
-        return float(self._predicted.total.min()[1])
+            self._predicted.own.shift(-CLOSED * dt * fastest)
+        smallest: float = self._predicted.own.min()[1]
+        return smallest
 
     def _find_residual(self) -> None:
         """Write K (u + θ Δt v) + C v - f_θ, the negative right-hand side of J1 over Δt."""
@@ -169,11 +176,12 @@ class MoreauJean(Dynamics):
             self._C.multAdd(self.v, residual, residual)
         else:
             self._damping.pull(self.u, self.v, ahead, residual)
-        before, after = self._base_states[self._step : self._step + 2]
+        q, dq, ddq = self._base_states[self._step]
         self._step += 1
-        columns = (self._base_stiffness, self._base_damping, self._base_mass)
-        for column, old, new in zip(columns, before, after, strict=True):
-            residual.axpy(theta * new + (1.0 - theta) * old, column)
+        new_q, new_dq, new_ddq = self._base_states[self._step]
+        residual.axpy(theta * new_q + (1.0 - theta) * q, self._base_stiffness)
+        residual.axpy(theta * new_dq + (1.0 - theta) * dq, self._base_damping)
+        residual.axpy(theta * new_ddq + (1.0 - theta) * ddq, self._base_mass)
 
     def _account(self, load: PETSc.Vec, factor: float) -> None:
         """Account for the change of velocities that the solution for a load is going to make."""
@@ -186,7 +194,7 @@ class MoreauJean(Dynamics):
         Returns:
             Change of energy by the impulses, and by switching springs (0) [J].
         """
-        self._impulse.values[:] = 0.0
+        self._impulse.values.fill(0.0)
         self._impulse.values[decision.hit] = decision.impulses
         self._H.multTranspose(self._impulse.total, self._load)
         self._now.A.solve(self._load, self._response)
@@ -194,14 +202,16 @@ class MoreauJean(Dynamics):
             self._account(self._load, self._now.A.scale)
         self.v.axpy(self._now.A.scale, self._response)
         self.u.axpy(-self._theta, self._response)
+        self._is_seen_u = self._is_seen_v = False
         if decision.resting is not None:
-            self.rest(decision.resting)
-        mean_rate = 0.5 * (decision.rate_pre + decision.rate_post)
-        return float(decision.impulses @ mean_rate), 0.0
+            self.resting = decision.resting
+        twice = decision.impulses.dot(decision.rate_pre + decision.rate_post)
+        return 0.5 * float(twice), 0.0
 
     def observe(self) -> None:
         """Update the recorded values, and account for the damping of a completed step."""
-        super().observe()
+        self._see_u()
+        self._see_v()
         if not self._is_unaccounted:
             return
         self._is_unaccounted = False

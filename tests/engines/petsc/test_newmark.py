@@ -9,7 +9,7 @@ import pytest
 
 from delam_fem.case.files import preset
 from delam_fem.contact.decision import NO_PAIRS, NO_VALUES, Decision
-from delam_fem.engines.petsc import newmark
+from delam_fem.engines.petsc import compliance, newmark
 from delam_fem.engines.petsc.newmark import Newmark
 from delam_fem.engines.petsc.theta import MoreauJean
 from delam_fem.model.beams import closed_form
@@ -154,4 +154,79 @@ def test_moreau_step_against_its_equations(theta: float) -> None:
     assert np.abs(left - right).max() <= ROUND_OFF * np.abs(DT * o.stiffness @ u_theta).max()
     assert u_new == pytest.approx(u + DT * v_mean, rel=ROUND_OFF, abs=1e-15)
     assert (o.gap_matrix @ v_new)[hit] == pytest.approx(post, rel=1e-6)
+    stepper.destroy()
+
+
+@pytest.mark.parametrize("scheme", [Newmark, MoreauJean])
+def test_what_is_seen_belongs_to_the_present_state(scheme: type[Newmark | MoreauJean]) -> None:
+    o = problem()
+    stepper = scheme(o, 2 * DT, DT)
+    push = Decision(np.array([2, 5]), np.array([2e-4, 1e-4]), np.zeros(2), np.zeros(2))
+    actions = {
+        "begin": lambda: stepper.begin(shaken(4)),
+        "advance": stepper.advance,
+        "jump": lambda: stepper.jump(push),
+        "keep": stepper.keep,
+        "another step": stepper.advance,
+        "undo": stepper.undo,
+        "restore": lambda: stepper.restore(np.ones((3, o.n_dofs))),
+    }
+    for name, act in actions.items():
+        act()
+        stepper.observe()
+        u, v, _ = stepper.state()
+        rows = np.vstack([o.base.mass, o.base.damping, o.base.stiffness, o.observed.toarray()])
+        gap, rate = stepper.margins()
+        for seen, expected in (
+            (gap, o.gap_matrix @ u + o.gap0),
+            (rate, o.gap_matrix @ v),
+            (stepper.seen_u, rows @ u),
+            (stepper.seen_v, o.observed @ v),
+        ):
+            scale = max(np.abs(expected).max(), 1e-9)
+            assert np.abs(seen - expected).max() <= ROUND_OFF * scale, name
+    stepper.destroy()
+
+
+def test_pairs_on_springs_have_negative_margins() -> None:
+    o = problem()
+    stepper = Newmark(o, DT, spring=(100.0, 0.0))
+    stepper.restore(np.arange(3.0 * o.n_dofs).reshape(3, -1))
+    gap, rate = (values.copy() for values in stepper.margins())
+    stepper.rest(np.arange(o.n_pairs) == 1)
+    sign = np.where(np.arange(o.n_pairs) == 1, -1.0, 1.0)
+    assert np.abs(rate).min() > 0.0
+    assert [values.tolist() for values in stepper.margins()] == [
+        (sign * gap).tolist(),
+        (sign * rate).tolist(),
+    ]
+    stepper.destroy()
+
+
+def test_a_table_that_may_change_is_read_in_every_period() -> None:
+    stepper = Newmark(problem(), DT)
+    table = shaken(3)
+    stepper.begin(table)
+    table[1] = 7.0
+    assert list(stepper.begin(table)[1]) == [7.0, 7.0, 7.0]
+    table.flags.writeable = False
+    assert stepper.begin(table) is stepper.begin(table)
+    assert list(stepper.begin(shaken(3))[1]) == shaken(3)[1].tolist()
+    stepper.destroy()
+
+
+def test_blocks_of_the_compliance_are_kept_and_their_number_is_bounded(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(compliance, "ROOM", 10)
+    o = problem()
+    stepper = Newmark(o, DT, coupled_impulses=True)
+    W = o.gap_matrix @ np.linalg.solve(o.mass.toarray(), o.gap_matrix.T.toarray())
+    blocks = {}
+    for pairs in ([1, 3], [3, 1], [0, 2, 4], [5], [1, 3]):
+        block = stepper.compliance.block(np.array(pairs))
+        assert block == pytest.approx(W[np.ix_(pairs, pairs)], rel=ROUND_OFF)
+        assert stepper.compliance.block(np.array(pairs)) is block
+        assert blocks.setdefault(str(pairs), block) is block or pairs == [1, 3]
+    assert blocks["[1, 3]"] is not block
     stepper.destroy()
