@@ -38,10 +38,6 @@ from delam_fem.simulation.refinement import unforeseen_warning
 
 Progress = Callable[[int, int], None]
 
-LOST = (
-    "diverged: the energy balance does not close, so that this is not the motion of the case; the "
-    "warnings say why"
-)
 _log = logging.getLogger(__name__)
 
 
@@ -279,7 +275,9 @@ def _result(
     for text in warnings:
         _log.warning(text)
     if summary["outcome"] == "diverged":
-        summary["message"] = LOST if is_lost else _divergence(case, history)
+        summary["message"] = (
+            f"{quality.OPEN}; the warnings say why" if is_lost else _divergence(case, history)
+        )
         _log.error(summary["message"])
     solid = continuum.collected(structure, recorder, case)
     return Result(case, history, json_ready(summary), state, solid=solid)

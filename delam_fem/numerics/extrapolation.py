@@ -98,7 +98,7 @@ def limit(
     orders = observed_orders(h, f)
     if f.size < 4:
         return Limit(orders, np.nan, np.nan, "fewer than four members")
-    if not np.isfinite(f[-4:]).all():
+    if not np.isfinite([f[-4:], s[-4:]]).all():
         return Limit(orders, np.nan, np.nan, "members are missing")
     spread = STANDS_OUT * np.hypot(s[1:], s[:-1])[-3:]
     differences = np.abs(np.diff(f))[-3:]

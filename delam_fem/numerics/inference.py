@@ -90,8 +90,11 @@ class Table:
             accepted: share of the simulations that are accepted.
 
         Raises:
-            ValueError: the table has fewer than `FEWEST` simulations.
+            ValueError: the table has fewer than `FEWEST` simulations, or the observation numbers
+                that are not finite.
         """
+        if not np.isfinite(observed).all():
+            raise ValueError(f"inference: expected finite statistics, given {observed.tolist()}")
         logits = self._logit()
         summaries, seen = _summaries(self.statistics, logits, observed)
         return self._accepted(logits, summaries, seen, accepted)

@@ -93,7 +93,7 @@ def judge(
     n = strobes.shape[-1]
     judged = strobes[..., min(n // 2, max(0, n - 2 * FEWEST)) :]
     P, length = 1 if is_linear else periodicity or 1, judged.shape[-1]
-    if length < FEWEST * P or not np.isfinite(judged).all():
+    if length < FEWEST * P or not (np.isfinite(judged).all() and math.isfinite(decay)):
         nothing, needed = math.nan, _needed(1.0 / TOLERANCE, decay)
         missing = None if needed is None else max(needed - n, 1)
         return Settling(

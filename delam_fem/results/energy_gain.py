@@ -9,10 +9,11 @@ from __future__ import annotations
 import numpy as np
 
 from delam_fem.case.definition import Case
-from delam_fem.simulation.recorder import LEDGER, Recorder
+from delam_fem.simulation.recorder import EXCHANGED, LEDGER, Recorder
 
 ROUND_OFF = 1e-9
-"""Of what impacts take: a gain below is no gain."""
+"""Of the energy exchanged in a run: a gain below is no gain. What impacts take is no scale: with
+e = 1 that is round-off itself."""
 REMEDY = (
     'contact.impulse = "consistent" or time.mass = "lumped": with the consistent mass, lumped '
     "impulses can add energy"
@@ -38,13 +39,15 @@ def gain_warning(case: Case, recorder: Recorder) -> str | None:
     Instants that gain count where impulses act through another mass matrix; the Moreau–Jean laws
     may push pairs that part already and gain by it at an instant, and count by whole periods.
     """
-    periods = -recorder.ledger[: recorder.n_closed, LEDGER.index("impact_loss")]
+    rows = recorder.ledger[: recorder.n_closed]
+    periods = -rows[:, LEDGER.index("impact_loss")]
+    least = ROUND_OFF * float(np.nansum(np.abs(rows[:, EXCHANGED])))
     gain = gain_of(recorder)
     taken = gain - float(np.nansum(periods))
-    n_gaining = int((periods > ROUND_OFF * max(taken, 0.0)).sum())
-    if not n_gaining and not (may_add_energy(case) and gain > ROUND_OFF * taken):
+    n_gaining = int((periods > least).sum())
+    if not n_gaining and not (may_add_energy(case) and gain > least):
         return None
-    share = f", {100.0 * gain / taken:.2g} % of what they took" if taken > 0.0 else ""
+    share = f", {100.0 * gain / taken:.2g} % of what they took" if taken > least else ""
     periods_text = f"; in {n_gaining} periods they added more than they took" if n_gaining else ""
     remedy = REMEDY if may_add_energy(case) else "more steps per period"
     return f"impacts added {gain:.3g} J to the motion{share}{periods_text}; try {remedy}"

@@ -14,6 +14,7 @@ CLOSED = 1e-6
 """Largest residual of the energy ledger, relative to the energy exchanged, of a good run."""
 LOST = 1e-2
 """Residual at which the motion is not that of the equations any more."""
+OPEN = "diverged: the energy balance does not close, so that this is not the motion of the case"
 STIFF = 1e3
 """Largest product of the angular frequency of a contact spring and the time step."""
 GRADED = 1e4
@@ -31,10 +32,10 @@ def quality_warnings(case: Case, structure: Structure, residual: float) -> list[
     reasons = [*_stiff_springs(case, structure), *_graded_mesh(structure)]
     if residual <= CLOSED:
         return reasons
-    if not reasons and SCHEMES[case.time.scheme].is_explicit:
-        reasons = [f"{case.time.scheme} balances energy only for small steps; try more steps"]
+    if not np.isfinite(residual):
+        return [*reasons, "the energies of a period are not finite: this is no motion of the case"]
     if not reasons:
-        reasons = ["round-off of numbers that are far apart; try fewer elements or other sizes"]
+        reasons = [_known(case, structure)]
     return [
         f"the energy balance of a period is open by {residual:.2g} of what is exchanged "
         f"(good: below {CLOSED:g}): {'; '.join(reasons)}"
@@ -44,6 +45,23 @@ def quality_warnings(case: Case, structure: Structure, residual: float) -> list[
 def is_lost(residual: float) -> bool:
     """Return whether a residual is so large that the run counts as diverged; NaN is."""
     return not residual < LOST
+
+
+def _known(case: Case, structure: Structure) -> str:
+    """Return what is known of a balance that no warning explains: the scheme's share, the sizes."""
+    scheme, dt = case.time.scheme, case.time_step
+    if SCHEMES[scheme].is_explicit:
+        return (
+            f"{scheme} balances energy only for small steps, given {dt:.3g} s; try more steps per "
+            "period"
+        )
+    o = structure.operators
+    return (
+        f"the steps of {scheme} balance to round-off, so that these do not say why; known are "
+        f"steps of {dt:.3g} s, time.refine = {case.time.refine}, {o.n_dofs} dofs and {o.n_pairs} "
+        "contact pairs. Compare with the other --engine, time.refine = 1 and fewer elements, to "
+        "see what opens it"
+    )
 
 
 def _stiff_springs(case: Case, structure: Structure) -> list[str]:

@@ -54,7 +54,7 @@ def verdict_of(
         moved = high.max(axis=0) - low.min(axis=0) if n else np.zeros(n_parts)
         half_ranges = np.array([moved, np.ptp(speeds, axis=0)]) / 2.0
         least = LEAST_RANGE * half_ranges.max(axis=1, keepdims=True)
-        seen = np.where(half_ranges > least, half_ranges, np.inf)
+        seen = np.where(half_ranges <= least, np.inf, half_ranges)  # NaN stays NaN: not settled
         strobes = given / seen[..., None]
         P = diagnostics.periodicity(strobes[0], np.ones(n_parts))[0]
     is_linear = not touches(recorder)[n // 2 : n].any()

@@ -6,6 +6,7 @@ always contains the latest periods, also when a run is interrupted or diverges.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -30,6 +31,13 @@ LEDGER = (
     "contact_damping_loss", "impact_loss", "spring_released", "residual",
 )  # fmt: skip
 """Columns of the energy ledger."""
+
+EXCHANGED = slice(LEDGER.index("base_work"), LEDGER.index("residual"))
+"""Columns of what is exchanged within a period."""
+
+LEAST_EXCHANGED = 1e-6
+"""Of the energy stored: what counts as exchanged at least, in the scale of the residual. Otherwise
+the round-off of a free motion without damping would be judged by itself."""
 
 EFFORT = ("coarse", "middle", "fine", "contacts", "unforeseen")
 """Columns of `Recorder.effort`: numbers of steps by size; divided steps with an impact, and those
@@ -232,7 +240,10 @@ class Recorder:
         return record
 
     def close(self, record: PeriodRecord, stepper: Stepper, n_steps: int) -> bool:
-        """End a period after `n_steps` steps; return whether the motion stayed within `limit`."""
+        """End a period after `n_steps` steps; return whether the motion stayed within `limit`.
+
+        A motion with an energy that is not finite did not, also where no probe sees it.
+        """
         k = self.n_closed
         record.end_steps(n_steps)
         if record.end is None:
@@ -250,7 +261,7 @@ class Recorder:
             gains = np.maximum(jumps.energies, 0.0)
             self.impulse[k] = jumps.impulses.sum(), jumps.hit.size, gains.sum()
             self.ledger[k] = self._ledger_row(record, record.end)
-        return bool(largest < self.limit)
+        return bool(largest < self.limit) and bool(np.isfinite(self.ledger[k]).all())
 
     def complete(self, whole: Callable[[FloatArray], FloatArray]) -> None:
         """Replace the frames by those of all dofs.
@@ -262,11 +273,19 @@ class Recorder:
             record.frames = [whole(frame) for frame in record.frames]
 
     def energy_residual(self) -> float:
-        """Return the largest residual of a period over the largest energy exchanged in one [-]."""
-        rows = self.ledger[: self.n_closed]
-        exchanged = np.abs(rows[:, LEDGER.index("base_work") : -1]).sum(axis=1).max(initial=0.0)
-        residual = np.abs(rows[:, -1]).max(initial=0.0)
-        return float(residual / exchanged) if exchanged > 0.0 else 0.0
+        """Return the largest residual of a period over the largest energy exchanged in one [-].
+
+        It is NaN if any number of the ledger is not finite, and 1 for a residual of nothing.
+        """
+        rows = np.abs(self.ledger[: self.n_closed])
+        if not np.isfinite(rows).all():
+            return math.nan
+        stored = rows[:, : EXCHANGED.start].sum(axis=1).max(initial=0.0)
+        exchanged = rows[:, EXCHANGED].sum(axis=1).max(initial=0.0)
+        residual = float(rows[:, -1].max(initial=0.0))
+        return residual / (
+            max(float(exchanged), LEAST_EXCHANGED * float(stored)) or residual or 1.0
+        )
 
     def _ledger_row(self, record: PeriodRecord, after: Level) -> tuple[float, ...]:
         """Return stored energies, exchanged energies and the residual, in the order of `LEDGER`."""

@@ -118,7 +118,7 @@ def basis_of(o: Operators, modes: int, *, shift: float = 0.0, most: int | None =
         high, shapes = _ritz(piece.body, piece.shapes[:, :k])
         reached = np.sum((piece.loads.T @ shapes) ** 2 / high, axis=1)
         if piece.compliance.size:
-            error = max(error, float(np.max(1.0 - reached / piece.compliance)))
+            error = float(np.maximum(error, np.max(1.0 - reached / piece.compliance)))
         n = piece.squares.size + high.size
         block = np.zeros((o.n_dofs, n))
         block[piece.body.dofs] = np.hstack([piece.modes, shapes])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -26,6 +27,7 @@ FACTORS = {
 }
 """Ratios that mistakes have, with what they look like."""
 NEAR_FACTOR = 0.05
+NO_NUMBERS = "not compared, as its gain, delay or correlation is no finite number"
 
 
 @dataclass(frozen=True)
@@ -33,7 +35,7 @@ class Finding:
     """One difference.
 
     Attributes:
-        kind: "frequency", "amplitude", "phase" or "shape".
+        kind: "frequency", "amplitude", "phase", "shape" or "numbers".
         channel: name; empty: of all channels.
         text: a sentence.
     """
@@ -60,6 +62,10 @@ def findings(
     reference = next((own for own in channels if own.is_drive), None)
     reference = reference or min(channels, key=lambda own: abs(own.delay))
     for own in channels:
+        numbers = (own.gain, own.gain_error, own.delay, own.delay_error, own.correlation)
+        if not all(map(math.isfinite, numbers)):
+            found.append(Finding("numbers", own.name, f"{own.name}: {NO_NUMBERS}"))
+            continue
         found += _of_shape(own, frequency, len(channels) == 1)
         if own is not reference and frequency is not None:
             found += _of_phase(own, reference, frequency)

@@ -17,7 +17,7 @@ from delam_fem.results.provenance import provenance
 from delam_fem.results.schema import Variable
 from delam_fem.studies.branches.events import Event
 from delam_fem.studies.branches.point import Point
-from delam_fem.studies.orbits.coarse import SMOOTH, WITHIN
+from delam_fem.studies.orbits.coarse import is_zero
 
 _log = logging.getLogger(__name__)
 
@@ -127,7 +127,7 @@ def _add_points(data: xr.Dataset, branches: Sequence[Branch], key: str) -> None:
 
     points = [point for *_, point in every]
     values = np.array([m.values for m in found])
-    solved = [p.residual <= max(SMOOTH, WITHIN * p.residual_error) for p in points]
+    solved = [is_zero(p.residual, p.residual_error) for p in points]
     largest = np.array([m.largest for m in found])
     data_of_points: dict[str, Any] = {
         "branch": [n for n, *_ in every],

@@ -30,6 +30,7 @@ from delam_fem.model.layout import Structure
 from delam_fem.model.mesh import node_coordinates
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.arrays import FloatArray
+from delam_fem.results.quality import OPEN, is_lost
 from delam_fem.simulation.loop import State
 from delam_fem.simulation.recorder import N_BASE, Recorder
 from delam_fem.studies.convergence.ladder import FREE, RIGID, Rung
@@ -119,12 +120,15 @@ def _clapping(rung: Rung, engine: EngineName) -> RungResult:
     run = _run(case, structure.operators, engine, _spun_up(case, engine), rung.periods)
     periods = run.recorder.n_closed
     cost = 1e6 * run.seconds / rung.steps
+    residual = run.recorder.energy_residual()
     if run.outcome != "completed":
         error = f"{run.outcome} in period {periods}"
         return RungResult(rung.key, run.outcome, error, {}, cost, periods)
+    if is_lost(residual):
+        return RungResult(rung.key, "diverged", f"{OPEN} ({residual:.2g})", {}, cost, periods)
     strobe = run.recorder.strobe[-rung.periods :, 0, : len(case.lamina)]
     found = statistics(run.rows, strobe.T)
-    found["energy_residual"] = (run.recorder.energy_residual(), 0.0)
+    found["energy_residual"] = (residual, 0.0)
     return RungResult(rung.key, run.outcome, "", found, cost, periods)
 
 

@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from delam_fem.case.toml import CaseError
 from delam_fem.numerics.arrays import FloatArray
 
 ComplexArray = npt.NDArray[np.complex128]
@@ -72,7 +73,15 @@ def amplitudes(field: FloatArray, times: FloatArray, frequencies: Sequence[float
 
     Returns:
         Shape (n_frequencies, point).
+
+    Raises:
+        CaseError: a number of the field is not finite: no index would exceed a limit then.
     """
+    if not (np.size(field) and np.isfinite(field).all()):
+        raise CaseError(
+            "shapes: expected samples that are finite numbers, given "
+            f"{np.count_nonzero(~np.isfinite(field))} others among {np.size(field)}"
+        )
     phases = 2.0 * math.pi * np.outer(times, frequencies)
     columns = np.concatenate([np.ones((len(times), 1)), np.cos(phases), np.sin(phases)], axis=1)
     found = np.linalg.lstsq(columns, field, rcond=None)[0]

@@ -95,7 +95,12 @@ class Solved:
     @property
     def is_solved(self) -> bool:
         """Whether the residual is zero within its error."""
-        return self.residual <= max(SMOOTH, WITHIN * self.residual_error)
+        return is_zero(self.residual, self.residual_error)
+
+
+def is_zero(residual: float, error: float) -> bool:
+    """Return whether a residual is zero within its standard error, or smooth."""
+    return residual <= SMOOTH or residual <= WITHIN * error < np.inf
 
 
 def solved(

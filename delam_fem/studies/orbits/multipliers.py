@@ -46,8 +46,7 @@ class Multipliers:
     @property
     def stability(self) -> Stability:
         """Whether the interval of the largest modulus lies below 1, above 1 or on both sides."""
-        low, high = self.largest
-        return "stable" if high < 1.0 else "unstable" if low > 1.0 else "undecided"
+        return stability_of(*self.largest)
 
     @property
     def doubling(self) -> FloatArray:
@@ -80,6 +79,11 @@ def multipliers(derivatives: FloatArray, seed: int = 0) -> Multipliers:
     resampled = np.linalg.eigvals(derivatives[chosen].mean(axis=1))
     samples = np.array([matched(row, values) for row in resampled])
     return Multipliers(values, samples, mean)
+
+
+def stability_of(low: float, high: float) -> Stability:
+    """Return what an interval of the largest modulus says; nothing if an end is not finite."""
+    return "stable" if low <= high < 1.0 else "unstable" if 1.0 < low <= high else "undecided"
 
 
 def by_modulus(values: ComplexArray) -> ComplexArray:

@@ -15,7 +15,7 @@ from delam_fem.numerics.arrays import FloatArray
 from delam_fem.results.provenance import versions
 from delam_fem.studies.findings import save_findings
 from delam_fem.studies.orbits.exact import EXACT
-from delam_fem.studies.orbits.multipliers import Multipliers, Stability
+from delam_fem.studies.orbits.multipliers import Multipliers, Stability, stability_of
 from delam_fem.studies.orbits.protocol import Nature, Passage
 from delam_fem.studies.orbits.search import Coarse, Exact
 
@@ -72,7 +72,8 @@ class Orbit:
             return "undecided"
         votes = {found.stability for found in self.coarse.by_kicks.values()}
         if self.exact is not None:
-            votes.add("stable" if abs(self.exact.values[0]) < 1.0 else "unstable")
+            largest = float(abs(self.exact.values[0]))
+            votes.add(stability_of(largest, largest))
         return votes.pop() if len(votes) == 1 else "undecided"
 
     @property

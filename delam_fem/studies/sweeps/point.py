@@ -24,6 +24,7 @@ from delam_fem.engines.session import session_of
 from delam_fem.model import discretise
 from delam_fem.model.layout import Layout, Structure
 from delam_fem.numerics.arrays import FloatArray
+from delam_fem.results.quality import OPEN, is_lost
 from delam_fem.results.settling import decay_of, enough_of
 from delam_fem.simulation.initial import first_mode, initial_state
 from delam_fem.simulation.loop import State
@@ -202,6 +203,8 @@ class PointRunner:
             outcome = opened.run(enough=enough_of(case, recorder, len(layout.parts), decay))
             if outcome != "completed":
                 return Point(index, outcome, _where(recorder, case), None), None
+            if is_lost(recorder.energy_residual()):
+                return Point(index, "diverged", OPEN, None), None
             state = opened.engine.state()
             extra: dict[str, float] = {}
             if record.lyapunov:
