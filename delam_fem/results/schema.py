@@ -73,7 +73,12 @@ _ALL = (
     Variable("strobe_velocity", _LAMINA_PERIOD, "m/s", f"velocity {_END}"),
     Variable("envelope_min", _LAMINA_PERIOD, "m", f"smallest {_WITHIN}"),
     Variable("envelope_max", _LAMINA_PERIOD, "m", f"largest {_WITHIN}"),
-    Variable("impulse_sum", ("period",), "N s", "sum of impulses in the period"),
+    Variable(
+        "impulse_sum",
+        ("period",),
+        "N s",
+        "sum of impulses in the period; no limit in the number of contact points",
+    ),
     Variable("impact_count", ("period",), "1", "impulses on pairs in the period"),
     Variable("energy_kinetic", ("period",), "J", "kinetic energy at the end of the period"),
     Variable("energy_strain", ("period",), "J", "strain energy at the end of the period"),

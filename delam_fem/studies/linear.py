@@ -117,6 +117,20 @@ def first_shapes(case: Case, structure: Structure) -> FloatArray:
     return np.asarray(shape / np.abs(o.probes @ shape).max())
 
 
+def openings(case: Case, structure: Structure) -> FloatArray:
+    """Return by how much the first mode opens each contact pair, shape (n_pairs,).
+
+    Laminae that are apart move against one another, each in its first mode φ₁ with 1 at the tip;
+    the opening is the mean of both. A bonded stack moves as in `first_shapes`.
+    """
+    if case.is_apart:
+        n = len(structure.layout.parts)
+        shape = np.sum([0.5 * (-1.0) ** i * first_mode(structure, i) for i in range(n)], axis=0)
+    else:
+        shape = first_shapes(case, structure)
+    return np.asarray(np.abs(structure.operators.gap_matrix @ shape))
+
+
 @lru_cache(maxsize=4)
 def _fine(case_text: str) -> Structure:
     """Return the structure of a case (as TOML): beams on a fine mesh, other models on their own."""

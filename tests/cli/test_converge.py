@@ -38,7 +38,7 @@ def test_the_command(tmp_path: Path) -> None:
     assert "y1 min [mm]" in out
     text = (tmp_path / "tables.md").read_text("utf-8")
     assert text.startswith("# Convergence of case default\n\n500 steps per period: ")
-    assert "% from the rigid limit of this mesh (newton@moreau-jean, 10 elements)." in out
+    assert "of newton@moreau-jean on this mesh (newton@moreau-jean, 10 elements)." in out
     assert len(load_results(tmp_path)) == 2 * 2 * 2 + 2
     assert (tmp_path / "figures" / "error_over_cost.png").is_file()
     page = (tmp_path / "report.html").read_text("utf-8")

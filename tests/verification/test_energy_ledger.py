@@ -13,10 +13,13 @@ from scipy.sparse.linalg import spsolve
 
 from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
-from delam_fem.case.motion.excitation import base_motion
+from delam_fem.case.motion.excitation import HarmonicMotion, base_motion
+from delam_fem.contact import laws as contact
+from delam_fem.engines.session import solve
 from delam_fem.model.beams import closed_form
-from delam_fem.model.operators import Operators
+from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.schemes import SCHEMES, Scheme
 from delam_fem.pipeline import run
 from delam_fem.results.folder import Result
 from delam_fem.simulation.recorder import LEDGER
@@ -259,3 +262,41 @@ def test_base_work_is_that_of_the_support_reaction(law: Law, mass: str) -> None:
     orders = np.log2(np.array(errors[:-1]) / errors[1:])
     assert orders == pytest.approx(2.0, abs=BASE_WORK_ORDER)
     assert errors[-1] < BASE_WORK
+
+
+OWN_RESIDUALS = {
+    "β = 1/4, γ = 1/2": (Scheme("newmark"), None, 0.0),
+    "θ = 1/2": (Scheme("moreau-jean"), None, 0.0),
+    "central difference": (SCHEMES["central-difference"], 2.0, 8e-8),
+    "β = 1/6, γ = 1/2": (Scheme("newmark", beta=1 / 6), 2.0, 2.7e-8),
+    "γ = 0.6": (Scheme("newmark", beta=0.3025, gamma=0.6), 1.0, 1.0e-4),
+    "θ = 0.6": (Scheme("moreau-jean", theta=0.6), 1.0, 1.8e-4),
+    "θ = 1": (Scheme("moreau-jean", theta=1.0), 1.0, 8.7e-4),
+}
+"""Schemes with the order of the ledger's residual in Δt, and the residual with 400 steps."""
+
+
+@pytest.mark.parametrize("name", OWN_RESIDUALS)
+@pytest.mark.parametrize("engine", ["petsc", "compiled"])
+def test_the_residual_of_each_scheme(name: str, engine: Engine) -> None:
+    """An oscillator with D = 0.05 and a stop at 0, ω = 2.2, e = 0.5, over 20 periods."""
+    scheme, order, size = OWN_RESIDUALS[name]
+    one, none = sp.identity(1, format="csr"), np.zeros(1)
+    o = Operators(
+        one, 0.1 * one, one, BaseCoupling(none, np.array([-0.1]), -np.ones(1), (0.0, 0.1, 1.0)),
+        -one, none, probes=one,
+    )  # fmt: skip
+    found = [
+        solve(
+            o, contact.Law("newton", restitution=0.5), scheme, HarmonicMotion(1.0, 1.1 / np.pi),
+            steps_per_period=n, periods=20, engine=engine,
+        )
+        for n in (400, 1600)
+    ]  # fmt: skip
+    residuals = [own.recorder.energy_residual() for own in found]
+    assert found[0].impacts.pair.size > 20
+    if order is None:
+        assert max(residuals) < 1e-14
+        return
+    assert residuals[0] == pytest.approx(size, rel=0.05)
+    assert np.log(residuals[0] / residuals[1]) / np.log(4.0) == pytest.approx(order, abs=0.05)

@@ -87,9 +87,9 @@ def _contacts(run: Run) -> str:
     rate, gap = run.summary.get("tip_contacts_per_period"), run.summary.get("minimum_tip_gap")
     if rate is None:
         return "without contact: the laminae pass through one another"
-    if rate == 0.0 and (gap is None or not np.isfinite(gap)):
-        return ""  # the motion has no gap to tell
     if rate == 0.0:
+        if gap is None or not np.isfinite(gap):  # nothing is known of contacts
+            return ""
         near = f" (the smallest gap is {1e3 * gap:.3g} mm)" if gap > 0.0 else ""
         return f"the {run.end}s never meet{near}"
     found = _strongest(run)

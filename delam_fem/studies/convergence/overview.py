@@ -15,8 +15,8 @@ def verdict(found: Convergence) -> str:
     """Say how far the case itself is from the limit: "20 elements: 1.5 % from the limit …".
 
     The case is the rung with its own method, mesh and steps; what the ladder has not is replaced by
-    its first method, finest mesh or smallest steps. Steps are judged against the rigid limit of the
-    mesh, meshes against the limit that is extrapolated over them.
+    its first method, finest mesh or smallest steps. Steps are judged against the smallest steps
+    of newton@moreau-jean, meshes against the limit that is extrapolated over them.
     """
     ladder = found.ladder
     if not ladder.methods:
@@ -33,7 +33,20 @@ def verdict(found: Convergence) -> str:
         said.append(_distance(found, ladder.along_steps(own, mesh), "steps", steps, mesh))
     if len(ladder.meshes) > 1:
         said.append(_distance(found, ladder.along_meshes(own, steps), ladder.refines, steps, mesh))
-    return " ".join(said)
+    return " ".join([*said, *_elastic(found, mesh)])
+
+
+def _elastic(found: Convergence, mesh: MeshChoice) -> Iterator[str]:
+    """Say of e = 1 that the finest steps are no limit, with the number of their impulses."""
+    ladder = found.ladder
+    if ladder.case.contact.restitution == 1.0 and ladder.has_limit:
+        count = number(found.value(ladder.limit_of(mesh), "impacts"), ".0f")
+        yield (
+            f"With e = 1 no step of this size shows a limit: contact takes nothing, so that pairs "
+            f"that stay near one another are hit again and again, and the impulses per period "
+            f"({count} at T/{ladder.limit_steps}) grow with 1/Δt. Compare other --limit-steps to "
+            "see how far the extremes still move."
+        )
 
 
 def _own_mesh(ladder: Ladder, method: Method, steps: int) -> MeshChoice:
@@ -61,7 +74,8 @@ def _distance(
     error = found.error(rung) if by_rung else found.error_along(rung, rungs, direction)
     place = f"({rung.method}, {where})."
     if math.isfinite(error):
-        limit = "the rigid limit of this mesh" if by_rung else "the limit"
+        finest = f"T/{found.ladder.limit_steps} of newton@moreau-jean on this mesh"
+        limit = finest if by_rung else "the limit"
         return f"{size}: {100.0 * error:.2g} % from {limit} {place}"
     step = found.error(rung, rungs[-1])
     if rung is rungs[-1] or not math.isfinite(step):

@@ -35,7 +35,7 @@ from delam_fem.simulation.loop import State
 from delam_fem.simulation.recorder import N_BASE, Recorder
 from delam_fem.studies.convergence.ladder import FREE, RIGID, Rung
 from delam_fem.studies.convergence.statistics import PeriodRow, Statistics, row_of, statistics
-from delam_fem.studies.linear import first_frequencies, first_shapes
+from delam_fem.studies.linear import first_frequencies, first_shapes, openings
 
 SPIN_UP_STEPS, SPIN_UP_TIME = 2000, 30.0
 """Steps per period and length [s] of the run whose final state the rungs of a mesh start from. Even
@@ -117,7 +117,7 @@ def _clapping(rung: Rung, engine: EngineName) -> RungResult:
     """Compute a rung with contact and return the statistics of its motion."""
     case = rung.case
     structure = _structure(case)
-    run = _run(case, structure.operators, engine, _spun_up(case, engine), rung.periods)
+    run = _run(case, structure, engine, _spun_up(case, engine), rung.periods)
     periods = run.recorder.n_closed
     cost = 1e6 * run.seconds / rung.steps
     residual = run.recorder.energy_residual()
@@ -159,15 +159,14 @@ def _slowest_decay(case: Case) -> float:
 def _moving(case_text: str, engine: EngineName) -> State:
     """Run a case (as TOML) from rest, once per worker, and return its final state."""
     case = Case.from_toml(case_text)
-    return _run(case, _structure(case).operators, engine, None, 0).state
+    return _run(case, _structure(case), engine, None, 0).state
 
 
 def _free(rung: Rung, engine: EngineName) -> RungResult:
     """Compute a rung without contact and return its amplitudes and frequencies."""
     structure = _structure(rung.case)
     case = rung.case.with_overrides({"time.periods": _settling_periods(rung.case) + 1})
-    operators = structure.operators
-    run = _run(case, operators, engine, _periodic(case, operators), 1)
+    run = _run(case, structure, engine, _periodic(case, structure.operators), 1)
     amplitude = np.abs(run.rows[-1].harmonics[:, 0])
     found: Statistics = {
         f"amplitude_{i + 1}": (float(value), 0.0) for i, value in enumerate(amplitude)
@@ -215,7 +214,7 @@ def _frequencies(case: Case, engine: EngineName) -> list[float]:
     o = structure.operators
     motion = np.zeros((3, o.n_dofs))
     motion[0] = first_shapes(case, structure)
-    run = _run(ring, o, engine, State(motion, np.zeros(o.n_pairs, dtype=np.bool_)), 0)
+    run = _run(ring, structure, engine, State(motion, np.zeros(o.n_pairs, dtype=np.bool_)), 0)
     u = np.concatenate([record.u[1:, N_BASE:] for record in run.recorder.window])
     t = (1 + np.arange(len(u))) * ring.time_step
     exact = first_frequencies(case)
@@ -243,11 +242,12 @@ def fitted_frequency(t: FloatArray, u: FloatArray, omega: float) -> float:
 
 
 def _run(
-    case: Case, operators: Operators, engine: EngineName, initial: State | None, last: int
+    case: Case, structure: Structure, engine: EngineName, initial: State | None, last: int
 ) -> _Run:
     """Run a case and reduce each of its `last` periods to numbers."""
-    with session_of(case, operators, initial=initial, engine=engine) as opened:
-        watch = _Watch(opened.recorder, opened.motion, last, len(case.lamina))
+    opening = openings(case, structure)
+    with session_of(case, structure.operators, initial=initial, engine=engine) as opened:
+        watch = _Watch(opened.recorder, opened.motion, last, len(case.lamina), opening)
         outcome = replace(opened, motion=watch.motion).run(watch.collect)
         seconds = float(np.median(watch.seconds)) if watch.seconds else math.nan
         return _Run(outcome, watch.rows, opened.recorder, opened.engine.state(), seconds)
@@ -262,6 +262,7 @@ class _Watch:
         base: states of the base in a period, by its number.
         last: number of last periods to reduce.
         n_laminae: number of laminae.
+        opening: of each pair in the first mode, shape (n_pairs,).
         rows: numbers of these periods.
         seconds: processor time of each period, with its recording [s].
     """
@@ -270,6 +271,7 @@ class _Watch:
     base: Callable[[int], FloatArray]
     last: int
     n_laminae: int
+    opening: FloatArray
     rows: list[PeriodRow] = field(default_factory=list)
     seconds: list[float] = field(default_factory=list)
     _begin: float = 0.0
@@ -284,7 +286,7 @@ class _Watch:
         """Store time and numbers of a finished period; return False, so that the run continues."""
         self.seconds.append(time.process_time() - self._begin)
         if done > self.recorder.n_periods - self.last:
-            self.rows.append(row_of(self.recorder, self.n_laminae))
+            self.rows.append(row_of(self.recorder, self.n_laminae, self.opening))
         return False
 
 

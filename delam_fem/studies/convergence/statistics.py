@@ -65,10 +65,14 @@ def extrema(n_laminae: int) -> tuple[Statistic, ...]:
 
 
 def general(n_laminae: int) -> tuple[Statistic, ...]:
-    """Return distortion factors, sum of impulses and energy lost in contact, per period."""
+    """Return distortion factors, modal impulse and energy lost in contact, per period.
+
+    The plain sum of impulses is none of them: near a clamp pairs hardly move, and the share that
+    each of them takes has no limit in their number. Their work on the first mode has one.
+    """
     return (
         *(Statistic(f"distortion_factor_{i}", f"d{i}", "%", 1e2) for i in range(1, n_laminae + 1)),
-        Statistic("impulse", "impulse", "mN s", 1e3),
+        Statistic("modal_impulse", "Σ p φ1", "mN s", 1e3),
         WORK,
     )
 
@@ -95,7 +99,7 @@ class PeriodRow:
         low, high: smallest and largest tip displacements, each of shape (n_laminae,) [m].
         harmonics: complex amplitudes of the excitation's harmonics at the tips, shape
             (n_laminae, n) [m].
-        impulse: sum of impulses [N s].
+        modal_impulse: sum of impulses, each times the opening of its pair in the first mode [N s].
         impacts: number of impulses on pairs.
         work: net energy lost in contact by impacts, springs and dampers [J].
         gain: energy added by the impacts that gain energy; `work` already contains it [J].
@@ -105,30 +109,32 @@ class PeriodRow:
     low: FloatArray
     high: FloatArray
     harmonics: npt.NDArray[np.complex128]
-    impulse: float
+    modal_impulse: float
     impacts: float
     work: float
     gain: float
     steps: float
 
 
-def row_of(recorder: Recorder, n_laminae: int) -> PeriodRow:
+def row_of(recorder: Recorder, n_laminae: int, opening: FloatArray) -> PeriodRow:
     """Return the numbers of the last period of a recorder.
 
     Args:
         recorder: recorder of the run; its first probes are the tips, one for each lamina.
         n_laminae: number of laminae.
+        opening: of each pair in the first mode, shape (n_pairs,); see `linear.openings`.
     """
     record, k = recorder.window[-1], recorder.n_closed - 1
     u = record.u[1 : record.n_steps + 1, N_BASE : N_BASE + n_laminae].T
     below_nyquist = min(HARMONICS, (u.shape[1] - 1) // 2)
     coefficients = 2.0 * np.fft.rfft(u, axis=1)[:, 1 : below_nyquist + 1] / u.shape[1]
+    jumps = record.jumps.columns()
     ledger = dict(zip(LEDGER, recorder.ledger[k].tolist(), strict=True))
     return PeriodRow(
         low=recorder.envelope[k, 0, :n_laminae],
         high=recorder.envelope[k, 1, :n_laminae],
         harmonics=coefficients,
-        impulse=float(recorder.impulse[k, 0]),
+        modal_impulse=float(jumps.impulses @ opening[jumps.hit]),
         impacts=float(recorder.impulse[k, 1]),
         work=ledger["impact_loss"] + ledger["contact_damping_loss"] - ledger["spring_released"],
         gain=float(recorder.impulse[k, 2]),
@@ -171,7 +177,7 @@ def _of_block(rows: list[PeriodRow]) -> dict[str, float]:
         values[f"distortion_factor_{i + 1}"] = float(factors[i])
         for k, amplitude in enumerate(of_harmonics[i, :SHOWN_HARMONICS].tolist()):
             values[f"amplitude_{i + 1}_{k + 1}"] = amplitude
-    values["impulse"] = float(np.mean([row.impulse for row in rows]))
+    values["modal_impulse"] = float(np.mean([row.modal_impulse for row in rows]))
     values["impacts"] = float(np.mean([row.impacts for row in rows]))
     values["contact_work"] = float(np.mean([row.work for row in rows]))
     values["steps"] = float(np.mean([row.steps for row in rows]))

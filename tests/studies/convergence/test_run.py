@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -132,10 +133,20 @@ def test_verdict_says_how_far_the_case_is_from_its_limits() -> None:
     in_time = 100.0 * 32.0 * 3.0 / 1000**0.5 / (15.0 * (1.0 + 0.5 / 20.0))
     in_space = 100.0 * 32.0 * 0.5 / 20.0 / (15.0 * (1.0 + 3.0 / 1000**0.5))
     assert verdict(whole(ladder())) == (
-        f"1000 steps per period: {in_time:.2g} % from the rigid limit of this mesh "
+        f"1000 steps per period: {in_time:.2g} % from T/64000 of newton@moreau-jean on this mesh "
         "(newton@moreau-jean, 20 elements). "
         f"20 elements: {in_space:.2g} % from the limit (newton@moreau-jean, 1000 steps per period)."
     )
+
+
+def test_verdict_on_elastic_impacts_names_no_limit() -> None:
+    on = ladder(meshes=(20,), steps=(1000,))
+    elastic = replace(on, case=on.case.with_overrides({"contact.restitution": 1.0}))
+    found = whole(elastic)
+    found.results[elastic.limit_of(20).key].statistics["impacts"] = (2551.4, 0.0)
+    said = "With e = 1 no step of this size shows a limit"
+    assert said in verdict(found) and "(2551 at T/64000) grow with 1/Δt" in verdict(found)
+    assert said not in verdict(whole(on))
 
 
 def test_verdict_without_a_limit() -> None:

@@ -7,6 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from delam_fem.contact.decision import Decision
+from delam_fem.simulation.impacts import Jumps
 from delam_fem.simulation.recorder import LEDGER, N_BASE
 from delam_fem.studies.convergence.statistics import PeriodRow, row_of, statistics
 
@@ -15,7 +17,9 @@ def row(low: float, phase: float) -> PeriodRow:
     """Return a period of which low and the first amplitude depend on the cycle."""
     harmonics = np.array([[np.exp(1j * phase), 0.2], [2.0, 0.1]])
     both = np.array([low, -1.0]), np.array([1.0, 1.0])
-    return PeriodRow(*both, harmonics, impulse=-low, impacts=3.0, work=1.0, gain=0.0, steps=900.0)
+    return PeriodRow(
+        *both, harmonics, modal_impulse=-low, impacts=3.0, work=1.0, gain=0.0, steps=900.0
+    )
 
 
 def test_alternating_cycles_are_no_scatter() -> None:
@@ -24,7 +28,7 @@ def test_alternating_cycles_are_no_scatter() -> None:
     found = statistics(rows, strobe)
     assert found["periodicity"] == (2.0, 0.0)
     assert found["tip_min_1"] == (-1.5, 0.0)
-    assert found["impulse"] == (1.5, 0.0)
+    assert found["modal_impulse"] == (1.5, 0.0)
     assert found["blocks"] == (4.0, 0.0)
 
 
@@ -52,8 +56,10 @@ def recorded(u: np.ndarray, ledger: dict[str, float]) -> SimpleNamespace:
     rows[1] = [ledger.get(name, 0.0) for name in LEDGER]
     envelope = np.full((2, 2, n_tips + 1), 44.0)
     envelope[1, 0, :n_tips], envelope[1, 1, :n_tips] = u.min(axis=0), u.max(axis=0)
+    jumps = Jumps()
+    jumps.append(3, Decision(np.array([2, 0]), np.array([0.25, 0.5]), *np.zeros((2, 2))), 0.0)
     return SimpleNamespace(
-        window=[None, SimpleNamespace(u=seen, n_steps=n_steps)],
+        window=[None, SimpleNamespace(u=seen, n_steps=n_steps, jumps=jumps)],
         n_closed=2,
         ledger=rows,
         envelope=envelope,
@@ -69,9 +75,10 @@ def test_contact_takes_what_impacts_and_dampers_lose_less_what_springs_release()
         "impact_loss": 4.0, "contact_damping_loss": 2.0, "spring_released": 1.0,
         "damping_loss": 16.0, "base_work": 32.0,
     }  # fmt: skip
-    found = row_of(recorded(u, ledger), 2)  # type: ignore[arg-type]
+    found = row_of(recorded(u, ledger), 2, np.array([0.5, 9.0, 4.0]))  # type: ignore[arg-type]
     assert found.work == 4.0 + 2.0 - 1.0
-    assert (found.impulse, found.impacts, found.gain) == (0.5, 7.0, 0.25)
+    assert (found.impacts, found.gain) == (7.0, 0.25)
+    assert found.modal_impulse == 0.25 * 4.0 + 0.5 * 0.5
     assert found.steps == 40 + 5 + 3
     assert found.low.tolist() == u.min(axis=0).tolist()
     assert found.high.tolist() == u.max(axis=0).tolist()
