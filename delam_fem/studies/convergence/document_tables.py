@@ -131,7 +131,7 @@ def restitutions(all_found: Found) -> Table:
             found = all_found[f"e = {e:g} {damping}"]
             limit = mm(found, found.ladder.limit_of(20))
             rows.append((damping, f"{e:g}", limit, *_of_default(found)))
-    return Table("", ("damping", "e", "limit y1 [mm]", *DEFAULT_HEADING), tuple(rows))
+    return Table("", ("damping", "e", "y1 at T/256000 [mm]", *DEFAULT_HEADING), tuple(rows))
 
 
 def limits(all_found: Found) -> Table:
