@@ -3,10 +3,16 @@
     .venv/bin/pip install -c .venv/constraints.txt -e .[mutation]
     nice -n 10 .venv/bin/python scripts/mutation.py                 # all modules
     .venv/bin/python scripts/mutation.py --modules contact/newton   # one module, every mutant
+    .venv/bin/python scripts/mutation.py --anywhere --sample 200 --seed 1
 
 Cosmic Ray makes the faults: a sign, a factor, a comparison or a number changed in one place. The
 tests of the module then run on a copy of the checkout. A mutant is killed if a test fails. Modules,
 tests, kinds of faults and the size of the samples are in scripts/mutation.toml.
+
+A sample from anywhere in the package needs no list of tests, and Numba compiles: first run the test
+file that mirrors the module, then those that import it, then those that reach it through one other
+module. A test that kills a mutant must pass without it. Results are kept in anywhere.jsonl, and a
+measurement that was broken off goes on there.
 """
 
 from __future__ import annotations
@@ -22,6 +28,7 @@ import multiprocessing
 import os
 import random
 import re
+import resource
 import shutil
 import signal
 import subprocess
@@ -30,7 +37,7 @@ import tempfile
 import time
 import tomllib
 from collections.abc import Iterable
-from contextlib import redirect_stdout
+from contextlib import redirect_stdout, suppress
 from dataclasses import asdict, dataclass, field
 from hashlib import sha256
 from itertools import zip_longest
@@ -47,10 +54,14 @@ TIMES = 5.0
 ENVIRONMENT = {"NUMBA_DISABLE_JIT": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 """Nothing is compiled, and a fork must find no threads."""
 OPTIONS = (
-    "-x", "-q", "-p", "no:cacheprovider", "--hypothesis-seed=0", "-k", "not compiled",
+    "-x", "-q", "-p", "no:cacheprovider", "--hypothesis-seed=0",
     "-W", "ignore::pytest.PytestAssertRewriteWarning",
 )  # fmt: skip
 """Options of pytest; hypothesis is imported before pytest could rewrite it."""
+STAGE_SECONDS = 300
+"""CPU time that each of the three rounds of tests of a mutant may take."""
+OVERTIME = (signal.SIGXCPU, signal.SIGKILL, signal.SIGALRM)
+"""Signals that end what takes longer."""
 
 
 PAGE_HEAD = """# How many faults the tests notice
@@ -209,7 +220,7 @@ def _pytest(arguments: list[str]) -> int:
     """Run pytest in this process until the first failure; return its exit status."""
     import pytest
 
-    return int(pytest.main([*OPTIONS, *arguments]))
+    return int(pytest.main([*OPTIONS, "-k", "not compiled", *arguments]))
 
 
 def run_tests(tests: list[str], limit: float) -> str:
@@ -326,6 +337,152 @@ def read(file: Path) -> list[Measured]:
     return [Measured(**entry) for entry in json.loads(file.read_text())] if file.is_file() else []
 
 
+# -- a sample over the whole package ---------------------------------------------------------------
+
+
+def anywhere(size: int, seed: int, operators: list[str]) -> list[Mutant]:
+    """Return a random sample of the mutants of all modules, in random order."""
+    found = []
+    for path in sorted((ROOT / "delam_fem").rglob("*.py")):
+        mutants, idle = mutants_of(path.relative_to(ROOT).as_posix(), operators)
+        found += [mutant for mutant in mutants if mutant not in idle]
+    return random.Random(seed).sample(found, min(size, len(found)))
+
+
+def rounds(module: str, root: Path = ROOT) -> list[list[str]]:
+    """Return the test files of a module: its mirror, those that import it, those that reach it."""
+    uses = {
+        path: imports(path)
+        for folder in ("tests", "delam_fem")
+        for path in sorted((root / folder).rglob("*.py"))
+    }
+    name = _dotted(Path(module))
+    near = {_dotted(p.relative_to(root)) for p in uses if name in uses[p]} | {name}
+    tests = [path for path in uses if path.stem.startswith("test_")]
+    mirror = root / "tests" / Path(module).relative_to("delam_fem").parent
+    first = [path for path in tests if path == mirror / f"test_{Path(module).stem}.py"]
+    second = [path for path in tests if name in uses[path]]
+    third = [path for path in tests if near & uses[path] or path.parent == mirror]
+    seen: set[Path] = set()
+    found = []
+    for stage in (first, second, third):
+        found.append([path.relative_to(root).as_posix() for path in stage if path not in seen])
+        seen |= set(stage)
+    return [stage for stage in found if stage]
+
+
+def imports(path: Path) -> set[str]:
+    """Return the modules that a file imports; a name from a module counts as a module, too."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            found |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+    return found
+
+
+def _dotted(path: Path) -> str:
+    """Return the name by which a file is imported."""
+    return ".".join(path.with_suffix("").parts).removesuffix(".__init__")
+
+
+class _Failures:
+    """A plugin of pytest that writes the names of tests and files that fail."""
+
+    def __init__(self, file: Any) -> None:
+        """Store the open file."""
+        self.file = file
+
+    def pytest_runtest_logreport(self, report: Any) -> None:
+        """Look at one phase of a test."""
+        if report.failed:
+            print(report.nodeid, file=self.file, flush=True)
+
+    pytest_collectreport = pytest_runtest_logreport
+
+
+def outcome(tests: list[str], cache: str = "") -> tuple[str, str]:
+    """Run tests to the first failure; return "passed", "failed" or "timeout", and what failed."""
+    with tempfile.TemporaryFile("w+") as names, open(os.devnull, "w") as nothing:
+        child = os.fork()
+        if not child:
+            os.setpgid(0, 0)
+            resource.setrlimit(resource.RLIMIT_CPU, (STAGE_SECONDS, STAGE_SECONDS))
+            signal.alarm(10 * STAGE_SECONDS)  # a mutant may wait for ever
+            status = 70
+            try:
+                os.dup2(nothing.fileno(), 1)
+                os.dup2(nothing.fileno(), 2)
+                import pytest
+                from numba.core import config as of_numba
+
+                if cache:  # what a mutant compiles must not take the place of what is kept
+                    of_numba.CACHE_DIR = os.environ["NUMBA_CACHE_DIR"] = cache
+                status = int(pytest.main([*OPTIONS, *tests], [_Failures(names)]))
+            finally:
+                os._exit(status)
+        _, status = os.waitpid(child, 0)
+        with suppress(ProcessLookupError):  # what it has started, if it was killed
+            os.killpg(child, signal.SIGKILL)
+        names.seek(0)
+        failed = names.readline().rstrip("\n")
+    if os.WIFSIGNALED(status) and os.WTERMSIG(status) in OVERTIME:
+        return "timeout", ""
+    return ("passed" if status == 0 else "failed"), failed
+
+
+def judged(mutant: Mutant) -> str:
+    """Return "killed: TEST", "timeout" or the change that survived, for a mutant in this folder."""
+    from cosmic_ray.mutating import use_mutation
+    from cosmic_ray.plugins import get_operator
+
+    operator, path = get_operator(mutant.operator)(), Path(mutant.module)
+    sys.dont_write_bytecode = True
+    times = path.stat()
+    for tests in rounds(mutant.module, Path.cwd()):
+        with (
+            tempfile.TemporaryDirectory() as cache,
+            use_mutation(path, operator, mutant.occurrence) as (text, mutated),
+        ):
+            result, name = outcome(tests, cache if "@njit" in text else "")
+        os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns))  # Numba's cache looks at them
+        if result == "passed":
+            continue
+        alone = [name] if "::" in name else tests
+        if outcome(alone)[0] == "passed":  # a test that fails anyhow kills nothing
+            return "timeout" if result == "timeout" else f"killed: {name}"
+    return change(text, mutated)
+
+
+def sample(size: int, seed: int, file: Path) -> None:
+    """Judge a sample over the whole package, one mutant after the other, and say the score."""
+    drawn = anywhere(size, seed, config()["operators"])
+    file.parent.mkdir(parents=True, exist_ok=True)
+    lines = file.read_text(encoding="utf-8").splitlines() if file.is_file() else []
+    known = {(row["module"], row["key"]): row["result"] for row in map(json.loads, lines)}
+    with tempfile.TemporaryDirectory() as place:
+        _enter(place)
+        for path in ROOT.glob("delam_fem/**/__pycache__/*.nb[ci]"):  # machine code
+            copied = Path(path.relative_to(ROOT))
+            copied.parent.mkdir(exist_ok=True)
+            shutil.copy2(path, copied)
+        for mutant in drawn:
+            if (mutant.module, mutant.key) in known:
+                continue
+            begin = time.monotonic()
+            result = known[mutant.module, mutant.key] = judged(mutant)
+            row = {"module": mutant.module, "key": mutant.key, "result": result}
+            with file.open("a", encoding="utf-8") as output:
+                output.write(json.dumps(row, ensure_ascii=False) + "\n")
+            print(f"{time.monotonic() - begin:.0f} s {mutant.module}: {result}", flush=True)
+    results = [known[mutant.module, mutant.key] for mutant in drawn]
+    killed = sum(result.startswith(("killed", "timeout")) for result in results)
+    low, high = wilson(killed, len(results), 10**9)
+    print(f"{killed} of {len(results)} killed: {killed / len(results):.1%}")
+    print(f"95 % interval {low:.1%} to {high:.1%}")
+
+
 # -- the score -------------------------------------------------------------------------------------
 
 
@@ -417,11 +574,18 @@ def main(arguments: list[str] | None = None) -> None:
         "--modules", nargs="*", default=[""], help="parts of their paths; none: only write the page"
     )
     parser.add_argument("--sample", type=int, help="mutants per module")
+    parser.add_argument(
+        "--anywhere", action="store_true", help="draw --sample mutants from the whole package"
+    )
+    parser.add_argument("--seed", type=int, default=1, help="of the draw from the whole package")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--again", action="store_true", help="only those that survived before")
     parser.add_argument("-o", "--directory", type=Path, default=ROOT / "runs" / "mutation")
     parser.add_argument("--page", type=Path, default=ROOT / "docs" / "mutation.md")
     given = parser.parse_args(arguments)
+    if given.anywhere:
+        sample(given.sample or 200, given.seed, given.directory / "anywhere.jsonl")
+        return
     settings = config()
     settings["sample"] = given.sample or settings["sample"]
     chosen = {m: t for m, t in settings["tests"].items() if any(p in m for p in given.modules)}

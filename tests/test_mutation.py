@@ -113,3 +113,41 @@ def test_tests_run_in_a_fork(tmp_path: Path, body: str, limit: float, expected: 
     path = tmp_path / "test_made.py"
     path.write_text(f"def test_made():\n    {body}\n")
     assert mutation.run_tests([str(path)], limit) == expected
+
+
+def test_tests_of_a_module_come_from_near_to_far(tmp_path: Path) -> None:
+    for name, text in {
+        "delam_fem/a/b.py": "x = 1",
+        "delam_fem/a/c.py": "from delam_fem.a.b import x",
+        "delam_fem/d.py": "from delam_fem.a import c",
+        "tests/a/test_b.py": "import delam_fem.a.b",
+        "tests/a/test_near.py": "",
+        "tests/test_user.py": "from delam_fem.a import b",
+        "tests/test_indirect.py": "from delam_fem.a.c import x",
+        "tests/test_far.py": "import delam_fem.d",
+        "tests/kit.py": "import delam_fem.a.b",
+    }.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text)
+    assert mutation.rounds("delam_fem/a/b.py", tmp_path) == [
+        ["tests/a/test_b.py"],
+        ["tests/test_user.py"],
+        ["tests/a/test_near.py", "tests/test_indirect.py"],
+    ]
+    assert mutation.rounds("delam_fem/d.py", tmp_path) == [
+        ["tests/test_far.py"],
+        ["tests/test_indirect.py", "tests/test_user.py"],
+    ]
+
+
+def test_a_test_that_fails_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "test_made.py"
+    path.write_text(
+        "import pytest\n"
+        "@pytest.mark.parametrize('text', ['x - y', 'z'])\n"
+        "def test_made(text):\n    assert text == 'z'\n"
+    )
+    result, name = mutation.outcome([str(path)])
+    assert result == "failed"
+    assert name.endswith("test_made.py::test_made[x - y]")
+    assert mutation.outcome([f"{path}::test_made[z]"]) == ("passed", "")

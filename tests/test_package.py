@@ -56,13 +56,23 @@ def test_both_hold_the_whole_package_and_nothing_else(built: dict[str, Path]) ->
     assert wanted | {"LICENSE", "README.md", "pyproject.toml"} <= names
 
 
-def test_both_install_in_a_clean_environment(built: dict[str, Path], tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "dependencies", ["of this environment", pytest.param("declared", marks=pytest.mark.nightly)]
+)
+def test_both_install_in_a_clean_environment(
+    dependencies: str, built: dict[str, Path], tmp_path: Path
+) -> None:
     base = Path(sys.base_prefix) / "bin" / "python3"
     call(base, "-m", "venv", "--system-site-packages", tmp_path / "venv", folder=tmp_path)
     python = tmp_path / "venv" / "bin" / "python"
-    install = [python, "-m", "pip", "install", "--no-input", "--quiet"]
+    install = [python, "-m", "pip", "install", "--no-input", "--quiet", "--no-compile"]
     held = ["-c", CONSTRAINTS] if CONSTRAINTS.exists() else []
-    call(*install, *held, built["wheel"], folder=tmp_path)
+    if dependencies == "declared":
+        call(*install, *held, built["wheel"], folder=tmp_path)
+    else:  # after the environment's own packages come those of this one, without this project
+        (site,) = (tmp_path / "venv" / "lib").glob("python*/site-packages")
+        here = [path for path in sys.path if Path(path).name in ("site-packages", "dist-packages")]
+        (site / "others.pth").write_text("\n".join(here))
     again = ["--no-deps", "--force-reinstall"]
     for archive in (built["wheel"], built["sdist"]):
         call(*install, *again, archive, folder=tmp_path)

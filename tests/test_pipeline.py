@@ -113,8 +113,9 @@ def test_interrupted_run_goes_on_bit_for_bit(law: str, tmp_path: Path) -> None:
     assert (tmp_path / "checkpoint.npz").exists()  # nothing else is on the disk yet
     again = df.run(case, directory=tmp_path, resume=True)  # reads it, and computes nothing
     xr.testing.assert_equal(again.history, whole.history)
-    again.save(tmp_path)
-    assert not (tmp_path / "checkpoint.npz").exists()
+    if law == "penalty":  # the pictures take five seconds
+        again.save(tmp_path)
+        assert not (tmp_path / "checkpoint.npz").exists()
 
 
 def test_resume_wants_a_checkpoint_of_the_same_case(tmp_path: Path) -> None:

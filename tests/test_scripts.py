@@ -17,7 +17,7 @@ def test_reference_motions_are_those_of_the_paper(capsys: pytest.CaptureFixture[
     assert "0.50" in table  # one contact in two periods
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_benchmark_measures_ratios(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(SCRIPTS))  # its worker processes import it
     module = script("benchmark")

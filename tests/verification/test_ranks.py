@@ -73,7 +73,7 @@ with ended_together(comm):
 @pytest.mark.parametrize(
     ("kind", "ranks"),
     [
-        ("plane-stress", 2),
+        pytest.param("plane-stress", 2, marks=pytest.mark.nightly),
         ("plane-stress", 3),
         ("solid", 2),
         pytest.param("solid", 3, marks=pytest.mark.nightly),

@@ -68,6 +68,7 @@ def test_bad_input(tmp_path: Path, arguments: tuple[str, ...], message: str) -> 
     assert not (tmp_path / "o").exists()
 
 
+@pytest.mark.nightly
 def test_an_orbit_of_a_reduced_model(tmp_path: Path) -> None:
     few = ("--set", "mesh.elements=6", "--set", "time.steps_per_period=100", "--settle", "60")
     model = ("--model", "reduced", "--modes", "2", "--refine", "4")

@@ -319,7 +319,7 @@ compare("embedded", "solid", 2)
 
 
 @pytest.mark.mpi
-@pytest.mark.parametrize("ranks", [2, 3])
+@pytest.mark.parametrize("ranks", [pytest.param(2, marks=pytest.mark.nightly), 3])
 def test_shares_of_ranks_make_the_operators_of_one(ranks: int, tmp_path: Path) -> None:
     script = tmp_path / "shares.py"
     script.write_text(SCRIPT)

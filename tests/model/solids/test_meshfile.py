@@ -379,7 +379,7 @@ for name in ("plane_strips", "solid_delaminated"):
 
 @pytest.mark.mpi
 @pytest.mark.slow
-@pytest.mark.parametrize("ranks", [2, 3])
+@pytest.mark.parametrize("ranks", [2, pytest.param(3, marks=pytest.mark.nightly)])
 def test_ranks_share_pairs_and_readings(ranks: int, tmp_path: Path) -> None:
     """H Hᵀ and the like do not depend on the order of the dofs."""
     command = ["mpirun", "--allow-run-as-root", "--oversubscribe", "-n", str(ranks)]

@@ -19,6 +19,7 @@ def test_errors_of_trials_are_relative_to_the_amplitude() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.nightly
 def test_trials_in_a_short_form(monkeypatch: pytest.MonkeyPatch) -> None:
     names = ("penetration recovered without work", "newton@moreau-jean")
     chosen = {name: runners()[name] for name in names}
