@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.results.overlay.course import Course
+from delam_fem.results.overlay.course import LEAST_OVERLAP, Course
 
 COARSE = 128
 """Instants within a period of the drive that are tried first."""
@@ -27,8 +27,6 @@ BLOCKS = 8
 ITERATIONS = 30
 CONVERGED = 1e-10
 """Change of the offset that ends the iteration, relative to the record or the period."""
-LEAST_OVERLAP = 0.3
-"""Share of the shorter record that must overlap where the motion does not repeat."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +54,13 @@ class Alignment:
 
 
 def aligned(
-    time: FloatArray, measured: FloatArray, course: Course, rate: float, *, is_rate_free: bool
+    time: FloatArray,
+    measured: FloatArray,
+    course: Course,
+    rate: float,
+    *,
+    is_rate_free: bool,
+    starts: FloatArray | None = None,
 ) -> Alignment:
     """Return the alignment of histories with the course of a run.
 
@@ -66,9 +70,12 @@ def aligned(
         course: of the same channels.
         rate: s to begin with.
         is_rate_free: whether s is estimated too.
+        starts: values of tau that are tried first; None: all that the course allows.
     """
     trial = Alignment(0.0, float(time[0]), rate)
-    trial = replace(trial, start=_coarse(time, measured, course, trial))
+    if starts is None:
+        starts = course.starts(rate * (time - time[0]), COARSE)
+    trial = replace(trial, start=best_start(time, measured, course, trial, starts))
     scale = course.period or float(time[-1] - time[0])
     for _ in range(ITERATIONS):
         residual, slopes = _linearised(time, measured, course, trial)
@@ -91,26 +98,28 @@ def aligned(
     return replace(trial, start_error=error, rate_error=rate_error)
 
 
-def _coarse(time: FloatArray, measured: FloatArray, course: Course, trial: Alignment) -> float:
-    """Return the tau at which the normalised histories correlate best, on a grid."""
+def best_start(
+    time: FloatArray, measured: FloatArray, course: Course, trial: Alignment, starts: FloatArray,
+    power: int = 1,
+) -> float:  # fmt: skip
+    """Return that of several tau at which the sum of the channels' correlations is largest.
+
+    Args:
+        time: of the samples [s], shape (n,).
+        measured: histories, shape (n_channels, n).
+        course: of the same channels.
+        trial: with the rate of the clock.
+        starts: tau [s].
+        power: 2: of their squares, so that a channel with its sign turned counts as well.
+    """
     stride = -(-time.size // MOST_SAMPLES)
     t, own = trial.rate * (time[::stride] - trial.first), measured[:, ::stride]
-    if course.period is not None:
-        n = COARSE * course.multiple
-        starts = course.start + course.period * np.arange(n) / n
-    else:
-        length, span = course.end - course.start, float(t[-1])
-        room = (1.0 - LEAST_OVERLAP) * min(length, span)
-        step = max(float(np.median(np.diff(t))), (length + span) / (COARSE * 32))
-        starts = np.arange(course.start - room, course.end - span + room, step)
-        if not starts.size:
-            starts = np.arange(course.start, course.end, step)
-    scores = [_correlation(own, course.at(start + t)) for start in starts]
+    scores = [_correlation(own, course.at(start + t), power) for start in starts]
     return float(starts[int(np.nanargmax(scores))])
 
 
-def _correlation(measured: FloatArray, computed: FloatArray) -> float:
-    """Return the sum of the channels' correlation coefficients where both are known."""
+def _correlation(measured: FloatArray, computed: FloatArray, power: int) -> float:
+    """Return the sum of the channels' correlations, to a power, where both are known."""
     known = np.isfinite(computed).all(axis=0)
     if known.sum() < LEAST_OVERLAP * known.size / 2:
         return -np.inf
@@ -118,7 +127,8 @@ def _correlation(measured: FloatArray, computed: FloatArray) -> float:
     a, b = a - a.mean(axis=1, keepdims=True), b - b.mean(axis=1, keepdims=True)
     norms = np.sqrt((a**2).sum(axis=1) * (b**2).sum(axis=1))
     products = (a * b).sum(axis=1)
-    return float(np.divide(products, norms, out=np.zeros_like(norms), where=norms > 0.0).sum())
+    found = np.divide(products, norms, out=np.zeros_like(norms), where=norms > 0.0)
+    return float((found**power).sum())
 
 
 def gains(measured: FloatArray, computed: FloatArray) -> tuple[float, float, float]:

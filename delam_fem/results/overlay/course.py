@@ -10,6 +10,9 @@ from scipy.interpolate import CubicSpline
 
 from delam_fem.numerics.arrays import FloatArray
 
+LEAST_OVERLAP = 0.3
+"""Share of the shorter record that must overlap where the motion does not repeat."""
+
 
 @dataclass(frozen=True)
 class Course:
@@ -59,6 +62,23 @@ class Course:
             spline, float(time[-1]) - period, float(time[-1]), period, multiple,
             cycles - mean[:, None, :],
         )  # fmt: skip
+
+    def starts(self, since: FloatArray, number: int) -> FloatArray:
+        """Return instants at which a record may begin on the clock of the run [s].
+
+        Args:
+            since: instants of the record after its beginning, on the clock of the run [s].
+            number: of instants for each period of the drive; of a motion that does not repeat 32
+                times as many for window and record together.
+        """
+        if self.period is not None:
+            n = number * self.multiple
+            return self.start + self.period * np.arange(n) / n
+        length, span = self.end - self.start, float(since[-1])
+        room = (1.0 - LEAST_OVERLAP) * min(length, span)
+        step = max(float(np.median(np.diff(since))), (length + span) / (number * 32))
+        starts = np.arange(self.start - room, self.end - span + room, step)
+        return starts if starts.size else np.arange(self.start, self.end, step)
 
     def only(self, rows: Sequence[int]) -> Course:
         """Return the course of some of the histories."""

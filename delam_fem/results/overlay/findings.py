@@ -12,8 +12,8 @@ SIGNIFICANT = 3.0
 """Standard deviations from which a difference is not the noise's."""
 SAME_GAIN, SAME_PHASE, SAME_RATE = 0.05, 5.0, 0.01
 """Differences that are not worth a sentence: of amplitude, of phase [degrees], of frequency."""
-ALIKE = 0.8
-"""Correlation at the channel's own phase below which the motions are not alike."""
+SAME_SHAPE = 0.1
+"""Share of a motion that the run may leave without a sentence."""
 FACTORS = {
     1e3: "as if millimetres were read as metres",
     1e-3: "as if metres were read as millimetres",
@@ -24,6 +24,7 @@ FACTORS = {
     0.1: "as if millimetres were centimetres",
     2.0: "as if peak-to-peak were an amplitude",
     0.5: "as if an amplitude were peak-to-peak",
+    -1.0: "is its sign turned?",
 }
 """Ratios that mistakes have, with what they look like."""
 NEAR_FACTOR = 0.05
@@ -62,11 +63,11 @@ def findings(
     reference = next((own for own in channels if own.is_drive), None)
     reference = reference or min(channels, key=lambda own: abs(own.delay))
     for own in channels:
-        numbers = (own.gain, own.gain_error, own.delay, own.delay_error, own.correlation)
+        numbers = (own.gain, own.gain_error, own.delay, own.delay_error, own.unlike)
         if not all(map(math.isfinite, numbers)):
             found.append(Finding("numbers", own.name, f"{own.name}: {NO_NUMBERS}"))
             continue
-        found += _of_shape(own, frequency, len(channels) == 1)
+        found += _of_shape(own)
         if own is not reference and frequency is not None:
             found += _of_phase(own, reference, frequency)
     return found
@@ -85,13 +86,14 @@ def _of_frequency(frequency: float | None, measured: float | None) -> Iterator[F
         )  # fmt: skip
 
 
-def _of_shape(own: Comparison, frequency: float | None, is_alone: bool) -> Iterator[Finding]:
+def _of_shape(own: Comparison) -> Iterator[Finding]:
     """Yield whether a channel moves alike, and whether by the same amplitude."""
-    if (is_alone or frequency is None) and own.correlation < ALIKE:
+    is_found = abs(own.gain) > SIGNIFICANT * own.gain_error
+    if own.unlike > SAME_SHAPE or not is_found:
         yield Finding(
             "shape", own.name,
             f"{own.name}: the measured motion is not that of the run (correlation "
-            f"{own.correlation:.2f})",
+            f"{own.correlation:.2f}, {100 * own.unlike:.2g} % of it is left)",
         )  # fmt: skip
     if abs(own.gain - 1.0) > max(SAME_GAIN, SIGNIFICANT * own.gain_error):
         factor = next((f for f in FACTORS if abs(own.gain / f - 1.0) < NEAR_FACTOR), None)
@@ -109,9 +111,7 @@ def _of_phase(own: Comparison, reference: Comparison, frequency: float) -> Itera
     phase = (turn * (own.delay - reference.delay) + 180.0) % 360.0 - 180.0
     error = turn * max(own.delay_error, reference.delay_error)
     if abs(phase) > max(SAME_PHASE, SIGNIFICANT * error):
-        hint = "; is its sign turned?" if abs(abs(phase) - 180.0) < SAME_PHASE else ""
-        if not reference.is_drive:
-            hint += "; no drive was measured, so either may be wrong"
+        hint = "" if reference.is_drive else "; no drive was measured, so either may be wrong"
         yield Finding(
             "phase", own.name,
             f"{own.name}: measured {abs(phase):.1f}° ± {error:.1g}° "

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +13,10 @@ import xarray as xr
 
 from delam_fem.case.atomic import write_text
 from delam_fem.case.definition import Case
-from delam_fem.numerics.arrays import FloatArray
 from delam_fem.results.diagnostics import summary as summary_of_run
 from delam_fem.results.folder import Result, json_ready, load_numbers, write_dataset
 from delam_fem.results.measured.reading import read_measured
-from delam_fem.results.overlay.alignment import Alignment, aligned
+from delam_fem.results.overlay.alignment import COARSE, Alignment, aligned, best_start
 from delam_fem.results.overlay.comparison import Comparison, compared
 from delam_fem.results.overlay.course import Course
 from delam_fem.results.overlay.figures import save_figures, shown_unit
@@ -222,14 +221,22 @@ def overlay(
     if "periodicity" not in summary:
         summary = summary_of_run(history, case)
     course, rate, frequency = _course(pairs, case, summary.get("periodicity"))
-    leaders = [k for k, is_drive in enumerate(pairs.is_drive) if is_drive]
-    leaders = leaders or list(range(len(pairs.names)))
+    turn = case.period if case.is_periodic else None
+    drives = [k for k, is_drive in enumerate(pairs.is_drive) if is_drive]
+    tips = [k for k, is_drive in enumerate(pairs.is_drive) if not is_drive]
+    leaders = drives or tips
     alignment = aligned(
-        pairs.time, pairs.measured[leaders], course.only(leaders), rate,
-        is_rate_free=frequency is not None,
-    )  # fmt: skip
-    channels = tuple(compared(pairs, k, course, alignment) for k in range(len(pairs.names)))
-    drive = 1.0 / case.period if case.is_periodic else None
+        pairs.time, pairs.measured[leaders], course.only(leaders), rate, is_rate_free=True
+    )
+    if drives and tips and turn is not None:  # the drive alone cannot tell its periods apart
+        low, high = course.starts(rate * (pairs.time - pairs.time[0]), COARSE)[[0, -1]]
+        first = alignment.start - turn * np.floor((alignment.start - low) / turn)
+        starts = np.arange(first, high + turn, turn)
+        others = (pairs.measured[tips], course.only(tips))
+        start = best_start(pairs.time, *others, alignment, starts, power=2)
+        alignment = replace(alignment, start=start)
+    channels = tuple(compared(pairs, k, course, alignment, turn) for k in range(len(pairs.names)))
+    drive = 1.0 / turn if turn else None
     if frequency is not None and drive is not None:
         frequency = alignment.rate * drive
     found = findings(channels, frequency=drive, measured_frequency=frequency)
@@ -240,12 +247,12 @@ def _course(
     pairs: Pairs, case: Case, periodicity: int | None
 ) -> tuple[Course, float, float | None]:
     """Return the motion of the run, s to begin with, and the measured frequency of the drive."""
-    computed: FloatArray = pairs.computed
-    if not case.is_periodic or periodicity is None:
-        return Course.of(pairs.run_time, computed, None), 1.0, None
-    period = periodicity * case.period
-    if period > pairs.run_time.size * case.time_step * (1.0 + 1e-9):
-        return Course.of(pairs.run_time, computed, None), 1.0, None
+    if not case.is_periodic:
+        return Course.of(pairs.run_time, pairs.computed, None), 1.0, None
     frequency = drive_frequency(pairs.time, pairs.measured, 1.0 / case.period)
     rate = 1.0 if frequency is None else frequency * case.period
-    return Course.of(pairs.run_time, computed, period, periodicity), rate, frequency
+    period = None if periodicity is None else periodicity * case.period
+    if period and period > pairs.run_time.size * case.time_step * (1.0 + 1e-9):
+        period = None
+    course = Course.of(pairs.run_time, pairs.computed, period, periodicity or 1)
+    return course, rate, frequency

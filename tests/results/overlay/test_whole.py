@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 import xarray as xr
 from measurements import recorded, write_csv
+from scipy.interpolate import CubicSpline
+from scipy.stats import binom
 from synthetic import AMPLITUDES, SWEEP, small_case, synthetic_history
 
 import delam_fem as df
@@ -190,6 +192,82 @@ def test_a_subharmonic_motion_is_aligned_over_two_periods(tmp_path: Path) -> Non
     error = found.alignment.start_error
     assert abs(wrapped(found.offset - START, 2 * PERIOD)) < SIGMAS * error < 1e-2 * PERIOD
     assert not found.findings
+
+
+@pytest.mark.parametrize("turned", [None, 0, 1])
+@pytest.mark.parametrize("late", [0, 1])
+def test_the_base_alone_does_not_tell_the_periods_of_a_doubled_motion_apart(
+    tmp_path: Path, late: int, turned: int | None
+) -> None:
+    run, start = result(subharmonic=0.004), START + late * PERIOD
+    t, tips = recorded(run.history, period=2 * PERIOD, start=start, noise=NOISE)
+    base = 0.0025 * np.sin(2.0 * np.pi * (start + t) / PERIOD)
+    tips *= np.array([-1.0 if k == turned else 1.0 for k in (0, 1)])[:, None]
+    found = df.overlay(run, write_csv(
+        tmp_path / "m.csv", t, {"tip thick": tips[0], "tip thin": tips[1], "base": base}
+    ))  # fmt: skip
+    assert abs(wrapped(found.offset - start, 2 * PERIOD)) < 1e-4 * PERIOD
+    signs = [own.channel for own in found.findings if "is its sign turned?" in own.text]
+    assert signs == [("tip thick", "tip thin")[k] for k in [turned] if k is not None]
+    assert len(found.findings) == len(signs)
+    assert all(abs(own.delay) < 1e-2 * PERIOD for own in found.channels)
+
+
+def test_another_half_of_a_doubled_motion_is_not_said_to_agree(tmp_path: Path) -> None:
+    """The tips are a period of the drive apart from one another: no shift makes both right."""
+    run = result(subharmonic=0.004)
+    _, (a, _) = recorded(run.history, period=2 * PERIOD, start=START, noise=NOISE)
+    t, (_, b) = recorded(run.history, period=2 * PERIOD, start=START + PERIOD, noise=NOISE)
+    base = 0.0025 * np.sin(2.0 * np.pi * (START + t) / PERIOD)
+    found = df.overlay(run, write_csv(
+        tmp_path / "m.csv", t, {"tip thick": a, "tip thin": b, "base": base}
+    ))  # fmt: skip
+    assert "shape" in [kind for kind, _ in kinds(found)]
+
+
+@pytest.mark.parametrize(
+    "number", [40, pytest.param(200, marks=pytest.mark.nightly)]
+)  # fmt: skip
+@pytest.mark.parametrize("has_base", [True, False])
+def test_stated_errors_contain_the_truth_as_often_as_they_say(
+    tmp_path: Path, has_base: bool, number: int
+) -> None:
+    """Doubled motions from any start, by clocks that are wrong: two deviations hold 95 %."""
+    run, rng = result(subharmonic=0.004), np.random.default_rng(40)
+    history, inside = run.history, np.zeros(2, dtype=int)
+    for _ in range(number):
+        start, clock = rng.uniform(14.0, 16.0), 1.0 + rng.normal(0.0, 2e-3)
+        t, tips = recorded(
+            history, period=2 * PERIOD, start=start, clock=clock, rate=rng.uniform(300.0, 900.0)
+        )
+        tips += rng.normal(0.0, NOISE, tips.shape)
+        columns = {"tip thick": tips[0], "tip thin": tips[1]}
+        if has_base:
+            base = 0.0025 * np.sin(2.0 * np.pi * (start + clock * t) / PERIOD)
+            columns["base"] = base + rng.normal(0.0, 0.1 * NOISE, t.size)
+        found = df.overlay(run, write_csv(tmp_path / "m.csv", t, columns))
+        own = found.alignment
+        assert not found.findings
+        inside += [
+            abs(wrapped(found.offset - start, 2 * PERIOD)) < 2.0 * own.start_error,
+            abs(own.rate - clock) < 2.0 * own.rate_error,
+        ]
+    least = binom.ppf(0.01, number, 0.954)
+    assert least <= inside.min(), inside
+
+
+def test_the_clock_is_fitted_beside_a_run_that_has_not_settled(tmp_path: Path) -> None:
+    time = RUN.history["time"].to_numpy()
+    growing = RUN.history["tip_displacement"] * (1.0 + 2.0 * (time - time[0]))
+    history = RUN.history.assign(tip_displacement=growing)
+    run = Result(RUN.case, history, RUN.summary | {"periodicity": None}, None)
+    t = np.arange(0.0, 1.1, 1.0 / 900.0)
+    tips = CubicSpline(time, growing.to_numpy(), axis=1)(time[0] + 0.1 + 1.005 * t)
+    path = write_csv(tmp_path / "m.csv", t, {"tip thick": tips[0], "tip thin": tips[1]})
+    found = df.overlay(run, path)
+    assert found.alignment.rate == pytest.approx(1.005, abs=2e-4)
+    assert found.alignment.rate_error > 0.0
+    assert found.offset == pytest.approx(time[0] + 0.1, abs=1e-3 * PERIOD)
 
 
 def test_a_motion_that_does_not_repeat_is_aligned_by_correlation(tmp_path: Path) -> None:
