@@ -10,6 +10,10 @@ periods. The rest r_k is a beat that does not repeat and the scatter of the cycl
 E|r_k|² = s² + t² e^(2 d (n - k)); t is what is left of the beat. A transient that decays faster
 than the slowest mode is overestimated.
 
+A motion whose last strobes repeat may wander all the same: on a torus that turns slowly, or in a
+transient slower than the slowest mode, as next to a bifurcation. It has settled only if all judged
+strobes stay near the fitted ones, and if the P phases differ by more than that.
+
 Where nothing touches, the motion is linear: its cycles do not scatter, all of r_k is transient, and
 its steady motion has the period of the excitation. With contact, a beat can be told from scatter
 only if it would have decayed visibly within the strobes that are judged.
@@ -38,6 +42,9 @@ SLOWEST = 0.1
 """Smallest decay d L within the judged periods that the model can tell from no decay at all."""
 HIGHEST = 150.0
 """Largest e-folds of a transient within the judged periods; more says nothing, and overflows."""
+REPEATS = 0.10
+"""Largest rms difference of displacements P periods apart in a motion of P periods, in half
+peak-to-peak amplitudes."""
 SURE = 2.0
 """Standard errors within which a fitted transient counts as none."""
 
@@ -59,8 +66,8 @@ class Settling:
             they are all alike.
         periods_judged: number of last periods that were judged.
         periods_needed: number of further periods until the transient is allowed, by the slowest
-            mode, at most; 0 if it is, None if nothing bounds it. With too few strobes: as if the
-            motion had begun with a transient as large as itself.
+            mode, at most; 0 if it is, None if nothing bounds it, as of a motion that wanders. With
+            too few strobes: as if the motion had begun with a transient as large as itself.
     """
 
     word: Word
@@ -113,14 +120,24 @@ def judge(
     transient, uncertainty, allowed = (
         float(values[worst]) for values in (left, SURE * error, own_allowed)
     )
-    is_over = transient <= allowed and uncertainty <= allowed
+    is_near = transient <= allowed and uncertainty <= allowed
+    is_over = is_near and (is_linear or periodicity is None or _repeats(judged, rest, P))
     is_single = is_linear or periodicity is not None
     word: Word = "not settled" if not is_over else "settled" if is_single else "irregular"
     needed = 0 if is_over else _needed(max(transient, uncertainty) / allowed, decay)
+    needed = None if is_near and not is_over else needed
     return Settling(
-        word, P if word == "settled" else None, transient, uncertainty, float(scatter.max()),
+        word, P if word == "settled" else None, transient, uncertainty, float(scatter[worst]),
         allowed, decay, _observed(judged, P), length, needed,
     )  # fmt: skip
+
+
+def _repeats(judged: FloatArray, rest: FloatArray, P: int) -> bool:
+    """Return whether displacements stay near P fitted phases that differ by more than they do."""
+    away = float(np.sqrt((rest[0] ** 2).mean(axis=-1)).max())
+    phases = np.array([judged[0, :, phase::P].mean(axis=-1) for phase in range(P)])
+    apart = float(phases.std(axis=0).max())
+    return math.sqrt(2.0) * away <= REPEATS and (P == 1 or apart > away)
 
 
 def _needed(excess: float, decay: float) -> int | None:

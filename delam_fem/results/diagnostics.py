@@ -19,6 +19,7 @@ from delam_fem.numerics.harmonics import (
     harmonic_amplitudes,
     total_harmonic_distortion,
 )
+from delam_fem.numerics.settling import REPEATS
 from delam_fem.results.gaps import between, rest_positions
 from delam_fem.results.schema import by_interface, event_interfaces
 
@@ -30,7 +31,7 @@ LARGEST_PERIODICITY = 8
 """Motions with a longer period count as irregular."""
 STROBES = 40
 """Number of last periods by which the periodicity is judged."""
-PERIODIC_SCATTER = 0.10
+PERIODIC_SCATTER = REPEATS
 """Largest rms difference of strobes in half peak-to-peak amplitudes; cycles of clapping scatter."""
 _ROUND_OFF = 1e-6
 """Part of a step that is round-off in the time of an impact."""

@@ -151,3 +151,29 @@ def test_a_motion_that_left_all_numbers_is_not_settled() -> None:
     strobes = steady(100)
     strobes[0, 0, -1] = np.nan
     assert judge(strobes, 1, DECAY, is_linear=False).word == "not settled"
+
+
+@pytest.mark.parametrize("turn", [340.0, 170.0])
+def test_a_torus_that_turns_slowly_has_no_period(turn: float) -> None:
+    """Successive strobes change places once a turn; the last forty look like two periods."""
+    k = np.arange(1200.0)
+    wander = np.stack([np.cos((np.pi + 2.0 * np.pi / turn) * k)] * 2)[:, None]
+    found = judge(0.4 * wander, 2, DECAY, is_linear=False)
+    assert (found.word, found.periodicity, found.periods_needed) == ("not settled", None, None)
+    assert judge(0.05 * wander + steady(1200, 2), 2, DECAY, is_linear=False).periodicity == 2
+
+
+def test_phases_that_do_not_differ_are_no_periods() -> None:
+    """Next to a doubling cycles differ by chance in pairs for a while; their means do not."""
+    noise = scattered(600, 0.06)
+    assert judge(steady(600) + noise, 2, DECAY, is_linear=False).word == "not settled"
+    assert judge(steady(600) + noise, 1, DECAY, is_linear=False).periodicity == 1
+    assert judge(steady(600, 2) + noise, 2, DECAY, is_linear=False).periodicity == 2
+
+
+def test_the_numbers_of_a_verdict_are_those_of_one_probe() -> None:
+    """A probe that scatters, and one with a transient that is too large for it."""
+    quiet, wild = steady(200) + fading(200, 0.05), steady(200) + scattered(200, 0.08)
+    found = judge(np.concatenate([wild, quiet], axis=1), 1, DECAY, is_linear=False)
+    assert found.word == "not settled" and found.transient == pytest.approx(0.05, rel=0.01)
+    assert found.allowed == TOLERANCE and found.scatter < TOLERANCE
