@@ -17,6 +17,7 @@ import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
+from importlib import metadata
 from importlib.machinery import ModuleSpec, PathFinder
 from types import ModuleType
 
@@ -70,6 +71,20 @@ def added(variables: Mapping[str, str]) -> Iterator[None]:
             os.environ.pop(name, None)
 
 
+@contextmanager
+def _versions_from_metadata() -> Iterator[None]:
+    """Stand in for pkg_resources, which loads slowly and is asked for one version alone."""
+    if "pkg_resources" in sys.modules:
+        yield
+        return
+    stand_in = sys.modules["pkg_resources"] = ModuleType("pkg_resources")
+    stand_in.get_distribution = metadata.distribution  # type: ignore[attr-defined]
+    try:
+        yield
+    finally:
+        del sys.modules["pkg_resources"]
+
+
 class Within:
     """Finder that has a package, with all of its modules, imported within a context."""
 
@@ -100,6 +115,10 @@ def ignore_working_folder() -> None:
     sys.meta_path[:0] = [Within("numba", _without_its_file), Within("matplotlib", elsewhere)]
 
 
-sys.meta_path.insert(0, Within("dolfinx", _symbols_stay_local))
+sys.meta_path[:0] = [
+    Within("dolfinx", _symbols_stay_local),
+    Within("ufl", _versions_from_metadata),
+    Within("ffcx", _versions_from_metadata),
+]
 if "dolfinx" in sys.modules:
     sys.setdlopenflags(os.RTLD_NOW | os.RTLD_DEEPBIND)

@@ -9,7 +9,7 @@ Analysis, chapter 9).
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtrit  # scipy.stats has it too, and loads slowly
 
 from delam_fem.numerics.arrays import FloatArray
 
@@ -54,4 +54,4 @@ def interval(means: FloatArray, confidence: float = CONFIDENCE) -> tuple[FloatAr
     if m < 2:
         return middle, np.full_like(middle, np.nan)
     error = means.std(axis=-1, ddof=1) / np.sqrt(m)
-    return middle, error * student.ppf(0.5 + 0.5 * confidence, m - 1)
+    return middle, error * stdtrit(m - 1, 0.5 + 0.5 * confidence)

@@ -115,6 +115,9 @@ def save_figure(
     paths = [path.with_suffix(f".{kind}") for kind in KINDS]
     with styled():
         figure = draw(history, case)
+        if (layout := figure.get_layout_engine()) is not None:
+            layout.execute(figure)  # once for both files; each would find it twice
+            figure.set_layout_engine(None)
         for target in paths:
             with atomic(target) as temporary:
                 figure.savefig(temporary, metadata=_METADATA[target.suffix])

@@ -7,6 +7,7 @@ import xarray as xr
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.image import imread
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from stack import three_laminae
 from synthetic import AMPLITUDES, PERIODS, STEPS, SWEEP, WINDOW, small_case, synthetic_history
 
@@ -243,3 +244,20 @@ def test_each_interface_has_its_contact_line() -> None:
     held = [[line for line in a.lines if "permanent" in str(line.get_label())] for a in panels]
     assert not held[0]
     assert sorted(set(np.round(held[1][0].get_ydata(), 6))) == [137.0, 274.0]
+
+
+@pytest.mark.parametrize("name", ["spectra", "contact_line"])
+def test_the_layout_is_found_once_and_is_that_of_the_figure(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    case = small_case()
+    history = synthetic_history(case)
+    with styled():
+        figures.FIGURES[name](history, case).savefig(tmp_path / "itself.png")
+    layouts = []
+    execute = ConstrainedLayoutEngine.execute
+    monkeypatch.setattr(ConstrainedLayoutEngine, "execute", lambda *a: layouts.append(execute(*a)))
+    figures.save_figure(figures.FIGURES[name], history, case, tmp_path / name)
+    assert len(layouts) == 1
+    difference = np.abs(pixels(tmp_path / f"{name}.png") - pixels(tmp_path / "itself.png"))
+    assert difference.mean() < 1e-3
