@@ -141,13 +141,14 @@ def test_no_limit_has_an_infinite_error(bad: float) -> None:
 def channel(**changed: float) -> Comparison:
     given = {
         "gain": 1.0, "gain_error": 0.01, "delay": 0.0, "delay_error": 1e-6, "correlation": 1.0,
+        "unlike": 0.0,
         "mean_difference": 0.0, "residual": 0.0,
     }  # fmt: skip
     return Comparison("tip", "m", False, **(given | changed))  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("bad", BAD)
-@pytest.mark.parametrize("name", ["gain", "gain_error", "delay", "delay_error", "correlation"])
+@pytest.mark.parametrize("name", ["gain", "gain_error", "delay", "delay_error", "unlike"])
 def test_a_channel_without_numbers_does_not_agree(name: str, bad: float) -> None:
     found = [
         findings([channel(), own], frequency=3.0, measured_frequency=3.0)
