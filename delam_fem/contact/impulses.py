@@ -47,8 +47,3 @@ def coupled_impulses(
         ArithmeticError: no solution (velocities or W are not finite).
     """
     return complementarity.solve(compliance, rate_free + restitution * rate_pre)
-
-
-def spring_energy(stiffness: float, gap: FloatArray) -> float:
-    """Return the energy of contact springs at their gaps, 1/2 k U^2 [J]."""
-    return 0.5 * stiffness * float(np.dot(gap, gap))

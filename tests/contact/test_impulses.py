@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from delam_fem.contact.impulses import coupled_impulses, separate_impulses, spring_energy
+from delam_fem.contact.impulses import coupled_impulses, separate_impulses
 
 
 def test_each_pair_alone_leaves_with_e_times_its_rate() -> None:
@@ -30,7 +30,3 @@ def test_a_pair_that_the_other_pushes_apart_receives_nothing() -> None:
     rate = np.array([-1.0, -0.1])
     p = coupled_impulses(rate, rate, 0.0, W)
     assert p.tolist() == [1.0, 0.0]
-
-
-def test_energy_of_springs() -> None:
-    assert spring_energy(4.0, np.array([3.0, -1.0])) == 0.5 * 4.0 * 10.0
