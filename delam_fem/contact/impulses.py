@@ -6,8 +6,6 @@ pushes the laminae apart.
 
 from __future__ import annotations
 
-import numpy as np
-
 from delam_fem.contact import complementarity
 from delam_fem.numerics.arrays import FloatArray
 
