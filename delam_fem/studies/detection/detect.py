@@ -12,7 +12,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +20,7 @@ import numpy as np
 from delam_fem.case.atomic import write_text
 from delam_fem.case.definition import Case
 from delam_fem.case.toml import CaseError
+from delam_fem.numerics.arrays import FloatArray
 from delam_fem.studies.detection.indices import FALSE_CALLS, INDICES
 from delam_fem.studies.detection.locate import Mark, Repeated, mark, repeated
 from delam_fem.studies.detection.measurement import Measurement, Scan, intact, simulated
@@ -99,7 +100,7 @@ class Detection:
             "is_measured": self.is_measured,
             "delaminations": [list(span) for span in self.spans],
             "sample_noise": self.sample_noise,
-            "shape_noise": self.shapes.noise,
+            "shape_noise": _rms(self.shapes.noise),
             "scan": asdict(self.scan) | {"lamina": self.scan.surface(self.case)},
             "indices": {name: self._of_index(name) for name in self.marks},
         }
@@ -167,16 +168,17 @@ def detect(
     if index not in INDICES:
         raise CaseError(f"index: expected one of {', '.join(INDICES)}, given {index!r}")
     without = simulated(intact(case), scan)
+    noise: float | FloatArray
     if measured is None:
         pure = simulated(case, scan)
         noise = pure.noise_of(scan)
         found = _shapes(pure.noisy(noise, scan.seed))
-        clean, shape_noise = _shapes(pure), per_shape(noise, pure.times.size)
+        clean = replace(_shapes(pure), noise=per_shape(noise, pure.times.size))
     else:
         clean = found = _shapes(measured)
-        shape_noise = found.noise
-        noise = per_sample(shape_noise, measured.times.size)
-    reference = _shapes(without.noisy(noise, scan.seed + _INTACT_SEED))
+        noise = per_sample(found.noise, measured.times.size)
+    there = np.interp(without.x, found.x, np.broadcast_to(noise, found.x.shape))
+    reference = _shapes(without.noisy(there, scan.seed + _INTACT_SEED))
     return Detection(
         case,
         scan,
@@ -186,9 +188,14 @@ def detect(
         reference,
         _marks(found),
         _marks(reference),
-        repeated(index, clean, shape_noise, repetitions=repetitions, seed=scan.seed),
-        noise,
+        repeated(index, clean, clean.noise, repetitions=repetitions, seed=scan.seed),
+        _rms(noise),
     )
+
+
+def _rms(noise: float | FloatArray) -> float:
+    """Return the root mean square over all points."""
+    return float(np.sqrt(np.mean(np.square(noise))))
 
 
 def per_shape(sample_noise: float, n_samples: int) -> float:
@@ -199,7 +206,7 @@ def per_shape(sample_noise: float, n_samples: int) -> float:
     return 2.0 * sample_noise / math.sqrt(n_samples)
 
 
-def per_sample(shape_noise: float, n_samples: int) -> float:
+def per_sample(shape_noise: float | FloatArray, n_samples: int) -> float | FloatArray:
     """Return the noise σ in a sample that belongs to a noise of the shapes; see `per_shape`."""
     return 0.5 * shape_noise * math.sqrt(n_samples)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -89,7 +89,7 @@ def mark(name: str, shapes: Shapes, false_calls: float = FALSE_CALLS) -> Mark:
 
 
 def repeated(
-    name: str, shapes: Shapes, noise: float, *, repetitions: int = 200, seed: int = 1
+    name: str, shapes: Shapes, noise: float | FloatArray, *, repetitions: int = 200, seed: int = 1
 ) -> Repeated:
     """Mark shapes again and again with new noise.
 
@@ -97,15 +97,14 @@ def repeated(
         name: an index of `INDICES`.
         shapes: without noise; or measured, whose own noise then counts twice, so that the bounds
             are rather too wide.
-        noise: root mean square of the noise of a shape.
+        noise: root mean square of the noise of a shape, of all points or of each.
         repetitions: number of repetitions.
         seed: of the random numbers.
     """
     rng = np.random.default_rng(seed)
     ends = []
     for _ in range(repetitions):
-        noisy = shapes.noisy(noise, rng)
-        found = mark(name, Shapes(shapes.x, shapes.frequency, shapes.orders, noisy.values, noise))
+        found = mark(name, replace(shapes.noisy(noise, rng), noise=noise))
         if found.is_detected:
             ends.append((found.start, found.end))
     shares = (0.5 * (1.0 - CONFIDENCE), 0.5, 0.5 * (1.0 + CONFIDENCE))

@@ -97,14 +97,12 @@ class Measurement:
         x: positions, shape (n,) [m].
         field: velocity or displacement, shape (k, n) [m/s or m].
         frequency: of the excitation [Hz].
-        noise: root mean square of the noise in a sample, where it is known, in the same unit.
     """
 
     times: FloatArray
     x: FloatArray
     field: FloatArray
     frequency: float
-    noise: float = 0.0
 
     @property
     def rms(self) -> float:
@@ -121,10 +119,10 @@ class Measurement:
             )
         return float(single / math.sqrt(scan.averages))
 
-    def noisy(self, noise: float, seed: int) -> Measurement:
-        """Return the measurement with white noise of the given root mean square."""
+    def noisy(self, noise: float | FloatArray, seed: int) -> Measurement:
+        """Return the measurement with white noise of a root mean square, for all or each point."""
         added = np.random.default_rng(seed).normal(scale=noise, size=self.field.shape)
-        return Measurement(self.times, self.x, self.field + added, self.frequency, noise)
+        return Measurement(self.times, self.x, self.field + added, self.frequency)
 
 
 def simulated(case: Case, scan: Scan) -> Measurement:

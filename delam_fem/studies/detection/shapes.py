@@ -39,14 +39,18 @@ class Shapes:
         frequency: f of the excitation [Hz].
         orders: k of each shape.
         values: V_k in the unit of the field, complex, shape (n_orders, n).
-        noise: root mean square of |δV|, the same for all orders and points, in the same unit.
+        noise: root mean square of |δV|, the same for all orders, of all points or of each, shape
+            () or (n,), in the same unit.
+        n_lines: frequencies between the orders from which the noise was estimated; inf: it is
+            known.
     """
 
     x: FloatArray
     frequency: float
     orders: tuple[float, ...]
     values: ComplexArray
-    noise: float = 0.0
+    noise: float | FloatArray = 0.0
+    n_lines: float = math.inf
 
     def order(self, k: float) -> ComplexArray:
         """Return V_k, shape (n,).
@@ -56,11 +60,11 @@ class Shapes:
         """
         return np.asarray(self.values[self.orders.index(k)])
 
-    def noisy(self, noise: float, rng: np.random.Generator) -> Shapes:
+    def noisy(self, noise: float | FloatArray, rng: np.random.Generator) -> Shapes:
         """Return these shapes with noise of the given root mean square added to them."""
         parts = rng.normal(scale=noise / math.sqrt(2.0), size=(2, *self.values.shape))
         values = self.values + parts[0] + 1j * parts[1]
-        return replace(self, values=values, noise=math.hypot(self.noise, noise))
+        return replace(self, values=values, noise=np.hypot(self.noise, noise))
 
 
 def amplitudes(field: FloatArray, times: FloatArray, frequencies: Sequence[float]) -> ComplexArray:
@@ -98,7 +102,7 @@ def shapes_of(
 ) -> Shapes:
     """Return the shapes of a field and the noise on them.
 
-    The noise is that at frequencies between 1.5 f and 2.5 f which belong to no order.
+    The noise of each point is that at frequencies between 1.5 f and 2.5 f which belong to no order.
 
     Args:
         field: displacement or velocity, shape (time, point).
@@ -125,4 +129,5 @@ def shapes_of(
     ]
     found = amplitudes(field, times, [k * frequency for k in (*kept, *between)])
     values, rest = found[: len(kept)], found[len(kept) :]
-    return Shapes(x, frequency, kept, values, float(np.sqrt(np.mean(np.abs(rest) ** 2))))
+    noise = np.sqrt(np.mean(np.abs(rest) ** 2, axis=0))
+    return Shapes(x, frequency, kept, values, noise, len(between))

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.stats import binom
 
 from delam_fem.studies.detection.indices import (
     FALSE_CALLS,
@@ -98,6 +99,27 @@ def test_noise_alone_exceeds_the_limits_as_rarely_as_promised(name: str) -> None
     spread = 3.0 * math.sqrt(FALSE_CALLS / n)
     assert called / n < FALSE_CALLS + spread
     assert called / n > 0.5 * FALSE_CALLS - spread  # and the limit is not needlessly high
+
+
+@pytest.mark.parametrize("n", [400, pytest.param(4000, marks=pytest.mark.nightly)])
+@pytest.mark.parametrize("spread", ["equal", "speckle", "few"])
+def test_healthy_beams_are_called_as_rarely_whatever_the_noise_of_their_points(
+    spread: str, n: int
+) -> None:
+    """Noise is estimated for each point: one level for all called half of the last two."""
+    rng, called = np.random.default_rng(7), np.zeros(2)
+    times = np.arange(16 * 20) / (20 * F)
+    still = np.sin(2.0 * np.pi * F * times)[:, None] * (1.0 + np.sin(math.pi * X / 0.4))
+    for _ in range(n):
+        noise = {"equal": np.ones(X.size), "speckle": np.exp(rng.normal(size=X.size)),
+                 "few": np.where(rng.random(X.size) < 0.1, 10.0, 1.0)}[spread]  # fmt: skip
+        field = still + 1e-3 * noise * rng.normal(size=still.shape)
+        shapes = shapes_of(field, times, F, X)
+        for k, name in enumerate(("curvature", "V2")):
+            found = INDICES[name](shapes, FALSE_CALLS)
+            called[k] += (found.values > found.limits).any()
+    assert (called <= binom.ppf(0.999, n, FALSE_CALLS)).all(), called / n
+    assert (called >= binom.ppf(0.001, n, 0.5 * FALSE_CALLS)).all(), called / n
 
 
 def test_the_limit_grows_with_the_noise_and_falls_with_the_spacing() -> None:
