@@ -217,5 +217,5 @@ class _First:
         """
         if self.near is not None:
             return doubled_point(ensemble, self.near, self.parameter, plan.way)
-        guess, _ = mean_of_motion(ensemble.map, plan.way.start, state, self.periods)
+        guess, *_ = mean_of_motion(ensemble.map, plan.way.start, state, self.periods)
         return first_point(ensemble, guess, plan.way)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ from delam_fem.studies.findings import save_findings
 from delam_fem.studies.orbits.exact import EXACT
 from delam_fem.studies.orbits.multipliers import Multipliers, Stability, stability_of
 from delam_fem.studies.orbits.protocol import Nature, Passage
-from delam_fem.studies.orbits.search import Coarse, Exact
+from delam_fem.studies.orbits.search import Coarse, Exact, Multiple
 
 LISTED = 0.05
 """Modulus below which multipliers of an exact orbit are not listed."""
@@ -34,6 +34,7 @@ class Orbit:
         exact: the orbit of the map itself; None: there is none.
         best_residual: smallest residual of the exact search.
         scatter: rms distance of the settled motion from its mean state, relative to it.
+        multiple: the settled motion near the orbit, if it repeats after a multiple of P only.
         nature: of the map.
         passage: the motion from the state of the orbit through its periods.
         seconds: processor time of the search [s].
@@ -46,6 +47,7 @@ class Orbit:
     exact: Exact | None
     best_residual: float
     scatter: float
+    multiple: Multiple | None
     nature: Nature
     passage: Passage
     seconds: float
@@ -66,7 +68,7 @@ class Orbit:
         """What all kicks agree on; a coarse orbit that is not solved is undecided.
 
         An exact orbit is judged by kicks and by its derivative, which sees no shift of an impact
-        to another step.
+        to another step. None is stable beside a motion that repeats after a multiple of P only.
         """
         if not self.coarse.solved.is_solved:
             return "undecided"
@@ -74,7 +76,9 @@ class Orbit:
         if self.exact is not None:
             largest = float(abs(self.exact.values[0]))
             votes.add(stability_of(largest, largest))
-        return votes.pop() if len(votes) == 1 else "undecided"
+        if len(votes) > 1 or (self.multiple is not None and votes == {"stable"}):
+            return "undecided"
+        return votes.pop()
 
     @property
     def numbers(self) -> dict[str, Any]:
@@ -107,6 +111,7 @@ class Orbit:
                 "grid_shift": None if self.exact is None else self.exact.root.shift,
             },
             "settled_scatter": self.scatter,
+            "settled_repeats": None if self.multiple is None else asdict(self.multiple),
             "smallest_tip_gap": gap if np.isfinite(gap) else None,
             "tip_strobe": self.passage.strobes.tolist(),
             "tip_min": self.passage.low.tolist(),
@@ -154,6 +159,13 @@ class Orbit:
             lines.append(
                 f"Its derivative: largest multiplier {abs(self.exact.values[0]):.4f}."
                 f"{blind * self.nature.is_stepped}"
+            )
+        if self.multiple is not None:
+            apart = 100.0 * self.multiple.distance
+            lines.append(
+                f"The settled motion repeats after {self.multiple.times * self.periods} periods; "
+                f"its states {self.periods} apart differ by {apart:.2g} % of the state, so that "
+                "this orbit is not called stable."
             )
         return [*lines, f"Together: {self.stability}."]
 

@@ -10,6 +10,7 @@ In Python:
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
 import numpy as np
 
@@ -79,8 +80,11 @@ def orbit(
             )
         first = np.zeros(map_.slow.basis.shape[0]) if start is None else start
         at_end = settled(map_, parameter, first, RESETTLE)
-        guess, scatter = mean_of_motion(map_, parameter, at_end, periods)
-        coarse = coarse_orbit(map_, parameter, guess, periods, perturbations or usual(model))
+        guess, scatter, multiple = mean_of_motion(map_, parameter, at_end, periods)
+        kicks = perturbations or usual(model)
+        if multiple is not None:  # larger kicks would reach over to the other states
+            kicks = replace(kicks, kick=min(kicks.kick, 0.5 * multiple.distance))
+        coarse = coarse_orbit(map_, parameter, guess, periods, kicks)
         exact, best = exact_orbit(map_, parameter, at_end, periods)
     except (ArithmeticError, np.linalg.LinAlgError) as error:
         raise CaseError(f"case {case.name}: no orbit is found: {error}") from None
@@ -92,6 +96,7 @@ def orbit(
         exact,
         best.residual,
         scatter,
+        multiple,
         map_.nature,
         map_.watched(state, parameter, periods),
         time.process_time() - began,

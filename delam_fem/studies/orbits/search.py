@@ -37,6 +37,12 @@ SETTLE, RESETTLE = 300, 40
 """Periods before a motion counts as settled, and after its grid is shifted."""
 SAMPLE = 48
 """Periods, or multiples of P, whose mean state the coarse search starts from."""
+MULTIPLES = range(2, 9)
+"""Multiples of P after which a motion may repeat that has left an orbit of P periods."""
+LEAVES = 2.0
+"""Ratio of distances, P periods and a multiple of P apart, from which it has."""
+LEAST_DISTANCE = 1e-3
+"""Distance relative to the state below which two states are one: such jumps are the map's own."""
 HALVED = 0.5
 """Second size of kicks, relative to the first: multipliers that depend on it are not known."""
 LARGER = 10.0
@@ -54,6 +60,19 @@ class Coarse:
 
     solved: Solved
     by_kicks: dict[float, Multipliers]
+
+
+@dataclass(frozen=True)
+class Multiple:
+    """A settled motion that repeats after a multiple of P periods only.
+
+    Attributes:
+        times: after how many times P.
+        distance: of its states P periods apart, relative to the state [-].
+    """
+
+    times: int
+    distance: float
 
 
 @dataclass(frozen=True)
@@ -108,10 +127,11 @@ def settled_map(
 
 def mean_of_motion(
     map_: PeriodMap, parameter: float, state: FloatArray, periods: int
-) -> tuple[FloatArray, float]:
+) -> tuple[FloatArray, float, Multiple | None]:
     """Return the mean of states P periods apart, and how far the slow part of one is from it.
 
-    The second is the rms distance relative to the norm of the mean: the scatter of the motion.
+    The second is the rms distance relative to the norm of the mean: the scatter of the motion. The
+    third says whether the motion repeats after a multiple of P only.
     """
     found = []
     for _ in range(SAMPLE):
@@ -120,8 +140,18 @@ def mean_of_motion(
     states = np.array(found)
     y = map_.slow.of(states)
     mean = y.mean(axis=0)
-    scatter = np.sqrt(((y - mean) ** 2).sum(axis=1).mean()) / np.linalg.norm(mean)
-    return states.mean(axis=0), float(scatter)
+    size = float(np.linalg.norm(mean))
+    scatter = np.sqrt(((y - mean) ** 2).sum(axis=1).mean()) / size
+    apart = {k: rms_distance(y[k:], y[:-k]) / size for k in (1, *MULTIPLES)}
+    far = (k for k in MULTIPLES if apart[1] > max(LEAVES * apart[k], LEAST_DISTANCE))
+    times = next(far, None)
+    multiple = None if times is None else Multiple(times, apart[1])
+    return states.mean(axis=0), float(scatter), multiple
+
+
+def rms_distance(a: FloatArray, b: FloatArray) -> float:
+    """Return the root mean square of the distances of rows."""
+    return float(np.sqrt(((a - b) ** 2).sum(axis=1).mean()))
 
 
 def coarse_orbit(
