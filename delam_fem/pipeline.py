@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ import xarray as xr
 
 from delam_fem import mpi
 from delam_fem.case import plausible
+from delam_fem.case.claim import claimed
 from delam_fem.case.definition import Case
 from delam_fem.case.files import save_case
 from delam_fem.case.toml import CaseError
@@ -61,7 +63,7 @@ def run(
         case: the case to compute.
         engine: name of the engine that computes the steps.
         directory: folder for the checkpoint, which `Result.save` removes when all results are on
-            the disk; None: no checkpoints.
+            the disk; it is made and locked meanwhile. None: no checkpoints.
         resume: whether to continue from the checkpoint in `directory`.
         extend: number of periods by which to extend the completed run of this case in `directory`;
             the case may have any number of periods. The result is that of one run, bit for bit.
@@ -80,8 +82,8 @@ def run(
         in the last two cases the result holds the steps computed so far.
 
     Raises:
-        CaseError: the case cannot be computed, there is no checkpoint to resume from, or there is
-            one that would be replaced.
+        CaseError: the case cannot be computed, there is no checkpoint to resume from, there is one
+            that would be replaced, or another process is writing to `directory`.
     """
     plausible.tell(case)
     if case.unread:
@@ -92,7 +94,10 @@ def run(
     mpi.hold(comm)
     mpi.end_with_any(comm)
     structure = discretise.assemble(case, comm=comm) if structure is None else structure
-    with session_of(case, structure.operators, initial=initial, engine=engine, comm=comm) as opened:
+    writes = comm.rank == 0 and directory is not None
+    claim = claimed(Path(directory or ""), may_hold_results=True) if writes else nullcontext()
+    session = session_of(case, structure.operators, initial=initial, engine=engine, comm=comm)
+    with claim, session as opened:
         recorder = opened.recorder
         before: checkpoint.Progress = "running"
         if resume or extend:

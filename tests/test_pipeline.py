@@ -84,7 +84,7 @@ def test_ledger_closes_and_is_the_sum_of_its_parts(result: Result) -> None:
 def test_saved_folder_repeats_the_run(result: Result, tmp_path: Path) -> None:
     written = result.save(tmp_path)
     assert all(path.exists() for path in written)
-    assert not list(tmp_path.rglob("part-*"))
+    assert not list(tmp_path.rglob(".delam_fem-*"))
     with xr.open_dataset(tmp_path / "result.nc", engine="h5netcdf") as read:
         assert np.array_equal(read.tip_displacement, result.history.tip_displacement)
         assert read.tip_displacement.attrs["units"] == "m"

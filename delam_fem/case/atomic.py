@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import hashlib
 import io
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-PREFIX = "part-"
-"""Prefix of temporary names. The suffix stays the same, because writers choose the format by it."""
+import numpy as np
+
+PREFIX = ".delam_fem-"
+"""Prefix of temporary names, which no file of a user has: what a killed process left is removed.
+The suffix stays the same, because writers choose the format by it."""
+
+
+_DIGEST = "digest"
 
 
 @contextmanager
@@ -84,6 +91,45 @@ def write_text(path: Path, text: str) -> Path:
         file.flush()
         os.fsync(file.fileno())
     return path
+
+
+def write_arrays(path: Path, arrays: Mapping[str, Any]) -> Path:
+    """Write arrays by name to an archive of NumPy, with a digest of their content.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    content = {name: np.asarray(values) for name, values in arrays.items()}
+    with atomic_file(path) as temporary:
+        np.savez(temporary, **content, **{_DIGEST: np.array(_digest(content))})
+    return path
+
+
+def read_arrays(path: Path) -> dict[str, Any]:
+    """Return the arrays of an archive that `write_arrays` wrote.
+
+    Raises:
+        ValueError: the file is damaged, was changed, or is of another kind.
+    """
+    try:
+        with path.open("rb") as file, np.load(file) as archive:
+            content = {name: archive[name] for name in archive.files}
+        digest = str(content.pop(_DIGEST))
+    except Exception as error:  # a damaged archive raises a dozen different ones
+        text = str(error).splitlines()[0][:80] if str(error) else type(error).__name__
+        raise ValueError(text) from error
+    if digest != _digest(content):
+        raise ValueError("changed after it was written")
+    return content
+
+
+def _digest(arrays: Mapping[str, Any]) -> str:
+    """Return a digest of names, types, shapes and values."""
+    found = hashlib.sha256()
+    for name, values in sorted(arrays.items()):
+        found.update(f"{name} {values.dtype.str} {values.shape}\n".encode())
+        found.update(values.tobytes())
+    return found.hexdigest()
 
 
 class DiskFile(io.RawIOBase):

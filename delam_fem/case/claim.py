@@ -11,20 +11,22 @@ import logging
 import os
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager, nullcontext
+from contextvars import ContextVar
 from pathlib import Path
 
-from delam_fem.case.atomic import PREFIX
 from delam_fem.case.toml import CaseError
 
 OUTPUTS = frozenset({
     "case.toml", "checkpoint.npz", "state.npz", "result.nc", "summary.json", "report.html",
     "figures", "fields", "sweep.toml", "sweep.nc", "sweep.json", "sweep.journal",
     "convergence.json", "tables.md", "detection.json",
-    "orbit.json", "orbit.npz", "branch.nc", "points",
+    "orbit.json", "orbit.npz", "branch.nc", "points", "checkpoints",
 })  # fmt: skip
 """Names that runs, sweeps, ladders, orbits and branches give to what they write."""
 
 _log = logging.getLogger(__name__)
+_held: ContextVar[frozenset[Path]] = ContextVar("_held", default=frozenset())
+"""The folders that this thread has locked."""
 
 
 @contextmanager
@@ -94,7 +96,14 @@ def _remove_empty(folders: list[Path]) -> None:
 
 @contextmanager
 def _locked(directory: Path) -> Iterator[None]:
-    """Hold the lock of a folder; a file system without locks is used without."""
+    """Hold the lock of a folder; a file system without locks is used without.
+
+    A command and the run within it, in one thread, hold it together.
+    """
+    real = directory.resolve()
+    if real in _held.get():
+        yield
+        return
     handle = os.open(directory, os.O_RDONLY | os.O_DIRECTORY)
     try:
         try:
@@ -106,7 +115,11 @@ def _locked(directory: Path) -> Iterator[None]:
             ) from None
         except OSError as error:  # some network file systems
             _log.debug("%s cannot be locked (%s)", directory, error.strerror)
-        yield
+        token = _held.set(_held.get() | {real})
+        try:
+            yield
+        finally:
+            _held.reset(token)
     finally:
         os.close(handle)
 
@@ -129,7 +142,7 @@ def _require_empty(directory: Path, inputs: Collection[Path]) -> None:
     found = sorted(
         entry.name
         for entry in directory.iterdir()
-        if not entry.name.startswith((".", PREFIX)) and entry.resolve() not in known
+        if not entry.name.startswith(".") and entry.resolve() not in known
     )
     if found:
         shown = ", ".join(found[:3]) + (" …" if len(found) > 3 else "")

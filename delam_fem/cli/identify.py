@@ -13,6 +13,7 @@ from delam_fem.cli.inputs import (
     Overrides,
     Overwrite,
     Quiet,
+    Resume,
     Workers,
     case_of,
     inputs_of,
@@ -63,19 +64,22 @@ def resonance_command(
     ] = None,
     noise: Noise = 0.0,
     seed: Seed = 1,
+    resume: Resume = False,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
     """Identify frequency, damping and EI of each lamina from the swept sine of a case."""
     with reported(quiet):
         from delam_fem.case.claim import claimed
+        from delam_fem.simulation.checkpoint import of_study
         from delam_fem.studies.identification.swept_sine import HEADING, identified
 
         case = case_of(case_name, overrides)
         folder = output or Path("runs") / f"{case.name}-resonance"
         inputs = [*inputs_of(case), *filter(None, [measured])]
-        with claimed(folder, inputs=inputs, may_hold_results=overwrite) as directory:
-            found = identified(case, measured, noise=noise, seed=seed)
+        claim = claimed(folder, inputs=inputs, may_hold_results=resume or overwrite)
+        with claim as directory, of_study(directory, resume=resume) as kept:
+            found = identified(case, measured, noise=noise, seed=seed, kept=kept)
             written = found.save(directory)
         if not quiet:
             table(f"resonances of case {case.name}", HEADING, found.rows())
@@ -97,6 +101,7 @@ def identify_command(
     ] = 100,
     seed: Seed = 1,
     workers: Workers = None,
+    resume: Resume = False,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
@@ -110,7 +115,8 @@ def identify_command(
         experiment = Experiment(case, tuple(frequency), tuple(unknowns), noise)
         folder = output or Path("runs") / f"{case.name}-identification"
         inputs = [*inputs_of(case), *(measured or [])]
-        with claimed(folder, inputs=inputs, may_hold_results=overwrite) as directory:
+        claim = claimed(folder, inputs=inputs, may_hold_results=resume or overwrite)
+        with claim as directory:
             found = _identified(
                 experiment, measured, directory, (simulations, calibrate, seed), workers, quiet
             )

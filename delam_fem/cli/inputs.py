@@ -26,6 +26,7 @@ Workers = Annotated[
     int | None,
     typer.Option("-j", "--workers", min=1, metavar="N", help="Processes (default: one per core)."),
 ]
+Resume = Annotated[bool, typer.Option("--resume", help="Continue what was interrupted.")]
 Overwrite = Annotated[
     bool, typer.Option("--overwrite", help="Replace other results in the folder.")
 ]

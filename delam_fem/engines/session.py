@@ -6,9 +6,12 @@ a motion of the base are enough.
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from delam_fem.case.definition import Case
@@ -18,6 +21,8 @@ from delam_fem.contact.laws import ContactLaw
 from delam_fem.engines.choose import EngineName, engine_of, law_of, scheme_of
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.schemes import Scheme
+from delam_fem.simulation import checkpoint
+from delam_fem.simulation.interrupts import Watch, stop_signals
 from delam_fem.simulation.loop import Engine, Outcome, State, set_initial, simulate
 from delam_fem.simulation.recorder import Recorder
 from delam_fem.simulation.refinement import NOT_REFINED, Refinement
@@ -63,6 +68,39 @@ class Session:
             enough: called after each period; True completes it.
         """
         return simulate(self.engine, self.recorder, self.motion, stop=stop, enough=enough)
+
+    def run_kept(self, folder: Path | None, case: Case, name: str = "compiled") -> Outcome:
+        """Run from the checkpoint in a folder, if there is one, to the end, and keep checkpoints.
+
+        Args:
+            folder: of the checkpoints of a study; None: none are kept.
+            case: the case; a checkpoint of another is left alone.
+            name: of the engine, and what else tells this run from others.
+
+        Raises:
+            CaseError: the checkpoint is damaged, or of another version.
+            KeyboardInterrupt: a signal ended the run; its checkpoint is kept.
+        """
+        if folder is None:
+            return self.run()
+        from delam_fem.mpi import MPI
+
+        what = hashlib.sha256(f"{name} {case.to_toml()}".encode()).hexdigest()[:16]
+        path, parts = folder / f"{what}.npz", (case, name, self.engine, self.recorder)
+        if path.is_file():
+            before = checkpoint.load(path, *parts, self.motion)
+            if before != "running":
+                return before
+        with stop_signals() as is_stopped:
+            save = partial(checkpoint.save, path, *parts)
+            stop = Watch(
+                lambda ended: save(outcome=ended), lambda period: None, is_stopped, MPI.COMM_SELF
+            )
+            outcome = self.run(stop)
+            stop.leave(outcome)
+        if outcome == "interrupted":
+            raise KeyboardInterrupt
+        return outcome
 
     def solution(self, outcome: Outcome) -> Solution:
         """Return the results of the run."""

@@ -13,11 +13,11 @@ import h5netcdf
 import numpy as np
 import xarray as xr
 
-from delam_fem.case.atomic import atomic_file, write_text
+from delam_fem.case.atomic import atomic_file, write_arrays, write_text
 from delam_fem.case.definition import Case
 from delam_fem.case.files import load_case, save_case
 from delam_fem.case.toml import CaseError
-from delam_fem.simulation.checkpoint import final_in, write
+from delam_fem.simulation.checkpoint import final_in
 from delam_fem.simulation.loop import State
 
 if TYPE_CHECKING:
@@ -142,8 +142,7 @@ class Result:
         if self.final is None:
             path.unlink(missing_ok=True)
             return []
-        write(path, self.final)
-        return [path]
+        return [write_arrays(path, self.final)]
 
     def save_numbers(self, directory: str | Path) -> list[Path]:
         """Write case.toml, result.nc, summary.json and the final state only."""

@@ -10,14 +10,16 @@ and frames of a run on several ranks are gathered; the first rank writes them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import shutil
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
-from delam_fem.case.atomic import atomic_file
+from delam_fem.case.atomic import read_arrays, write_arrays
 from delam_fem.case.definition import Case
 from delam_fem.case.sections import TimeStepping
 from delam_fem.case.toml import CaseError
@@ -41,6 +43,27 @@ def path_in(directory: Path) -> Path:
 def final_in(directory: Path) -> Path:
     """Return the path of the final state of a completed run in a folder."""
     return directory / "state.npz"
+
+
+@contextmanager
+def of_study(directory: Path, *, resume: bool) -> Iterator[Path]:
+    """Yield the folder for the checkpoints of a study; it is removed when the study is complete.
+
+    Args:
+        directory: folder of the study.
+        resume: whether to go on with the checkpoints that are there.
+    """
+    folder = directory / "checkpoints"
+    if not resume:
+        shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(exist_ok=True)
+    try:
+        yield folder
+    except BaseException:
+        with suppress(OSError):
+            folder.rmdir()  # if it is empty
+        raise
+    shutil.rmtree(folder)
 
 
 def save(
@@ -71,17 +94,7 @@ def save(
     """
     arrays = arrays_of(case, name, engine, recorder, outcome)
     if writes:
-        write(path, arrays)
-
-
-def write(path: Path, arrays: Mapping[str, Any]) -> None:
-    """Write the arrays of a checkpoint.
-
-    Raises:
-        OSError: the file cannot be written.
-    """
-    with atomic_file(path) as temporary:
-        np.savez(temporary, **arrays)
+        write_arrays(path, arrays)
 
 
 def arrays_of(
@@ -150,13 +163,12 @@ def load(
     if not path.is_file():
         raise CaseError(f"resume: expected a checkpoint of an interrupted run, no file {path}")
     try:
-        with path.open("rb") as file, np.load(file) as archive:  # each array has a checksum
-            data = {key: archive[key] for key in archive.files}
+        data = read_arrays(path)
         expected = _origin(case, name, engine)
         found = {key: str(data[key]) for key in expected}
         if of_shorter and _of_any_length(Case.from_toml(found["case"])) == _of_any_length(case):
             found["case"] = case.to_toml()
-    except Exception as error:  # a damaged archive raises a dozen different ones
+    except (ValueError, KeyError) as error:  # a CaseError is a ValueError
         raise _damaged(path, error) from None
     _require_origin(path, found, expected)
     try:
@@ -177,9 +189,8 @@ def periods_in(path: Path) -> int:
             "case again with more periods"
         )
     try:
-        with path.open("rb") as file, np.load(file) as archive:
-            return int(archive["n_closed"])
-    except Exception as error:
+        return int(read_arrays(path)["n_closed"])
+    except (ValueError, KeyError) as error:
         raise _damaged(path, error) from None
 
 

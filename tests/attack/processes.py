@@ -141,7 +141,7 @@ def require_none_left(session: int, seconds: float = 20.0) -> None:
 def require_whole_files(directory: Path) -> None:
     """Fail if a file under a final name is half-written."""
     for path in directory.rglob("*"):
-        if path.is_file() and not any(part.startswith("part-") for part in path.parts):
+        if path.is_file() and not any(part.startswith(".delam_fem-") for part in path.parts):
             check = WHOLE.get(path.name) or WHOLE.get(path.suffix)
             if check is not None:
                 try:

@@ -115,9 +115,9 @@ class Attack:
             "fields",
             "report.html",
             "tables.md",
-            "part-sweep.nc",
+            ".delam_fem-sweep.nc",
         }
-        if (final & names and "sweep.toml" not in names) or "part-sweep.nc" in names:
+        if (final & names and "sweep.toml" not in names) or ".delam_fem-sweep.nc" in names:
             stage = "while the results were written"
         self.stages[stage] = self.stages.get(stage, 0) + 1
 

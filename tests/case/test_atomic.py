@@ -26,6 +26,13 @@ def test_file_appears_when_the_block_ends(tmp_path: Path) -> None:
     assert names(tmp_path) == {"numbers.npz"}
 
 
+def test_a_file_of_the_user_is_no_temporary_one(tmp_path: Path) -> None:
+    own = tmp_path / "part-table.csv"
+    own.write_text("mine")
+    write_text(tmp_path / "table.csv", "new")
+    assert own.read_text() == "mine"
+
+
 @pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt])
 def test_a_failure_keeps_the_earlier_file_and_leaves_no_other(
     error: type[BaseException], tmp_path: Path

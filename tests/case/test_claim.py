@@ -47,7 +47,7 @@ def test_a_folder_with_anything_in_it_is_refused(tmp_path: Path) -> None:
 
 def test_hidden_and_half_written_files_are_nothing(tmp_path: Path) -> None:
     (tmp_path / ".directory").touch()
-    (tmp_path / "part-checkpoint.npz").touch()
+    (tmp_path / ".delam_fem-checkpoint.npz").touch()
     with claimed(tmp_path):
         pass
 

@@ -334,7 +334,7 @@ def test_saved_case_takes_its_files_along(tmp_path: Path) -> None:
     assert again.mesh.file.read_text() == "mesh"
     save_case(again, tmp_path / "moved")  # onto itself
     assert load_case(tmp_path / "moved" / "case.toml") == again
-    assert not list((tmp_path / "moved").glob("part-*"))
+    assert not list((tmp_path / "moved").glob(".delam_fem-*"))
 
 
 def test_saved_xdmf_mesh_keeps_its_numbers(tmp_path: Path) -> None:

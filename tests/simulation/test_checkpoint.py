@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import signal
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import delam_fem as df
+from delam_fem.case.atomic import read_arrays, write_arrays
+from delam_fem.case.claim import claimed
 from delam_fem.simulation import checkpoint
 
 KEYS = {
@@ -67,20 +70,35 @@ def test_another_version_or_scheme_is_refused(
 ) -> None:
     path = checkpoint.path_in(tmp_path)
     path.write_bytes(saved)
-    with np.load(path) as data:
-        arrays = {name: data[name] for name in data.files}
-    np.savez(path, **{**arrays, key: np.array(value)})
+    write_arrays(path, {**read_arrays(path), key: value})
     with pytest.raises(df.CaseError, match=f"is of {key} '{value}', expected"):
         df.run(case(), directory=tmp_path, resume=True)
+
+
+def test_numbers_that_were_changed_are_refused(saved: bytes, tmp_path: Path) -> None:
+    path = checkpoint.path_in(tmp_path)
+    path.write_bytes(saved)
+    with np.load(path) as data:
+        arrays = {name: data[name] for name in data.files}
+    np.savez(path, **{**arrays, "motion": 1.01 * arrays["motion"]})
+    with pytest.raises(df.CaseError, match=r"damaged .*\(changed after it was written\)"):
+        df.run(case(), directory=tmp_path, resume=True)
+
+
+def test_a_folder_belongs_to_one_run(tmp_path: Path) -> None:
+    with ThreadPoolExecutor(1) as other, claimed(tmp_path):
+        with pytest.raises(df.CaseError, match="another process is writing there"):
+            other.submit(df.run, case(), directory=tmp_path).result()
+        df.run(case(), directory=tmp_path)  # as the command that holds it does
 
 
 def test_a_checkpoint_that_cannot_be_written_is_a_warning(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    missing = tmp_path / "gone"
-    result = df.run(case(), directory=missing, checkpoint_seconds=0.0)
+    checkpoint.path_in(tmp_path).mkdir()  # in its place
+    result = df.run(case(), directory=tmp_path, checkpoint_seconds=0.0, overwrite=True)
     assert result.summary["outcome"] == "completed"
-    assert "checkpoint.npz: No such file or directory; the run goes on" in caplog.text
+    assert "checkpoint.npz: Is a directory; the run goes on" in caplog.text
 
 
 def test_a_diverged_run_is_not_computed_on(tmp_path: Path) -> None:

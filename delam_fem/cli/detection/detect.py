@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from delam_fem.cli.console.terminal import reported, say_files, table
-from delam_fem.cli.inputs import CaseArgument, Overrides, Overwrite, Quiet, case_of, inputs_of
+from delam_fem.cli.inputs import (
+    CaseArgument,
+    Overrides,
+    Overwrite,
+    Quiet,
+    Resume,
+    case_of,
+    inputs_of,
+)
 from delam_fem.cli.measured import Channels, Rate, Units, assigned
 
 if TYPE_CHECKING:
@@ -89,12 +97,14 @@ def detect_command(
     channels: Channels = None,
     units: Units = None,
     rate: Rate = None,
+    resume: Resume = False,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
     """Measure a case with and without its delaminations, and mark them by what clapping adds."""
     with reported(quiet):
         from delam_fem.case.claim import claimed
+        from delam_fem.simulation.checkpoint import of_study
         from delam_fem.studies.detection.measurement import Scan
 
         case = case_of(case_name, overrides)
@@ -107,8 +117,9 @@ def detect_command(
             field = _read(measured, (channels, units, rate), case, scan)
         where = output or Path("runs") / f"{case.name}-detect"
         inputs = [*inputs_of(case), *(measured or [])]
-        with claimed(where, inputs=inputs, may_hold_results=overwrite) as folder:
-            _detect(case, scan, index, folder, field, quiet=quiet)
+        claim = claimed(where, inputs=inputs, may_hold_results=resume or overwrite)
+        with claim as folder, of_study(folder, resume=resume) as kept:
+            _detect(case, scan, index, folder, field, kept=kept, quiet=quiet)
 
 
 def _read(
@@ -133,6 +144,7 @@ def _detect(
     directory: Path,
     field: Measurement | None,
     *,
+    kept: Path,
     quiet: bool,
 ) -> None:
     """Detect, write the results and show them."""
@@ -142,7 +154,7 @@ def _detect(
     from delam_fem.studies.detection.figures import save_figures
     from delam_fem.studies.detection.page import verdict, write_page
 
-    found = detect(case, scan, index=index, measured=field)
+    found = detect(case, scan, index=index, measured=field, kept=kept)
     save_case(case, directory)
     written = [found.save(directory)]
     figures = save_figures(found, directory / "figures")

@@ -13,6 +13,7 @@ from delam_fem.cli.inputs import (
     Overrides,
     Overwrite,
     Quiet,
+    Resume,
     Workers,
     case_of,
     inputs_of,
@@ -25,7 +26,6 @@ Folder = Annotated[
     Path | None,
     typer.Option("-o", "--output", metavar="DIR", help="Folder (default: runs/NAME-COMMAND)."),
 ]
-Resume = Annotated[bool, typer.Option("--resume", help="Continue what was interrupted.")]
 Noise = Annotated[
     float,
     typer.Option("--noise-db", metavar="DB", help="Overall rms of the signal over the noise."),

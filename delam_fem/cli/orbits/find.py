@@ -9,7 +9,15 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 import typer
 
 from delam_fem.cli.console.terminal import reported, say_files, table
-from delam_fem.cli.inputs import CaseArgument, Overrides, Overwrite, Quiet, case_of, inputs_of
+from delam_fem.cli.inputs import (
+    CaseArgument,
+    Overrides,
+    Overwrite,
+    Quiet,
+    Resume,
+    case_of,
+    inputs_of,
+)
 
 if TYPE_CHECKING:
     from delam_fem.studies.orbits.ensemble import Perturbations
@@ -64,6 +72,7 @@ def orbit_command(
     model: ModelName = "full",
     modes: Modes = None,
     refine: Fine = None,
+    resume: Resume = False,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
@@ -71,12 +80,14 @@ def orbit_command(
     with reported(quiet):
         case = case_of(case_name, overrides)
         from delam_fem.case.claim import claimed
+        from delam_fem.simulation.checkpoint import of_study
         from delam_fem.studies.orbits.run import orbit
 
         options = model_options(model, modes, refine) | {"perturbations": kicks(model, kick, seed)}
         folder = output or Path("runs") / f"{case.name}-orbit"
-        with claimed(folder, inputs=inputs_of(case), may_hold_results=overwrite) as directory:
-            found = orbit(case, periods=period, settle=settle, **options)
+        claim = claimed(folder, inputs=inputs_of(case), may_hold_results=resume or overwrite)
+        with claim as directory, of_study(directory, resume=resume) as kept:
+            found = orbit(case, periods=period, settle=settle, kept=kept, **options)
             paths = found.save(directory)
         if not quiet:
             table(f"orbit of {case.name}", ("", "value"), _rows(found.numbers))

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from delam_fem.case.atomic import atomic_file
+from delam_fem.case.atomic import read_arrays, write_arrays
 from delam_fem.case.definition import Case
 from delam_fem.case.toml import CaseError
 from delam_fem.contact.laws import combination
@@ -83,8 +83,7 @@ def write(path: Path, structure: Structure, case: Case, strains: FloatArray) -> 
         "reading_part": layout.reading.part,
         "strains": strains,
     }
-    with atomic_file(path) as temporary:
-        np.savez(temporary, **content, **arrays)
+    write_arrays(path, content | arrays)
 
 
 def load(case: Case) -> Structure:
@@ -125,10 +124,9 @@ def _read(path: Path, changed: int, size: int) -> tuple[Case, str, Structure, Fl
         CaseError: the file is damaged, or it is none of a reduced structure.
     """
     try:
-        with path.open("rb") as file, np.load(file) as archive:
-            if int(archive["format"]) != FORMAT:
-                raise ValueError(f"format {int(archive['format'])}, expected {FORMAT}")
-            data = {key: archive[key] for key in archive.files}
+        data = read_arrays(path)
+        if int(data["format"]) != FORMAT:
+            raise ValueError(f"format {int(data['format'])}, expected {FORMAT}")
         origin = Case.from_toml(str(data["case"]))
         structure = _structure(data)
         strains = data["strains"]

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import logging
 import shutil
-import zipfile
 from pathlib import Path
 
-import numpy as np
-
-from delam_fem.case.atomic import atomic_file, write_text
+from delam_fem.case.atomic import read_arrays, write_arrays, write_text
 from delam_fem.case.toml import CaseError
 from delam_fem.studies.branches.point import Point
 
@@ -17,6 +15,8 @@ FOLDER = "points"
 """Name of the folder of the points in the folder of a continuation."""
 _ABOUT = "about.txt"
 _NUMBERS = ("parameter", "residual", "residual_error", "parameter_error", "step")
+
+_log = logging.getLogger(__name__)
 
 
 class PointJournal:
@@ -63,8 +63,7 @@ class PointJournal:
         Raises:
             OSError: the file cannot be written.
         """
-        with atomic_file(self._path(branch, number)) as temporary:
-            np.savez(temporary, **dataclasses.asdict(point))
+        write_arrays(self._path(branch, number), dataclasses.asdict(point))
 
     def _path(self, branch: int, number: int) -> Path:
         return self.folder / f"{branch:02d}-{number:04d}.npz"
@@ -74,9 +73,9 @@ class PointJournal:
         if not path.is_file():
             return None
         try:
-            with path.open("rb") as opened, np.load(opened) as file:
-                values = {field.name: file[field.name] for field in dataclasses.fields(Point)}
-        except (OSError, KeyError, ValueError, zipfile.BadZipFile):
-            return None  # it is computed anew
-        numbers = {name: float(values[name]) for name in _NUMBERS}
-        return Point(**{**values, **numbers, "iterations": int(values["iterations"])})
+            values = read_arrays(path)
+            numbers = {name: float(values[name]) for name in _NUMBERS}
+            return Point(**{**values, **numbers, "iterations": int(values["iterations"])})
+        except (ValueError, KeyError, TypeError) as error:
+            _log.warning("%s: computed anew (%s)", path, error)
+            return None

@@ -150,6 +150,7 @@ def detect(
     index: str = MAIN,
     measured: Measurement | None = None,
     repetitions: int = 200,
+    kept: Path | None = None,
 ) -> Detection:
     """Measure a case with and without its delaminations, and compute all indices.
 
@@ -160,6 +161,7 @@ def detect(
         measured: a measured field in place of a simulated one. The intact structure is still
             simulated, with the noise that the field shows between its harmonics.
         repetitions: number of repetitions of the noise, for the bounds.
+        kept: folder for checkpoints, from which the runs go on; None: none are kept.
 
     Raises:
         CaseError: the case, the scan or the record does not allow it.
@@ -167,10 +169,10 @@ def detect(
     scan = scan or Scan()
     if index not in INDICES:
         raise CaseError(f"index: expected one of {', '.join(INDICES)}, given {index!r}")
-    without = simulated(intact(case), scan)
+    without = simulated(intact(case), scan, kept)
     noise: float | FloatArray
     if measured is None:
-        pure = simulated(case, scan)
+        pure = simulated(case, scan, kept)
         noise = pure.noise_of(scan)
         found = _shapes(pure.noisy(noise, scan.seed))
         clean = replace(_shapes(pure), noise=per_shape(noise, pure.times.size))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import tomllib
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -125,7 +126,7 @@ class Measurement:
         return Measurement(self.times, self.x, self.field + added, self.frequency)
 
 
-def simulated(case: Case, scan: Scan) -> Measurement:
+def simulated(case: Case, scan: Scan, kept: Path | None = None) -> Measurement:
     """Compute the motion of a case and return the field that a sensor without noise would measure.
 
     The run begins with the linear motion of the closed structure, and its record begins when 0.1 %
@@ -136,6 +137,7 @@ def simulated(case: Case, scan: Scan) -> Measurement:
     Args:
         case: with a harmonic excitation.
         scan: how to measure.
+        kept: folder for a checkpoint, from which the run goes on; None: none is kept.
 
     Raises:
         CaseError: the excitation is not harmonic, the lamina does not exist, the scan has no
@@ -158,7 +160,7 @@ def simulated(case: Case, scan: Scan) -> Measurement:
     )
     start = closed_motion(changed, structure)
     with session_of(changed, structure.operators, initial=start) as opened:
-        outcome = opened.run()
+        outcome = opened.run_kept(kept, changed)
         if outcome != "completed":
             raise CaseError(f"detect: the motion of case {case.name} has {outcome}")
         times, u, v = scan_field(opened.recorder, structure, scan.surface(case), x)

@@ -191,19 +191,20 @@ class Modulation:
         )
 
 
-def modulation(tones: Tones, scan: Scan | None = None) -> Modulation:
+def modulation(tones: Tones, scan: Scan | None = None, *, kept: Path | None = None) -> Modulation:
     """Measure a case under two excitations, with and without its delaminations.
 
     Args:
         tones: the case with its pump.
         scan: how it is measured, at least one common period of both frequencies.
+        kept: folder for checkpoints, from which the runs go on; None: none are kept.
 
     Raises:
         CaseError: the scan does not fit the case, or a motion diverges.
     """
     scan = scan or Scan(periods=4)
     pump, probe = tones.frequencies
-    pure, bare = two_tone(tones, scan), two_tone(tones.intact(), scan)
+    pure, bare = two_tone(tones, scan, kept), two_tone(tones.intact(), scan, kept)
     noise = pure.noise_of(scan)
     inside = np.ptp(pure.field, axis=0) > 1e-9 * np.ptp(pure.field)  # a clamp may be at rest
 
@@ -227,7 +228,7 @@ def modulation(tones: Tones, scan: Scan | None = None) -> Modulation:
     )
 
 
-def two_tone(tones: Tones, scan: Scan) -> Measurement:
+def two_tone(tones: Tones, scan: Scan, kept: Path | None = None) -> Measurement:
     """Return the field that a sensor without noise would measure under two excitations.
 
     The run begins with the linear motion of the closed structure under both, and its record begins
@@ -236,6 +237,7 @@ def two_tone(tones: Tones, scan: Scan) -> Measurement:
     Args:
         tones: the case with its pump.
         scan: how to measure.
+        kept: folder for a checkpoint, from which the run goes on; None: none is kept.
 
     Raises:
         CaseError: the scan does not fit the case, or the motion diverges.
@@ -259,7 +261,7 @@ def two_tone(tones: Tones, scan: Scan) -> Measurement:
         structure.operators, law_of(case), scheme_of(case), motion, span,
         initial=tones.start(structure),
     ) as opened:  # fmt: skip
-        outcome = opened.run()
+        outcome = opened.run_kept(kept, case, f"compiled, {span}, beside {tones.pump.to_toml()}")
         if outcome != "completed":
             raise CaseError(f"modulate: the motion of case {case.name} has {outcome}")
         times, u, v = scan_field(opened.recorder, structure, scan.surface(case), x)

@@ -85,7 +85,12 @@ class Found:
 
 
 def identified(
-    case: Case, measured: Path | None = None, *, noise: float = 0.0, seed: int = 1
+    case: Case,
+    measured: Path | None = None,
+    *,
+    noise: float = 0.0,
+    seed: int = 1,
+    kept: Path | None = None,
 ) -> Found:
     """Identify the resonances of all laminae.
 
@@ -95,6 +100,7 @@ def identified(
             is simulated without contact.
         noise: standard deviation of a sample of the simulated tips [m].
         seed: of the noise.
+        kept: folder for a checkpoint, from which the run goes on; None: none is kept.
 
     Raises:
         CaseError: the excitation is no such sweep, or the file has not the tips of all laminae.
@@ -105,7 +111,7 @@ def identified(
             'excitation.kind: expected "sweep" with an amplitude for a resonance, given '
             f'"{motion.kind}"'
         )
-    time, tips = _simulated(case) if measured is None else tips_of(case, measured)
+    time, tips = _simulated(case, kept) if measured is None else tips_of(case, measured)
     tips = tips + noise * np.random.default_rng(seed).standard_normal(tips.shape)
     amplitudes = tuple(
         resonance.demodulated(time, tip, base_motion(case), motion.amplitude) for tip in tips
@@ -113,7 +119,7 @@ def identified(
     return Found(case, amplitudes, tuple(resonance.fit(own) for own in amplitudes))
 
 
-def _simulated(case: Case) -> tuple[FloatArray, FloatArray]:
+def _simulated(case: Case, kept: Path | None) -> tuple[FloatArray, FloatArray]:
     """Return times and absolute displacements of the reference probes without contact."""
     free = case.with_overrides(
         {
@@ -124,6 +130,6 @@ def _simulated(case: Case) -> tuple[FloatArray, FloatArray]:
     )
     structure = discretise.assemble(free, needs_dolfinx=False)
     with session_of(free, structure.operators, engine="compiled") as opened:
-        opened.run()
+        opened.run_kept(kept, free)
         tips = probe_motion(opened.recorder, structure).displacement
     return np.arange(1, tips.shape[1] + 1) * free.time_step, tips

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from delam_fem.case.toml import CaseError
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.studies.orbits.ensemble import Perturbations
 from delam_fem.studies.orbits.family import FREQUENCY
+from delam_fem.studies.orbits.kept import KeptCaseMap
 from delam_fem.studies.orbits.models import Model, map_of, usual
 from delam_fem.studies.orbits.protocol import PeriodMap
 from delam_fem.studies.orbits.result import Orbit
@@ -47,6 +49,7 @@ def orbit(
     refine: int | None = None,
     map_: PeriodMap | None = None,
     start: FloatArray | None = None,
+    kept: Path | None = None,
 ) -> Orbit:
     """Find the orbit near where the motion of a case settles, and judge its stability.
 
@@ -65,6 +68,8 @@ def orbit(
         map_: map of the case, with the parameter excitation.frequency, and `start` near its orbit;
             None: that of the model, whose periods begin where the tips are far apart.
         start: state to start from, see `protocol.Nature`; None: rest.
+        kept: folder for what the map returns, from which the same search goes on; None: it is not
+            kept.
 
     Raises:
         CaseError: the drive is not periodic, the motion diverges, or P is out of range.
@@ -75,9 +80,10 @@ def orbit(
     parameter = 1.0 / case.period
     try:
         if map_ is None:
-            map_, start = settled_map(
-                map_of(case, FREQUENCY, model, modes=modes, refine=refine), parameter, settle, start
-            )
+            own = map_of(case, FREQUENCY, model, modes=modes, refine=refine)
+            if kept is not None:
+                own = KeptCaseMap(own, kept)
+            map_, start = settled_map(own, parameter, settle, start)
         first = np.zeros(map_.slow.basis.shape[0]) if start is None else start
         at_end = settled(map_, parameter, first, RESETTLE)
         guess, scatter, multiple = mean_of_motion(map_, parameter, at_end, periods)

@@ -1,11 +1,15 @@
 """The command `delam-fem detect`: what it writes, says and refuses."""
 
 import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
+import pytest
 from typer.testing import CliRunner
 
 from delam_fem.cli.app import app
+from delam_fem.engines import session
 
 FAST = ("--set", "mesh.elements=20", "--set", "time.steps_per_period=100")
 
@@ -29,6 +33,50 @@ def test_the_command(tmp_path: Path) -> None:
     status, output = invoke("detect", "embedded", *FAST, "-o", tmp_path)
     assert status == 2
     assert "is not empty" in output
+
+
+@pytest.mark.parametrize(
+    ("command", "result"),
+    [
+        (("detect", "embedded", *FAST), "detection.json"),
+        (
+            ("modulate", "embedded", *FAST, "--pump-frequency", "60", "--pump-amplitude", "0.1",
+             "--set", "excitation.frequency=350", "--periods", "1"),
+            "modulation.json",
+        ),
+        (
+            ("resonance", "paper", "--set", "mesh.elements=6", "--set", "excitation.kind=sweep",
+             "--set", "excitation.start_frequency=2", "--set", "excitation.end_frequency=6",
+             "--set", "excitation.duration=60", "--set", "time.steps_per_period=50"),
+            "resonance.json",
+        ),
+    ],
+)  # fmt: skip
+def test_what_was_interrupted_goes_on_to_the_same_numbers(
+    command: tuple[str, ...], result: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert invoke(*command, "-o", tmp_path / "whole")[0] == 0
+    asked: list[None] = []
+
+    @contextmanager
+    def stops() -> Iterator[Callable[[], bool]]:
+        yield lambda: asked.append(None) or len(asked) == 7
+
+    monkeypatch.setattr(session, "stop_signals", stops)
+    status, output = invoke(*command, "-o", tmp_path / "cut")
+    assert status == 130, output
+    assert list((tmp_path / "cut" / "checkpoints").glob("*.npz"))
+    n_before = len(asked)
+    status, output = invoke(*command, "-o", tmp_path / "cut", "--resume")
+    assert status == 0, output
+    n_all = len(asked) - n_before
+    assert not (tmp_path / "cut" / "checkpoints").exists()
+    found = [(tmp_path / name / result).read_text() for name in ("whole", "cut")]
+    assert found[1] == found[0]
+    asked.clear()
+    asked += [None] * 7
+    assert invoke(*command, "-o", tmp_path / "third")[0] == 0
+    assert len(asked) - 7 == n_all + 7  # seven periods were not computed again
 
 
 def test_a_bad_scan_leaves_no_folder_behind(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from project import ROOT
 
+from delam_fem.case.atomic import read_arrays, write_arrays
 from delam_fem.case.definition import Case
 from delam_fem.case.files import load_case, preset
 from delam_fem.case.toml import CaseError
@@ -152,12 +153,19 @@ def test_arrays_that_do_not_fit_are_refused(
     made: tuple[Reduction, Case], tmp_path: Path, name: str, value: np.ndarray
 ) -> None:
     case = made[1]
-    with np.load(case.model.file) as archive:
-        arrays = {key: archive[key] for key in archive.files}
-    path = tmp_path / "reduced.npz"
-    np.savez(path, **{**arrays, name: value})
+    path = write_arrays(tmp_path / "reduced.npz", {**read_arrays(case.model.file), name: value})
     other = case.model_copy(update={"model": case.model.model_copy(update={"file": path})})
     with pytest.raises(CaseError, match="is damaged or no file of delam-fem reduce"):
+        assemble(other)
+
+
+def test_a_file_that_was_changed_is_refused(made: tuple[Reduction, Case], tmp_path: Path) -> None:
+    case, path = made[1], tmp_path / "reduced.npz"
+    with np.load(case.model.file) as archive:
+        arrays = {key: archive[key] for key in archive.files}
+    np.savez(path, **{**arrays, "squares": 1.01 * arrays["squares"]})
+    other = case.model_copy(update={"model": case.model.model_copy(update={"file": path})})
+    with pytest.raises(CaseError, match=r"is damaged .*\(changed after it was written\)"):
         assemble(other)
 
 

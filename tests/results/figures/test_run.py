@@ -48,7 +48,7 @@ def test_all_figures_are_written_and_show_something(tmp_path: Path) -> None:
     for name in EVERY_LAMINA:
         for colour in lamina_colours(2):
             assert share_near(pixels(tmp_path / f"new/figures/{name}.png"), colour) > 2e-4, name
-    assert not list(tmp_path.rglob("part-*"))
+    assert not list(tmp_path.rglob(".delam_fem-*"))
 
 
 def draw(name: str, history: xr.Dataset, case: Case) -> Figure:

@@ -75,7 +75,7 @@ def test_the_page_is_well_formed_and_loads_nothing(case: Case, tmp_path: Path) -
         assert image["alt"]
         data = str(image["src"]).removeprefix("data:image/svg+xml;base64,")
         assert b"<svg" in base64.b64decode(data, validate=True)
-    assert not list(tmp_path.glob("part-*"))
+    assert not list(tmp_path.glob(".delam_fem-*"))
     assert (tmp_path / "report.html").stat().st_size < 5_000_000
 
 

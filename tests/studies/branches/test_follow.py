@@ -50,12 +50,25 @@ def test_a_linear_branch_is_the_linear_response(tmp_path: Path) -> None:
         read(tmp_path / "case.toml")
 
 
-def test_a_branch_that_is_broken_off_goes_on_the_same(tmp_path: Path) -> None:
+def half_written(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:1000])
+
+
+def of_another_shape(path: Path) -> None:
+    with np.load(path) as file:
+        arrays = dict(file)
+    np.savez(path, **{**arrays, "state": np.full(3, np.nan), "parameter": np.zeros(2)})
+
+
+@pytest.mark.parametrize("damage", [half_written, of_another_shape])
+def test_a_branch_that_is_broken_off_goes_on_the_same(
+    damage: Callable[[Path], None], tmp_path: Path
+) -> None:
     whole = small(tmp_path / "whole")
     small(tmp_path / "cut")
     points = sorted((tmp_path / "cut" / FOLDER).glob("*.npz"))
     points[-1].unlink()
-    points[-2].write_bytes(points[-2].read_bytes()[:1000])  # half-written by a bad disk
+    damage(points[-2])
     counted: list[int] = []
     resumed = small(
         tmp_path / "cut", resume=True, report=lambda branch, count, at: counted.append(count)
