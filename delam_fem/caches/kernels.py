@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numba
+from numba import types
 from numba.core import caching
 from numba.core.serialize import dumps
 
@@ -25,11 +26,31 @@ from delam_fem.caches.folders import DamagedError, opened, sealed, temporary_fol
 _log = logging.getLogger(__name__)
 
 
-def njit(function: Callable[..., Any] | None = None, **options: bool) -> Any:
-    """Compile a function when it is first called, and keep its machine code on disk.
+def njit(function: Callable[..., Any] | None = None, **options: Any) -> Any:
+    """Compile a function that compiled code calls: its machine code is part of the caller's.
+
+    It is compiled for numbers of a type, where Numba would compile it for each literal as well.
+    """
+
+    def compiled(function: Any) -> Any:
+        dispatcher = numba.njit(**options)(function)
+        if hasattr(dispatcher, "get_call_template"):  # not where NUMBA_DISABLE_JIT is set
+            of_types = dispatcher.get_call_template
+            dispatcher.get_call_template = lambda args, kws: of_types(
+                [types.unliteral(kind) for kind in args],
+                {name: types.unliteral(kind) for name, kind in kws.items()},
+            )
+        return dispatcher
+
+    return compiled if function is None else compiled(function)
+
+
+def kept(function: Callable[..., Any] | None = None, *, what: str = "", **options: Any) -> Any:
+    """Compile a function that Python calls, when it is first called; keep its code on disk.
 
     Args:
         function: the function.
+        what: what it computes and how long it takes to compile, for who waits; "": it is short.
         options: see `numba.njit`; `cache` is not among them.
 
     Returns:
@@ -37,9 +58,9 @@ def njit(function: Callable[..., Any] | None = None, **options: bool) -> Any:
     """
 
     def compiled(function: Any) -> Any:
-        dispatcher = numba.njit(**options)(function)
+        dispatcher = njit(**options)(function)
         if hasattr(dispatcher, "enable_caching"):  # not where NUMBA_DISABLE_JIT is set
-            dispatcher._cache = _SealedCache(function)
+            dispatcher._cache = _SealedCache(function, what)
         return dispatcher
 
     return compiled if function is None else compiled(function)
@@ -47,14 +68,15 @@ def njit(function: Callable[..., Any] | None = None, **options: bool) -> Any:
 
 @cache
 def _kernels_stamp() -> str:
-    """Return a text that changes with any module that has compiled functions.
+    """Return a text that changes with any module that machine code depends on.
 
-    Machine code contains that of the functions it calls, which may stand in other modules.
+    It contains that of the functions it calls, and reads the members of named tuples by their
+    places (`engines.compiled.handle`); both may stand in other modules.
     """
     stamp = hashlib.sha256()
     for path in sorted(Path(__file__).parents[1].rglob("*.py")):
         content = path.read_bytes()
-        if b"@njit" in content:
+        if any(word in content for word in (b"njit", b"numba", b"NamedTuple")):
             stamp.update(content)
     return stamp.hexdigest()
 
@@ -128,9 +150,10 @@ class _SealedCache(caching.FunctionCache):  # type: ignore[misc]
 
     _impl_class = _Impl
 
-    def __init__(self, function: Any) -> None:
+    def __init__(self, function: Any, what: str) -> None:
         """Find the folder of the function."""
         super().__init__(function)
+        self._what = what
         self._cache_file = _SealedFile(
             cache_path=self._cache_path,
             filename_base=self._impl.filename_base,
@@ -140,12 +163,6 @@ class _SealedCache(caching.FunctionCache):  # type: ignore[misc]
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return the machine code of a function for these types; None: it is compiled next."""
         found = super().load_overload(sig, target_context)
-        if found is None:
-            _announce()
+        if found is None and self._what:
+            _log.info("compiling %s; this is done once on this machine", self._what)
         return found
-
-
-@cache
-def _announce() -> None:
-    """Say, once a process, why nothing seems to happen now."""
-    _log.info("compiling for this machine, once, about a minute")

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from delam_fem.caches.kernels import njit
+from delam_fem.caches.kernels import kept, njit
 from delam_fem.numerics.arrays import FloatArray
 
 TOLERANCE = 1e-13
@@ -149,7 +149,7 @@ def _active_set(W, q, p, limit):  # type: ignore[no-untyped-def]
     return -solves
 
 
-@njit
+@kept
 def solve_into(W, q, p):  # type: ignore[no-untyped-def]
     """Write the solution into p; return whether one was found (called from compiled code)."""
     if q.size == 1:

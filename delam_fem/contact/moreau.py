@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from delam_fem.caches.kernels import njit
+from delam_fem.caches.kernels import kept
 from delam_fem.contact import complementarity
 from delam_fem.contact.decision import Decision, Kinematics, Setting
 
@@ -58,7 +58,7 @@ class StepImpacts:
         return Decision(hit, impulses, pre, post, resting)
 
 
-@njit
+@kept
 def _list_active(gap, rate_pre, rate_free, restitution, active):  # type: ignore[no-untyped-def]
     """List the closed pairs; return how many they are, or 0 if all of them part fast enough."""
     n, lacks = 0, False
@@ -70,7 +70,7 @@ def _list_active(gap, rate_pre, rate_free, restitution, active):  # type: ignore
     return n if lacks else 0
 
 
-@njit
+@kept
 def _push(W, active, rate_pre, rate_free, restitution, slow, hit, pushed, resting):  # type: ignore[no-untyped-def]
     """Push the closed pairs apart; return how many get an impulse, and whether that was solved.
 

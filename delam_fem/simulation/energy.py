@@ -27,7 +27,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from delam_fem.caches.kernels import njit
+from delam_fem.caches.kernels import kept, njit
 from delam_fem.model.operators import BaseCoupling
 from delam_fem.numerics.arrays import ByteArray, FloatArray
 
@@ -100,7 +100,9 @@ def base_flows(
         Work of the base [J]; part of the damping loss that involves the base velocity [J].
     """
     is_divided, sums = divided or (np.zeros(len(seen), np.uint8), np.zeros(4))
-    by_mass, cross_damping, by_stiffness, square = _sums(seen, base_states, is_divided, sums)
+    drive = base_states.view()
+    drive.flags.writeable = False  # as it is if it repeats: Numba compiles for one type of array
+    by_mass, cross_damping, by_stiffness, square = _sums(seen, drive, is_divided, sums)
     mass, damping, stiffness = base.corner
     corner_damping = damping * time_step * square
     (q0, dq0, _), (q1, dq1, _) = base_states[0].tolist(), base_states[-1].tolist()
@@ -117,7 +119,7 @@ def base_flows(
     return work, 2.0 * cross_damping + corner_damping
 
 
-@njit
+@kept
 def _sums(seen, base, is_divided, sums):  # type: ignore[no-untyped-def]
     """Return four sums over steps: Δ(m·u) mean(q''), Δ(c·u) mean(q'), mean(k·u) Δq, mean(q')².
 
@@ -136,7 +138,7 @@ def _sums(seen, base, is_divided, sums):  # type: ignore[no-untyped-def]
     return by_mass, by_damping, by_stiffness, square
 
 
-@njit
+@kept
 def add_rows(sums, rows):  # type: ignore[no-untyped-def]
     """Add small steps to the four sums of `_sums`.
 

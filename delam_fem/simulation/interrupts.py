@@ -97,17 +97,20 @@ class Watch:
         self._save, self._report = save, report
         self._is_stopped, self._comm = is_stopped, comm
         self._seconds, self._last = seconds, time.monotonic()
+        self._is_alone = comm.size == 1
 
     def __call__(self, period: int) -> bool:
         """Report a period, save a checkpoint if due, and return whether to stop.
 
         All ranks return the same.
         """
-        from delam_fem.mpi import MPI
-
         self._report(period)
         is_due = time.monotonic() - self._last > self._seconds
-        wishes = self._comm.allreduce(2 * is_due + self._is_stopped(), MPI.BOR)
+        wishes = 2 * is_due + self._is_stopped()
+        if not self._is_alone:
+            from delam_fem.mpi import MPI
+
+            wishes = self._comm.allreduce(wishes, MPI.BOR)
         if wishes & 2:
             self._try_to_save("running")
             self._last = time.monotonic()

@@ -15,7 +15,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from delam_fem.caches.kernels import njit
+from delam_fem.caches.kernels import kept
 from delam_fem.contact.decision import Decision
 from delam_fem.model.operators import BaseCoupling
 from delam_fem.numerics.arrays import BoolArray, ByteArray, FloatArray, IntArray
@@ -196,6 +196,8 @@ class Recorder:
             n_probes: number of probes, which are recorded at every step.
             n_sensors: number of functionals of sensors, which are recorded behind the probes.
         """
+        _extremes(np.zeros((1, N_BASE)), 1, np.zeros((2, 0)))  # loads it before the first period
+        base_flows(np.zeros((1, N_BASE)), (0.0, 0.0), np.zeros((1, 3)), base, span.time_step)
         self._base, self.time_step = base, span.time_step
         self._n_observed = n_probes + n_sensors
         self.is_forced = base.is_force
@@ -324,7 +326,7 @@ def _level(stepper: Stepper) -> Level:
     return stepper.energies(), stepper.dissipated, stepper.contact_damped
 
 
-@njit
+@kept
 def _extremes(u, n_rows, envelope):  # type: ignore[no-untyped-def]
     """Write the extremes of each probe into `envelope`; return the largest magnitude.
 

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from delam_fem.caches.kernels import njit
+from delam_fem.caches.kernels import kept, njit
 from delam_fem.numerics.arrays import IntArray
 
 SAFETY = 2.0
@@ -75,7 +75,7 @@ def unforeseen_warning(contacts: IntArray) -> str | None:
     )
 
 
-@njit
+@kept
 def is_near(gap, rate, ahead, slow):  # type: ignore[no-untyped-def]
     """Return whether a pair that is faster than `slow` may close by F1 (see `RefinedSteps`)."""
     for k in range(gap.size):
@@ -84,7 +84,7 @@ def is_near(gap, rate, ahead, slow):  # type: ignore[no-untyped-def]
     return False
 
 
-@njit
+@kept
 def base_rows(before, after, r, time_step):  # type: ignore[no-untyped-def]
     """Return (q, q', q'') of the base at the start of a step and at each of its r parts, (r+1, 3).
 

@@ -18,13 +18,13 @@ from delam_fem.caches.folders import DamagedError, opened, sealed
 
 KERNEL = """
 import logging, sys
-from delam_fem.caches.kernels import njit
+from delam_fem.caches.kernels import kept
 
 logging.basicConfig(level=logging.DEBUG if "-v" in sys.argv else logging.WARNING)
 logging.getLogger("numba").setLevel(logging.WARNING)
 
 
-@njit
+@kept
 def double(x):
     return 2.0 * x
 

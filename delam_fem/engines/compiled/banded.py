@@ -13,7 +13,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-from delam_fem.caches.kernels import njit
+from delam_fem.caches.kernels import kept, njit
 from delam_fem.engines.compiled.simd import fma, lane, load, splat, store
 from delam_fem.numerics.arrays import FloatArray, IntArray
 
@@ -91,7 +91,7 @@ def factorise(matrix: sp.spmatrix) -> Band:
     return Band(width, value)
 
 
-@njit
+@kept
 def _factorise(value, width):  # type: ignore[no-untyped-def]
     """Replace a band by its factors; return the row of a zero pivot, or -1."""
     n = value.shape[0]

@@ -307,7 +307,7 @@ def examine_moreau(system, law, memory, log, tick):  # type: ignore[no-untyped-d
     return status
 
 
-@njit(forceinline=True)
+@njit(inline="always")
 def examine(system, law, memory, log, tick):  # type: ignore[no-untyped-def]
     """Apply the law at the end of a step, at a tick; return COMPLETED, NOT_FINITE or UNSOLVED."""
     if law.kind == IMPACTS:

@@ -14,6 +14,7 @@ import numpy as np
 
 from delam_fem.contact.laws import LAWS, ContactLaw, Law
 from delam_fem.engines.compiled import contact, loop, state
+from delam_fem.engines.compiled.handle import View, packed
 from delam_fem.engines.compiled.state import (
     IMPACT,
     N_EVENTS,
@@ -26,7 +27,7 @@ from delam_fem.engines.compiled.state import (
 from delam_fem.engines.compiled.stepper import CompiledStepper
 from delam_fem.engines.compiled.system import StepNumbers
 from delam_fem.model.operators import Operators
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.arrays import FloatArray, IntArray
 from delam_fem.numerics.schemes import Scheme
 from delam_fem.simulation.impacts import Columns
 from delam_fem.simulation.loop import State
@@ -35,6 +36,8 @@ from delam_fem.simulation.refinement import NOT_REFINED, Refinement
 
 EVENTS, HITS = 4096, 16384
 """Room in the event buffers besides that of one step. A full buffer is emptied in Python."""
+
+_PLACES = {name: place for name, (place, _) in View(Log).members.items()}
 
 
 def compiled_engine(
@@ -124,7 +127,11 @@ class Compiled:
         """
         self.operators, self._refinement = operators, refinement
         self.stepper = CompiledStepper(operators, schemes, law)
+        self._run = loop.prepared(refinement.factor > 1)
+        self.stepper.observe()  # loads this code too, before the clock of a run starts
+        self.stepper.energies()
         r = refinement.factor
+        self._buffers: tuple[Log, IntArray] | None = None
         self._events = Columns.room(EVENTS + r, HITS + r * operators.n_pairs)
 
     def state(self) -> State:
@@ -154,7 +161,7 @@ class Compiled:
             ArithmeticError: no impulses were found, or velocities before an impact are not finite.
         """
         s, memory = self.stepper, self.stepper.memory
-        log = self._log(record)
+        log, address = self._log(record)
         memory.counts[N_FRAMES] = 0
         memory.totals[[IMPACT, RELEASED]] = 0.0
         memory.flows[:], memory.effort[:] = 0.0, 0
@@ -162,19 +169,34 @@ class Compiled:
         step, ending = 0, state.FULL
         while ending == state.FULL:
             memory.counts[[N_EVENTS, N_HITS]] = 0
-            step, ending = loop.run_steps(*s.systems, s.law, memory, log, step + 1, floor)
+            step, ending = self._run(s.address, address, step + 1, floor)
             self._empty_events(record)
         record.end = s.stored_energies(), s.dissipated, s.contact_damped
         record.impact, record.released = (float(memory.totals[k]) for k in (IMPACT, RELEASED))
         record.flows[:], record.effort[:] = memory.flows, memory.effort
         n_kept = memory.counts[N_FRAMES]
         record.frames.extend(s.unknowns.outward(log.frames[:n_kept]))
-        record.contact.extend(log.contact[:n_kept])
+        record.contact.extend(log.contact[:n_kept].copy())
         _require_impulses(ending)
         return int(step)
 
-    def _log(self, record: PeriodRecord) -> Log:
-        """Return the buffers into which compiled code writes a period."""
+    def _log(self, record: PeriodRecord) -> tuple[Log, int]:
+        """Return the buffers into which compiled code writes a period, and their address.
+
+        They are made once; only the arrays of the record differ from period to period.
+        """
+        if self._buffers is None or self._buffers[0].frame_steps is not record.frame_steps:
+            log = self._new_log(record)
+            self._buffers = log, packed(log)
+        log, table = self._buffers
+        own = {"base_states": np.ascontiguousarray(record.base_states)}
+        own |= {name: getattr(record, name) for name in ("u", "v", "is_divided")}
+        for name, values in own.items():
+            table[_PLACES[name]] = values.ctypes.data
+        self._own = own  # what the table points to must stay
+        return log, int(table.ctypes.data)
+
+    def _new_log(self, record: PeriodRecord) -> Log:
         n_frames, size = record.frame_steps.size, self.stepper.system.size
         return Log(
             n_steps=len(record.base_states) - 1,

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Callable
 
-from delam_fem.caches.kernels import njit
+import numpy as np
+from numba import types
+
+from delam_fem.caches.kernels import kept, njit
 from delam_fem.engines.compiled import banded
 from delam_fem.engines.compiled import lane_kernels as lk
 from delam_fem.engines.compiled import points as points
 from delam_fem.engines.compiled import springs as springs
 from delam_fem.engines.compiled import step as steps
+from delam_fem.engines.compiled.handle import view_at
 from delam_fem.engines.compiled.refined import run_refined
-from delam_fem.engines.compiled.simd import pointers
 from delam_fem.engines.compiled.state import (
     ATTACHMENT,
     COMPLETED,
@@ -29,7 +32,9 @@ from delam_fem.engines.compiled.state import (
     NONE,
     SPRING,
     STRAIN,
+    Log,
 )
+from delam_fem.engines.compiled.system import Problem
 
 
 @njit
@@ -57,9 +62,9 @@ def _glide(system, law, memory, log, span, touch):  # type: ignore[no-untyped-de
     return last + 1, 0.0, np.inf
 
 
-@njit
+@njit(inline="always")
 def _run_steps(system, law, memory, log, first, floor):  # type: ignore[no-untyped-def]
-    """Compute steps with bare pointers; see `run_steps`."""
+    """Compute steps; see `run_plain`."""
     counts, step, touch = memory.counts, first, floor if law.kind == NONE else 0.0
     while step <= log.n_steps:
         if counts[N_EVENTS] == log.n_events or counts[N_HITS] + system.n_pairs > log.n_hits:
@@ -101,47 +106,70 @@ def _store_energies(system, law, memory):  # type: ignore[no-untyped-def]
 
 # -- called from Python -----------------------------------------------------------------------
 
+_problem, _log = view_at(Problem), view_at(Log)
 
-@njit(nogil=True)
-def run_steps(coarse, middle, fine, law, memory, log, first, floor):  # type: ignore[no-untyped-def]
+
+@kept(nogil=True, what="steps of one size, for all laws and schemes, about 20 s")
+def run_plain(problem_at, log_at, first, floor):  # type: ignore[no-untyped-def]
     """Compute the steps from `first` to the end of the period; store the energies at the end.
 
-    The systems differ in the size of their steps; without refinement they are the same.
+    Args:
+        problem_at: address of the table of a `Problem`.
+        log_at: address of the table of a `Log`.
+        first: number of the first step.
+        floor: gap below which the motion counts as diverged [m].
 
     Returns:
         The last completed step, and the result of the loop: COMPLETED, DIVERGED, FULL (empty the
         event buffers and call again), or a failure that contact.py defines.
     """
-    bare, state, kept = pointers(fine), pointers(memory), pointers(log)
-    memory.counts[IS_SEEN] = 0
-    if log.refine == 1:
-        ending = _run_steps(bare, law, state, kept, first, floor)
-    else:
-        sizes = pointers(coarse), pointers(middle)
-        ending = run_refined(*sizes, bare, law, state, kept, first, floor)
-    _store_energies(bare, law, state)
+    p = _problem(problem_at)
+    p.memory.counts[IS_SEEN] = 0
+    ending = _run_steps(p.fine, p.law, p.memory, _log(log_at), first, floor)
+    _store_energies(p.fine, p.law, p.memory)
     return ending
 
 
-@njit
-def observe(system, memory, u, v):  # type: ignore[no-untyped-def]
-    """Write m_b·u, c_b·u, k_b·u and the probes of u into `u`; the probes of v into `v`."""
-    steps.observe_into(pointers(system), pointers(memory).X, u, v, 0)
+@kept(nogil=True, what="steps divided near contact, for all laws and schemes, about 25 s")
+def run_divided(problem_at, log_at, first, floor):  # type: ignore[no-untyped-def]
+    """Do the same as `run_plain` where steps near contact are divided."""
+    p = _problem(problem_at)
+    p.memory.counts[IS_SEEN] = 0
+    ending = run_refined(p.coarse, p.middle, p.fine, p.law, p.memory, _log(log_at), first, floor)
+    _store_energies(p.fine, p.law, p.memory)
+    return ending
 
 
-@njit
-def renew(system, law, memory):  # type: ignore[no-untyped-def]
+def prepared(is_divided: bool) -> Callable[[int, int, int, float], tuple[int, int]]:
+    """Return `run_plain` or `run_divided`, compiled or loaded."""
+    run = run_divided if is_divided else run_plain
+    run.compile((types.int64, types.int64, types.int64, types.float64))
+    return run  # type: ignore[no-any-return]
+
+
+@kept
+def observe(problem_at):  # type: ignore[no-untyped-def]
+    """Write m_b·u, c_b·u, k_b·u and the probes into `Memory.seen_u` and `seen_v`."""
+    p = _problem(problem_at)
+    steps.observe_into(p.fine, p.memory.X, p.memory.seen_u, p.memory.seen_v, 0)
+
+
+@kept
+def renew(problem_at):  # type: ignore[no-untyped-def]
     """Compute the accelerations from the equation of motion."""
-    springs.renew_acceleration(pointers(system), law, pointers(memory))
+    p = _problem(problem_at)
+    springs.renew_acceleration(p.fine, p.law, p.memory)
 
 
-@njit
-def list_springs(system, memory):  # type: ignore[no-untyped-def]
+@kept
+def list_springs(problem_at):  # type: ignore[no-untyped-def]
     """Update the list of spring pairs from `resting`."""
-    springs.list_springs(pointers(system), pointers(memory))
+    p = _problem(problem_at)
+    springs.list_springs(p.fine, p.memory)
 
 
-@njit
-def store_energies(system, law, memory):  # type: ignore[no-untyped-def]
+@kept
+def store_energies(problem_at):  # type: ignore[no-untyped-def]
     """Update `Memory.stored`."""
-    _store_energies(pointers(system), law, pointers(memory))
+    p = _problem(problem_at)
+    _store_energies(p.fine, p.law, p.memory)

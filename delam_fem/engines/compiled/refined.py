@@ -110,7 +110,7 @@ def _leap(system, law, memory, log, new_base, level, tick):  # type: ignore[no-u
     return steps.end_step(system, law, memory, log, tick, flow, smallest)
 
 
-@njit(forceinline=True)
+@njit(inline="always")
 def _fine_step(system, law, memory, log, new_base, tick, floor):  # type: ignore[no-untyped-def]
     """Make a fine step and ask the law; return COMPLETED, DIVERGED or a failure of the law."""
     flow, smallest = steps.advance(system, law, memory, new_base)
@@ -119,7 +119,7 @@ def _fine_step(system, law, memory, log, new_base, tick, floor):  # type: ignore
     return steps.end_step(system, law, memory, log, tick, flow, smallest)
 
 
-@njit(forceinline=True)
+@njit(inline="always")
 def _account(system, memory, before, after, share):  # type: ignore[no-untyped-def]
     """Add the work of the base over a small step to `flows`."""
     seen_before = steps.see_base(system, memory)
@@ -136,7 +136,7 @@ def _was_unforeseen(memory, log, event):  # type: ignore[no-untyped-def]
     return False
 
 
-@njit(forceinline=True)
+@njit(inline="always")
 def _base_in(states, step, share, time_step):  # type: ignore[no-untyped-def]
     """Return (q, q', q'') of the base within a step; share 1 is its end."""
     if share == 1.0:
@@ -145,7 +145,7 @@ def _base_in(states, step, share, time_step):  # type: ignore[no-untyped-def]
     return base_within(before, after, share, time_step)
 
 
-@njit
+@njit(inline="always")
 def _divide(middle, fine, law, memory, log, step, floor):  # type: ignore[no-untyped-def]
     """Make a coarse step in smaller ones; return COMPLETED, DIVERGED or a failure of the law."""
     effort, counts, r, m = memory.effort, memory.counts, log.refine, log.middle
@@ -180,9 +180,9 @@ def _divide(middle, fine, law, memory, log, step, floor):  # type: ignore[no-unt
     return COMPLETED
 
 
-@njit
+@njit(inline="always")
 def run_refined(coarse, middle, fine, law, memory, log, first, floor):  # type: ignore[no-untyped-def]
-    """Compute steps with bare pointers, and divide those near contact; see `loop.run_steps`."""
+    """Compute steps, and divide those near contact; see `loop.run_plain`."""
     counts, r = memory.counts, log.refine
     for step in range(first, log.n_steps + 1):
         if counts[N_EVENTS] + r > log.n_events or counts[N_HITS] + r * fine.n_pairs > log.n_hits:

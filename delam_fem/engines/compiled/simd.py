@@ -50,46 +50,6 @@ def aligned_zeros(size: int) -> FloatArray:
     return raw[first : first + size]
 
 
-@intrinsic
-def pointers(typing, arrays):  # type: ignore[no-untyped-def]
-    """Return a named tuple with bare pointers in place of its arrays, also in nested tuples.
-
-    Compiled code that passes arrays on counts references to them all the time, which costs more
-    than a step. The caller must keep the arrays alive. Indices are not checked, and an index into a
-    matrix counts through its rows.
-    """
-
-    def code(context, builder, signature, values):  # type: ignore[no-untyped-def]
-        return _bare_value(context, builder, signature.args[0], values[0])  # type: ignore[no-untyped-call]
-
-    return _bare_type(arrays)(arrays), code
-
-
-def _bare_type(kind: types.Type) -> types.Type:
-    """Return the type of a value with pointers in place of arrays."""
-    if isinstance(kind, types.Array):
-        return types.CPointer(kind.dtype)
-    if isinstance(kind, types.BaseNamedTuple):
-        members = [_bare_type(member) for member in kind.types]
-        return types.BaseTuple.from_types(members, kind.instance_class)
-    return kind
-
-
-def _bare_value(context, builder, kind, value):  # type: ignore[no-untyped-def]
-    """Return a value with pointers in place of arrays."""
-    if isinstance(kind, types.Array):
-        return context.make_array(kind)(context, builder, value).data
-    if isinstance(kind, types.BaseNamedTuple):
-        members = [
-            _bare_value(  # type: ignore[no-untyped-call]
-                context, builder, member, builder.extract_value(value, i)
-            )
-            for i, member in enumerate(kind.types)
-        ]
-        return context.make_tuple(builder, _bare_type(kind), members)
-    return value
-
-
 def _address(context, builder, signature, values):  # type: ignore[no-untyped-def]
     """Return the address of a vector at pointer + index."""
     index = context.cast(builder, values[1], signature.args[1], types.intp)

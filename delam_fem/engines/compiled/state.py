@@ -1,6 +1,6 @@
 """The arrays that compiled code changes while it runs, and the contact law as numbers.
 
-The arrays are allocated once; compiled functions get them as members of named tuples.
+The arrays are allocated once; compiled functions get them through a `handle.View`.
 """
 
 from __future__ import annotations
@@ -58,6 +58,7 @@ class Memory(NamedTuple):
         near: whether a gap is small according to a coarse step, and to a middle step, shape
             (2 n_pairs,).
         seen: m_b·u, c_b·u, k_b·u at the end of the last step, shape (3,).
+        seen_u, seen_v: what the last `observe` has seen; see `CompiledStepper`.
         flows: sums over divided steps for the work of the base (`energy.add_flows`), shape (4,).
         effort: numbers of steps and contacts (`recorder.EFFORT`), shape (5,).
         totals: energies so far: dissipated, damped in contacts, by impacts, released by springs,
@@ -90,6 +91,8 @@ class Memory(NamedTuple):
     kept: FloatArray
     near: npt.NDArray[np.uint8]
     seen: FloatArray
+    seen_u: FloatArray
+    seen_v: FloatArray
     flows: FloatArray
     effort: IntArray
     totals: FloatArray
@@ -167,7 +170,7 @@ class Log(NamedTuple):
     rate_post: FloatArray
 
 
-def memory(size: int, n_pairs: int) -> Memory:
+def memory(size: int, n_pairs: int, n_probes: int) -> Memory:
     """Allocate the memory of a problem; the state is at rest."""
     return Memory(
         X=aligned_zeros(N_FIELDS * size),
@@ -175,6 +178,8 @@ def memory(size: int, n_pairs: int) -> Memory:
         kept=np.zeros(3 * size),
         near=np.zeros(2 * n_pairs, dtype=np.uint8),
         seen=np.zeros(3),
+        seen_u=np.zeros(3 + n_probes),
+        seen_v=np.zeros(n_probes),
         flows=np.zeros(4),
         effort=np.zeros(5, dtype=np.int64),
         totals=np.zeros(4),

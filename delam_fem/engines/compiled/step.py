@@ -207,7 +207,7 @@ def keep_frame(system, memory, log, step):  # type: ignore[no-untyped-def]
     memory.counts[N_FRAMES] = n + 1
 
 
-@njit(forceinline=True)
+@njit(inline="always")
 def end_step(system, law, memory, log, tick, flow, smallest):  # type: ignore[no-untyped-def]
     """Apply the law to a candidate that touches, and account for damping.
 

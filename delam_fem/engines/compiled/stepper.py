@@ -8,8 +8,9 @@ import numpy as np
 
 from delam_fem.engines.compiled import lane_kernels as lk
 from delam_fem.engines.compiled import loop, state, system
+from delam_fem.engines.compiled.handle import packed
 from delam_fem.engines.compiled.state import CONTACT_DAMPED, DISSIPATED, LawNumbers
-from delam_fem.engines.compiled.system import StepNumbers
+from delam_fem.engines.compiled.system import Problem, StepNumbers
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.arrays import BoolArray, FloatArray
 from delam_fem.simulation.energy import Energies
@@ -19,8 +20,8 @@ class CompiledStepper:
     """A problem, its scheme, its law and its state.
 
     Attributes:
-        systems: the problem with coarse, middle and fine steps.
-        system, law, memory: the arguments of compiled functions; the system is that of fine steps.
+        system, law, memory: what compiled functions work on; the system is that of fine steps.
+        address: where the table of this `Problem` lies.
         unknowns: what the internal numbers of the fields are.
         seen_u: m_b·u, c_b·u, k_b·u and the probes of u at the last `observe`, shape
             (3 + n_probes,).
@@ -39,11 +40,13 @@ class CompiledStepper:
         """
         self.law, self._has_acceleration = law, schemes[-1].has_acceleration
         built = [system.build(operators, scheme) for scheme in schemes]
-        self.systems = tuple(one._replace(coarseness=2 - k) for k, (one, _) in enumerate(built))
-        self.system, self.unknowns = self.systems[-1], built[-1][1]
-        self.memory = state.memory(self.system.size, operators.n_pairs)
-        self.seen_u: FloatArray = np.zeros(3 + operators.n_probes + operators.n_sensors)
-        self.seen_v: FloatArray = np.zeros(operators.n_probes + operators.n_sensors)
+        coarse, middle, fine = (one._replace(coarseness=2 - k) for k, (one, _) in enumerate(built))
+        self.system, self.unknowns = fine, built[-1][1]
+        self.memory = state.memory(self.system.size, operators.n_pairs, self.system.n_probes)
+        self._problem = Problem(coarse, middle, fine, law, self.memory)
+        self._table = packed(self._problem)
+        self.address = int(self._table.ctypes.data)
+        self.seen_u, self.seen_v = self.memory.seen_u, self.memory.seen_v
         self._corner = operators.base.corner
 
     @property
@@ -71,11 +74,11 @@ class CompiledStepper:
 
     def observe(self) -> None:
         """Update `seen_u` and `seen_v` from the current state."""
-        loop.observe(self.system, self.memory, self.seen_u, self.seen_v)
+        loop.observe(self.address)
 
     def energies(self) -> Energies:
         """Return the energies of the whole system, base included, in the fixed frame [J]."""
-        loop.store_energies(self.system, self.law, self.memory)
+        loop.store_energies(self.address)
         return self.stored_energies()
 
     def stored_energies(self) -> Energies:
@@ -115,12 +118,12 @@ class CompiledStepper:
         fields[:] = internal if is_own else self.unknowns.inward(motion)
         self.memory.resting[:] = resting
         if self._has_acceleration:  # the θ-scheme has no springs
-            loop.list_springs(self.system, self.memory)
+            loop.list_springs(self.address)
 
     def renew_acceleration(self) -> None:
         """Compute a from the equation of motion; do nothing with the θ-scheme, which has no a."""
         if self._has_acceleration:
-            loop.renew(self.system, self.law, self.memory)
+            loop.renew(self.address)
 
     def _fields(self) -> FloatArray:
         """Return u, v, a in internal order, shape (3, size)."""

@@ -37,6 +37,7 @@ from delam_fem.engines.compiled.modes import (
 )
 from delam_fem.engines.compiled.points import NO_POINTS, Points, points_of
 from delam_fem.engines.compiled.simd import aligned_zeros
+from delam_fem.engines.compiled.state import LawNumbers, Memory
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.arrays import FloatArray, IntArray
 
@@ -162,6 +163,22 @@ class System(NamedTuple):
     is_touching: bool
     points: Points
     coarseness: int = 0
+
+
+class Problem(NamedTuple):
+    """What compiled code needs of a problem: three sizes of steps, the law, the state.
+
+    Attributes:
+        coarse, middle, fine: the system with each size of steps; without refinement the same.
+        law: contact law.
+        memory: state and work space.
+    """
+
+    coarse: System
+    middle: System
+    fine: System
+    law: LawNumbers
+    memory: Memory
 
 
 _KEPT: deque[tuple[Operators, StepNumbers, tuple[System, Coordinates]]] = deque(maxlen=8)

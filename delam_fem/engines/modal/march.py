@@ -24,7 +24,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from delam_fem.caches.kernels import njit
+from delam_fem.caches.kernels import kept, njit
 from delam_fem.contact.complementarity import solve_again, solve_into
 from delam_fem.engines.modal.state import (
     COMPLETED,
@@ -237,7 +237,7 @@ def _keep(memory, trace, step):  # type: ignore[no-untyped-def]
     trace.q[step], trace.v[step], trace.s[step] = memory.q, memory.v, memory.s
 
 
-@njit(nogil=True)
+@kept(nogil=True, what="steps of modes, about 10 s")
 def run_period(problem, coarse, fine, memory, drive, trace):  # type: ignore[no-untyped-def]
     """March through the steps of a period; return COMPLETED, DIVERGED or UNSOLVED."""
     n_steps, r, reach = len(drive.motion) - 1, drive.refine, 0.5 * SAFETY * coarse.length

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import NamedTuple
 
 import numba
 import numpy as np
@@ -16,10 +17,12 @@ from delam_fem.engines.choose import engine_of, law_of, scheme_of
 from delam_fem.engines.compiled import banded, contact, lane_kernels, lanes, simd
 from delam_fem.engines.compiled import engine as engine_module
 from delam_fem.engines.compiled.engine import Compiled, compiled_engine
-from delam_fem.engines.compiled.state import IMPACTS, MOREAU, PENALTY, LawNumbers
-from delam_fem.engines.compiled.system import StepNumbers, build
+from delam_fem.engines.compiled.handle import packed, view_at
+from delam_fem.engines.compiled.state import IMPACTS, MOREAU, PENALTY, LawNumbers, Log
+from delam_fem.engines.compiled.system import Problem, StepNumbers, build
 from delam_fem.model.beams import closed_form
 from delam_fem.model.operators import BaseCoupling, Operators
+from delam_fem.numerics.arrays import FloatArray
 from delam_fem.simulation.loop import State, set_initial, simulate
 from delam_fem.simulation.recorder import Recorder
 from delam_fem.simulation.setup import motion_of, span_of
@@ -44,9 +47,32 @@ def vector_operations(x, out):  # type: ignore[no-untyped-def]
     return simd.lane(a, 2)
 
 
+KEPT: list[object] = []
+"""Tables, and what they point to."""
+
+
+def address_of(values: NamedTuple) -> int:
+    """Return the address of the table of a named tuple."""
+    table = packed(values)
+    KEPT.append((values, table))
+    return int(table.ctypes.data)
+
+
+class Two(NamedTuple):
+    """Two arrays of numbers."""
+
+    start: FloatArray
+    value: FloatArray
+
+
+two_at = view_at(Two)
+rows_at, band_at = view_at(banded.Rows), view_at(banded.Band)
+problem_at, log_at = view_at(Problem), view_at(Log)
+
+
 @numba.njit
 def on_addresses(arrays):  # type: ignore[no-untyped-def]
-    bare = simd.pointers(arrays)
+    bare = two_at(arrays)
     return vector_operations(bare.value, bare.start)
 
 
@@ -54,7 +80,7 @@ def test_vector_operations() -> None:
     rng = np.random.default_rng(1)
     x, out = rng.normal(size=8), np.zeros(24)
     a, b = x[:4], x[4:]
-    third = on_addresses(banded.Rows(out, np.zeros(0, dtype=np.int64), x))
+    third = on_addresses(address_of(Two(out, x)))
     expected = [a * b + 1.0, a + b, a - b * b, a[[1, 0, 3, 2]], a[[2, 3, 0, 1]], np.minimum(a, b)]
     np.testing.assert_allclose(out, np.concatenate(expected), rtol=1e-15, atol=1e-15)
     assert third == a[2]
@@ -62,7 +88,7 @@ def test_vector_operations() -> None:
 
 def test_smaller_passes_over_what_is_no_number() -> None:
     x, out = np.array([np.nan, 1.0, np.nan, 4.0, 2.0, 0.5, 3.0, 5.0]), np.zeros(24)
-    on_addresses(banded.Rows(out, np.zeros(0, dtype=np.int64), x))
+    on_addresses(address_of(Two(out, x)))
     assert out[20:].tolist() == [2.0, 0.5, 3.0, 4.0]
 
 
@@ -86,13 +112,13 @@ def operators_of(n: int, mass: str = "consistent") -> Operators:
 
 @numba.njit
 def solve(arrays, size):  # type: ignore[no-untyped-def]
-    bare = simd.pointers(arrays)
+    bare = two_at(arrays)
     lane_kernels.substitute(bare.value, size, bare.start, lane_kernels.R, lane_kernels.Z)
 
 
 @numba.njit
 def form(arrays, size):  # type: ignore[no-untyped-def]
-    bare = simd.pointers(arrays)
+    bare = two_at(arrays)
     return lane_kernels.loss(bare.value, size, bare.start)
 
 
@@ -110,12 +136,11 @@ def test_chains_solve_and_measure(n: int) -> None:
     rng = np.random.default_rng(n)
     right, p = rng.normal(size=(2, 4 * n))
     fields[lane_kernels.R, order], fields[lane_kernels.P, order] = right, p
-    nothing = np.zeros(0, dtype=np.int64)
-    solve(banded.Rows(lanes.solution_tape(chains), nothing, X), size)
+    solve(address_of(Two(lanes.solution_tape(chains), X)), size)
     exact = sp.linalg.spsolve(A.tocsc(), right)
     found = fields[lane_kernels.Z, order]
     np.testing.assert_allclose(found, exact, rtol=0.0, atol=ROUND_OFF * np.abs(exact).max())
-    value = form(banded.Rows(lanes.form_tape(chains), nothing, X), size)
+    value = form(address_of(Two(lanes.form_tape(chains), X)), size)
     assert value == pytest.approx(p @ (A @ p), rel=ROUND_OFF)
 
 
@@ -157,7 +182,7 @@ def test_the_right_path_is_taken() -> None:
 
 @numba.njit
 def solve_band(band, X, size):  # type: ignore[no-untyped-def]
-    banded.substitute(simd.pointers(X).value, size, simd.pointers(band), 0, 1)
+    banded.substitute(rows_at(X).value, size, band_at(band), 0, 1)
 
 
 def test_band_solves() -> None:
@@ -170,7 +195,8 @@ def test_band_solves() -> None:
     right = rng.normal(size=n)
     X = np.concatenate([to @ right, np.zeros(n)])
     nothing = np.zeros(0, dtype=np.int64)
-    solve_band(banded.factorise(to @ A @ to.T), banded.Rows(nothing, nothing, X), n)
+    band = banded.factorise(to @ A @ to.T)
+    solve_band(address_of(band), address_of(banded.Rows(nothing, nothing, X)), n)
     np.testing.assert_allclose(A @ (to.T @ X[n:]), right, rtol=0.0, atol=1e-12)
 
 
@@ -320,9 +346,9 @@ def test_divergence_ends_the_period_early() -> None:
 
 
 @numba.njit
-def examine(system, law, memory, log):  # type: ignore[no-untyped-def]
-    bare = simd.pointers(system), law, simd.pointers(memory), simd.pointers(log)
-    return contact.examine(*bare, 1)
+def examine(problem, log):  # type: ignore[no-untyped-def]
+    p = problem_at(problem)
+    return contact.examine(p.fine, p.law, p.memory, log_at(log), 1)
 
 
 def test_velocities_that_are_no_numbers_are_told() -> None:
@@ -330,8 +356,8 @@ def test_velocities_that_are_no_numbers_are_told() -> None:
     s, motion = engine.stepper, np.zeros((3, engine.operators.n_dofs))
     motion[0, 0], motion[1, 0] = 1.0, np.inf  # node 1 of lamina 1 far beyond lamina 2
     engine.restore(State(motion, s.resting), np.zeros(3))
-    log = engine._log(recorder.open(s, np.zeros((2, 3))))
-    ending = examine(s.system, s.law, s.memory, log)
+    _, address = engine._log(recorder.open(s, np.zeros((2, 3))))
+    ending = examine(s.address, address)
     assert ending == contact.NOT_FINITE
     with pytest.raises(ArithmeticError, match="not finite"):
         engine_module._require_impulses(ending)

@@ -11,7 +11,7 @@ import pytest
 
 from delam_fem.case.files import preset
 from delam_fem.engines.compiled import points
-from delam_fem.engines.compiled.simd import pointers
+from delam_fem.engines.compiled.handle import packed, view_at
 from delam_fem.engines.compiled.state import Memory, memory
 from delam_fem.engines.compiled.system import StepNumbers, System, build
 from delam_fem.model.beams import closed_form
@@ -30,9 +30,12 @@ TOLD = 0.3
 """Share of the open states, which are rough, that control values must tell without a look."""
 
 
+system_at, memory_at = view_at(System), view_at(Memory)
+
+
 @numba.njit
 def lowest(system, state, ahead):  # type: ignore[no-untyped-def]
-    s, m = pointers(system), pointers(state)
+    s, m = system_at(system), memory_at(state)
     return (
         points.lowest_control(m.X, s.size, s.points.control, ahead),
         points.lowest_approach(m.X, s.size, s.points.control, ahead),
@@ -41,7 +44,7 @@ def lowest(system, state, ahead):  # type: ignore[no-untyped-def]
 
 @numba.njit
 def measured(system, state, ahead, is_closing):  # type: ignore[no-untyped-def]
-    s, m = pointers(system), pointers(state)
+    s, m = system_at(system), memory_at(state)
     return points.measure(s.points, s.size, m.X, ahead, is_closing, m.gap, m.rate)
 
 
@@ -65,7 +68,7 @@ def moving(o: Operators, size: float, seed: int) -> tuple[FloatArray, FloatArray
 
 def loaded(o: Operators, motion: tuple[FloatArray, FloatArray]) -> tuple[System, Memory]:
     system, places = build(o, SCHEME)
-    state = memory(system.size, o.n_pairs)
+    state = memory(system.size, o.n_pairs, system.n_probes)
     state.X[: 2 * system.size] = places.inward(np.stack(motion)).ravel()
     return system, state
 
@@ -84,12 +87,14 @@ def test_no_gap_is_overlooked(
         assert system.is_chained and system.is_within
         gap, rate = o.gap_matrix @ u + o.gap0, o.gap_matrix @ v
         seen = (gap + AHEAD * rate, gap + np.minimum(AHEAD * rate, 0.0))
-        low = lowest(system, state, AHEAD)
+        tables = packed(system), packed(state)
+        at = [table.ctypes.data for table in tables]
+        low = lowest(*at, AHEAD)
         for least, exact, is_closing in zip(low, seen, (False, True), strict=True):
             n_open += exact.min() > 0.0
             n_told += least > 0.0
             assert exact.min() > 0.0 or not least > 0.0
-            found = measured(system, state, AHEAD, is_closing)
+            found = measured(*at, AHEAD, is_closing)
             own, is_seen = np.array(state.gap), np.isfinite(state.gap)
             assert (exact[~is_seen] > 0.0).all()
             assert own[is_seen] == pytest.approx(exact[is_seen], rel=1e-12, abs=1e-16)
@@ -103,7 +108,8 @@ def test_at_rest_the_bound_is_near_the_gap(tmp_path: Path) -> None:
     """A parabola is a cubic, so δ = 0: only the slope at the first node lowers the bound."""
     o = operators_of(4, {"gap.exponent": 2.0}, tmp_path, None)
     system, state = loaded(o, (np.zeros(o.n_dofs), np.zeros(o.n_dofs)))
-    least, _ = lowest(system, state, 0.0)
+    tables = packed(system), packed(state)
+    least, _ = lowest(*(table.ctypes.data for table in tables), 0.0)
     X = 0.25  # the point with the largest t' of the first cell; h G' = 2 G at its node
     t = (1.0 - X) / (3.0 - 2.0 * X)
     assert least == pytest.approx(o.gap0[3] * (1.0 - 2.0 * t), rel=1e-9)
