@@ -10,7 +10,7 @@ from scipy.interpolate import PchipInterpolator
 
 from delam_fem.case.layers import Delamination
 from delam_fem.case.sections import Gap
-from delam_fem.case.tables import read_columns, require_unit
+from delam_fem.case.tables import in_si_units, read_columns
 from delam_fem.case.toml import CaseError
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.numerics.cantilever import cantilever_mode
@@ -166,14 +166,12 @@ def _columns(path: Path, length: float) -> tuple[tuple[int, ...], FloatArray, Fl
     """Return line numbers, x (increasing) [m] and gap [m] of a table.
 
     Raises:
-        CaseError: see `read_columns`; a heading names another unit than m; there are less than two
+        CaseError: see `read_columns`; a heading names a unit of no length; there are less than two
             rows; x does not increase, or goes beyond the length of the lamina.
     """
     label = f"gap file {path}"
     table = read_columns(path, label, ("x", "gap"))
-    for column, name in enumerate(("x", "gap")):
-        require_unit(table, column, {"m": "m"}, f"{name} in m", label)
-    x, gap = table.values
+    (x, gap), _ = in_si_units(table, ("x", "gap"), (("m",), ("m",)), label)
     if x.size < 2:
         raise CaseError(f"{label}: expected at least two rows of x, gap, given {x.size}")
     for k in np.flatnonzero(~(np.diff(x) > 0.0)):
@@ -184,6 +182,6 @@ def _columns(path: Path, length: float) -> tuple[tuple[int, ...], FloatArray, Fl
     if x[-1] > length * (1.0 + _LONGER):
         raise CaseError(
             f"{label}, line {table.lines[-1]}: expected x up to the length {length!r} m of the "
-            f"lamina, given {x[-1]}; tables are read in m"
+            f"lamina, given {x[-1]} m"
         )
     return table.lines, x, gap

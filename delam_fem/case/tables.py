@@ -8,14 +8,17 @@ A file that is named by mistake is no table, and its text may be nobody's busine
 
 from __future__ import annotations
 
+import logging
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from pydantic_core import PydanticCustomError
 
 from delam_fem.case.toml import MOST_BYTES, CaseError
+from delam_fem.case.units import in_si
 from delam_fem.numerics.arrays import FloatArray
 
 _DATA = re.compile(r"[+-]?[.,]?\d")
@@ -28,13 +31,10 @@ _BARE_UNITS = frozenset(
     "m mm cm dm km µm μm um nm inch ft s ms µs μs us min h N mN kN g m/s2 m/s^2 m/s²".split()
 )
 """Units that are recognised without brackets as the last word of a heading: `gap mm`, `x_mm`."""
-_FACTORS: Mapping[str, tuple[str, str]] = {
-    "mm": ("m", "0.001"), "cm": ("m", "0.01"), "µm": ("m", "1e-6"), "μm": ("m", "1e-6"),
-    "um": ("m", "1e-6"), "km": ("m", "1000"), "inch": ("m", "0.0254"), "in": ("m", "0.0254"),
-    "ms": ("s", "0.001"), "min": ("s", "60"), "kN": ("N", "1000"), "mN": ("N", "0.001"),
-    "g": ("m/s2", "9.80665"),
-}  # fmt: skip
-"""SI unit and factor of common units, for the remedy in messages."""
+_GRAVITY = ("g", "G", "gn")
+"""How accelerometers name the standard gravity; a column is not in grams."""
+_told: set[str] = set()
+_log = logging.getLogger(__name__)
 _COUNTS = ("no", "one", "two", "three", "four")
 
 
@@ -122,33 +122,55 @@ def rows_of(path: Path, label: str) -> Iterator[tuple[int, list[str]]]:
     yield from _split(path, label, None)[0]
 
 
-def require_unit(
-    table: Columns, column: int, accepted: Mapping[str, str], what: str, label: str
-) -> str | None:
-    """Return the unit that a heading names, in its usual spelling, or None if it names none.
+def in_si_units(
+    table: Columns, names: Sequence[str], accepted: Sequence[Sequence[str]], label: str
+) -> tuple[FloatArray, tuple[str, ...]]:
+    """Return the numbers of a table in SI units, by the units that its heading names.
+
+    A warning says, once, that a heading names none; the first accepted units are then meant.
 
     Args:
         table: the table.
-        column: the column.
-        accepted: units in which the column can be read, as they may be written, with their usual
-            spelling.
-        what: the column in messages, "times in s".
+        names: names of the columns in messages.
+        accepted: SI units in which each column can be.
         label: name of the file in messages.
 
+    Returns:
+        The numbers, shape (n_columns, n_rows), and the unit of each column.
+
     Raises:
-        CaseError: the heading names another unit.
+        CaseError: a heading names another unit.
     """
-    unit = table.unit(column)
-    if unit is None:
-        return None
-    if unit in accepted:
-        return accepted[unit]
-    target, factor = _FACTORS.get(unit, ("", ""))
-    remedy = "convert the column, and put the unit of its numbers into the heading"
-    if target in accepted.values():
-        remedy = f"multiply the column by {factor} and write [{target}] in the heading"
+    found = [_factor(table, k, choices, label) for k, choices in enumerate(accepted)]
+    missing = [
+        f"{name} in {unit}"
+        for k, (name, (_, unit)) in enumerate(zip(names, found, strict=True))
+        if table.unit(k) is None
+    ]
+    text = f"{label}: the heading names no unit; read as {', '.join(missing)}"
+    if missing and text not in _told:
+        _told.add(text)
+        _log.warning(text)
+    factors = np.array([[factor] for factor, _ in found])
+    return table.values * factors, tuple(unit for _, unit in found)
+
+
+def _factor(table: Columns, column: int, accepted: Sequence[str], label: str) -> tuple[float, str]:
+    """Return the factor from the unit of a column to the SI unit that it fits, and this."""
+    given = table.unit(column)
+    if given is None:
+        return 1.0, accepted[0]
+    for unit in accepted:
+        name = "g_0" if given in _GRAVITY and unit == "m/s2" else given.replace("**", "^")
+        try:
+            factor = in_si(f"1 {name}", unit)
+        except PydanticCustomError:
+            continue
+        if isinstance(factor, float):
+            return factor, unit
     raise CaseError(
-        f"{label}, line {table.heading_line}: expected {what}, given {unit[:8]}: {remedy}"
+        f"{label}, line {table.heading_line}: expected values in {' or '.join(accepted)}, or in a "
+        f"multiple, in column {column + 1}, given {given[:8]}"
     )
 
 

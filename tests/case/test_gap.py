@@ -167,3 +167,11 @@ def test_file_that_is_no_table(tmp_path: Path) -> None:
 def test_power_that_rounds_to_closed() -> None:
     with pytest.raises(CaseError, match=r"gap starts closed beyond the clamp: .* given 0 m at x"):
         initial_gap(Gap(tip=0.012, exponent=400.0), [0.0, L / 20, L], L)
+
+
+def test_a_table_in_millimetres_is_the_same_gap(tmp_path: Path) -> None:
+    (tmp_path / "m.csv").write_text("x [m], gap [m]\n0,0\n0.3,0.004\n0.685,0.012\n")
+    (tmp_path / "mm.csv").write_text("x [mm], gap [µm]\n0,0\n300,4000\n685,12000\n")
+    x = np.linspace(0.1, 0.685, 7)
+    in_m, in_mm = (initial_gap(Gap(file=tmp_path / f"{n}.csv"), x, 0.685) for n in ("m", "mm"))
+    assert in_mm == pytest.approx(in_m, rel=1e-12)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from delam_fem.case.tables import read_columns, require_unit
+from delam_fem.case.tables import in_si_units, read_columns
 from delam_fem.case.toml import CaseError
 
 SAME = [[0.0, 0.25, 0.5], [0.0, 0.003, 1.5e-3]]
@@ -63,13 +63,42 @@ def test_units_of_a_heading(tmp_path: Path, heading: str, units: list[str | None
     assert [table.unit(0), table.unit(1)] == units
 
 
-def test_another_unit_is_refused_with_its_remedy(tmp_path: Path) -> None:
-    table = read_columns(written(tmp_path, "x [mm], gap [furlong]\n0,0\n1,2\n"), "t")
-    with pytest.raises(CaseError, match=r"t, line 1: expected x in m, given mm: multiply .*0\.001"):
-        require_unit(table, 0, {"m": "m"}, "x in m", "t")
-    with pytest.raises(CaseError, match=r"expected gap in m, given furlong: convert the column"):
-        require_unit(table, 1, {"m": "m"}, "gap in m", "t")
-    assert require_unit(table, 0, {"mm": "mm"}, "x in mm", "t") == "mm"
+@pytest.mark.parametrize(
+    ("heading", "accepted", "factors"),
+    [
+        ("x [mm], gap [µm]", (("m",), ("m",)), (1e-3, 1e-6)),
+        ("t [ms], a [g]", (("s",), ("m", "m/s2")), (1e-3, 9.80665)),
+        ("t [min], a [m/s²]", (("s",), ("m", "m/s2")), (60.0, 1.0)),
+        ("t [s], a [mm/s**2]", (("s",), ("m", "m/s2")), (1.0, 1e-3)),
+        ("t [s], F [kN]", (("s",), ("N",)), (1.0, 1e3)),
+        ("x [inch], gap [furlong]", (("m",), ("m",)), (0.0254, 201.168)),
+    ],
+)
+def test_numbers_are_converted_by_the_units_of_the_heading(
+    tmp_path: Path, heading: str, accepted: tuple[tuple[str, ...], ...],
+    factors: tuple[float, float],
+) -> None:  # fmt: skip
+    table = read_columns(written(tmp_path, f"{heading}\n1,1\n2,3\n"), "t")
+    values, units = in_si_units(table, ("a", "b"), accepted, "t")
+    assert values[:, 0] == pytest.approx(factors, rel=1e-5)
+    assert values[:, 1] == pytest.approx([2.0 * factors[0], 3.0 * factors[1]], rel=1e-5)
+    assert units[0] == accepted[0][0] and units[1] == accepted[1][-1]
+
+
+def test_a_unit_of_another_quantity_is_refused(tmp_path: Path) -> None:
+    table = read_columns(written(tmp_path, "x [mm], gap [N]\n0,0\n1,2\n"), "t")
+    with pytest.raises(CaseError, match=r"t, line 1: expected values in m, or in a multiple, in c"):
+        in_si_units(table, ("x", "gap"), (("m",), ("m",)), "t")
+
+
+def test_a_table_without_units_is_told_once(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    table = read_columns(written(tmp_path, "x, gap [mm]\n0,0\n1,2\n"), "t")
+    for _ in range(2):
+        values, _ = in_si_units(table, ("x", "gap"), (("m",), ("m",)), str(tmp_path))
+    assert values.tolist() == [[0.0, 1.0], [0.0, 0.002]]
+    assert caplog.messages == [f"{tmp_path}: the heading names no unit; read as x in m"]
 
 
 @pytest.mark.parametrize(

@@ -8,15 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from delam_fem.case.tables import read_columns, require_unit
+from delam_fem.case.tables import in_si_units, read_columns
 from delam_fem.case.toml import CaseError
 from delam_fem.numerics.arrays import FloatArray
 
-_UNITS = {
-    "base": {"m": "m", "m/s2": "m/s2", "m/s^2": "m/s2", "m/s²": "m/s2", "m/s**2": "m/s2"},
-    "force": {"N": "N"},
-}
-"""Units of the values by what they act on, as they may be written, and as they are kept."""
+_UNITS = {"base": ("m", "m/s2"), "force": ("N",)}
+"""SI units of the values by what they act on."""
 
 
 @dataclass(frozen=True)
@@ -42,8 +39,8 @@ class Series:
 def read_series(path: Path, acts_on: str, least_rows: int = 6) -> Series:
     """Read a table and check it.
 
-    Comments (#) are skipped. A heading may give units in brackets: `time [s], force [N]`. Without
-    units, times are in s, values in m (base) or N (force).
+    Comments (#) are skipped. A heading gives units in brackets: `time [ms], force [kN]`. Without
+    units, times are in s, values in m (base) or N (force), and a warning says so.
 
     Args:
         path: table with the columns time and value; see `tables.read_columns`.
@@ -56,15 +53,11 @@ def read_series(path: Path, acts_on: str, least_rows: int = 6) -> Series:
     """
     name = f"excitation.file {path}"
     table = read_columns(path, name, ("time", "value"))
-    require_unit(table, 0, {"s": "s"}, "times in s", name)
-    known = _UNITS[acts_on]
-    expected = " or ".join(dict.fromkeys(known.values()))
-    unit = require_unit(table, 1, known, f'values in {expected} with acts_on = "{acts_on}"', name)
-    time, value = table.values
+    (time, value), units = in_si_units(table, ("time", "value"), (("s",), _UNITS[acts_on]), name)
     if time.size < least_rows:
         raise CaseError(f"{name}: expected at least {least_rows} rows, given {time.size}")
     _check_times(time, table.lines, name)
-    return Series(time, value, unit or next(iter(known.values())))
+    return Series(time, value, units[1])
 
 
 def _check_times(time: FloatArray, lines: Sequence[int], name: str) -> None:

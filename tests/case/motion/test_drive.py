@@ -173,9 +173,8 @@ def test_bad_excitation(keys: dict[str, object], expected: str) -> None:
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("time [ms], force [N]\n", r"line 1: expected times in s, given ms"),
-        ("time [s], force [kN]\n", "line 1: expected values in N with acts_on = .force., given"),
-        ("time [s], a [m/s2]\n", "line 1: expected values in N with acts_on = .force., given"),
+        ("time [mm], force [N]\n", r"line 1: expected values in s, or in a multiple, in column 1"),
+        ("time [s], a [m/s2]\n", "line 1: expected values in N, or in a multiple, in column 2, gi"),
         ("1.0, 0.0\n", "line 1: expected times from 0, given 1.0; subtract the first time"),
         ("0.0, 0.0\n0.0, 1.0\n", "line 2: expected times to increase, given 0.0 after 0.0"),
         ("0.0, 0.0, 1.0\n", "line 1: expected two numbers time, value, given 3 columns"),
