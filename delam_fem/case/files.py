@@ -34,6 +34,8 @@ def load_case(path: str | Path, overrides: Mapping[str, object] | None = None) -
     """
     path = Path(path)
     data = read_toml(path)
+    if "axis" in data:
+        raise CaseError(f"case {path}: is a sweep; compute it with delam-fem sweep {path}")
     delaminations = data.get("delamination")
     listed = delaminations if isinstance(delaminations, list) else []
     sections = [data.get(name) for name in ("gap", "mesh", "model", "excitation")]

@@ -9,6 +9,8 @@ from datetime import date, datetime, time
 from delam_fem.case.materials import MATERIALS
 from delam_fem.case.toml import MOST_LEVELS, CaseError, Data, parsed, shown
 
+_ARRAYS = ("lamina", "delamination", "point_mass", "sensor")
+"""Sections of a case that are arrays of tables."""
 _ALTERNATIVES = (
     ("mesh", ("elements", "file")),
     ("gap", ("exponent", "shape", "file")),
@@ -71,8 +73,9 @@ def set_key(data: Data, key: str, value: object) -> None:
 
     Args:
         data: the case as `tomllib` returns it.
-        key: path to the key, with dots; an entry of an array of tables is named by its `name` or by
-            its number: laminae from 1, delaminations, which have no names, from 0.
+        key: path to the key, with dots; an entry of an array of tables is named by its `name`, a
+            delamination by its neighbours (`lower-upper`), or by its number: laminae from 1,
+            delaminations from 0.
         value: the new value; None removes the key.
 
     Raises:
@@ -80,6 +83,10 @@ def set_key(data: Data, key: str, value: object) -> None:
     """
     *parents, last = key.split(".")
     table: object = data
+    if parents and parents[0] in _ARRAYS and parents[0] not in data:
+        raise CaseError(
+            f"override {key}: the case has no [[{parents[0]}]]; write one into a case file"
+        )
     for depth, part in enumerate(parents, start=1):
         if isinstance(table, dict) and part:
             table = table.setdefault(part, {})
@@ -102,7 +109,13 @@ def set_key(data: Data, key: str, value: object) -> None:
 def _names(table: object, first: int) -> list[str]:
     """Return the names of the entries of an array of tables; [] for anything else."""
     entries = table if isinstance(table, list) else []
-    return [str(entry.get("name", i)) for i, entry in enumerate(entries, start=first)]
+    return [str(_name(entry) or i) for i, entry in enumerate(entries, start=first)]
+
+
+def _name(entry: Data) -> object:
+    """Return the name of an entry; a delamination has that of its neighbours, "lower-upper"."""
+    between = entry.get("between")
+    return "-".join(map(str, between)) if isinstance(between, list | tuple) else entry.get("name")
 
 
 def first_number(array: str) -> int:
@@ -112,9 +125,17 @@ def first_number(array: str) -> int:
 
 def _entry(tables: list[Data], part: str, key: str, first: int) -> Data:
     """Return the entry of an array of tables with the name or the number `part`."""
-    for number, table in enumerate(tables, start=first):
-        if part in (str(number), table.get("name")):
-            return table
+    found = [
+        table
+        for number, table in enumerate(tables, start=first)
+        if part in (str(number), _name(table))
+    ]
+    if len(found) == 1:
+        return found[0]
+    if found:
+        raise CaseError(
+            f"override {key}: {len(found)} entries {part!r}; give a number from {first}"
+        )
     names = ", ".join(_names(tables, first))
     raise CaseError(
         f"override {key}: no entry {part!r}; expected one of {names or 'none'} or a number from "
@@ -157,6 +178,24 @@ def apply_overrides(data: Data, overrides: Mapping[str, object]) -> None:
         if key.startswith("lamina."):
             _leave_material(data, key)
         set_key(data, key, value)
+    if overrides.get("output.window_periods") is not None:
+        _require_window(data)
+
+
+def _require_window(data: Data) -> None:
+    """Refuse an override to a window that is longer than the run, where both are in periods.
+
+    Raises:
+        CaseError: it is longer.
+    """
+    time, output = data.get("time"), data.get("output")
+    if isinstance(time, dict) and isinstance(output, dict):
+        periods, window = time.get("periods"), output.get("window_periods")
+        if isinstance(periods, int) and isinstance(window, int) and window > periods:
+            raise CaseError(
+                f"override output.window_periods: expected at most time.periods = {periods}, "
+                f"given {window}"
+            )
 
 
 def _leave_material(data: Data, key: str) -> None:

@@ -67,7 +67,18 @@ def read_toml(path: Path) -> Data:
     try:
         return parsed(text, label)
     except tomllib.TOMLDecodeError as error:
-        raise CaseError(f"{label}: not valid TOML: {error}") from None
+        raise CaseError(f"{label}: not valid TOML: {error}{_remedy(text, str(error))}") from None
+
+
+def _remedy(text: str, error: str) -> str:
+    """Return what may be wrong in the line that an error of TOML names; "" if that is not seen."""
+    place = re.search(r"at line (\d+)", error)
+    line = text.splitlines()[int(place[1]) - 1] if place else ""
+    word = re.match(r"\s*([\w.-]+)\s*=\s*([A-Za-z][\w@/-]*)\s*(#.*)?$", line)
+    if word:
+        return f'; a text stands in quotes: {word[1]} = "{word[2]}"'
+    comma = re.match(r"\s*([\w.-]+)\s*=\s*([+-]?\d+),(\d+)", line)
+    return f"; a number has a decimal point: {comma[1]} = {comma[2]}.{comma[3]}" if comma else ""
 
 
 def parsed(text: str, label: str) -> Data:

@@ -21,6 +21,8 @@ _VALUE = re.compile(
     r"\s*([A-Za-zµμΩ°%][\w µμΩ°%²³·*/^().-]{0,40})"
 )
 """A number with a unit. Its parts are short: to evaluate 9**9**9 m would take forever."""
+_COMMA = re.compile(r"\s*([+-]?\d{1,40}),(\d{1,40}\s*\D{0,40})")
+"""A number with a decimal comma."""
 _POWER = re.compile(r"(?<=[A-Za-z])([0-9])")
 """A digit behind a letter is a power: m2 is m^2."""
 _ANGULAR = re.compile(r"\b(rad|radians?|rpm|rps|rev|revolutions?|turns?|cycles?|deg|degrees?)\b")
@@ -80,6 +82,10 @@ def in_si(value: object, unit: str, key: str = "") -> object:
         return _magnitude(value, unit, str(value), key)
     found = _VALUE.fullmatch(value) if isinstance(value, str) else None
     if found is None:
+        comma = _COMMA.fullmatch(value) if isinstance(value, str) else None
+        if comma is not None:
+            point = f"{comma[1]}.{comma[2]}"
+            raise _refused(f"expected {_words(unit)} with a decimal point, {point!r}", key)
         return value
     text = f"{found[1]} {found[2]}"
     if _ANGULAR.search(found[2]) and unit == "Hz":

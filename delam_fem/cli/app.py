@@ -28,7 +28,7 @@ from delam_fem.cli.orbits.find import register as register_orbits
 from delam_fem.cli.paper import register as register_paper
 from delam_fem.cli.reduce import register as register_reduction
 from delam_fem.cli.reduced import register as register_reduced
-from delam_fem.cli.run import report_in_folder, run_in_folder
+from delam_fem.cli.run import engine_in, report_in_folder, run_in_folder
 from delam_fem.cli.schema import register as register_schema
 from delam_fem.cli.sweep import register as register_sweeps
 
@@ -77,8 +77,11 @@ def run_command(
     overrides: Overrides = None,
     *,
     engine: Annotated[
-        Literal["petsc", "compiled"], typer.Option(help="Engine that computes the steps.")
-    ] = "petsc",
+        Literal["petsc", "compiled"] | None,
+        typer.Option(
+            help="Engine that computes the steps (default: petsc, or that of what goes on)."
+        ),
+    ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Continue an interrupted run.")] = False,
     extend: Extend = None,
     overwrite: Overwrite = False,
@@ -101,7 +104,10 @@ def run_command(
         case = case_of(case_name, overrides)
         from delam_fem.engines.cost import require_affordable, run_cost
 
-        cost, folder = run_cost(case, engine), output or Path("runs") / case.name
+        folder = output or Path("runs") / case.name
+        if engine is None:
+            engine = engine_in(folder, resume=resume, extend=extend is not None)
+        cost = run_cost(case, engine)
         require_affordable(cost, f"case {case.name}", is_confirmed=yes, folder=folder)
         options: dict[str, Any] = {"engine": engine, "resume": resume}
         wished = {"extend": extend, "checkpoint_seconds": seconds}
@@ -122,11 +128,11 @@ def run_command(
 
 @app.command("report")
 def report_command(
-    directory: Annotated[Path, typer.Argument(metavar="RUN", help="The folder of a run.")],
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a run, or a sweep.")],
     *,
     quiet: Quiet = False,
 ) -> None:
-    """Make figures, fields and page of a run again from its numbers, without computing."""
+    """Make figures, fields and page of a run or a sweep from its numbers, without computing."""
     with reported(quiet):
         report_in_folder(directory, quiet=quiet)
 

@@ -29,7 +29,7 @@ Folder = Annotated[
 ]
 Noise = Annotated[
     float,
-    typer.Option(metavar="M", min=0.0, help="Standard deviation of a sample [m]."),
+    typer.Option(metavar="M", min=0.0, help="Standard deviation of a sample in m."),
 ]
 Unknowns = Annotated[
     list[str], typer.Option(metavar="KEY=LOW:HIGH", help="A key that is sought; repeatable.")

@@ -26,6 +26,7 @@ from delam_fem.cli.inputs import inputs_of
 
 if TYPE_CHECKING:
     from delam_fem.case.definition import Case
+    from delam_fem.engines.choose import EngineName
     from delam_fem.mpi import MPI
     from delam_fem.results.folder import Result
 
@@ -93,6 +94,15 @@ def run_in_folder(
             _wait_for_all(comm)
     if outcome != "completed":
         fail(f"{outcome}; the results so far are in {directory}{HINT[outcome]}", STATUS[outcome])
+
+
+def engine_in(directory: Path, *, resume: bool, extend: bool) -> EngineName:
+    """Return the engine of what a run goes on from in a folder; petsc if there is nothing."""
+    from delam_fem.simulation import checkpoint
+
+    path = checkpoint.path_in(directory) if resume else checkpoint.final_in(directory)
+    name = checkpoint.engine_in(path) if resume or extend else None
+    return "compiled" if name == "compiled" else "petsc"
 
 
 def _has_nothing_left(case: Case, directory: Path) -> bool:
@@ -176,14 +186,25 @@ def _wait_for_all(comm: MPI.Intracomm) -> None:
 
 
 def report_in_folder(directory: Path, *, quiet: bool) -> None:
-    """Write figures, fields and page of a run again from its numbers."""
+    """Write figures, fields and page of a run, or the page of a sweep, again from its numbers."""
     from delam_fem.case.claim import claimed
     from delam_fem.case.toml import CaseError
     from delam_fem.results.folder import load_numbers, save_views
+    from delam_fem.studies.diagrams.page import write_page
+    from delam_fem.studies.sweeps.merge import RESULT
+    from delam_fem.studies.sweeps.reading import open_result
 
     if not directory.is_dir():
-        raise CaseError(f"report {directory}: no such folder; expected the folder of a run")
+        raise CaseError(
+            f"report {directory}: no such folder; expected the folder of a run or a sweep"
+        )
     with claimed(directory, may_hold_results=True):
+        if (directory / RESULT).is_file():
+            with open_result(directory / RESULT, is_loaded=True) as data:
+                paths = [write_page(data, directory)]
+            if not quiet:
+                say_files(paths)
+            return
         case, history, summary = load_numbers(directory)
         paths = save_views(history, summary, case, directory)
     if not quiet:

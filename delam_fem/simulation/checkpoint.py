@@ -177,6 +177,15 @@ def load(
         raise _damaged(path, error) from None
 
 
+def engine_in(path: Path) -> str | None:
+    """Return the name of the engine of a checkpoint; None if it cannot be read."""
+    try:
+        with path.open("rb") as file, np.load(file) as archive:
+            return str(archive["engine"])
+    except Exception:  # `load` says what is wrong
+        return None
+
+
 def periods_in(path: Path) -> int:
     """Return the number of periods of the completed run whose final state a file holds.
 

@@ -45,6 +45,9 @@ def progress(console: Console, steps_per_period: int = 0) -> Iterator[Report]:
         The function to call with the numbers of finished and of all periods (or points).
     """
     logged = PlainProgress(_log.debug, steps_per_period)
+    if console.quiet:  # a bar would still hide and show the cursor
+        yield logged
+        return
     if not console.is_terminal:
 
         def say(line: str) -> None:

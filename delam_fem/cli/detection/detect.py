@@ -37,8 +37,8 @@ Lamina = Annotated[
     str | None,
     typer.Option(metavar="NAME", help="Lamina whose surface is measured (default: the thinner)."),
 ]
-Spacing = Annotated[float, typer.Option(metavar="M", help="Distance of the points [m].")]
-First = Annotated[float, typer.Option(metavar="M", help="Position of the first point [m].")]
+Spacing = Annotated[float, typer.Option(metavar="M", help="Distance of the points in m.")]
+First = Annotated[float, typer.Option(metavar="M", help="Position of the first point in m.")]
 QuantityName = Annotated[
     Literal["velocity", "displacement"],
     typer.Option(help="What the sensor measures, in the fixed frame."),
@@ -56,7 +56,7 @@ Noise = Annotated[
 Density = Annotated[
     float | None,
     typer.Option(
-        "--noise-density", metavar="D", help="Noise of the sensor instead [m/s/√Hz or m/√Hz]."
+        "--noise-density", metavar="D", help="Noise of the sensor instead, in m/s/√Hz or m/√Hz."
     ),
 ]
 Seed = Annotated[int, typer.Option(min=0, help="Seed of the noise.")]

@@ -48,7 +48,7 @@ def excite_command(
     highest: Annotated[float, typer.Option("--to", metavar="HZ", help="Last frequency.")] = 400.0,
     number: Annotated[int, typer.Option("-n", "--number", min=1, help="Frequencies.")] = 37,
     noise_db: Noise = 40.0,
-    spacing: Annotated[float, typer.Option(metavar="M", help="Distance of the points [m].")] = 0.01,
+    spacing: Annotated[float, typer.Option(metavar="M", help="Distance of points in m.")] = 0.01,
     workers: Workers = None,
     resume: Resume = False,
     overwrite: Overwrite = False,

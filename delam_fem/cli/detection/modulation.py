@@ -40,7 +40,7 @@ def modulate_command(
     pump_amplitude: Annotated[
         float, typer.Option(metavar="A", min=0.0, help="In the case's own unit: m, m/s2 or N.")
     ],
-    spacing: Annotated[float, typer.Option(metavar="M", help="Distance of the points [m].")] = 0.01,
+    spacing: Annotated[float, typer.Option(metavar="M", help="Distance of points in m.")] = 0.01,
     periods: Annotated[int, typer.Option(min=1, help="Common periods of the record.")] = 4,
     noise_db: Noise = 40.0,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the noise.")] = 1,

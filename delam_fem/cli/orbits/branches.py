@@ -21,8 +21,10 @@ Folder = Annotated[
     typer.Option("-o", "--output", metavar="DIR", help="Folder (default: runs/NAME-branch)."),
 ]
 Key = Annotated[str, typer.Option("--key", metavar="KEY", help="Key of the case to vary.")]
-Start = Annotated[float, typer.Option("--from", metavar="X", help="Value where to start.")]
-Stop = Annotated[float, typer.Option("--to", metavar="X", help="Other end of the range.")]
+Start = Annotated[
+    str, typer.Option("--from", metavar="X", help='Value where to start, as 9.5 or "9.5 Hz".')
+]
+Stop = Annotated[str, typer.Option("--to", metavar="X", help="Other end of the range.")]
 Over = Annotated[
     Path | None,
     typer.Option(metavar="SWEEP", help="Result of a sweep over the key, drawn behind: its folder."),
@@ -64,18 +66,21 @@ def continue_command(
     """Follow the orbits of a case over a key; write DIR/branch.nc and its diagram."""
     with reported(quiet):
         from delam_fem.case.claim import claimed
+        from delam_fem.studies.sweeps.grid import unit_of
 
+        case = case_of(case_name, overrides)
+        unit = unit_of(key, case)
+        over_key = key, _number(unit, "--from", start), _number(unit, "--to", stop)
         options = {
             "periods": period, "doublings": doublings, "step": step, "resume": resume,
-            "perturbations": kicks(model, kick, seed), "report": _Progress(key, quiet),
+            "perturbations": kicks(model, kick, seed), "report": _Progress(key, unit, quiet),
             **model_options(model, modes, refine),
         }  # fmt: skip
-        case = case_of(case_name, overrides)
         swept = None if over is None else _swept(over)
         folder = output or Path("runs") / f"{case.name}-branch"
         claim = claimed(folder, inputs=inputs_of(case), may_hold_results=resume or overwrite)
         with claim as directory:
-            _follow(case, (key, start, stop), directory, swept, quiet=quiet, options=options)
+            _follow(case, over_key, directory, swept, quiet=quiet, options=options)
 
 
 def _follow(
@@ -102,16 +107,42 @@ def _follow(
         fail(f"interrupted after {data.sizes['point']} points; --resume goes on", INTERRUPTED)
 
 
+def _number(unit: str, option: str, text: str) -> float:
+    """Return a number of the user in a unit, which it may carry, or another one.
+
+    Raises:
+        CaseError: the text is no number, or its unit does not fit.
+    """
+    from pydantic_core import PydanticCustomError
+
+    from delam_fem.case.toml import CaseError
+    from delam_fem.case.units import in_si
+
+    try:
+        return float(str(in_si(text, unit)))
+    except (PydanticCustomError, ValueError) as error:
+        reason = error.message() if isinstance(error, PydanticCustomError) else "expected a number"
+        raise CaseError(f"{option}: {reason}, given {text!r}") from None
+
+
+def _behind(unit: str) -> str:
+    """Return what stands behind a number: a unit, or nothing behind a pure number."""
+    return "" if unit == "1" else f" {unit}"
+
+
 class _Progress:
     """Print a line at every tenth point."""
 
-    def __init__(self, key: str, quiet: bool) -> None:
-        self._key, self._quiet = key, quiet
+    def __init__(self, key: str, unit: str, quiet: bool) -> None:
+        self._key, self._quiet, self._unit = key, quiet, _behind(unit)
 
     def __call__(self, branch: int, count: int, parameter: float) -> None:
         """Count a point."""
         if not self._quiet and (count == 1 or count % EVERY == 0):
-            typer.echo(f"branch {branch}: point {count}, {self._key} = {parameter:.5g}", err=True)
+            typer.echo(
+                f"branch {branch}: point {count}, {self._key} = {parameter:.5g}{self._unit}",
+                err=True,
+            )
 
 
 def _swept(path: Path) -> xr.Dataset:
@@ -135,8 +166,9 @@ def _draw(data: xr.Dataset, swept: xr.Dataset | None, directory: Path) -> Path:
 
 def _tell(data: xr.Dataset) -> None:
     """Show what happens on the branches, and why they end."""
+    unit = _behind(data["parameter"].attrs["units"])
     rows = [
-        (str(int(branch)), str(kind), f"{at:.5g}", f"{low:.5g} to {high:.5g}")
+        (str(int(branch)), str(kind), f"{at:.5g}{unit}", f"{low:.5g} to {high:.5g}{unit}")
         for branch, kind, at, low, high in zip(
             *(data[f"event_{name}"].values for name in ("branch", "kind", "parameter", "low",
                                                         "high")),

@@ -115,7 +115,11 @@ def _rows(numbers: dict[str, object]) -> list[tuple[str, str]]:
         "kind", "model", "residual", "residual_error", "period", "stability", "largest_multiplier",
         "settled_scatter", "smallest_tip_gap", "processor_seconds",
     )  # fmt: skip
-    return [(name.replace("_", " "), _shown(numbers[name])) for name in shown]
+    units = {"period": "s", "smallest_tip_gap": "m", "processor_seconds": "s"}
+    return [
+        (name.replace("_", " "), f"{_shown(numbers[name])} {units.get(name, '')}".strip())
+        for name in shown
+    ]
 
 
 def _shown(value: object) -> str:

@@ -92,7 +92,8 @@ class Frames:
         """The laminae at rest; the field rise [m] is the height by which the gaps lift them."""
         shape, mesh = self.shape, self.shape.mesh
         points = _vectors(shape.points)
-        points[:, 1] += self.rise
+        top = mesh.points[mesh.cells[mesh.lamina == 0], 1].max()  # at y = 0, as of beams
+        points[:, 1] += self.rise - top
         own = subcells(mesh.cell, shape.degree, shape.reference_nodes)
         cells = shape.cells[:, own].reshape(-1, own.shape[1])
         lamina = np.repeat(mesh.lamina + 1, len(own)).astype(np.int8)

@@ -18,6 +18,7 @@ from delam_fem.results.schema import Variable
 from delam_fem.studies.branches.events import Event
 from delam_fem.studies.branches.point import Point
 from delam_fem.studies.orbits.coarse import is_zero
+from delam_fem.studies.sweeps.grid import unit_of
 
 _log = logging.getLogger(__name__)
 
@@ -96,8 +97,11 @@ def of(
         attributes: of the dataset beside case, versions and outcome.
     """
     data = xr.Dataset()
-    _add_points(data, branches, str(attributes["key"]))
+    key = str(attributes["key"])
+    _add_points(data, branches, key)
     _add_events(data, branches)
+    for name in ("parameter", "parameter_error", "event_parameter", "event_low", "event_high"):
+        data[name].attrs["units"] = unit_of(key, case)
     endings = [branch.ending for branch in branches]
     data.attrs |= {
         "title": f"orbits of {case.name}",

@@ -55,7 +55,9 @@ def branch_diagram(data: xr.Dataset, swept: xr.Dataset | None = None) -> Figure:
         panel.set(ylabel=f"tip displacement  $q_{{{i + 1}}}$ at t = nT [mm]")
     _moduli(lowest, data)
     _legend(panels[0], data, swept)
-    label_x([*panels, lowest], str(data.attrs["key"]))
+    key = str(data.attrs["key"])
+    unit = str(data["parameter"].attrs.get("units", "1")).replace("1", "–")
+    label_x([*panels, lowest], f"{key}  [{unit}]")
     low, high = _range(data)
     lowest.set_xlim(low - 0.02 * (high - low), high + 0.02 * (high - low))
     figure.suptitle(f"{data.attrs['title']}, stability by 95 % intervals")
@@ -126,7 +128,7 @@ def _moduli(panel: Axes, data: xr.Dataset) -> None:
             markersize=3.0, markerfacecolor=colour if name == "stable" else "white",
             elinewidth=0.9, capsize=1.5,
         )  # fmt: skip
-    panel.set(ylim=(0.0, SHOWN_MULTIPLIER), ylabel="largest |μ|")
+    panel.set(ylim=(0.0, SHOWN_MULTIPLIER), ylabel="largest |μ|  [–]")
 
 
 def _legend(panel: Axes, data: xr.Dataset, swept: xr.Dataset | None) -> None:

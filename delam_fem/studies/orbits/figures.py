@@ -76,6 +76,10 @@ def _plane(panel: Axes, found: Orbit) -> None:
         panel.plot(mu.real, mu.imag, "x", color=BLACK, markersize=5.0, label="derivative")
         reach = max(reach, 1.1 * float(np.abs(mu).max()))
     panel.set(
-        xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal", xlabel="Re μ", ylabel="Im μ"
+        xlim=(-reach, reach),
+        ylim=(-reach, reach),
+        aspect="equal",
+        xlabel="Re μ  [–]",
+        ylabel="Im μ  [–]",
     )
     panel.legend(loc="upper right", fontsize=8.0)

@@ -37,9 +37,16 @@ UNITS = {
     "penalty_stiffness": "N/m", "penalty_damping": "N s/m", "threshold_velocity": "m/s",
     "displacement": "m", "velocity": "m/s", "start": "m", "end": "m", "opening": "m",
     "acceleration": "m/s2", "position": "m", "mass": "kg", "sampling_rate": "Hz",
-    "refine_velocity": "m/s", "mass_per_length": "kg/m", "period": "s",
+    "refine_velocity": "m/s", "mass_per_length": "kg/m", "step": "s",
 }  # fmt: skip
 """Units by the last part of a key; all other keys are numbers without a unit."""
+
+
+def unit_of(key: str, case: Case) -> str:
+    """Return the unit of a key of a case, "1" of a pure number."""
+    if key == "excitation.amplitude" and case.excitation.acts_on == "force":
+        return "N"
+    return UNITS.get(key.rsplit(".", 1)[-1], "1")
 
 
 @dataclass(frozen=True)
@@ -91,18 +98,12 @@ class Sweep:
                 name,
                 axis.key,
                 axis.points,
-                self._unit(axis.key),
+                unit_of(axis.key, self.base),
                 axis.key.replace(".", " ").replace("_", " "),
                 names[0] if is_zip else name,
             )
             for name, axis in zip(names, self.file.axis, strict=True)
         )
-
-    def _unit(self, key: str) -> str:
-        """Return the unit of a key."""
-        if key == "excitation.amplitude" and self.base.excitation.acts_on == "force":
-            return "N"
-        return UNITS.get(key.rsplit(".", 1)[-1], "1")
 
     def _repr_html_(self) -> str:
         """Return what a notebook shows: the axes, and the case that they vary."""

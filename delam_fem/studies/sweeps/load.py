@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -35,7 +36,10 @@ def load_sweep(path: str | Path, overrides: Mapping[str, object] | None = None) 
         CaseError: the file is missing or is not a valid sweep file, or a value is not valid.
     """
     path = Path(path)
-    return sweep_of({"name": path.stem} | read_toml(path), overrides, path.absolute().parent)
+    data = read_toml(path)
+    if "lamina" in data:
+        raise CaseError(f"sweep {path}: is a case; compute it with delam-fem run {path}")
+    return sweep_of({"name": path.stem} | data, overrides, path.absolute().parent)
 
 
 def sweep_of(
@@ -83,6 +87,13 @@ def _with_numbers(data: Data) -> Data:
             return data
         unit = UNITS.get(str(axis.get("key")).rsplit(".", 1)[-1], "")
         own = dict(axis)
+        if not unit and any(isinstance(axis.get(name), str) for name in ("start", "stop")):
+            near = difflib.get_close_matches(str(axis.get("key")).rsplit(".", 1)[-1], UNITS, n=1)
+            hint = f"; did you mean {near[0]}?" if near else ""
+            raise CaseError(
+                f"sweep {data.get('name')}: axis.{number}.key: expected a key whose values have a "
+                f"unit, given {axis.get('key')!r}{hint}"
+            )
         for name in {"start", "stop", "values"} & set(axis) if unit else ():
             label = f"sweep {data.get('name')}: axis.{number}.{name}"
             value = axis[name]
