@@ -85,7 +85,7 @@ def test_stiffness_and_mass_per_length_are_enough() -> None:
         ({"delamination.0.shape": "power"}, 'delamination.0.shape: expected "half-cosine" or a'),
         ({"delamination.0.exponent": 2.0}, 'exponent: expected only with shape = "power"'),
         ({"delamination.0.file": "no.csv"}, "delamination.0.file: no such file: /.*no.csv"),
-        ({"delamination.1.start": 0.1}, "no entry '1'; expected one of 0 or a number from 0"),
+        ({"delamination.1.start": 0.1}, "no entry '1'; expected one of lower-upper or a n"),
         ({"gap.tip": 0.01}, "gap: expected no gap beside"),
         ({"delamination.0.star": 0.1}, "delamination.0.star: unknown key; did you mean start?"),
     ],

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import h5py
@@ -168,3 +171,16 @@ def test_solids_and_ribbons_lie_at_the_same_height() -> None:
             y = np.asarray(file["VTKHDF/Points"])[:, 1]
             heights.append((y.min(), y.max()))
     assert heights[0] == pytest.approx(heights[1], abs=1e-9)
+
+
+def test_a_quiet_run_on_a_terminal_prints_no_escapes() -> None:
+    master, terminal = os.openpty()
+    command = [sys.executable, "-m", "delam_fem", "run", "paper", *SMALL, "-q", "--no-figures"]
+    subprocess.run(command, stdout=terminal, stderr=terminal, check=True)
+    os.close(terminal)
+    os.set_blocking(master, False)
+    try:
+        assert b"\x1b" not in os.read(master, 65536)
+    except (BlockingIOError, OSError):  # nothing, and nobody at the other end
+        pass
+    os.close(master)

@@ -6,6 +6,7 @@ written is dropped; the computation and its files go on.
 
 from __future__ import annotations
 
+import atexit
 import io
 import os
 import select
@@ -27,6 +28,9 @@ def lasting_streams() -> Iterator[None]:
     try:
         yield
     finally:
+        colours = sys.modules.get("colorama.initialise")  # numba's, which would reset the terminal
+        if colours is not None:
+            atexit.unregister(colours.reset_all)
         sys.stdout, sys.stderr = before[0] or sys.stdout, before[1] or sys.stderr
 
 
