@@ -12,9 +12,8 @@ import argparse
 import sys
 from pathlib import Path
 
-from delam_fem.results.figures.style import styled
-from delam_fem.studies.convergence.document import fill
-from delam_fem.studies.convergence.trials import (
+from ladders.document import fill
+from trials.compare import (
     LIMIT_STEPS,
     STEPS,
     errors_in,
@@ -23,6 +22,8 @@ from delam_fem.studies.convergence.trials import (
     measure,
     table,
 )
+
+from delam_fem.results.figures.style import styled
 
 ROOT = Path(__file__).parents[1]
 DOCUMENT = ROOT / "docs" / "convergence.md"

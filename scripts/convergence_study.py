@@ -13,13 +13,13 @@ import argparse
 import sys
 from pathlib import Path
 
+from ladders.document import document, fill
+from ladders.study import ladders
 from rich.console import Console
 
 from delam_fem.cli.console.progress import progress
 from delam_fem.results.figures.style import styled
-from delam_fem.studies.convergence.document import document, fill
 from delam_fem.studies.convergence.run import run_ladder
-from delam_fem.studies.convergence.study import ladders
 
 ROOT = Path(__file__).parents[1]
 DOCUMENT = ROOT / "docs" / "convergence.md"

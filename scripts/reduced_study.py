@@ -10,12 +10,22 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
 import delam_fem as df
-from delam_fem.results.figures.style import styled
+from delam_fem.case.definition import Case
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.results.figures.style import LAMINA_COLOURS, WIDTH, styled
 from delam_fem.studies.orbits.family import FREQUENCY, CaseFamily
-from delam_fem.studies.reduced.limits import as_rows, figure, kick_growth, limit_of
+from delam_fem.studies.orbits.protocol import PeriodMap
+from delam_fem.studies.reduced.motion import reduced
 from delam_fem.studies.reduced.strobe import ReducedMap
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -78,6 +88,143 @@ def measured(given: argparse.Namespace) -> dict[str, object]:
             state = strobe.after(state, RESONANT)
         growth[name] = kick_growth(strobe, state[0], RESONANT, SIZES)
     return {"limits": limits, "growth": growth}
+
+
+Limits = Sequence[Mapping[str, float]]
+"""Rows of `asdict(Limit)`, as JSON holds them."""
+
+
+@dataclass(frozen=True)
+class Limit:
+    """Means over the last periods of a reduced case.
+
+    Attributes:
+        modes: number of modes of each part.
+        points: number of contact points.
+        refine: number of fine steps in a coarse one.
+        y1_min, y1_max, y2_min, y2_max: means of the extremes of both tips within a period [mm].
+        scatter: standard deviation of y1_min from period to period [mm].
+        closing: loss at instants of closing, share of the work of the drive [-].
+        steps: steps per period.
+        microseconds: of processor time per step.
+    """
+
+    modes: int
+    points: int
+    refine: int
+    y1_min: float
+    y1_max: float
+    y2_min: float
+    y2_max: float
+    scatter: float
+    closing: float
+    steps: float
+    microseconds: float
+
+
+def limit_of(case: Case, modes: int, refine: int, settle: int = 150, periods: int = 60) -> Limit:
+    """Return the means of a case with two laminae, after a number of periods from rest."""
+    motion = reduced(case, modes, refine=refine)
+    state = motion.advance(motion.advance(motion.rest), settle)
+    extremes, exchanged, steps, begin = [], np.zeros(4), 0, time.process_time()
+    computed = [motion.period(state)]
+    while len(computed) < periods:
+        computed.append(motion.period(computed[-1].end))
+    seconds = time.process_time() - begin
+    drive = motion.motion(0)[:, 0]
+    for period in computed:
+        u = motion.reduced.displacement(period.trace.q, period.trace.s, drive)
+        tips = 1e3 * (u @ motion.reduced.probes.T)
+        extremes.append([tips[:, 0].min(), tips[:, 0].max(), tips[:, 1].min(), tips[:, 1].max()])
+        exchanged += period.exchanged
+        steps += int(period.effort.sum())
+    means, (work, *_, closing) = np.mean(extremes, axis=0), exchanged.tolist()
+    return Limit(
+        modes=modes,
+        points=motion.reduced.n_pairs,
+        refine=refine,
+        **dict(zip(("y1_min", "y1_max", "y2_min", "y2_max"), means.tolist(), strict=True)),
+        scatter=float(np.std(np.array(extremes)[:, 0])),
+        closing=closing / work,
+        steps=steps / periods,
+        microseconds=1e6 * seconds / steps,
+    )
+
+
+def kick_growth(
+    strobe: PeriodMap, state: FloatArray, parameter: float, sizes: Sequence[float]
+) -> list[float]:
+    """Return by how much one period makes two-sided kicks of the first slow coordinate grow.
+
+    Args:
+        strobe: the map.
+        state: a state on its attractor.
+        parameter: of the map.
+        sizes: sizes of kicks, relative to the slow coordinates of the state.
+    """
+    slow = strobe.slow
+    scale, growth = float(np.linalg.norm(slow.of(state))), []
+    for size in sizes:
+        kick = size * scale * slow.basis[:, 0]
+        ends = slow.of(strobe.after(np.stack([state + kick, state - kick]), parameter))
+        growth.append(float(np.linalg.norm(ends[0] - ends[1])) / (2.0 * size * scale))
+    return growth
+
+
+def figure(
+    limits: Mapping[str, Limits],
+    elements: Mapping[str, Mapping[int, float]],
+    growth: Mapping[str, Sequence[float]],
+    sizes: Sequence[float],
+) -> Figure:
+    """Return the picture of the limits over the contact points, and of kicks over their size.
+
+    Args:
+        limits: rows of `Limit` by damping model.
+        elements: limits of y1_min of finite elements by damping model and contact points [mm].
+        growth: growth of kicks by name of the map.
+        sizes: sizes of the kicks.
+    """
+    canvas = Figure(figsize=(WIDTH, 3.9), layout="constrained")
+    panels = canvas.subplots(1, len(limits) + 1)
+    for axes, (damping, rows) in zip(panels, limits.items(), strict=False):
+        _draw_limits(axes, rows, elements[damping])
+        axes.set_title(f"{damping} damping", loc="left")
+    canvas.legend(*panels[0].get_legend_handles_labels(), loc="outside lower left", ncols=6)
+    kicks: Axes = panels[-1]
+    for name, values in growth.items():
+        kicks.loglog(sizes, values, "o-", ms=4, label=name)
+    kicks.set_xlabel("kick, relative to the state")
+    kicks.set_ylabel("growth in one period")
+    kicks.set_title("smoothness", loc="left")
+    kicks.legend(loc="lower center", bbox_to_anchor=(0.5, 1.08))
+    return canvas
+
+
+def _draw_limits(axes: Axes, rows: Limits, elements: Mapping[int, float]) -> None:
+    """Draw y1 over the number of contact points, a line for each number of modes."""
+    counts = sorted({int(row["modes"]) for row in rows})
+    for colour, modes in zip(LAMINA_COLOURS, counts, strict=False):
+        own = sorted((r for r in rows if r["modes"] == modes), key=lambda row: row["points"])
+        axes.semilogx(
+            [row["points"] for row in own],
+            [row["y1_min"] for row in own],
+            "o-",
+            ms=4,
+            color=colour,
+            label=f"{modes} modes",
+        )
+    axes.semilogx(*zip(*sorted(elements.items()), strict=True), "k--", label="finite elements")
+    points = sorted({int(row["points"]) for row in rows} | set(elements))
+    axes.set_xticks(points, [str(n) for n in points])
+    axes.minorticks_off()
+    axes.set_xlabel("contact points")
+    axes.set_ylabel("smallest y1 [mm]")
+
+
+def as_rows(limits: Sequence[Limit]) -> list[dict[str, float]]:
+    """Return limits as JSON holds them."""
+    return [asdict(limit) for limit in limits]
 
 
 if __name__ == "__main__":

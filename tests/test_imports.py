@@ -47,7 +47,7 @@ ALLOWED: dict[str, set[str]] = {
 # Modules that must not reach the others, even through what they import at once. The table of laws
 # imports the laws when they are set up, so cases may read it.
 JUDGE = {
-    "reference.contact", "reference.loop", "reference.matrices", "reference.split_beam",
+    "reference.contact", "reference.loop", "reference.matrices",
     "reference.stack",
 }  # fmt: skip
 ASSEMBLERS = {"model.beams", "model.layout", "model.vibration"}

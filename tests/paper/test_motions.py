@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
+from reference_motions import HEADINGS, row
 
 from delam_fem.case.files import preset
 from delam_fem.paper.lab import Laboratory, Plan, motion_case
-from delam_fem.paper.motion_table import HEADINGS, row
 from delam_fem.paper.motions import (
     FREQUENCIES,
     MOTIONS,

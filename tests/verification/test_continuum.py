@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 from scipy.sparse.linalg import spsolve
+from split_beam import SplitBeam
 
 from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
@@ -17,7 +18,6 @@ from delam_fem.model.solids.supports import held
 from delam_fem.model.solids.unknowns import Unknowns
 from delam_fem.model.vibration import lowest
 from delam_fem.mpi import MPI
-from delam_fem.reference.split_beam import SplitBeam
 
 Array = npt.NDArray[np.float64]
 THICK, THIN = 0, 1

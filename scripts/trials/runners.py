@@ -11,6 +11,8 @@ from typing import TypeAlias
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
+from trials import schemes as ts
+from trials import steps
 
 from delam_fem.case.definition import Case
 from delam_fem.engines.choose import law_of, scheme_of
@@ -18,8 +20,6 @@ from delam_fem.engines.session import Session, session
 from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.simulation.setup import motion_of, span_of
-from delam_fem.studies.convergence import trial_schemes as ts
-from delam_fem.studies.convergence import trial_steps as steps
 
 RESTITUTION = 0.1
 """Coefficient of restitution."""
@@ -92,7 +92,7 @@ def densely(
     case: Case,
     operators: Operators,
 ) -> FloatArray:
-    """Run a scheme of `trial_schemes.py` on dense matrices."""
+    """Run a scheme of `schemes.py` on dense matrices."""
     matrices = make(ts.Problem.of(operators), case.time_step, *arguments)
     bases = motion_of(case)(0).copy()
     found = steps.envelopes(step, matrices, bases, case.n_periods, operators.probes.indices)

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from delam_fem.studies.convergence.analysis import Convergence
-from delam_fem.studies.convergence.ladder import Method, PointMesh, Rung
-from delam_fem.studies.convergence.statistics import WORK, extrema
-from delam_fem.studies.convergence.study import (
+from ladders.study import (
     DAMPINGS,
     DEFAULT,
     DEFAULT_STEPS,
@@ -20,6 +17,10 @@ from delam_fem.studies.convergence.study import (
     REFINEMENTS,
     RESTITUTIONS,
 )
+
+from delam_fem.studies.convergence.analysis import Convergence
+from delam_fem.studies.convergence.ladder import Method, PointMesh, Rung
+from delam_fem.studies.convergence.statistics import WORK, extrema
 from delam_fem.studies.convergence.tables import Table, limit_text, number
 
 EXTREMA = extrema(2)

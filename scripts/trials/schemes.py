@@ -1,6 +1,6 @@
 """Prepare the dense matrices of trial schemes, which are not part of the package's engines.
 
-Each function returns the matrices of one scheme; `trial_steps.py` makes the steps.
+Each function returns the matrices of one scheme; `steps.py` makes the steps.
 """
 
 from __future__ import annotations

@@ -7,16 +7,16 @@ import re
 from pathlib import Path
 
 import pytest
+from ladders import document as document_module
+from ladders.document import document, fill
+from ladders.study import ladders
 from matplotlib.figure import Figure
 from project import ROOT, script
 
-from delam_fem.studies.convergence import document as document_module
 from delam_fem.studies.convergence.analysis import Convergence, exact_free_motion
-from delam_fem.studies.convergence.document import document, fill
 from delam_fem.studies.convergence.ladder import FREE, Ladder, Rung
 from delam_fem.studies.convergence.rung import RungResult
 from delam_fem.studies.convergence.statistics import extrema
-from delam_fem.studies.convergence.study import ladders
 from delam_fem.studies.convergence.tables import Table
 
 LIMITS = dict(zip((q.name for q in extrema(2)), (-0.020, 0.015, 0.002, 0.032), strict=True))

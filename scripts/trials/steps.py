@@ -1,4 +1,4 @@
-"""Make the steps of the trial schemes of `trial_schemes.py`, in compiled code.
+"""Make the steps of the trial schemes of `schemes.py`, in compiled code.
 
 Each step function advances (u, v, a) of a small dense problem by one step, in place. The base acts
 as the load f = -(m_b q'' + c_b q' + k_b q). Contact is a constraint on velocities, H v⁺ >= floor,
@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import numba
 import numpy as np
+from trials.schemes import BOUNDED, CLOSED, END, MOREAU
 
 from delam_fem.caches.kernels import njit
 from delam_fem.contact.complementarity import solve_into
-from delam_fem.studies.convergence.trial_schemes import BOUNDED, CLOSED, END, MOREAU
 
 
 @njit
@@ -23,7 +23,7 @@ def _load(m, base):  # type: ignore[no-untyped-def]
 
 @njit
 def _floors(m, gap, rate):  # type: ignore[no-untyped-def]
-    """Return the smallest allowed gap rate of each pair, -inf if free; see `trial_schemes.LAWS`."""
+    """Return the smallest allowed gap rate of each pair, -inf if free; see `schemes.LAWS`."""
     dt, law, e = m.numbers[0], int(m.numbers[1]), m.numbers[2]
     floors = np.full(gap.size, -np.inf)
     for k in range(gap.size):

@@ -8,13 +8,14 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+from ladders.study import DAMPINGS
+from ladders.tables import document_tables
 from matplotlib.figure import Figure
 
 from delam_fem.case.files import preset
 from delam_fem.model.beams import closed_form
 from delam_fem.results.figures.style import BLACK, BLUE, GREEN, VERMILLION, WIDTH
 from delam_fem.studies.convergence.analysis import Convergence
-from delam_fem.studies.convergence.document_tables import document_tables
 from delam_fem.studies.convergence.figures import (
     error_over_cost,
     free_over_elements,
@@ -22,7 +23,6 @@ from delam_fem.studies.convergence.figures import (
     limit_over_meshes,
     work_over_steps,
 )
-from delam_fem.studies.convergence.study import DAMPINGS
 from delam_fem.studies.convergence.tables import Table
 
 SHOWN_PERIODS = 240

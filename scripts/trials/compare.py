@@ -11,6 +11,7 @@ from typing import TypeAlias
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
+from trials.runners import LIMIT, RESTITUTION, runners
 
 from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
@@ -29,7 +30,6 @@ from delam_fem.results.figures.style import (
     label_x,
 )
 from delam_fem.studies.convergence.tables import Table, number
-from delam_fem.studies.convergence.trial_runners import LIMIT, RESTITUTION, runners
 
 STEPS = (1000, 4000, 16000)
 LIMIT_STEPS = 256_000

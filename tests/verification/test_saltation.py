@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
+from saltation import StoppedSystem, exact_orbit
 from scipy.optimize import brentq
 
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.numerics.saltation import StoppedSystem, exact_orbit
 
 EXACT = 1e-8
 DOUBLING = 1e-9

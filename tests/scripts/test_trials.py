@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from project import script
-
-from delam_fem.studies.convergence import trials
-from delam_fem.studies.convergence.trial_runners import runners
+from trials import compare as trials
+from trials.runners import runners
 
 
 def test_errors_of_trials_are_relative_to_the_amplitude() -> None:

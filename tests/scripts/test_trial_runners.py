@@ -6,19 +6,19 @@ import dataclasses
 
 import numpy as np
 import pytest
-
-from delam_fem.model.beams import closed_form
-from delam_fem.simulation.setup import motion_of
-from delam_fem.studies.convergence import trial_schemes as ts
-from delam_fem.studies.convergence import trial_steps as steps
-from delam_fem.studies.convergence import trials
-from delam_fem.studies.convergence.trial_runners import (
+from trials import compare as trials
+from trials import schemes as ts
+from trials import steps
+from trials.runners import (
     LIMIT,
     RESTITUTION,
     by_modes,
     densely,
     runners,
 )
+
+from delam_fem.model.beams import closed_form
+from delam_fem.simulation.setup import motion_of
 
 SAME = 1e-9  # m: round-off of the first periods, which impacts raise to 1e-11
 
