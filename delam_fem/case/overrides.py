@@ -188,8 +188,11 @@ def _require_window(data: Data) -> None:
     Raises:
         CaseError: it is longer.
     """
-    time, output = data.get("time"), data.get("output")
-    if isinstance(time, dict) and isinstance(output, dict):
+    time, output, drive = data.get("time"), data.get("output"), data.get("excitation")
+    is_swept = isinstance(drive, dict) and (
+        drive.get("kind") in _NOT_PERIODIC or "start_frequency" in drive
+    )
+    if isinstance(time, dict) and isinstance(output, dict) and not is_swept:
         periods, window = time.get("periods"), output.get("window_periods")
         if isinstance(periods, int) and isinstance(window, int) and window > periods:
             raise CaseError(

@@ -105,6 +105,9 @@ def test_a_window_is_no_longer_than_the_run() -> None:
     told = "output.window_periods: expected at most time.periods = 5, given 10"
     assert told in refused("validate", "paper", *keys)
     assert preset("paper", {"time.periods": 5}).n_window_periods == 5  # the preset has 10
+    sweep = {"kind": "sweep", "start_frequency": 1.0, "end_frequency": 5.0, "duration": 100.0}
+    long = preset("paper", {f"excitation.{key}": value for key, value in sweep.items()})
+    assert long.with_overrides({"output.window_periods": 500}).n_window_periods == 500
 
 
 def test_units_of_branches_are_read_and_told(tmp_path: Path) -> None:
@@ -148,7 +151,7 @@ def test_lengths_in_help_texts_keep_their_unit() -> None:
 
 
 def test_laminae_that_are_apart_are_not_searched_for_delaminations() -> None:
-    told = "detect: expected a case with [[delamination]], given none"
+    told = "detect: expected a case with [[delamination]], given laminae apart"
     assert told in refused("detect", "default", "-o", "d")
 
 

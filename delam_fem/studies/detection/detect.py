@@ -169,8 +169,8 @@ def detect(
     scan = scan or Scan()
     if index not in INDICES:
         raise CaseError(f"index: expected one of {', '.join(INDICES)}, given {index!r}")
-    if not case.delamination:
-        raise CaseError("detect: expected a case with [[delamination]], given none")
+    if case.is_apart:
+        raise CaseError("detect: expected a case with [[delamination]], given laminae apart")
     without = simulated(intact(case), scan, kept)
     noise: float | FloatArray
     if measured is None:
