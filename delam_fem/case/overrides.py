@@ -178,27 +178,6 @@ def apply_overrides(data: Data, overrides: Mapping[str, object]) -> None:
         if key.startswith("lamina."):
             _leave_material(data, key)
         set_key(data, key, value)
-    if overrides.get("output.window_periods") is not None:
-        _require_window(data)
-
-
-def _require_window(data: Data) -> None:
-    """Refuse an override to a window that is longer than the run, where both are in periods.
-
-    Raises:
-        CaseError: it is longer.
-    """
-    time, output, drive = data.get("time"), data.get("output"), data.get("excitation")
-    is_swept = isinstance(drive, dict) and (
-        drive.get("kind") in _NOT_PERIODIC or "start_frequency" in drive
-    )
-    if isinstance(time, dict) and isinstance(output, dict) and not is_swept:
-        periods, window = time.get("periods"), output.get("window_periods")
-        if isinstance(periods, int) and isinstance(window, int) and window > periods:
-            raise CaseError(
-                f"override output.window_periods: expected at most time.periods = {periods}, "
-                f"given {window}"
-            )
 
 
 def _leave_material(data: Data, key: str) -> None:

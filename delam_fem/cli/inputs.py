@@ -54,14 +54,19 @@ def case_of(name: str, overrides: list[str] | None) -> Case:
         is_file = path.suffix == ".toml" or len(path.parts) > 1 or path.is_file()
     except OSError as error:
         raise CaseError(f"case {shown(name)}: cannot be read ({error.strerror})") from None
-    if is_file:
-        return _told(load_case(path, keys))
-    if name not in PRESETS:
+    if not is_file and name not in PRESETS:
         raise CaseError(
             f"case {shown(name)}: neither a file nor a preset; expected a case file (.toml) or one "
             f"of {', '.join(PRESETS)}"
         )
-    return _told(preset(name, keys))
+    case = load_case(path, keys) if is_file else preset(name, keys)
+    window, longest = keys.get("output.window_periods"), case.n_periods
+    if case.is_periodic and isinstance(window, int) and window > longest:
+        raise CaseError(
+            f"override output.window_periods: expected at most the {longest} periods of the run, "
+            f"given {window}"
+        )
+    return _told(case)
 
 
 def _told(case: Case) -> Case:

@@ -102,12 +102,9 @@ def test_entries_have_names() -> None:
 
 def test_a_window_is_no_longer_than_the_run() -> None:
     keys = ("--set", "time.periods=5", "--set", "output.window_periods=10")
-    told = "output.window_periods: expected at most time.periods = 5, given 10"
+    told = "output.window_periods: expected at most the 5 periods of the run, given 10"
     assert told in refused("validate", "paper", *keys)
-    assert preset("paper", {"time.periods": 5}).n_window_periods == 5  # the preset has 10
-    sweep = {"kind": "sweep", "start_frequency": 1.0, "end_frequency": 5.0, "duration": 100.0}
-    long = preset("paper", {f"excitation.{key}": value for key, value in sweep.items()})
-    assert long.with_overrides({"output.window_periods": 500}).n_window_periods == 500
+    assert invoke("validate", "paper", *keys[:2]).exit_code == 0  # the preset has 10
 
 
 def test_units_of_branches_are_read_and_told(tmp_path: Path) -> None:
