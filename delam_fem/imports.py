@@ -110,9 +110,20 @@ class Within:
         return spec
 
 
+@contextmanager
+def _local_and_elsewhere() -> Iterator[None]:
+    """Import dolfinx elsewhere, too: later versions ask petsc4py for the PETSc of `petsc.cfg`."""
+    with elsewhere(), _symbols_stay_local():
+        yield
+
+
 def ignore_working_folder() -> None:
-    """Keep Numba and matplotlib from reading settings in the working folder."""
-    sys.meta_path[:0] = [Within("numba", _without_its_file), Within("matplotlib", elsewhere)]
+    """Keep Numba, matplotlib and dolfinx from reading settings in the working folder."""
+    sys.meta_path[:0] = [
+        Within("numba", _without_its_file),
+        Within("matplotlib", elsewhere),
+        Within("dolfinx", _local_and_elsewhere),
+    ]
 
 
 sys.meta_path[:0] = [
