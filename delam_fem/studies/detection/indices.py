@@ -60,7 +60,9 @@ def curvature(shapes: Shapes, false_calls: float = FALSE_CALLS, order: float = 2
     powers = (weights * np.stack([noise[:-2], noise[1:-1], noise[2:]])) ** 2
     power = powers.sum(axis=0)
     # three estimates of noise vary less than one (Satterthwaite)
-    n_lines = shapes.n_lines * np.divide(power**2, (powers**2).sum(axis=0), where=power > 0.0)
+    squares = (powers**2).sum(axis=0)
+    share = np.divide(power**2, squares, out=np.ones_like(power), where=squares > 0.0)
+    n_lines = shapes.n_lines * share
     limits = np.sqrt(power) * _largest_of_noise(1, n_lines, values.size, false_calls)
     return IndexValues(x[1:-1], values, limits)
 
