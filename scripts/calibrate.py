@@ -1,0 +1,108 @@
+"""Measure how often verdicts and intervals are right, and write docs/calibration.md.
+
+    .venv/bin/python scripts/calibrate.py [--part infer …] [--short] [--redraw] [-o docs]
+
+Each module of scripts/calibration with a function `rows(is_long, folder)` is a part. It computes
+truths that the program does not know, in a folder that it may fill, and returns its rows. A part
+that runs replaces its own rows of docs/calibration.json alone; the page is written from that file.
+The first lines of a part's docstring are its text on the page.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import inspect
+import json
+import sys
+import tempfile
+import time
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from calibration.row import Row
+
+ROOT = Path(__file__).parents[1]
+PARTS = tuple(
+    path.stem
+    for path in sorted((Path(__file__).parent / "calibration").glob("*.py"))
+    if path.stem != "row"
+)
+HEAD = """# How often verdicts and intervals are right
+
+`scripts/calibrate.py` writes this page. It puts truths before the program that no table and no fit
+has seen, from the rig as modelled and from rigs that differ from the model as real ones do, and
+counts how often what is printed is right.
+
+- Rig *as modelled*: "holds" if the count lies in the binomial 95 % band of the nominal share.
+- Other rigs: "holds" if at most twice as many are wrong as promised (80 % of intervals of 90 % are
+  right). "Mismatch named": more are wrong, but a warning of the program names the mismatch at 90 %
+  of the truths.
+- Where the program says "undecided", a truth counts neither as right nor as wrong.
+- "**Falls short**": do not rely on it there.
+"""
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Measure the parts, write the numbers and the page; return the exit status."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--part", action="append", choices=PARTS, help="default: all")
+    parser.add_argument("--short", action="store_true", help="few truths, in seconds")
+    parser.add_argument("--redraw", action="store_true", help="write the page; compute nothing")
+    parser.add_argument("-o", "--output", type=Path, default=ROOT / "docs")
+    given = parser.parse_args(arguments)
+    path = given.output / "calibration.json"
+    found = json.loads(path.read_text("utf-8")) if path.exists() else {}
+    for name in () if given.redraw else given.part or PARTS:
+        start = time.process_time()
+        rows = measured(name, is_long=not given.short)
+        found[name] = {"cpu_s": round(time.process_time() - start), "rows": rows}
+        path.write_text(json.dumps(found, indent=1, sort_keys=True) + "\n", "utf-8")
+        sys.stdout.write(table(rows) + "\n")
+    (given.output / "calibration.md").write_text(page(found), "utf-8")
+    return 0
+
+
+def measured(name: str, *, is_long: bool) -> list[dict[str, Any]]:
+    """Return the rows of a part."""
+    with tempfile.TemporaryDirectory() as folder:
+        return [asdict(row) for row in part(name).rows(is_long, Path(folder))]
+
+
+def part(name: str) -> Any:
+    """Return the module of a part."""
+    return importlib.import_module(f"calibration.{name}")
+
+
+def page(found: dict[str, Any]) -> str:
+    """Return the page of all measured parts."""
+    texts = [HEAD]
+    for name in sorted(found):
+        title, *text = inspect.getdoc(part(name)).split("\n", 1)
+        texts.append(f"## {title.removesuffix('.')}\n\n{''.join(text).strip()}\n".rstrip() + "\n")
+        texts.append(table(found[name]["rows"]))
+        texts.append(f"Processor time: {found[name]['cpu_s']} s.\n")
+    return "\n".join(texts)
+
+
+def table(rows: list[dict[str, Any]]) -> str:
+    """Return rows as a table of a page."""
+    lines = [
+        "| what is printed | rig | promised | right | undecided | allowed | | note |",
+        "|" + "---|" * 8,
+    ]
+    for given in rows:
+        row = Row(**given)
+        share = f" ({100 * row.contained / row.decided:.0f} %)" if row.decided else ""
+        low, high = row.band
+        lines.append(
+            f"| {row.verdict} | {row.rig} | {100 * row.nominal:g} % "
+            f"| {row.contained} of {row.decided}{share} | {row.undecided or ''} "
+            f"| {low} … {high} | {row.judgement} | {row.note} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+if __name__ == "__main__":
+    sys.exit(main())
