@@ -8,7 +8,7 @@ to the law, and carries decisions out.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -45,8 +45,7 @@ class Compliance(Protocol):
         """Return the rows and columns of W of some pairs, shape (k, k) [1/kg]."""
 
 
-@dataclass(frozen=True)
-class Decision:
+class Decision(NamedTuple):
     """The jumps that a law demands.
 
     Attributes:

@@ -48,14 +48,14 @@ class StepImpacts:
             return None
         active = self._active[:n_active]
         W, resting = self._compliance.block(active), np.zeros(self._n_pairs, dtype=np.bool_)
-        hit, pushed = np.empty(n_active, np.int64), np.empty((3, n_active))
-        given = rate_pre, rate_free, e, self._resting_velocity
-        n, result = _push(W, active, *given, hit, pushed, resting)
+        pushed = np.empty((3, n_active))
+        n, result = _push(
+            W, active, rate_pre, rate_free, e, self._resting_velocity, pushed, resting
+        )
         complementarity.require_solved(result)
         if n < n_active:
-            hit, pushed = hit[:n], pushed[:, :n]
-        impulses, pre, post = pushed
-        return Decision(hit, impulses, pre, post, resting)
+            active, pushed = active[:n], pushed[:, :n]
+        return Decision(active.copy(), pushed[0], pushed[1], pushed[2], resting)
 
 
 @kept
@@ -71,18 +71,17 @@ def _list_active(gap, rate_pre, rate_free, restitution, active):  # type: ignore
 
 
 @kept
-def _push(W, active, rate_pre, rate_free, restitution, slow, hit, pushed, resting):  # type: ignore[no-untyped-def]
+def _push(W, active, rate_pre, rate_free, restitution, slow, pushed, resting):  # type: ignore[no-untyped-def]
     """Push the closed pairs apart; return how many get an impulse, and whether that was solved.
 
     Args:
         W: compliance of the closed pairs, shape (k, k).
-        active: the closed pairs, shape (k,).
+        active: the closed pairs, shape (k,); as a result those with an impulse, the first entries.
         rate_pre: gap rates of all pairs before the impact, shape (n_pairs,).
         rate_free: the same at the end of the step without impulses.
         restitution: e [-].
         slow: a pair that approaches slower than this counts as resting [m/s].
-        hit: result, the pairs with an impulse, the first entries.
-        pushed: result, their impulses and their gap rates before and after, the first columns.
+        pushed: result, impulses and gap rates before and after of these, the first columns.
         resting: result, the pairs that were pushed although they hardly approached, (n_pairs,).
     """
     q, p, change, n = np.empty(active.size), np.zeros(active.size), np.empty(active.size), 0
@@ -92,7 +91,7 @@ def _push(W, active, rate_pre, rate_free, restitution, slow, hit, pushed, restin
     for i in range(active.size):
         if p[i] > 0.0:
             k = active[i]
-            hit[n], pushed[0, n], pushed[1, n] = k, p[i], rate_pre[k]
+            active[n], pushed[0, n], pushed[1, n] = k, p[i], rate_pre[k]
             pushed[2, n] = rate_free[k] + change[i]
             resting[k] = rate_pre[k] > -slow
             n += 1

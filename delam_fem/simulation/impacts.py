@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -65,8 +66,8 @@ class Jumps:
         """Columns of all impacts, after those that came one by one have become columns."""
         if self._single:
             ticks, decisions, energies = zip(*self._single, strict=True)
-            hits = ((d.hit, d.impulses, d.rate_pre, d.rate_post) for d in decisions)
-            joined = [np.concatenate(values) for values in zip(*hits, strict=True)]
+            columns = zip(*(d[:4] for d in decisions), strict=True)
+            joined = [np.array([*chain(*map(np.ndarray.tolist, column))]) for column in columns]
             sizes = np.array([d.hit.size for d in decisions])
             self._columns.append(Columns(np.array(ticks), sizes, np.array(energies), *joined))
             self._single = []

@@ -13,7 +13,7 @@ from delam_fem.numerics.arrays import BoolArray, FloatArray, IntArray
 from delam_fem.simulation.energy import add_rows
 from delam_fem.simulation.loop import Advancing, StepByStep
 from delam_fem.simulation.recorder import N_BASE, PeriodRecord
-from delam_fem.simulation.refinement import SAFETY, Refinement, base_rows, is_near
+from delam_fem.simulation.refinement import AHEAD, BACK, SAFETY, Refinement, base_rows
 
 COARSE, MIDDLE, FINE = 0, 1, -1
 """Levels of steps. Without middle steps, MIDDLE and FINE are the same level."""
@@ -41,6 +41,9 @@ class Refinable(Advancing, Protocol):
 
     def margins(self) -> tuple[FloatArray, FloatArray]:
         """Return gaps and gap rates, both (n_pairs,); of pairs on springs the negative ones."""
+
+    def nearness(self, reach: float, slow: float) -> int:
+        """Return `refinement.nearness` of the present state."""
 
 
 @dataclass(frozen=True)
@@ -90,13 +93,13 @@ class RefinedSteps(StepByStep):
         s, slow = self.stepper, self.refinement.slow
         s.use(level)
         reach = 0.5 * SAFETY * s.time_step
-        is_fast = is_near(*s.margins(), reach, slow)
+        is_fast = s.nearness(reach, slow) & AHEAD
         if is_fast and level != COARSE:
             return NOT_SOUGHT
         s.keep()
         s.begin_step(before, after)
         smallest_gap = s.advance()
-        if is_fast or is_near(*s.margins(), -reach, slow):
+        if is_fast or s.nearness(reach, slow) & BACK:
             near = self._near(-reach) if level == COARSE else NOT_SOUGHT
             s.undo()
             return near | self._near(reach) if level == COARSE else near

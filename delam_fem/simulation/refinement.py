@@ -52,6 +52,9 @@ class Refinement:
         return tuple(sorted({1, self.middle, self.factor}))
 
 
+AHEAD, BACK = 1, 2
+"""Parts of `nearness`."""
+
 NOT_REFINED = Refinement()
 """All steps are equal."""
 
@@ -76,12 +79,20 @@ def unforeseen_warning(contacts: IntArray) -> str | None:
 
 
 @kept
-def is_near(gap, rate, ahead, slow):  # type: ignore[no-untyped-def]
-    """Return whether a pair that is faster than `slow` may close by F1 (see `RefinedSteps`)."""
+def nearness(gap, rate, reach, slow):  # type: ignore[no-untyped-def]
+    """Return whether a pair that is faster than `slow` may close by F1 (see `RefinedSteps`).
+
+    The result is the sum of AHEAD, if one may within the time `reach` ahead, and BACK, if one may
+    have within that time back.
+    """
+    found = 0
     for k in range(gap.size):
-        if gap[k] + min(ahead * rate[k], 0.0) <= 0.0 and abs(rate[k]) > slow:
-            return True
-    return False
+        way = reach * abs(rate[k])
+        if gap[k] <= way and abs(rate[k]) > slow:
+            if gap[k] <= 0.0:
+                return AHEAD + BACK
+            found |= AHEAD if rate[k] < 0.0 else BACK
+    return found
 
 
 @kept

@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 
 from delam_fem.simulation.refinement import (
+    AHEAD,
+    BACK,
     Refinement,
     base_rows,
     base_within,
-    is_near,
+    nearness,
     unforeseen_warning,
 )
 
@@ -72,18 +74,24 @@ def test_rows_within_a_step_are_those_of_its_parts() -> None:
 
 
 @pytest.mark.parametrize(
-    ("gap", "rate", "ahead", "near"),
+    ("gap", "rate", "reach", "near"),
     [
-        (1.0, -3.0, 0.5, True),  # closes within the time ahead
-        (1.0, -3.0, 0.3, False),
-        (1.0, 3.0, 0.5, False),  # opens
-        (1.0, 3.0, -0.5, True),  # was closed before
-        (-1.0, 2.0, 0.1, False),  # closed, but slow
-        (0.0, 2.5, 0.1, True),  # touches
+        (1.0, -3.0, 0.5, AHEAD),  # closes within the time ahead
+        (1.0, -3.0, 0.3, 0),
+        (1.0, 3.0, 0.5, BACK),  # was closed before
+        (1.0, 3.0, 0.3, 0),
+        (-1.0, 2.0, 0.1, 0),  # closed, but slow
+        (0.0, 2.5, 0.1, AHEAD + BACK),  # touches
+        (-0.1, -2.5, 0.1, AHEAD + BACK),
     ],
 )
 def test_a_fast_pair_is_near_that_may_close(
-    gap: float, rate: float, ahead: float, near: bool
+    gap: float, rate: float, reach: float, near: int
 ) -> None:
     slow = 2.0
-    assert is_near(np.array([9.0, gap]), np.array([0.0, rate]), ahead, slow) is near
+    assert nearness(np.array([9.0, gap]), np.array([0.0, rate]), reach, slow) == near
+
+
+def test_one_pair_may_close_ahead_and_another_back() -> None:
+    gap, rate = np.array([1.0, 9.0, 1.0]), np.array([3.0, 0.0, -3.0])
+    assert nearness(gap, rate, 0.5, 2.0) == AHEAD + BACK

@@ -7,6 +7,7 @@ energies, apart from what the products and solves of coupled ranks exchange.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TypeAlias
 
@@ -20,6 +21,7 @@ from delam_fem.model.operators import Operators
 from delam_fem.mpi import MPI
 from delam_fem.numerics.arrays import BoolArray, FloatArray
 from delam_fem.simulation.energy import Energies
+from delam_fem.simulation.refinement import nearness
 
 BaseState: TypeAlias = Sequence[float]
 """(q, q', q'') of the base at an instant [m, m/s, m/s2]."""
@@ -54,14 +56,17 @@ class Dynamics:
             linear_algebra.product(m, o.is_uncoupled) for m in (o.mass, o.damping, o.stiffness)
         )
         self._H = linear_algebra.local(o.gap_matrix)
-        self.u, self.v, self.a, self._residual, self._load, self._response = (
-            self._vector() for _ in range(6)
+        n, memory = o.n_own, np.zeros(2 * o.n_own)
+        self._motion, self.u, self.v = (  # u and v in one memory, so that one product sees both
+            linear_algebra.vector_in(part) for part in (memory, memory[:n], memory[n:])
         )
-        self._base_mass, self._base_damping, self._base_stiffness = (
-            self._vector(c) for c in (o.base.mass, o.base.damping, o.base.stiffness)
+        self.a, self._residual, self._load, self._response, self._damped = (
+            self._vector() for _ in range(5)
         )
-        self._kept = [self._vector() for _ in range(3)]
-        self._kept_losses = (0.0, 0.0)
+        columns = o.base.mass, o.base.damping, o.base.stiffness
+        self._base_columns = linear_algebra.local(np.column_stack(columns))
+        self._drive = PETSc.Vec().createSeq(3)
+        self._drive_memory = memoryview(self._drive.array).cast("B").cast("d")
         self._rate, self._impulse, self._force = (
             linear_algebra.Shared(o.n_pairs, o.comm) for _ in range(3)
         )
@@ -122,8 +127,14 @@ class Dynamics:
         if self._base_table is not base_states or base_states.flags.writeable:
             self._base_table, self._base_rows = base_states, base_states.tolist()
         self._base_states, self._step = self._base_rows, 0
-        self._is_seen_u = self._is_seen_v = False
+        self._see()  # as a run does that continues from a file
         return self._base_rows
+
+    def _add_base(self, q: float, dq: float, ddq: float) -> None:
+        """Add the load of a motion of the base to the residual."""
+        drive, residual = self._drive_memory, self._residual
+        drive[0], drive[1], drive[2] = ddq, dq, q
+        self._base_columns.multAdd(self._drive, residual, residual)
 
     def begin_step(self, before: BaseState, after: BaseState) -> None:
         """Begin a single step, over which the base moves between two states (q, q', q'')."""
@@ -132,71 +143,57 @@ class Dynamics:
     def rest(self, pairs: BoolArray) -> None:
         """Set which pairs rest, shape (n_pairs,)."""
         self.resting, self.is_resting = pairs, bool(pairs.any())
+        self._reach = math.nan
 
     # -- for refined steps ---------------------------------------------------------------------
-
-    def keep(self) -> None:
-        """Keep the present state for `undo`."""
-        for kept, vector in zip(self._kept, (self.u, self.v, self.a), strict=True):
-            vector.copy(kept)
-        self._kept_losses = self._dissipated, self.contact_damped
-
-    def undo(self) -> None:
-        """Return to the state of the last `keep`; resting pairs are those of the present."""
-        for kept, vector in zip(self._kept, (self.u, self.v, self.a), strict=True):
-            kept.copy(vector)
-        self._is_seen_u = self._is_seen_v = False
-        self._dissipated, self.contact_damped = self._kept_losses
 
     def margins(self) -> tuple[FloatArray, FloatArray]:
         """Return gaps and gap rates, both (n_pairs,); of pairs on springs the negative ones.
 
         The first must not fall below 0, or a pair closes, or one that rests opens.
         """
-        self._see_u()
-        gap, rate = self._gap_values, self.gap_rate()
+        gap, rate = self._gap_values, self._rate_values
         if self.is_resting and self.spring_stiffness:
             sign = np.where(self.resting, -1.0, 1.0)
             gap, rate = sign * gap, sign * rate
         return gap, rate
 
+    def nearness(self, reach: float, slow: float) -> int:
+        """Return `nearness` of the present state, the end of a step and the start of the next one.
+
+        It is sought once for the same reach; `slow` does not change from step to step.
+        """
+        if self._reach != reach:
+            self._nearness, self._reach = nearness(*self.margins(), reach, slow), reach
+        return self._nearness
+
     def _make_views(self) -> None:
-        """Create the matrices and vectors of the gaps and of the recorded quantities."""
+        """Create the matrix and vectors of gaps, gap rates and recorded quantities."""
         o = self.operators
         rows = sp.csr_matrix(np.vstack([o.base.mass, o.base.damping, o.base.stiffness]))
-        self._view_u = linear_algebra.local(sp.vstack([o.gap_matrix, rows, o.observed]))
-        self._view_v = linear_algebra.local(sp.vstack([o.gap_matrix, o.observed]))
-        self._at_rest = self._view_u.createVecLeft()
+        of_u, of_v = sp.vstack([rows, o.observed]), o.observed
+        self._view = linear_algebra.local(
+            sp.bmat([[o.gap_matrix, None], [None, o.gap_matrix], [of_u, None], [None, of_v]])
+        )
+        self._at_rest = self._view.createVecLeft()
         if o.comm.rank == 0:  # the contributions of all ranks are added
             self._at_rest.array[: o.n_pairs] = o.gap0
-        self._all_seen_u, self._all_seen_v = (
-            linear_algebra.Shared(m.getSize()[0], o.comm) for m in (self._view_u, self._view_v)
-        )
-        pairs, others = slice(0, o.n_pairs), slice(o.n_pairs, None)
-        self.seen_u: FloatArray = self._all_seen_u.values[others]
-        self.seen_v: FloatArray = self._all_seen_v.values[others]
-        self._gap_values, self._rate_values = (
-            shared.values[pairs] for shared in (self._all_seen_u, self._all_seen_v)
-        )
+        self._seen = linear_algebra.Shared(self._at_rest.getSize(), o.comm)
+        ends = np.cumsum([o.n_pairs, o.n_pairs, of_u.shape[0]])
+        self._gap_values, self._rate_values, seen_u, seen_v = np.split(self._seen.values, ends)
+        self.seen_u: FloatArray = seen_u
+        self.seen_v: FloatArray = seen_v
         self._gap_vector, self._rate_vector = (
-            PETSc.Vec().createWithArray(values, comm=PETSc.COMM_SELF)
-            for values in (self._gap_values, self._rate_values)
+            linear_algebra.vector_in(values) for values in (self._gap_values, self._rate_values)
         )
-        self._is_seen_u = self._is_seen_v = False  # whether these belong to the present state
+        self._nearness, self._reach = 0, math.nan
+        self._see()
 
-    def _see_u(self) -> None:
-        """Compute the gaps and `seen_u` of the present displacements, unless they are known."""
-        if not self._is_seen_u:
-            self._view_u.multAdd(self.u, self._at_rest, self._all_seen_u.own)
-            self._all_seen_u.gather()
-            self._is_seen_u = True
-
-    def _see_v(self) -> None:
-        """Compute the gap rates and `seen_v` of the present velocities, unless they are known."""
-        if not self._is_seen_v:
-            self._view_v.mult(self.v, self._all_seen_v.own)
-            self._all_seen_v.gather()
-            self._is_seen_v = True
+    def _see(self) -> None:
+        """Compute gaps, rates, `seen_u` and `seen_v`; what changes the state ends with this."""
+        self._view.multAdd(self._motion, self._at_rest, self._seen.own)
+        self._seen.gather()
+        self._reach = math.nan
 
     # -- for contact laws ------------------------------------------------------------------------
 
@@ -206,8 +203,7 @@ class Dynamics:
         return self._gap_values
 
     def gap_rate(self) -> FloatArray:
-        """Return H v, shape (n_pairs,) [m/s] (collective)."""
-        self._see_v()
+        """Return H v, shape (n_pairs,) [m/s]."""
         return self._rate_values
 
     def response(self, factor: linear_algebra.Factor, pair: int) -> FloatArray:
@@ -226,18 +222,16 @@ class Dynamics:
     # -- for recorders ------------------------------------------------------------------------
 
     def observe(self) -> None:
-        """Update `seen_u` = (m_b·u, c_b·u, k_b·u, probes of u) and `seen_v` = (probes of v)."""
-        self._see_u()
-        self._see_v()
+        """Do nothing: `seen_u` and `seen_v` are always those of the present state."""
 
     def energies(self) -> Energies:
         """Return the energies of the whole system, base included, in the fixed frame [J]."""
         base = self.operators.base
         q, dq, _ = self._base_states[self._step]
         self._M.mult(self.v, self._load)
-        own = [self._base_mass.dot(self.v), self._load.dot(self.v)]
+        own = [float(base.mass @ self.v.array), self._load.dot(self.v)]
         self._K.mult(self.u, self._load)
-        own += [self._load.dot(self.u), self._base_stiffness.dot(self.u)]
+        own += [self._load.dot(self.u), float(base.stiffness @ self.u.array)]
         momentum, of_mass, of_stiffness, attachment = linear_algebra.added(own, self.comm)
         kinetic = 0.5 * of_mass + dq * momentum
         strain = 0.5 * of_stiffness + q * attachment
@@ -252,7 +246,6 @@ class Dynamics:
         """Return the energy of springs on some pairs at the current gaps [J]."""
         if not self.spring_stiffness:
             return 0.0
-        self._see_u()
         gap = self._gap_values[pairs]
         if self.operators.pair_weights is not None:
             gap = gap * np.sqrt(self.operators.pair_weights[pairs])
@@ -266,7 +259,8 @@ class Dynamics:
         """Take over (u, v, a) of the own dofs, shape (3, n_own)."""
         for row, vector in zip(state, (self.u, self.v, self.a), strict=True):
             vector.array[:] = row
-        self._is_seen_u = self._is_seen_v = False
+        self._see()
+        self._C.mult(self.v, self._damped)
 
     @property
     def n_shares(self) -> int:
@@ -290,9 +284,9 @@ class Dynamics:
         matrices = (o.mass, o.damping, o.stiffness) if self._is_owner else ()
         for thing in (
             *(self._rate, self._impulse, self._force, self._gap_vector, self._rate_vector),
-            *(self._all_seen_u, self._all_seen_v, self._at_rest),
-            *(*matrices, self._H, self._view_u, self._view_v),
-            *(self.u, self.v, self.a, self._residual, self._load, self._response, *self._kept),
-            *(self._base_mass, self._base_damping, self._base_stiffness),
+            *(self._seen, self._at_rest, *matrices, self._H, self._view),
+            *(self._motion, self.u, self.v, self.a),
+            *(self._residual, self._load, self._response, self._damped),
+            *(self._base_columns, self._drive),
         ):
             thing.destroy()

@@ -46,6 +46,11 @@ def local(csr: sp.spmatrix) -> PETSc.Mat:
     return result
 
 
+def vector_in(memory: FloatArray) -> PETSc.Vec:
+    """Return a sequential vector in the memory of an array, which it keeps alive."""
+    return PETSc.Vec().createWithArray(memory, comm=PETSc.COMM_SELF)
+
+
 def product(whole: PETSc.Mat, is_uncoupled: bool) -> Product:
     """Return a matrix as a product with own shares of vectors.
 
@@ -100,8 +105,7 @@ class Portion:
     def __init__(self, vector: PETSc.Vec) -> None:
         """Take over a distributed vector, which this object destroys."""
         self.vector = vector
-        self._memory = vector.array
-        self.own = PETSc.Vec().createWithArray(self._memory, comm=PETSc.COMM_SELF)
+        self.own = vector_in(vector.array)
 
     def destroy(self) -> None:
         """Free both vectors."""
@@ -254,7 +258,7 @@ class Shared:
         if comm.size > 1:
             self._parts = np.zeros((comm.size, size))
             self.values = np.zeros(size)
-            self.total = PETSc.Vec().createWithArray(self.values, comm=PETSc.COMM_SELF)
+            self.total = vector_in(self.values)
 
     def gather(self) -> FloatArray:
         """Update `values` from the contributions of all ranks (collective) and return them."""

@@ -26,6 +26,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from petsc4py import PETSc
 
 from delam_fem.contact.decision import Compliance, Decision
 from delam_fem.engines.petsc import linear_algebra
@@ -100,7 +101,8 @@ class Newmark(Dynamics):
         self._sizes = [self._size(dt, beta, gamma) for dt in time_steps]
         self._now = self._sizes[-1]
         self._M_factor = self._factor(0.0, 0.0, "newmark_mass_", scale=-1.0)
-        self._velocities = self._vector()
+        self._velocities, self._damped_start, self._kept_a = (self._vector() for _ in range(3))
+        self._kept_motion, self._kept_losses = self._motion.duplicate(), (0.0, 0.0)
         self._coupled = coupled_impulses
         self._is_average = (beta, gamma) == (0.25, 0.5)
         inverse = np.zeros(o.n_own) if coupled_impulses else 1.0 / o.require_lumped_mass()
@@ -127,6 +129,20 @@ class Newmark(Dynamics):
         self.time_step = self._now.time_step
         self._prepare_springs()
 
+    def keep(self) -> None:
+        """Keep the present state for `undo`."""
+        self._motion.copy(self._kept_motion)
+        self.a.copy(self._kept_a)
+        self._kept_losses = self._dissipated, self.contact_damped
+
+    def undo(self) -> None:
+        """Return to the state of the last `keep`; resting pairs are those of the present."""
+        self._kept_motion.copy(self._motion)
+        self._kept_a.copy(self.a)
+        self._see()
+        self._C.mult(self.v, self._damped)
+        self._dissipated, self.contact_damped = self._kept_losses
+
     def rate_pre(self) -> FloatArray:
         """Return gap rates before an impact, shape (n_pairs,) [m/s]."""
         return self.gap_rate()
@@ -137,11 +153,10 @@ class Newmark(Dynamics):
         """Compute the candidate state of the next step; return its smallest gap [m]."""
         u, v, a, both, now = self.u, self.v, self.a, self._velocities, self._now
         self._step += 1
-        self._is_seen_u = self._is_seen_v = False
         v.copy(both)
         u.axpy(now.time_step, v)
         if self._is_average:
-            self._find_residual()
+            self._find_residual(self._damped)
             self._M.mult(a, self._load)
             self._residual.axpy(-1.0, self._load)
             now.A.solve(self._residual, self._response)
@@ -151,39 +166,36 @@ class Newmark(Dynamics):
         else:
             u.axpy(now.keep_u, a)
             v.axpy(now.keep_v, a)
-            self._find_residual()
+            self._C.mult(v, self._load)
+            self._find_residual(self._load)
             now.A.solve(self._residual, a)
             u.axpy(now.to_u, a)
             v.axpy(now.to_v, a)
+        self._see()
         if self._pairs.size:
             self._push_springs()
         both.axpy(1.0, v)  # twice the mean velocity of the step
-        self._C.mult(both, self._load)
+        self._damped, self._damped_start = self._damped_start, self._damped
+        self._C.mult(v, self._damped)  # the next step begins with it
+        self._load.waxpy(1.0, self._damped_start, self._damped)
         self._dissipated += 0.25 * self.time_step * self._load.dot(both)
         if self._spring_damping and self._pairs.size:
             self._H.mult(both, self._rate.own)
             rate = self._of_springs(self._rate.gather())
             self.contact_damped += 0.25 * self.time_step * self._spring_damping * float(rate @ rate)
-        self._see_u()
         smallest: float = self._gap_vector.min()[1]
         return smallest
 
-    def _find_residual(self) -> None:
-        """Write the residual K u + C v - f, the negative right-hand side of N1."""
-        q, dq, ddq = self._base_states[self._step]
-        r = self._residual
-        self._K.mult(self.u, r)
-        self._C.multAdd(self.v, r, r)
-        r.axpy(ddq, self._base_mass)
-        r.axpy(dq, self._base_damping)
-        r.axpy(q, self._base_stiffness)
+    def _find_residual(self, damped: PETSc.Vec) -> None:
+        """Write the residual K u + C v - f, the negative right-hand side of N1, with given C v."""
+        self._K.multAdd(self.u, damped, self._residual)
+        self._add_base(*self._base_states[self._step])
 
     # -- springs ------------------------------------------------------------------------------
 
     def _push_springs(self) -> None:
         """Correct the candidate by the spring forces (N2)."""
         k, c = self.spring_stiffness, self._spring_damping
-        self._see_u()
         drive = k * self._of_springs(self._gap_values)
         if c:
             drive += c * self._of_springs(self.gap_rate())
@@ -197,7 +209,7 @@ class Newmark(Dynamics):
         self.a.axpy(1.0, self._response)
         self.u.axpy(now.to_u, self._response)
         self.v.axpy(now.to_v, self._response)
-        self._is_seen_u = self._is_seen_v = False
+        self._see()
 
     def _of_springs(self, values: FloatArray) -> FloatArray:
         """Return gaps or gap rates of the spring pairs, times √w if pairs have weights."""
@@ -285,14 +297,14 @@ class Newmark(Dynamics):
         mean.waxpy(0.5, change, self.v)  # of the velocities before and after the impact
         self._M.mult(change, load)
         self.v.axpy(1.0, change)
-        self._is_seen_v = False
+        self._see()
+        self._C.mult(self.v, self._damped)
         return self._total(float(load.dot(mean)))
 
     def renew_acceleration(self) -> None:
         """Compute a from M a = f - C v - K u - H^T λ at the current state."""
-        self._find_residual()
+        self._find_residual(self._damped)
         if self._pairs.size:
-            self._see_u()
             forces = self.spring_stiffness * self._of_springs(self._gap_values)
             if self._spring_damping:
                 forces += self._spring_damping * self._of_springs(self.gap_rate())
@@ -302,8 +314,11 @@ class Newmark(Dynamics):
 
     def destroy(self) -> None:
         """Free all PETSc objects."""
-        self._velocities.destroy()
-        self._inverse_lumped.destroy()
+        for vector in (
+            *(self._velocities, self._inverse_lumped, self._damped_start),
+            *(self._kept_motion, self._kept_a),
+        ):
+            vector.destroy()
         for size in self._sizes:
             size.A.destroy()
         self._M_factor.destroy()

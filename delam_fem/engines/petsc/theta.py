@@ -10,8 +10,9 @@ impacts.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from petsc4py import PETSc
@@ -27,31 +28,43 @@ from delam_fem.model.operators import Operators
 from delam_fem.mpi import MPI
 from delam_fem.numerics.arrays import BoolArray, FloatArray, IntArray
 
+ROOM = 1_000_000
+"""Dofs times pairs up to which the responses to impulses are kept: contact returns to few pairs."""
+
 
 @dataclass(frozen=True)
 class _Size:
-    """A size of steps, with the factor of Â for it, W of that Â, and the factors of R2."""
+    """A size of steps, with what belongs to it.
+
+    Attributes:
+        time_step: Δt [s].
+        A: factor of Â.
+        W: W of that Â.
+        weights: factors of R2.
+        responses: what a unit impulse on a pair adds to the motion, and to what is seen of it.
+    """
 
     time_step: float
     A: linear_algebra.Factor
     W: LazyCompliance
     weights: Weights | None
+    responses: dict[int, tuple[PETSc.Vec, PETSc.Vec]] = field(default_factory=dict)
 
 
 class _PresentCompliance:
     """W of the size of steps that a stepper uses at present."""
 
-    def __init__(self, stepper: MoreauJean) -> None:
-        """Store the stepper."""
-        self._stepper = stepper
+    def __init__(self, present: LazyCompliance) -> None:
+        """Store the first one; the stepper replaces it when it chooses another size."""
+        self.present = present
 
     def diagonal(self, pairs: IntArray) -> FloatArray:
         """Return W_kk of some pairs, shape (k,) [1/kg]."""
-        return self._stepper.present_compliance.diagonal(pairs)
+        return self.present.diagonal(pairs)
 
     def block(self, pairs: IntArray) -> FloatArray:
         """Return the rows and columns of W of some pairs, shape (k, k) [1/kg]."""
-        return self._stepper.present_compliance.block(pairs)
+        return self.present.block(pairs)
 
 
 class MoreauJean(Dynamics):
@@ -79,8 +92,12 @@ class MoreauJean(Dynamics):
             self._damping = RayleighDamping(self._M, self._K, self.operators.rayleigh)
         self._sizes = [self._size(dt) for dt in time_steps]
         self._now = self._sizes[-1]
-        self.compliance = _PresentCompliance(self)
-        self._start, self._point = (self._vector() for _ in range(2))
+        self.compliance = _PresentCompliance(self._now.W)
+        self._motion_start = self._motion.duplicate()
+        self._start = linear_algebra.vector_in(self._motion_start.array[self.operators.n_own :])
+        self._point, self._damped_start = (self._vector() for _ in range(2))
+        size = self.operators.n_dofs * self.operators.n_pairs
+        self._has_room = self._damping is None and size <= ROOM
         self._is_touching = bool((operators.gap0 <= 0.0).any())
         self._none_resting = self.resting
         self._is_unaccounted = False
@@ -103,17 +120,18 @@ class MoreauJean(Dynamics):
         return rows
 
     def keep(self) -> None:
-        """Keep the present state for `undo` of one step, which keeps the velocities itself."""
-        self.u.copy(self._kept[0])
+        """Keep the present state for `undo` of one step, which keeps the motion itself."""
         if self._damping is not None:
             self._damping.keep()
 
     def undo(self) -> None:
         """Return to the state of the last `keep`, before the last step."""
-        self._kept[0].copy(self.u)
-        self._start.copy(self.v)
-        self._is_unaccounted = self._is_seen_u = self._is_seen_v = False
-        if self._damping is not None:
+        self._motion_start.copy(self._motion)
+        self._see()
+        self._is_unaccounted = False
+        if self._damping is None:
+            self._C.mult(self.v, self._damped)
+        else:
             self._damping.undo()
 
     def rest(self, pairs: BoolArray) -> None:
@@ -123,12 +141,7 @@ class MoreauJean(Dynamics):
     def use(self, level: int) -> None:
         """Choose the size of the next steps by its number."""
         self._now = self._sizes[level]
-        self.time_step = self._now.time_step
-
-    @property
-    def present_compliance(self) -> LazyCompliance:
-        """W of the present size of steps."""
-        return self._now.W
+        self.time_step, self.compliance.present = self._now.time_step, self._now.W
 
     @property
     def gap(self) -> FloatArray:
@@ -146,42 +159,43 @@ class MoreauJean(Dynamics):
     def advance(self) -> float:
         """Compute the free motion of the next step; return the smallest predicted gap [m]."""
         u, v, dt, theta = self.u, self.v, self.time_step, self._theta
-        self._see_u()
-        self._see_v()
+        if self._is_unaccounted:
+            self.observe()
         self._rate_vector.copy(self._rate_start.own)
         self._predicted.own.waxpy(0.5 * dt, self._rate_vector, self._gap_vector)
         self.resting = self._none_resting
-        v.copy(self._start)
+        self._motion.copy(self._motion_start)
         self._find_residual()
-        self._is_unaccounted, self._is_seen_u, self._is_seen_v = True, False, False
+        self._is_unaccounted = True
         self._now.A.solve(self._residual, self._response)
         if self._damping is not None:
             self._account(self._residual, 1.0)
         v.axpy(1.0, self._response)
         u.axpy(dt * (1.0 - theta), self._start)
         u.axpy(dt * theta, v)
+        self._see()
         if self._is_touching:
-            fastest = np.abs(self.gap_rate()).max(initial=0.0)
+            fastest = np.abs(self._rate_values).max(initial=0.0)
             self._predicted.own.shift(-CLOSED * dt * fastest)
         smallest: float = self._predicted.own.min()[1]
         return smallest
 
     def _find_residual(self) -> None:
         """Write K (u + θ Δt v) + C v - f_θ, the negative right-hand side of J1 over Δt."""
-        residual, point, theta = self._residual, self._point, self._theta
+        residual, theta = self._residual, self._theta
         ahead = theta * self.time_step
         if self._damping is None:
-            point.waxpy(ahead, self.v, self.u)  # the stiffness acts at u + θ Δt v
-            self._K.mult(point, residual)
-            self._C.multAdd(self.v, residual, residual)
+            self._point.waxpy(ahead, self.v, self.u)  # the stiffness acts at u + θ Δt v
+            self._K.multAdd(self._point, self._damped, residual)
         else:
             self._damping.pull(self.u, self.v, ahead, residual)
         q, dq, ddq = self._base_states[self._step]
         self._step += 1
         new_q, new_dq, new_ddq = self._base_states[self._step]
-        residual.axpy(theta * new_q + (1.0 - theta) * q, self._base_stiffness)
-        residual.axpy(theta * new_dq + (1.0 - theta) * dq, self._base_damping)
-        residual.axpy(theta * new_ddq + (1.0 - theta) * ddq, self._base_mass)
+        rest = 1.0 - theta
+        self._add_base(
+            theta * new_q + rest * q, theta * new_dq + rest * dq, theta * new_ddq + rest * ddq
+        )
 
     def _account(self, load: PETSc.Vec, factor: float) -> None:
         """Account for the change of velocities that the solution for a load is going to make."""
@@ -194,24 +208,46 @@ class MoreauJean(Dynamics):
         Returns:
             Change of energy by the impulses, and by switching springs (0) [J].
         """
-        self._impulse.values.fill(0.0)
-        self._impulse.values[decision.hit] = decision.impulses
-        self._H.multTranspose(self._impulse.total, self._load)
-        self._now.A.solve(self._load, self._response)
-        if self._damping is not None:
-            self._account(self._load, self._now.A.scale)
-        self.v.axpy(self._now.A.scale, self._response)
-        self.u.axpy(-self._theta, self._response)
-        self._is_seen_u = self._is_seen_v = False
+        hit, impulses = decision.hit.tolist(), decision.impulses.tolist()
+        if self._has_room:
+            for pair, impulse in zip(hit, impulses, strict=True):
+                motion, seen = self._now.responses.get(pair) or self._respond(pair)
+                self._motion.axpy(impulse, motion)
+                self._seen.own.axpy(impulse, seen)
+            self._seen.gather()
+            self._reach = math.nan
+        else:
+            self._solve_impulses(hit, impulses)
+            if self._damping is not None:
+                self._account(self._load, self._now.A.scale)
+            self.v.axpy(self._now.A.scale, self._response)
+            self.u.axpy(-self._theta, self._response)
+            self._see()
         if decision.resting is not None:
             self.resting = decision.resting
-        twice = decision.impulses.dot(decision.rate_pre + decision.rate_post)
-        return 0.5 * float(twice), 0.0
+        pre, post = decision.rate_pre.tolist(), decision.rate_post.tolist()
+        works = [p * (a + b) for p, a, b in zip(impulses, pre, post, strict=True)]
+        return 0.5 * sum(works), 0.0  # NumPy takes longer for so few numbers
+
+    def _solve_impulses(self, pairs: list[int], impulses: list[float]) -> None:
+        """Solve with the load of impulses on some pairs."""
+        self._impulse.values.fill(0.0)
+        self._impulse.values[pairs] = impulses
+        self._H.multTranspose(self._impulse.total, self._load)
+        self._now.A.solve(self._load, self._response)
+
+    def _respond(self, pair: int) -> tuple[PETSc.Vec, PETSc.Vec]:
+        """Compute the responses of the present size of steps to a unit impulse on a pair."""
+        self._solve_impulses([pair], [1.0])
+        motion, seen = self._motion.duplicate(), self._at_rest.duplicate()
+        by_unit = self._response.array
+        motion.array[:] = np.concatenate([-self._theta * by_unit, self._now.A.scale * by_unit])
+        self._view.mult(motion, seen)
+        self._now.responses[pair] = motion, seen
+        return motion, seen
 
     def observe(self) -> None:
-        """Update the recorded values, and account for the damping of a completed step."""
-        self._see_u()
-        self._see_v()
+        """Account for the damping of a completed step."""
         if not self._is_unaccounted:
             return
         self._is_unaccounted = False
@@ -219,8 +255,10 @@ class MoreauJean(Dynamics):
         if self._damping is not None:
             self._dissipated += self.time_step * self._damping.power(theta)
             return
+        self._damped, self._damped_start = self._damped_start, self._damped
+        self._C.mult(self.v, self._damped)  # the next step begins with it
         mean.waxpy((1.0 - theta) / theta, self._start, self.v)  # v_θ / θ
-        self._C.mult(mean, self._load)
+        self._load.waxpy((1.0 - theta) / theta, self._damped_start, self._damped)
         self._dissipated += theta**2 * self.time_step * self._load.dot(mean)
 
     def renew_acceleration(self) -> None:
@@ -230,12 +268,16 @@ class MoreauJean(Dynamics):
         """Free all PETSc objects."""
         for size in self._sizes:
             size.A.destroy()
+            for response in size.responses.values():
+                for vector in response:
+                    vector.destroy()
             if size.weights is not None:
                 size.weights.destroy()
         if self._damping is not None:
             self._damping.destroy()
-        self._start.destroy()
-        self._point.destroy()
-        self._predicted.destroy()
-        self._rate_start.destroy()
+        for thing in (
+            *(self._motion_start, self._start, self._point, self._damped_start),
+            *(self._predicted, self._rate_start),
+        ):
+            thing.destroy()
         super().destroy()

@@ -9,11 +9,12 @@ import pytest
 
 from delam_fem.case.files import preset
 from delam_fem.contact.decision import NO_PAIRS, NO_VALUES, Decision
-from delam_fem.engines.petsc import compliance, newmark
+from delam_fem.engines.petsc import compliance, newmark, theta
 from delam_fem.engines.petsc.newmark import Newmark
 from delam_fem.engines.petsc.theta import MoreauJean
 from delam_fem.model.beams import closed_form
 from delam_fem.model.operators import Operators
+from delam_fem.simulation.refinement import AHEAD, BACK
 
 ROUND_OFF = 1e-9
 """Relative, after 50 steps; stiff modes make the accelerations some 1e6 times the displacements."""
@@ -201,6 +202,72 @@ def test_pairs_on_springs_have_negative_margins() -> None:
         (sign * rate).tolist(),
     ]
     stepper.destroy()
+
+
+def test_kept_responses_make_the_jump_that_a_solve_makes(monkeypatch: pytest.MonkeyPatch) -> None:
+    o = problem()
+    push = Decision(np.array([2, 5]), np.array([2e-4, 1e-4]), np.array([-1.0, -2.0]), np.ones(2))
+    found = []
+    for room in (theta.ROOM, 0):
+        monkeypatch.setattr(theta, "ROOM", room)
+        stepper = MoreauJean(o, 2 * DT, DT)
+        stepper.begin(shaken(9))
+        for level in (0, 1, 0):  # each size of steps has responses of its own
+            stepper.use(level)
+            stepper.advance()
+            assert stepper.jump(push)[0] == pytest.approx(-5e-5)
+            stepper.observe()
+        found.append((stepper.state()[:2], stepper.dissipated, stepper.margins()[1].copy()))
+        stepper.destroy()
+    (state, loss, rate), (solved, its_loss, its_rate) = found
+    for row, expected in ((state[0], solved[0]), (state[1], solved[1]), (rate, its_rate)):
+        assert np.abs(row - expected).max() <= ROUND_OFF * np.abs(expected).max()
+    assert loss == pytest.approx(its_loss, rel=1e-9)
+
+
+@pytest.mark.parametrize("scheme", [Newmark, MoreauJean])
+def test_what_is_near_is_sought_anew_when_the_state_changes(
+    scheme: type[Newmark | MoreauJean],
+) -> None:
+    o = problem()
+    stepper = scheme(o, DT, **({"spring": (100.0, 0.0)} if scheme is Newmark else {}))
+    hit = np.array([5])
+    push = Decision(hit, np.array([-0.02]), np.zeros(1), np.zeros(1), np.zeros(6, dtype=np.bool_))
+    reach = 0.1
+    stepper.begin(shaken(4))
+    stepper.advance()
+    stepper.observe()
+    assert stepper.nearness(reach, 1e-3) == 0
+    stepper.keep()
+    stepper.advance()
+    stepper.jump(push)
+    assert stepper.nearness(reach, 1e-3) & AHEAD
+    assert stepper.nearness(1e-9, 1e-3) == 0  # nor is it that of another reach
+    assert stepper.nearness(reach, 1e-3) & AHEAD
+    stepper.undo()
+    assert stepper.nearness(reach, 1e-3) == 0
+    if scheme is Newmark:
+        stepper.restore(1e-9 * np.arange(3.0 * o.n_dofs).reshape(3, -1))
+        assert stepper.nearness(reach, 0.0) == 0
+        stepper.rest(np.arange(o.n_pairs) == 5)  # an open pair "rests": its margin is negative
+        assert stepper.nearness(reach, 0.0) == AHEAD + BACK
+    stepper.destroy()
+
+
+def test_a_step_that_nobody_observed_is_accounted_for() -> None:
+    losses = []
+    for is_observed in (True, False):
+        stepper = MoreauJean(problem(), DT)
+        stepper.begin(shaken(9))
+        for _ in range(9):
+            stepper.advance()
+            if is_observed:
+                stepper.observe()
+        stepper.observe()
+        losses.append((stepper.dissipated, stepper.state().tolist()))
+        stepper.destroy()
+    assert losses[0] == losses[1]
+    assert losses[0][0] > 0.0
 
 
 def test_a_table_that_may_change_is_read_in_every_period() -> None:
