@@ -24,6 +24,7 @@ from delam_fem.results.figures.style import (
     label_x,
     legend_above,
     seconds_below,
+    steps,
     time_axis,
     title,
 )
@@ -205,5 +206,5 @@ def _stack(axes: Axes, t: FloatArray, parts: list[tuple[FloatArray, str, str]]) 
         if not values.any():
             continue
         base = np.where(values >= 0.0, up, down)
-        axes.stairs(base + values, t, baseline=base, fill=True, color=colour, label=text)
+        steps(axes, base + values, t, base, color=colour, label=text)
         up, down = up + np.maximum(values, 0.0), down + np.minimum(values, 0.0)

@@ -28,7 +28,10 @@ from delam_fem.results.figures.style import (
     label_x,
     lamina_colours,
     legend_above,
+    powers_of_ten,
     seconds_below,
+    steps,
+    symbol,
     time_axis,
     title,
 )
@@ -72,7 +75,7 @@ def tip_histories(history: xr.Dataset, case: Case) -> Figure:
             t, low, high, where=high >= low, color=GAP_COLOUR, label=None if j else "gap"
         )
     for i, (name, colour) in enumerate(_laminae(history)):
-        axes.plot(t, y[i], color=colour, label=f"{name}  $y_{{{i + 1}}}$")
+        axes.plot(t, y[i], color=colour, label=f"{name}  {symbol('y', i)}")
     if case.contact.law != "none":
         _closures(axes, t, y, last)
     place = diagnostics.probe_place(history)
@@ -103,7 +106,7 @@ def phase_portraits(history: xr.Dataset, case: Case) -> Figure:
             axes.plot(q[at_end], v[at_end], "o", color=BLACK, markersize=4, label="ends of periods")
             legend_above(axes)
         axes.set_title(name, loc="left", color=colour)
-        axes.set(xlabel=f"displacement  $q_{{{i + 1}}}$ [mm]", ylabel="velocity [m/s]")
+        axes.set(xlabel=f"displacement  {symbol('q', i)} [mm]", ylabel="velocity [m/s]")
     count = portrait.shape[-1] / N
     place = diagnostics.probe_place(history)
     figure.suptitle(f"{title(case)}; {place}, {count:g} period{'s' if count != 1 else ''}")
@@ -127,8 +130,9 @@ def spectra(history: xr.Dataset, case: Case) -> Figure:
         if found is not None:
             text += _mark_harmonics(axes, found[i])
         axes.set_title(text, loc="left", color=colour)
-        axes.set_ylabel(f"amplitude of $q_{{{i + 1}}}$ [mm]")
+        axes.set_ylabel(f"amplitude of {symbol('q', i)} [mm]")
         axes.yaxis.set_major_locator(LogLocator(numticks=12))
+        powers_of_ten(axes.yaxis)
         axes.yaxis.set_minor_formatter(NullFormatter())
         axes.set_xlim(0.0, unit * (SHOWN_HARMONICS + 0.5))
     top = np.nanmax(amplitudes[:, 1:], initial=0.0)
@@ -156,12 +160,12 @@ def envelope(history: xr.Dataset, case: Case) -> Figure:
         )
         axes = panels[i]
         axes.use_sticky_edges = False
-        axes.stairs(high, edges, baseline=low, fill=True, color=colour, alpha=0.3, label="range")
+        steps(axes, high, edges, low, color=colour, alpha=0.3, label="range")
         axes.plot(
             edges[1:], strobe, ".", color=BLACK, markersize=3, label="at the end of the period"
         )
         axes.set_title(name, loc="left", color=colour)
-        axes.set_ylabel(f"$q_{{{i + 1}}}$ [mm]")
+        axes.set_ylabel(f"{symbol('q', i)} [mm]")
     legend_above(axes)
     axes.margins(x=0.01)
     label_x(panels, label)

@@ -8,12 +8,14 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.text import Text
 from stack import three_laminae
 from synthetic import AMPLITUDES, PERIODS, STEPS, SWEEP, WINDOW, small_case, synthetic_history
 
 from delam_fem import Case
 from delam_fem.results.figures import contact as contact_figures
 from delam_fem.results.figures import run as figures
+from delam_fem.results.figures import style
 from delam_fem.results.figures.style import (
     DPI,
     HISTORY_PERIODS,
@@ -61,7 +63,7 @@ def test_tip_histories_show_positions_of_the_last_periods() -> None:
     history = synthetic_history(case)
     axes = draw("tip_histories", history, case).axes[0]
     lines = {line.get_label(): line for line in axes.lines}
-    t, y_2 = lines["thin  $y_{2}$"].get_data()
+    t, y_2 = lines["thin  y₂"].get_data()
     assert t[-1] == pytest.approx(PERIODS)
     assert t.size == HISTORY_PERIODS * STEPS
     q_2 = history["tip_displacement"].to_numpy()[1]
@@ -104,6 +106,34 @@ def test_harmonics_are_marked_at_their_amplitudes() -> None:
         assert orders[:3].tolist() == [1, 2, 3]
         np.testing.assert_allclose(amplitudes[:3], 1e3 * expected, atol=1e-10)
     assert "THD = 25.2 %" in figure.axes[1].get_title(loc="left")  # hypot(3, 0.4) / 12
+
+
+def test_axes_of_spectra_and_symbols_need_no_mathematical_text() -> None:
+    case = small_case()
+    figure = draw("spectra", synthetic_history(case), case)
+    figure.draw_without_rendering()
+    decades = [text.get_text() for text in figure.axes[0].get_yticklabels()]
+    values = figure.axes[0].get_yticks()
+    assert {"10⁻²", "10⁰", "10¹"} <= set(decades)
+    assert decades[values.tolist().index(1e-2)] == "10⁻²"
+    assert style.symbol("q", 10) == "q₁₁"
+    for name in figures.FIGURES:
+        shown = draw(name, synthetic_history(case), case)
+        assert not [t for t in shown.findobj(Text) if t.get_visible() and "$" in t.get_text()]
+
+
+def test_steps_are_those_of_matplotlib() -> None:
+    values, edges, base = np.array([1.0, -2.0, 3.0]), np.arange(4.0), np.array([0.5, -1.0, 0.0])
+    ours, theirs = Figure().subplots(1, 2)
+    style.steps(ours, values, edges, base, color="red", label="a")
+    theirs.stairs(values, edges, baseline=base, fill=True, color="red", label="a")
+    assert ours.get_xlim() == theirs.get_xlim() and ours.get_ylim() == theirs.get_ylim()
+    for axes in (ours, theirs):
+        axes.margins(x=0.0)
+    assert ours.get_xlim() == theirs.get_xlim() == (0.0, 3.0)
+    (own,), (other,) = ours.patches, theirs.patches
+    np.testing.assert_array_equal(own.get_path().vertices, other.get_path().vertices)
+    assert own.get_facecolor() == other.get_facecolor() and own.get_fill()
 
 
 def test_envelope_shows_the_range_of_every_period() -> None:
@@ -205,7 +235,7 @@ def test_histories_of_three_laminae_are_stacked() -> None:
     lines = {line.get_label(): line for line in axes.lines}
     u = 1e3 * history["tip_displacement"].to_numpy()
     for number, name, below in ((1, "thick", 0.0), (2, "thin", 30.0), (3, "top", 50.0)):
-        y = lines[f"{name}  $y_{{{number}}}$"].get_ydata()
+        y = lines[f"{name}  y{'₁₂₃'[number - 1]}"].get_ydata()
         np.testing.assert_allclose(y, below + u[number - 1], rtol=1e-12, atol=1e-12)
     labels = [text.get_text() for text in axes.get_legend().get_texts()]
     assert labels.count("gap") == labels.count("in contact") == 1
