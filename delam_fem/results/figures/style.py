@@ -103,7 +103,8 @@ def steps(
     """
     from matplotlib.patches import StepPatch
 
-    patch = StepPatch(values, edges, baseline=baseline, fill=True, **look)
+    given: Any = baseline  # matplotlib's types know numbers alone
+    patch: Any = StepPatch(values, edges, baseline=given, fill=True, **look)
     lowest = np.fmin.reduce(np.fmin(values, baseline))
     highest = np.fmax.reduce(np.fmax(values, baseline))
     patch.sticky_edges.y.append(baseline.min())
