@@ -183,6 +183,8 @@ class Problem(NamedTuple):
 
 _KEPT: deque[tuple[Operators, StepNumbers, tuple[System, Coordinates]]] = deque(maxlen=8)
 """Results of the last calls of `build`; nobody ever writes to a system."""
+_CHAINED: deque[tuple[Operators, _Chained | None]] = deque(maxlen=2)
+"""Results of the last calls of `_chained`."""
 _NO_BAND = Band(0, np.zeros((0, 1)))
 _NOTHING = np.zeros(0)
 _NO_PLACES: IntArray = np.zeros(0, dtype=np.int64)
@@ -190,17 +192,36 @@ _NO_PLACES: IntArray = np.zeros(0, dtype=np.int64)
 
 @dataclass(frozen=True)
 class _Tapes:
-    is_diagonal_load: bool
-    coefficients: FloatArray
-    load: FloatArray
-    solution: FloatArray
+    """The tapes that do not depend on the size of steps."""
+
     mass_solution: FloatArray
     form: FloatArray
     rest: FloatArray
     points: Points
 
 
-_NO_TAPES = _Tapes(False, _NOTHING, _NOTHING, _NOTHING, _NOTHING, _NOTHING, _NOTHING, NO_POINTS)
+_NO_TAPES = _Tapes(_NOTHING, _NOTHING, _NOTHING, NO_POINTS)
+
+
+@dataclass(frozen=True)
+class _Chained:
+    """What lane order makes of operators, for any size of steps.
+
+    Attributes:
+        system: the system without its scheme and what depends on that.
+        places: its unknowns.
+        mass, stiffness: M and K.
+        alpha, beta: of Rayleigh damping in each lane, shape (4,) [1/s, s].
+        stiffest: norm of M⁻¹ K if M is diagonal, otherwise 0 [1/s2].
+    """
+
+    system: System
+    places: Places
+    mass: lanes.Chains
+    stiffness: lanes.Chains
+    alpha: FloatArray
+    beta: FloatArray
+    stiffest: float
 
 
 def build(operators: Operators, scheme: StepNumbers) -> tuple[System, Coordinates]:
@@ -222,13 +243,10 @@ def build(operators: Operators, scheme: StepNumbers) -> tuple[System, Coordinate
 
 def _built(o: Operators, scheme: StepNumbers) -> tuple[System, Coordinates]:
     lasts = not scheme.has_acceleration and bool((o.gap0 <= 0.0).any())  # see `is_touching`
-    if scheme.is_midpoint and o.n_dofs and o.n_dofs % 4 == 0 and not lasts:
-        order = lanes.lane_order(o.n_dofs // 4)
-        tapes = _tapes(o, scheme.as_theta(), order)
-        if tapes is not None:
-            size = lk.ROW * -(-o.n_dofs // lk.ROW)
-            places = Places(order, size)
-            return _system(o, scheme.as_theta(), places, tapes), places
+    if scheme.is_midpoint and not lasts:
+        chained = _chained(o)
+        if chained is not None:
+            return _with_scheme(chained, scheme.as_theta()), chained.places
     full = filled_up(o) if is_reduced(o) else None
     if full is not None and scheme.has_acceleration:
         system = _system(full, scheme, Places(np.arange(full.n_dofs), full.n_dofs), _NO_TAPES)
@@ -260,11 +278,11 @@ def _system(o: Operators, scheme: StepNumbers, places: Coordinates, tapes: _Tape
         n_probes=o.n_probes + o.n_sensors,
         is_chained=is_chained,
         is_within=tapes.points is not NO_POINTS,
-        is_diagonal_load=tapes.is_diagonal_load,
+        is_diagonal_load=False,
         scheme=scheme,
-        coefficients=tapes.coefficients,
-        load_tape=tapes.load,
-        solution=tapes.solution,
+        coefficients=_NOTHING,
+        load_tape=_NOTHING,
+        solution=_NOTHING,
         mass_solution=tapes.mass_solution,
         form=tapes.form,
         rest=tapes.rest,
@@ -303,8 +321,21 @@ def _is_selecting(o: Operators) -> bool:
     return bool((np.diff(P.indptr) == 1).all() and (P.data == 1.0).all())
 
 
-def _tapes(o: Operators, scheme: StepNumbers, order: IntArray) -> _Tapes | None:
-    """Return the tapes of the lane kernels, or None if the operators do not fit the lane order."""
+def _chained(o: Operators) -> _Chained | None:
+    """Return operators in lane order, or None if they do not fit it.
+
+    The last results are kept, because points of a sweep and sizes of steps share operators.
+    """
+    for known, found in _CHAINED:
+        if known is o:
+            return found
+    found = _in_lanes(o) if o.n_dofs and o.n_dofs % 4 == 0 else None
+    _CHAINED.append((o, found))
+    return found
+
+
+def _in_lanes(o: Operators) -> _Chained | None:
+    order = lanes.lane_order(o.n_dofs // 4)
     M, C, K = (lanes.chains(matrix, order) for matrix in (o.mass, o.damping, o.stiffness))
     damping, (rest, points) = lanes.rayleigh(o), _gaps(o, order)
     is_at_clamp = all(
@@ -313,39 +344,46 @@ def _tapes(o: Operators, scheme: StepNumbers, order: IntArray) -> _Tapes | None:
     )
     if M is None or C is None or K is None or damping is None or rest is None or not is_at_clamp:
         return None
+    tapes = _Tapes(lanes.solution_tape(M), lanes.form_tape(C), rest, points)
+    places = Places(order, lk.ROW * -(-o.n_dofs // lk.ROW))
     alpha, beta = (np.repeat(values, 2) for values in damping)
-    dt, theta = scheme.time_step, scheme.theta
-    c_M, c_K = 1.0 + scheme.p * alpha, scheme.q + scheme.p * beta
-    is_diagonal = _prefers_mass(o, float(c_K.min()))
+    system = _system(o, StepNumbers.newmark(0.0), places, tapes)
+    return _Chained(system, places, M, K, alpha, beta, _stiffest(o))
+
+
+def _with_scheme(chained: _Chained, scheme: StepNumbers) -> System:
+    """Return the system with the tapes of a scheme and its size of steps."""
+    M, K, dt = chained.mass, chained.stiffness, scheme.time_step
+    c_M, c_K = 1.0 + scheme.p * chained.alpha, scheme.q + scheme.p * chained.beta
+    # The acceleration has a part u/c_K with L4 and a part M⁻¹ K u with L3. The larger of these
+    # parts loses more digits, so L4, which needs a diagonal M, is chosen if 1/c_K is at most the
+    # norm of M⁻¹ K.
+    is_diagonal = bool(float(c_K.min()) * chained.stiffest >= 1.0)
     coefficients = aligned_zeros(lk.N_COEFFICIENTS * lanes.LANES)
     table = coefficients.reshape(lk.N_COEFFICIENTS, lanes.LANES)
     table[lk.S] = c_K / (scheme.p * c_M)
-    table[lk.KAPPA] = -dt / c_K if is_diagonal else 1.0 / (theta * c_M)
+    table[lk.KAPPA] = -dt / c_K if is_diagonal else 1.0 / (scheme.theta * c_M)
     table[lk.TO_U], table[lk.MINUS_RHO] = scheme.p, -scheme.rho
-    by_mass, by_stiffness = M.scaled(dt * c_M / c_K), K.scaled(np.full(lanes.LANES, -dt))
-    return _Tapes(
-        is_diagonal,
-        coefficients,
-        lanes.diagonal_tape(by_mass) if is_diagonal else lanes.product_tape(by_stiffness),
-        lanes.solution_tape(M.scaled(c_M) + K.scaled(c_K)),
-        lanes.solution_tape(M),
-        lanes.form_tape(C),
-        rest,
-        points,
+    load = (
+        lanes.diagonal_tape(M.scaled(dt * c_M / c_K))
+        if is_diagonal
+        else lanes.product_tape(K.scaled(np.full(lanes.LANES, -dt)))
+    )
+    return chained.system._replace(
+        is_diagonal_load=is_diagonal,
+        scheme=scheme,
+        coefficients=coefficients,
+        load_tape=load,
+        solution=lanes.solution_tape(M.scaled(c_M) + K.scaled(c_K)),
     )
 
 
-def _prefers_mass(o: Operators, c_K: float) -> bool:
-    """Choose L3 or L4, whichever loses fewer digits; return True for L4, which needs a diagonal M.
-
-    The acceleration has a part u/c_K with L4 and a part M⁻¹ K u with L3. The larger of these parts
-    loses more digits, so L4 is chosen if 1/c_K is at most the norm of M⁻¹ K.
-    """
+def _stiffest(o: Operators) -> float:
+    """Return the norm of M⁻¹ K if M is diagonal, otherwise 0 [1/s2]."""
     M = sp.coo_matrix(o.mass)
     if np.any((M.row != M.col) & (M.data != 0.0)):
-        return False
-    largest = np.max(abs(o.stiffness).sum(axis=1).A1 / o.mass.diagonal())
-    return bool(c_K * largest >= 1.0)
+        return 0.0
+    return float(np.max(abs(o.stiffness).sum(axis=1).A1 / o.mass.diagonal()))
 
 
 def _gaps(o: Operators, order: IntArray) -> tuple[FloatArray | None, Points]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections import deque
 from typing import NamedTuple
 
 import numba
@@ -14,7 +15,7 @@ from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
 from delam_fem.case.toml import CaseError
 from delam_fem.engines.choose import engine_of, law_of, scheme_of
-from delam_fem.engines.compiled import banded, contact, lane_kernels, lanes, simd
+from delam_fem.engines.compiled import banded, contact, lane_kernels, lanes, simd, system
 from delam_fem.engines.compiled import engine as engine_module
 from delam_fem.engines.compiled.engine import Compiled, compiled_engine
 from delam_fem.engines.compiled.handle import packed, view_at
@@ -183,6 +184,29 @@ def test_the_right_path_is_taken() -> None:
 @numba.njit
 def solve_band(band, X, size):  # type: ignore[no-untyped-def]
     banded.substitute(rows_at(X).value, size, band_at(band), 0, 1)
+
+
+def numbers_in(values: object) -> list[object]:
+    """Return all numbers of nested named tuples, arrays as bytes."""
+    if isinstance(values, tuple):
+        return [number for value in values for number in numbers_in(value)]
+    return [values.tobytes() if isinstance(values, np.ndarray) else values]
+
+
+def test_what_sizes_of_steps_share_is_that_of_their_operators(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    first = closed_form.assemble(preset("paper", {"time.mass": "lumped"})).operators
+    second = dataclasses.replace(first, damping=2.0 * first.damping, gap0=2.0 * first.gap0)
+    schemes = [StepNumbers.newmark(1e-3), StepNumbers.moreau_jean(1e-6), StepNumbers.newmark(1e-6)]
+    order = [(o, scheme) for scheme in schemes for o in (first, second, first)]
+    shared = [numbers_in(build(o, scheme)[0]) for o, scheme in order]
+    for (o, scheme), found in zip(order, shared, strict=True):
+        monkeypatch.setattr(system, "_KEPT", deque(maxlen=8))
+        monkeypatch.setattr(system, "_CHAINED", deque(maxlen=2))
+        assert numbers_in(build(o, scheme)[0]) == found
+    assert shared[0] != shared[1] and shared[0] == shared[2]
+    assert build(first, schemes[0])[0].is_chained
 
 
 def test_band_solves() -> None:
