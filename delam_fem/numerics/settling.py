@@ -12,7 +12,8 @@ than the slowest mode is overestimated.
 
 A motion whose last strobes repeat may wander all the same: on a torus that turns slowly, or in a
 transient slower than the slowest mode, as next to a bifurcation. It has settled only if all judged
-strobes stay near the fitted ones, and if the P phases differ by more than that.
+strobes stay near the fitted ones, and if the P phases differ by `LEAVES` times more than that. A
+motion that repeats better by `LEAVES` after a multiple of P has that period.
 
 Where nothing touches, the motion is linear: its cycles do not scatter, all of r_k is transient, and
 its steady motion has the period of the excitation. With contact, a beat can be told from scatter
@@ -45,6 +46,16 @@ HIGHEST = 150.0
 REPEATS = 0.10
 """Largest rms difference of displacements P periods apart in a motion of P periods, in half
 peak-to-peak amplitudes."""
+MARGIN = 1.2
+"""Factor below `REPEATS` within which chance decides whether the judged strobes repeat."""
+LEAVES = 2.0
+"""Ratio of the differences of strobes P and a multiple of P periods apart from which the multiple
+is the period."""
+DOUBLED = 0.02
+"""Difference of displacements P periods apart below which no multiple of P is looked for, in half
+peak-to-peak amplitudes."""
+LONGEST = 8
+"""Longest period of a motion that counts as repeating."""
 SURE = 2.0
 """Standard errors within which a fitted transient counts as none."""
 
@@ -123,6 +134,8 @@ def judge(
     is_near = transient <= allowed and uncertainty <= allowed
     is_over = is_near and (is_linear or periodicity is None or _repeats(judged, rest, P))
     is_single = is_linear or periodicity is not None
+    if is_over and periodicity and not is_linear and _multiple(judged[0], P) != P:
+        return judge(strobes, _multiple(judged[0], P), decay, is_linear=False)
     word: Word = "not settled" if not is_over else "settled" if is_single else "irregular"
     needed = 0 if is_over else _needed(max(transient, uncertainty) / allowed, decay)
     needed = None if is_near and not is_over else needed
@@ -133,11 +146,23 @@ def judge(
 
 
 def _repeats(judged: FloatArray, rest: FloatArray, P: int) -> bool:
-    """Return whether displacements stay near P fitted phases that differ by more than they do."""
+    """Return whether displacements stay near P fitted phases that differ by clearly more."""
     away = float(np.sqrt((rest[0] ** 2).mean(axis=-1)).max())
     phases = np.array([judged[0, :, phase::P].mean(axis=-1) for phase in range(P)])
     apart = float(phases.std(axis=0).max())
-    return math.sqrt(2.0) * away <= REPEATS and (P == 1 or apart > away)
+    return math.sqrt(2.0) * away <= REPEATS / MARGIN and (P == 1 or apart > LEAVES * away)
+
+
+def _multiple(z: FloatArray, P: int) -> int | None:
+    """Return P, or the multiple of it after which displacements repeat better; None: too long."""
+    apart = {
+        times: float(np.sqrt(((z[:, times * P :] - z[:, : -times * P]) ** 2).mean(axis=-1)).max())
+        for times in range(1, LONGEST + 1)
+        if 2 * times * P <= z.shape[-1]
+    }
+    far = (k for k in apart if apart[1] > max(LEAVES * apart[k], DOUBLED))
+    period = P * next(far, 1)
+    return period if period <= LONGEST else None
 
 
 def _needed(excess: float, decay: float) -> int | None:

@@ -19,7 +19,7 @@ from delam_fem.numerics.harmonics import (
     harmonic_amplitudes,
     total_harmonic_distortion,
 )
-from delam_fem.numerics.settling import REPEATS
+from delam_fem.numerics.settling import LONGEST, MARGIN, REPEATS
 from delam_fem.results.gaps import between, rest_positions
 from delam_fem.results.schema import by_interface, event_interfaces
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:  # the workers of a sweep use the arrays alone
     import xarray as xr
 
 
-LARGEST_PERIODICITY = 8
+LARGEST_PERIODICITY = LONGEST
 """Motions with a longer period count as irregular."""
 STROBES = 40
 """Number of last periods by which the periodicity is judged."""
@@ -35,7 +35,7 @@ PERIODIC_SCATTER = REPEATS
 """Largest rms difference of strobes in half peak-to-peak amplitudes; cycles of clapping scatter."""
 _ROUND_OFF = 1e-6
 """Part of a step that is round-off in the time of an impact."""
-PERIODIC_MARGIN = 1.2
+PERIODIC_MARGIN = MARGIN
 """Factor on either side of `PERIODIC_SCATTER` within which the class of a motion is undecided."""
 GROUP_PERIODS = 0.05
 """Closures at the probes less than so many periods apart are one contact."""

@@ -96,6 +96,33 @@ def test_a_steady_motion_with_contact_has_its_period(P: int) -> None:
     assert found.periods_needed == 0
 
 
+@pytest.mark.parametrize(("P", "times", "said"), [(1, 2, 2), (3, 2, 6), (5, 2, None)])
+def test_a_multiple_that_repeats_better_is_the_period(P: int, times: int, said: int | None) -> None:
+    """Phases 5 % apart lie below the 10 % of a motion of P periods; ten periods are too many."""
+    apart = np.repeat(0.025 * (-1.0) ** np.arange(times), P) * np.ones((2, 1, 1))
+    cycles = np.tile(steady(P, P), times) + apart
+    strobes = np.tile(cycles, 400 // (P * times) + 1)[..., :400]
+    found = judge(strobes + scattered(400, 0.005), P, DECAY, is_linear=False)
+    assert (found.word, found.periodicity) == ("settled" if said else "irregular", said)
+
+
+def test_an_alternation_that_scatter_keeps_alive_is_undecided() -> None:
+    """Next to a doubling scatter alternates for long and changes phase: neither period is sure."""
+    rng, z = np.random.default_rng(2), [0.0]
+    for _ in range(399):
+        z.append(-0.985 * z[-1] + 0.008 * rng.normal())
+    strobes = steady(400) + np.array([z, np.zeros(400)])[:, None]
+    found = judge(strobes, 1, DECAY, is_linear=False)
+    assert (found.word, found.periodicity) == ("not settled", None)
+    assert found.transient <= found.allowed and found.periods_needed is None
+
+
+def test_strobes_that_chance_calls_repeating_are_undecided() -> None:
+    """sqrt(2) 0.065 lies between 0.10 / 1.2 and 0.10."""
+    found = judge(steady(400, 2) + np.sqrt(2.0) * scattered(400, 0.065), 2, DECAY, is_linear=False)
+    assert (found.word, found.periodicity) == ("not settled", None)
+
+
 def test_a_decaying_alternation_is_no_period_two() -> None:
     alternating = fading(160, 0.05, turn=np.pi)
     found = judge(steady(160) + alternating + scattered(160, 0.002), 2, DECAY, is_linear=False)

@@ -39,7 +39,7 @@ Kick = Annotated[
     float | None,
     typer.Option(
         min=1e-6, max=0.5, metavar="X",
-        help="Size of kicks, relative to the state (default: 0.06; reduced model: 0.03).",
+        help="Size of kicks, relative to the state (default: 0.02; reduced model: 0.03).",
     ),
 ]  # fmt: skip
 ModelName = Annotated[

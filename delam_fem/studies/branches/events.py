@@ -2,7 +2,9 @@
 
 A multiplier crosses the unit circle between two points at which its side is certain (its 95 %
 interval lies on that side). A line is fitted through these and the points between, for each
-bootstrap sample, and where the lines cross gives λ with its interval. A fold is where λ turns.
+bootstrap sample, and where the lines cross gives λ with its interval. The interval contains where
+parabolas through a further point cross, because the test function is curved. A fold is where λ
+turns.
 Grazing, where the tips begin to touch, is an event of its own: the map has no derivative there, and
 nothing is interpolated across it.
 """
@@ -32,6 +34,7 @@ BESIDE = 2
 """Points on either side of a fold through which a parabola is fitted."""
 TWO_SIDES = 2.0
 """Standard errors in half a 95 % interval."""
+_REAL = 1e-9
 
 
 @dataclass(frozen=True)
@@ -98,11 +101,18 @@ def crossings(kind: Kind, tests: FloatArray, points: Sequence[Point], span: floa
         if side[a] == side[b] or np.isnan(rows).mean() > 0.5:
             continue
         places = np.array([_root(place[a : b + 1], column) for column in rows.T])
-        at = np.interp(np.clip(places[np.isfinite(places)], place[a], place[b]), place, parameters)
+        after = min(max(int(np.searchsorted(place, np.nanmedian(places))), 1), b)
+        beside = range(max(after - 2, 0), min(after, len(points) - 2))
+        middle = float(place[after - 1 : after + 1].mean())
+        curved = np.array([_root(place[i : i + 3], tests[i : i + 3, 0], 2, middle) for i in beside])
+        at, ends = (
+            np.interp(np.clip(found_at, place[a], place[b]), place, parameters)
+            for found_at in (places[np.isfinite(places)], curved[np.isfinite(curved)])
+        )
         error = TWO_SIDES * max(points[a].parameter_error, points[b].parameter_error)
         low, high = interval(at)
-        after = int(np.searchsorted(place, np.nanmedian(places)))
-        found.append(Event(kind, float(at[0]), low - error, high + error, min(max(after, 1), b)))
+        low, high = min([low, *ends]), max([high, *ends])
+        found.append(Event(kind, float(at[0]), low - error, high + error, after))
     return found
 
 
@@ -114,13 +124,14 @@ def _side(samples: FloatArray) -> int:
     return 1 if low > 0.0 else -1 if high < 0.0 else 0
 
 
-def _root(place: FloatArray, values: FloatArray) -> float:
-    """Return where a line through values is 0; NaN if there are too few."""
+def _root(place: FloatArray, values: FloatArray, degree: int = 1, middle: float = 0.0) -> float:
+    """Return where a polynomial through values is 0, nearest to a place; NaN: nowhere."""
     known = np.isfinite(values)
-    if known.sum() < 2:
+    if known.sum() <= degree:
         return float("nan")
-    slope, offset = np.polyfit(place[known], values[known], 1)
-    return float(-offset / slope) if slope else float("nan")
+    roots = np.roots(np.polyfit(place[known] - middle, values[known], degree))
+    real = roots[np.abs(roots.imag) < _REAL].real
+    return middle + float(real[np.argmin(np.abs(real))]) if real.size else float("nan")
 
 
 def lengths(points: Sequence[Point], span: float) -> FloatArray:

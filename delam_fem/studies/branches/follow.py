@@ -31,7 +31,6 @@ from delam_fem.studies.branches.continuation import doubled_point, first_point, 
 from delam_fem.studies.branches.dataset import Branch
 from delam_fem.studies.branches.events import events_of
 from delam_fem.studies.branches.journal import PointJournal
-from delam_fem.studies.branches.kicks import widened
 from delam_fem.studies.branches.point import Point
 from delam_fem.studies.orbits.ensemble import USUAL, Ensemble, Perturbations
 from delam_fem.studies.orbits.models import Model, map_of, usual
@@ -181,8 +180,6 @@ def _branches(
             keep(points[0], 1)
         found, ending = followed(ensemble, points, plan.way, keep=keep, is_stopped=is_stopped)
         events = events_of(found, plan.way.span)
-        if ending != "interrupted":
-            events = widened(ensemble, events, found, plan.way.span)
         branches.append(Branch(first.periods, tuple(found), tuple(events), ending))
         if first.doubled < plan.doublings:
             ready += [

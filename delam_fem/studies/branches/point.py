@@ -23,6 +23,7 @@ class Point:
         residual, residual_error: of the mean map, relative to the norm of the slow coordinates.
         parameter_error: standard error of λ, as the point lies on the branch.
         derivatives: of the slow coordinates, independent estimates, shape (k, m, m).
+        decays: of kicks, see `Ensemble.decays`, shape (n + 1, k, m).
         by_parameter: derivative of the slow coordinates of the mean map by λ, shape (m,).
         tangent: of the branch in (slow / scale, λ / span), of length 1, shape (m + 1,).
         step: length of the step that led here, for the next one.
@@ -40,6 +41,7 @@ class Point:
     residual_error: float
     parameter_error: float
     derivatives: FloatArray
+    decays: FloatArray
     by_parameter: FloatArray
     tangent: FloatArray
     step: float
@@ -57,7 +59,7 @@ class Point:
     @property
     def multipliers(self) -> Multipliers:
         """Multipliers with their samples."""
-        return multipliers(self.derivatives)
+        return multipliers(self.decays)
 
     def x(self, span: float) -> FloatArray:
         """Return (slow / scale, λ / span), shape (m + 1,)."""
@@ -93,6 +95,7 @@ def measured(
         at.residual_error,
         float(error),
         derivatives,
+        ensemble.decays(at.state, at.parameter, scale),
         slope,
         tangent(derivatives.mean(axis=0), slope * span / scale, heading / units),
         step,

@@ -7,7 +7,8 @@ and in which step, changes from one state to the next. Its mean over states that
 
 is smoother, and the spread of the terms says how well it is known. The grid of time steps is
 shifted by another share of a step for each term, because impacts are seen at steps only. A
-derivative of F is a two-sided difference over kicks that are larger than the rough scale.
+derivative of F, for Newton's method, is a two-sided difference over kicks that are larger than the
+rough scale. What becomes of kicks in many periods says whether an orbit is stable.
 
 Source: Schilder, Bureau, Santos, Thomsen, Starke, J. Sound Vib. 358 (2015) 251-266.
 """
@@ -29,13 +30,13 @@ class Perturbations:
     Attributes:
         copies: k, an even number of perturbed states.
         size: standard deviation of the perturbations, relative to the state [-].
-        kick: size of the kicks by which derivatives are taken, relative to the state [-].
+        kick: size of the kicks, relative to the state [-].
         seed: of the random numbers.
     """
 
     copies: int = 48
     size: float = 0.01
-    kick: float = 0.06
+    kick: float = 0.02
     seed: int = 0
 
     def offsets(self, m: int) -> FloatArray:
@@ -51,6 +52,10 @@ class Perturbations:
 
 
 USUAL = Perturbations()
+PERIODS, FEWEST = 40, 10
+"""Periods of the drive for which kicks are followed, and fewest periods of the orbit."""
+LARGEST = 1.5
+"""Size relative to the first at which a kick has left the neighbourhood of the orbit."""
 
 
 @dataclass(frozen=True)
@@ -104,9 +109,7 @@ class Ensemble:
         covariance = np.atleast_2d(np.cov(pairs.T)) / len(pairs)
         return Mean(ends.mean(axis=0), pairs.mean(axis=0), covariance)
 
-    def derivatives(
-        self, state: FloatArray, parameter: float, scale: float, kick: float | None = None
-    ) -> FloatArray:
+    def derivatives(self, state: FloatArray, parameter: float, scale: float) -> FloatArray:
         """Return the derivative of the slow coordinates for each pair, shape (k/2, m, m).
 
         Their mean is that of F; column j is the response to kicks of coordinate j, to both sides.
@@ -115,10 +118,9 @@ class Ensemble:
             state: z, shape (2 n,).
             parameter: λ.
             scale: norm of slow coordinates to which sizes are relative.
-            kick: relative size of the kicks; None: that of the perturbations.
         """
         copies, shifts = self._copies(state, scale)
-        slow, kick = self.map.slow, scale * (self.perturbations.kick if kick is None else kick)
+        slow, kick = self.map.slow, scale * self.perturbations.kick
         columns = []
         for direction in slow.basis.T:
             kicked = np.concatenate([copies + kick * direction, copies - kick * direction])
@@ -126,6 +128,42 @@ class Ensemble:
             columns.append(np.subtract(*np.split(ends, 2)) / (2.0 * kick))
         each = np.stack(columns, axis=-1)
         return np.asarray(0.5 * np.add(*np.split(each, 2)))
+
+    def decays(self, state: FloatArray, parameter: float, scale: float) -> FloatArray:
+        """Return kicks before and after each of some periods, relative to their first size.
+
+        A kick is half the difference of two motions that are kicked to both sides of the orbit in
+        a random direction; each is on another grid. One that has grown to `LARGEST` is replaced by
+        a new one.
+
+        Args:
+            state: z, shape (2 n,).
+            parameter: λ.
+            scale: norm of slow coordinates to which sizes are relative.
+
+        Returns:
+            Shape (`PERIODS` // P, 2, k, m); NaN before the first period of a kick, in which the
+            other coordinates do not follow the slow ones yet.
+
+        Raises:
+            ArithmeticError: a kicked motion diverges.
+        """
+        slow, given = self.map.slow, self.perturbations
+        rng, size = np.random.default_rng(given.seed + 2), given.kick * scale
+        kicks = np.full((max(given.copies // 2, slow.size), slow.size), np.nan)
+        shifts = (np.arange(len(kicks)) + 0.5) / len(kicks) - 0.5
+        states, found = np.tile(state, (2, len(kicks), 1)), []
+        for _ in range(max(PERIODS // self.periods, FEWEST)):
+            is_new = ~(np.linalg.norm(kicks, axis=1) <= LARGEST)
+            new = rng.standard_normal((int(is_new.sum()), slow.size))
+            aside = slow.lifted(size / np.linalg.norm(new, axis=1, keepdims=True) * new)
+            states[:, is_new] = state + np.array([aside, -aside])
+            states = self._ends(np.concatenate(states), parameter, np.tile(shifts, 2))
+            states = states.reshape(2, len(kicks), -1)
+            before = np.where(is_new[:, None], np.nan, kicks)
+            kicks = slow.of(states[0] - states[1]) / (2.0 * size)
+            found.append([before, kicks])
+        return np.array(found)
 
     def _copies(self, state: FloatArray, scale: float) -> tuple[FloatArray, FloatArray]:
         """Return the perturbed states and the shifts of their grids."""

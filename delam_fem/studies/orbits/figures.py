@@ -13,7 +13,6 @@ from delam_fem.results.figures.style import (
     BLACK,
     BLUE,
     GAP_COLOUR,
-    VERMILLION,
     WIDTH,
     lamina_colours,
     title,
@@ -57,20 +56,19 @@ def _motion(panel: Axes, found: Orbit) -> None:
 
 
 def _plane(panel: Axes, found: Orbit) -> None:
-    """Draw the multipliers for each size of kicks, with bootstrap samples, and the exact ones."""
+    """Draw the multipliers with bootstrap samples, and the exact ones."""
     angle = np.linspace(0.0, 2.0 * np.pi, 361)
     panel.fill(np.cos(angle), np.sin(angle), color=GAP_COLOUR, zorder=0)
     panel.plot(np.cos(angle), np.sin(angle), color=BASE_COLOUR, linewidth=1.0)
     reach = LEAST_REACH
-    styles = ((BLUE, "o"), (VERMILLION, "s"))
-    for (kick, m), (colour, marker) in zip(found.coarse.by_kicks.items(), styles, strict=False):
-        cloud = m.samples[:SHOWN].ravel()
-        panel.plot(cloud.real, cloud.imag, ".", color=colour, markersize=1.5, alpha=0.35)
-        panel.plot(
-            m.values.real, m.values.imag, marker, color=colour, markersize=5.0,
-            markerfacecolor="none", label=f"kicks of {100.0 * kick:g} %",
-        )  # fmt: skip
-        reach = max(reach, 1.1 * float(np.abs(m.values).max()))
+    m = found.coarse.multipliers
+    cloud = m.samples[:: max(len(m.samples) // SHOWN, 1)].ravel()
+    panel.plot(cloud.real, cloud.imag, ".", color=BLUE, markersize=1.5, alpha=0.35)
+    panel.plot(
+        m.values.real, m.values.imag, "o", color=BLUE, markersize=5.0, markerfacecolor="none",
+        label=f"kicks of {100.0 * found.coarse.kick:.3g} %",
+    )  # fmt: skip
+    reach = max(reach, 1.1 * float(np.abs(m.values).max()))
     if found.exact is not None:
         mu = found.exact.values
         panel.plot(mu.real, mu.imag, "x", color=BLACK, markersize=5.0, label="derivative")

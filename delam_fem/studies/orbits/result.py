@@ -15,10 +15,12 @@ from delam_fem.numerics.arrays import FloatArray
 from delam_fem.results.provenance import versions
 from delam_fem.studies.findings import save_findings
 from delam_fem.studies.orbits.exact import EXACT
-from delam_fem.studies.orbits.multipliers import Multipliers, Stability, stability_of
+from delam_fem.studies.orbits.multipliers import Stability, stability_of
 from delam_fem.studies.orbits.protocol import Nature, Passage
-from delam_fem.studies.orbits.search import Coarse, Exact, Multiple
+from delam_fem.studies.orbits.search import Coarse, Exact
 
+LEFT = 0.1
+"""Distance from an orbit, relative to the state, at which a motion has left it."""
 LISTED = 0.05
 """Modulus below which multipliers of an exact orbit are not listed."""
 
@@ -34,7 +36,6 @@ class Orbit:
         exact: the orbit of the map itself; None: there is none.
         best_residual: smallest residual of the exact search.
         scatter: rms distance of the settled motion from its mean state, relative to it.
-        multiple: the settled motion near the orbit, if it repeats after a multiple of P only.
         nature: of the map.
         passage: the motion from the state of the orbit through its periods.
         seconds: processor time of the search [s].
@@ -47,7 +48,6 @@ class Orbit:
     exact: Exact | None
     best_residual: float
     scatter: float
-    multiple: Multiple | None
     nature: Nature
     passage: Passage
     seconds: float
@@ -65,18 +65,23 @@ class Orbit:
 
     @property
     def stability(self) -> Stability:
-        """What all kicks agree on; a coarse orbit that is not solved is undecided.
+        """What the decay of kicks says; a coarse orbit that is not solved is undecided.
 
-        An exact orbit is judged by kicks and by its derivative, which sees no shift of an impact
-        to another step. None is stable beside a motion that repeats after a multiple of P only.
+        The derivative of an exact orbit has to agree where the map is not stepped: that of a
+        stepped one sees no shift of an impact to another step. No orbit is stable that a motion
+        from beside it leaves, or from which it runs on to one of a multiple of P; what leaves an
+        orbit settles what kicks leave open.
         """
-        if not self.coarse.solved.is_solved:
+        coarse = self.coarse
+        if not coarse.solved.is_solved:
             return "undecided"
-        votes = {found.stability for found in self.coarse.by_kicks.values()}
-        if self.exact is not None:
+        votes = {coarse.multipliers.stability}
+        if self.exact is not None and not self.nature.is_stepped:
             largest = float(abs(self.exact.values[0]))
             votes.add(stability_of(largest, largest))
-        if len(votes) > 1 or (self.multiple is not None and votes == {"stable"}):
+        if coarse.away > LEFT:
+            return "undecided" if "stable" in votes else "unstable"
+        if len(votes) > 1 or (coarse.multiple is not None and votes == {"stable"}):
             return "undecided"
         return votes.pop()
 
@@ -84,7 +89,6 @@ class Orbit:
     def numbers(self) -> dict[str, Any]:
         """The content of orbit.json."""
         found = self.coarse.solved
-        low, high = np.array([m.largest for m in self.coarse.by_kicks.values()]).T
         values, errors = self._leading()
         gap = self.passage.smallest_gap
         return {
@@ -97,13 +101,14 @@ class Orbit:
             "multipliers": _pairs(values),
             "multipliers_error": errors.tolist(),
             "stability": self.stability,
-            "largest_multiplier": [float(low.min()), float(high.max())],
+            "largest_multiplier": list(self.coarse.multipliers.largest),
             "coarse": {
                 "residual": found.residual,
                 "residual_error": found.residual_error,
                 "is_solved": found.is_solved,
                 "iterations": found.iterations,
-                "kicks": {f"{kick:g}": _kicks(m) for kick, m in self.coarse.by_kicks.items()},
+                "kick": self.coarse.kick,
+                "stability": self.coarse.multipliers.stability,
             },
             "exact_search": {
                 "smallest_residual": self.best_residual,
@@ -111,7 +116,8 @@ class Orbit:
                 "grid_shift": None if self.exact is None else self.exact.root.shift,
             },
             "settled_scatter": self.scatter,
-            "settled_repeats": None if self.multiple is None else asdict(self.multiple),
+            "runs_on_away": self.coarse.away,
+            "runs_on_to": None if self.coarse.multiple is None else asdict(self.coarse.multiple),
             "smallest_tip_gap": gap if np.isfinite(gap) else None,
             "tip_strobe": self.passage.strobes.tolist(),
             "tip_min": self.passage.low.tolist(),
@@ -147,32 +153,34 @@ class Orbit:
 
     def _on_stability(self) -> list[str]:
         """Return sentences on what the kicks say."""
-        lines = []
-        for kick, m in self.coarse.by_kicks.items():
-            low, high = m.largest
-            lines.append(
-                f"Kicks of {100.0 * kick:g} % of the state: largest multiplier {low:.3f} to "
-                f"{high:.3f} (95 %), {m.stability}."
-            )
+        m = self.coarse.multipliers
+        low, high = m.largest
+        lines = [
+            f"Decay of kicks of {100.0 * self.coarse.kick:.3g} % of the state: largest multiplier "
+            f"{low:.3f} to {high:.3f} (95 %), {m.stability}."
+        ]
         if self.exact is not None:
-            blind = " Differences so small see no shift of an impact to another time step."
+            blind = " It sees no shift of an impact to another time step, and has no say."
             lines.append(
                 f"Its derivative: largest multiplier {abs(self.exact.values[0]):.4f}."
                 f"{blind * self.nature.is_stepped}"
             )
-        if self.multiple is not None:
-            apart = 100.0 * self.multiple.distance
+        lines.append(
+            f"A motion from beside the orbit runs on to {100.0 * self.coarse.away:.2g} % of the "
+            "state away."
+        )
+        if (multiple := self.coarse.multiple) is not None:
             lines.append(
-                f"The settled motion repeats after {self.multiple.times * self.periods} periods; "
-                f"its states {self.periods} apart differ by {apart:.2g} % of the state, so that "
-                "this orbit is not called stable."
+                f"The motion repeats after {multiple.times * self.periods} periods; its states "
+                f"{self.periods} apart differ by {100.0 * multiple.distance:.2g} % of the state, "
+                "so that this orbit is not called stable."
             )
         return [*lines, f"Together: {self.stability}."]
 
     def _leading(self) -> tuple[Any, FloatArray]:
         """Return the listed multipliers with their errors."""
-        if self.exact is None:
-            m = next(iter(self.coarse.by_kicks.values()))
+        if self.exact is None or self.nature.is_stepped:
+            m = self.coarse.multipliers
             return m.values, m.errors
         kept = np.abs(self.exact.values) > LISTED
         return self.exact.values[kept], self.exact.errors[kept]
@@ -202,13 +210,3 @@ class Orbit:
 
 def _pairs(values: Any) -> list[list[float]]:
     return [[float(mu.real), float(mu.imag)] for mu in values]
-
-
-def _kicks(m: Multipliers) -> dict[str, Any]:
-    """Return what kicks of one size say."""
-    return {
-        "multipliers": _pairs(m.values),
-        "multipliers_error": m.errors.tolist(),
-        "largest": list(m.largest),
-        "stability": m.stability,
-    }

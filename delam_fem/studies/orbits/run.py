@@ -10,7 +10,6 @@ In Python:
 from __future__ import annotations
 
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -88,9 +87,7 @@ def orbit(
         at_end = settled(map_, parameter, first, RESETTLE)
         guess, scatter, multiple = mean_of_motion(map_, parameter, at_end, periods)
         kicks = perturbations or usual(model)
-        if multiple is not None:  # larger kicks would reach over to the other states
-            kicks = replace(kicks, kick=min(kicks.kick, 0.5 * multiple.distance))
-        coarse = coarse_orbit(map_, parameter, guess, periods, kicks)
+        coarse = coarse_orbit(map_, parameter, guess, periods, kicks, multiple)
         exact, best = exact_orbit(map_, parameter, at_end, periods)
     except (ArithmeticError, np.linalg.LinAlgError) as error:
         raise CaseError(f"case {case.name}: no orbit is found: {error}") from None
@@ -102,7 +99,6 @@ def orbit(
         exact,
         best.residual,
         scatter,
-        multiple,
         map_.nature,
         map_.watched(state, parameter, periods),
         time.process_time() - began,

@@ -7,11 +7,12 @@ on another. The exact search tries several, and the result says which one it is.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.settling import LEAVES, LONGEST
 from delam_fem.studies.orbits.coarse import Guess, Solved, solved
 from delam_fem.studies.orbits.ensemble import Ensemble, Perturbations
 from delam_fem.studies.orbits.exact import (
@@ -37,34 +38,22 @@ SETTLE, RESETTLE = 300, 40
 """Periods before a motion counts as settled, and after its grid is shifted."""
 SAMPLE = 48
 """Periods, or multiples of P, whose mean state the coarse search starts from."""
-MULTIPLES = range(2, 9)
+MULTIPLES = range(2, LONGEST + 1)
 """Multiples of P after which a motion may repeat that has left an orbit of P periods."""
-LEAVES = 2.0
-"""Ratio of distances, P periods and a multiple of P apart, from which it has."""
 LEAST_DISTANCE = 1e-3
 """Distance relative to the state below which two states are one: such jumps are the map's own."""
-HALVED = 0.5
-"""Second size of kicks, relative to the first: multipliers that depend on it are not known."""
+REACH = 0.25
+"""Largest kicks beside a motion of a multiple of P, relative to the distance of its states: two
+kicked motions that have arrived at two of its states are half of it away from their mean."""
+BESIDE = 0.1
+"""Change of each slow coordinate of an orbit from which a motion runs on, in kicks."""
 LARGER = 10.0
 """Second size of differences, relative to the first."""
 
 
 @dataclass(frozen=True)
-class Coarse:
-    """An orbit of the mean map.
-
-    Attributes:
-        solved: the point and its residual.
-        by_kicks: multipliers for each size of kicks, by that size.
-    """
-
-    solved: Solved
-    by_kicks: dict[float, Multipliers]
-
-
-@dataclass(frozen=True)
 class Multiple:
-    """A settled motion that repeats after a multiple of P periods only.
+    """A motion that repeats after a multiple of P periods only.
 
     Attributes:
         times: after how many times P.
@@ -73,6 +62,25 @@ class Multiple:
 
     times: int
     distance: float
+
+
+@dataclass(frozen=True)
+class Coarse:
+    """An orbit of the mean map.
+
+    Attributes:
+        solved: the point and its residual.
+        kick: size of the kicks, relative to the state [-].
+        multipliers: of their decay.
+        away: rms distance from the orbit of a motion that began beside it, relative to the state.
+        multiple: that motion, or the settled one, if it repeats after a multiple of P only.
+    """
+
+    solved: Solved
+    kick: float
+    multipliers: Multipliers
+    away: float
+    multiple: Multiple | None
 
 
 @dataclass(frozen=True)
@@ -133,20 +141,27 @@ def mean_of_motion(
     The second is the rms distance relative to the norm of the mean: the scatter of the motion. The
     third says whether the motion repeats after a multiple of P only.
     """
+    states, multiple = sampled(map_, parameter, state, periods)
+    y, mean = map_.slow.of(states), states.mean(axis=0)
+    middle = map_.slow.of(mean)
+    return mean, rms_distance(y, middle) / float(np.linalg.norm(middle)), multiple
+
+
+def sampled(
+    map_: PeriodMap, parameter: float, state: FloatArray, periods: int
+) -> tuple[FloatArray, Multiple | None]:
+    """Return states P periods apart, and whether they repeat after a multiple of P only."""
     found = []
     for _ in range(SAMPLE):
         state = settled(map_, parameter, state, periods)
         found.append(state)
     states = np.array(found)
     y = map_.slow.of(states)
-    mean = y.mean(axis=0)
-    size = float(np.linalg.norm(mean))
-    scatter = np.sqrt(((y - mean) ** 2).sum(axis=1).mean()) / size
+    size = float(np.linalg.norm(y.mean(axis=0)))
     apart = {k: rms_distance(y[k:], y[:-k]) / size for k in (1, *MULTIPLES)}
     far = (k for k in MULTIPLES if apart[1] > max(LEAVES * apart[k], LEAST_DISTANCE))
     times = next(far, None)
-    multiple = None if times is None else Multiple(times, apart[1])
-    return states.mean(axis=0), float(scatter), multiple
+    return states, None if times is None else Multiple(times, apart[1])
 
 
 def rms_distance(a: FloatArray, b: FloatArray) -> float:
@@ -160,23 +175,50 @@ def coarse_orbit(
     guess: FloatArray,
     periods: int,
     perturbations: Perturbations,
+    settled_to: Multiple | None = None,
 ) -> Coarse:
-    """Return the orbit of the mean map near a state, with multipliers for two sizes of kicks.
+    """Return the orbit of the mean map near a state, with its multipliers.
+
+    Args:
+        map_: the map of one period.
+        parameter: λ.
+        guess: a state near the orbit.
+        periods: P.
+        perturbations: what the mean is taken over, and the size of kicks.
+        settled_to: the settled motion about the guess, if it is one of a multiple of P.
 
     Raises:
         ArithmeticError: a motion diverges, or the equations are singular.
     """
-    ensemble = Ensemble(map_, periods, perturbations)
+    ensemble = Ensemble(map_, periods, within(perturbations, settled_to))
     scale = float(np.linalg.norm(map_.slow.of(guess)))
     J = ensemble.derivatives(guess, parameter, scale).mean(axis=0)
-    found = solved(ensemble, Guess(guess, parameter, scale), J)
-    kicks = perturbations.kick, HALVED * perturbations.kick
-    return Coarse(found, {kick: kicked(ensemble, found, kick) for kick in kicks})
+    at = solved(ensemble, Guess(guess, parameter, scale), J)
+    away, multiple = run_on(ensemble, at.guess(scale))
+    multiple = max(multiple, settled_to, key=lambda found: found.distance if found else 0.0)
+    ensemble = replace(ensemble, perturbations=within(perturbations, multiple))
+    decays = ensemble.decays(at.state, parameter, scale)
+    return Coarse(at, ensemble.perturbations.kick, multipliers(decays), away, multiple)
 
 
-def kicked(ensemble: Ensemble, at: Solved, kick: float) -> Multipliers:
-    """Return the multipliers at a point for a size of kicks."""
-    return multipliers(ensemble.derivatives(at.state, at.parameter, at.scale, kick))
+def run_on(ensemble: Ensemble, at: Guess) -> tuple[float, Multiple | None]:
+    """Return how far from an orbit a motion ends that begins beside it, and what it becomes.
+
+    Raises:
+        ArithmeticError: the motion diverges.
+    """
+    map_, slow = ensemble.map, ensemble.map.slow
+    aside = np.full(slow.size, BESIDE * ensemble.perturbations.kick * at.scale)
+    state = settled(map_, at.parameter, at.state + slow.lifted(aside), SETTLE)
+    states, multiple = sampled(map_, at.parameter, state, ensemble.periods)
+    return rms_distance(slow.of(states), slow.of(at.state)) / at.scale, multiple
+
+
+def within(perturbations: Perturbations, multiple: Multiple | None) -> Perturbations:
+    """Return perturbations with kicks that do not reach over to other states of a motion."""
+    if multiple is None:
+        return perturbations
+    return replace(perturbations, kick=min(perturbations.kick, REACH * multiple.distance))
 
 
 def exact_orbit(

@@ -49,7 +49,7 @@ def test_a_coarse_orbit_says_so(tmp_path: Path) -> None:
     found = json.loads((tmp_path / "o" / "orbit.json").read_text("utf-8"))
     assert found["kind"] == "coarse" and found["residual_error"] > 1e-6
     assert found["exact_search"]["smallest_residual"] > found["exact_search"]["needed"]
-    assert set(found["coarse"]["kicks"]) == {"0.06", "0.03"}
+    assert found["coarse"]["kick"] <= 0.03
     assert len(found["multipliers"]) == len(found["multipliers_error"]) == 8
 
 
@@ -76,4 +76,4 @@ def test_an_orbit_of_a_reduced_model(tmp_path: Path) -> None:
     assert status == 0, output
     found = json.loads((tmp_path / "o" / "orbit.json").read_text("utf-8"))
     assert found["model"] == "2 modes of each part, r = 4"
-    assert set(found["coarse"]["kicks"]) == {"0.03", "0.015"}
+    assert found["coarse"]["kick"] <= 0.03

@@ -48,7 +48,7 @@ def test_a_branch_of_a_reduced_case(tmp_path: Path) -> None:
 
 def test_models_have_their_own_perturbations_and_options() -> None:
     case = df.preset("default", SMALL)
-    assert usual("reduced").kick < usual("full").kick
+    assert usual("reduced").size < usual("full").size
     with pytest.raises(CaseError, match="model: expected full or reduced, given 'small'"):
         usual("small")  # type: ignore[arg-type]
     with pytest.raises(CaseError, match="modes: expected with model 'reduced' only, given 8"):

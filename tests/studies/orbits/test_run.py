@@ -12,26 +12,32 @@ ROUGH = 1e-6
 """Jumps of the map, so that it has no exact orbit and kicks alone judge."""
 
 
-@pytest.mark.parametrize("above", [0.0005, -0.0005])
+@pytest.mark.parametrize("above", [0.0005, -0.02])
 def test_no_orbit_is_stable_beside_one_of_twice_its_period(above: float) -> None:
-    """Its multiplier is -(1 + above); kicks of 6 and 3 % see -0.997 and -0.9996 above the doubling.
-
-    The states of the doubled orbit lie at 1 ± sqrt(above).
-    """
+    """Its multiplier is -(1 + above); the states of the doubled orbit lie at 1 ± sqrt(above)."""
     case = df.preset("default", {"excitation.frequency": 1.0 + above})
     away = np.sqrt(max(above, 0.0))
     found = df.orbit(case, map_=Cubic(ROUGH), start=np.array([1.0 + away, 0.0]))
     assert found.coarse.solved.is_solved
-    kicks = list(found.coarse.by_kicks)
-    said = " ".join(found.words)
+    coarse, said = found.coarse, " ".join(found.words)
     if above < 0.0:
-        assert found.multiple is None and kicks == [0.06, 0.03]
-        assert {own.stability for own in found.coarse.by_kicks.values()} == {"stable"}
+        assert coarse.multiple is None and coarse.kick == 0.02
+        assert found.stability == "stable"
         return
     assert found.kind == "coarse", "no derivative speaks of it"
-    assert found.multiple is not None and found.multiple.times == 2
-    assert found.multiple.distance == pytest.approx(2.0 * away, rel=0.01)
-    assert kicks == pytest.approx([away, 0.5 * away], rel=0.02)
+    assert coarse.multiple is not None and coarse.multiple.times == 2
+    assert coarse.multiple.distance == pytest.approx(2.0 * away, rel=0.01)
+    assert coarse.kick == pytest.approx(0.5 * away, rel=0.02)
     assert found.stability != "stable"
-    assert "repeats after 2 periods; its states 1 apart differ by 4.5 %" in said
-    assert found.numbers["settled_repeats"]["times"] == 2
+    assert "The motion repeats after 2 periods; its states 1 apart differ by 4.5 %" in said
+    assert found.numbers["runs_on_to"]["times"] == 2
+
+
+def test_a_motion_that_leaves_an_orbit_says_so_where_it_started() -> None:
+    """At a = 1.1 the states of the doubled orbit lie 0.32 from the unstable one between them."""
+    case = df.preset("default", {"excitation.frequency": 1.1})
+    found = df.orbit(case, map_=Cubic(ROUGH), start=np.array([1.001, 0.0]))
+    assert found.coarse.away == pytest.approx(np.sqrt(0.1), rel=0.01)
+    assert found.stability == "unstable"
+    low, high = found.coarse.multipliers.largest
+    assert low < 1.1 < high + 0.01
