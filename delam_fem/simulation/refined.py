@@ -19,6 +19,9 @@ COARSE, MIDDLE, FINE = 0, 1, -1
 """Levels of steps. Without middle steps, MIDDLE and FINE are the same level."""
 NOT_SOUGHT: BoolArray = np.zeros(0, dtype=np.bool_)
 
+N_ENDS = N_BASE + 4
+"""Numbers in a row of `add_rows`."""
+
 BaseState = Sequence[float]
 
 
@@ -70,9 +73,9 @@ class RefinedSteps(StepByStep):
             near = self._leap(COARSE, rows[step - 1], rows[step], record, step * factor)
             if near is not None:
                 record.is_divided[step] = 1
-                ends: list[list[float]] = []
+                ends: list[float] = []
                 is_bounded = self._divide(record, step, rows, near, floor, ends)
-                add_rows(record.flows, np.array(ends))
+                add_rows(record.flows, np.array(ends).reshape(-1, N_ENDS))
                 if not is_bounded:
                     return step - 1
             else:
@@ -118,7 +121,7 @@ class RefinedSteps(StepByStep):
         rows: Sequence[BaseState],
         near: BoolArray,
         floor: float,
-        ends: list[list[float]],
+        ends: list[float],
     ) -> bool:
         """Make a coarse step in smaller steps; return False if the motion diverges.
 
@@ -128,12 +131,12 @@ class RefinedSteps(StepByStep):
             rows: (q, q', q'') of the base at the coarse steps.
             near: pairs with a small gap according to the coarse step, shape (n_pairs,).
             floor: gap below which the motion counts as diverged [m].
-            ends: list that gets the rows of `add_rows`.
+            ends: list that gets the rows of `add_rows`, one after the other.
         """
         s, r, m = self.stepper, self.refinement.factor, self.refinement.middle
         first, is_first = (step - 1) * r, True
         within = base_rows(tuple(rows[step - 1]), tuple(rows[step]), r, self.time_step).tolist()
-        ends.append([*s.seen_u[:N_BASE].tolist(), *within[0], 0.0])
+        ends += [*s.seen_u[:N_BASE].tolist(), *within[0], 0.0]
         for last in range(r // m, r + 1, r // m):
             start = last - r // m
             if m > 1:
@@ -166,7 +169,7 @@ class RefinedSteps(StepByStep):
                 return decision.hit
         return NO_PAIRS
 
-    def _observe(self, base_state: BaseState, share: float, ends: list[list[float]]) -> None:
+    def _observe(self, base_state: BaseState, share: float, ends: list[float]) -> None:
         """Note the end of a small step, a share of a coarse one, for the work of the base."""
         self.stepper.observe()
-        ends.append([*self.stepper.seen_u[:N_BASE].tolist(), *base_state, share])
+        ends += [*self.stepper.seen_u[:N_BASE].tolist(), *base_state, share]

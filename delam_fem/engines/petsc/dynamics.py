@@ -260,7 +260,6 @@ class Dynamics:
         for row, vector in zip(state, (self.u, self.v, self.a), strict=True):
             vector.array[:] = row
         self._see()
-        self._C.mult(self.v, self._damped)
 
     @property
     def n_shares(self) -> int:

@@ -129,6 +129,11 @@ class Newmark(Dynamics):
         self.time_step = self._now.time_step
         self._prepare_springs()
 
+    def restore(self, state: FloatArray) -> None:
+        """Take over (u, v, a) of the own dofs, shape (3, n_own)."""
+        super().restore(state)
+        self._C.mult(self.v, self._damped)
+
     def keep(self) -> None:
         """Keep the present state for `undo`."""
         self._motion.copy(self._kept_motion)

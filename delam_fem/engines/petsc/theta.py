@@ -95,7 +95,8 @@ class MoreauJean(Dynamics):
         self.compliance = _PresentCompliance(self._now.W)
         self._motion_start = self._motion.duplicate()
         self._start = linear_algebra.vector_in(self._motion_start.array[self.operators.n_own :])
-        self._point, self._damped_start = (self._vector() for _ in range(2))
+        self._point = self._vector()
+        self._square = 0.0  # vᵀ C v of the velocities that `_damped` belongs to
         size = self.operators.n_dofs * self.operators.n_pairs
         self._has_room = self._damping is None and size <= ROOM
         self._is_touching = bool((operators.gap0 <= 0.0).any())
@@ -119,6 +120,13 @@ class MoreauJean(Dynamics):
             self._damping.renew(self.v)
         return rows
 
+    def restore(self, state: FloatArray) -> None:
+        """Take over (u, v, a) of the own dofs, shape (3, n_own)."""
+        super().restore(state)
+        self._is_unaccounted = False
+        if self._damping is None:
+            self._find_damping()
+
     def keep(self) -> None:
         """Keep the present state for `undo` of one step, which keeps the motion itself."""
         if self._damping is not None:
@@ -128,11 +136,11 @@ class MoreauJean(Dynamics):
         """Return to the state of the last `keep`, before the last step."""
         self._motion_start.copy(self._motion)
         self._see()
-        self._is_unaccounted = False
-        if self._damping is None:
-            self._C.mult(self.v, self._damped)
-        else:
+        if self._damping is not None:
             self._damping.undo()
+        elif not self._is_unaccounted:
+            self._find_damping()
+        self._is_unaccounted = False
 
     def rest(self, pairs: BoolArray) -> None:
         """Set which pairs rest; this is only a report, so that the law need not be asked."""
@@ -208,16 +216,19 @@ class MoreauJean(Dynamics):
         Returns:
             Change of energy by the impulses, and by switching springs (0) [J].
         """
-        hit, impulses = decision.hit.tolist(), decision.impulses.tolist()
-        if self._has_room:
-            for pair, impulse in zip(hit, impulses, strict=True):
-                motion, seen = self._now.responses.get(pair) or self._respond(pair)
+        responses, twice = self._now.responses, 0.0
+        hits = (column.tolist() for column in decision[:4])  # NumPy takes longer for so few
+        for pair, impulse, before, after in zip(*hits, strict=True):
+            twice += impulse * (before + after)
+            if self._has_room:
+                motion, seen = responses.get(pair) or self._respond(pair)
                 self._motion.axpy(impulse, motion)
                 self._seen.own.axpy(impulse, seen)
+        if self._has_room:
             self._seen.gather()
             self._reach = math.nan
         else:
-            self._solve_impulses(hit, impulses)
+            self._solve_impulses(decision.hit, decision.impulses)
             if self._damping is not None:
                 self._account(self._load, self._now.A.scale)
             self.v.axpy(self._now.A.scale, self._response)
@@ -225,11 +236,9 @@ class MoreauJean(Dynamics):
             self._see()
         if decision.resting is not None:
             self.resting = decision.resting
-        pre, post = decision.rate_pre.tolist(), decision.rate_post.tolist()
-        works = [p * (a + b) for p, a, b in zip(impulses, pre, post, strict=True)]
-        return 0.5 * sum(works), 0.0  # NumPy takes longer for so few numbers
+        return 0.5 * twice, 0.0
 
-    def _solve_impulses(self, pairs: list[int], impulses: list[float]) -> None:
+    def _solve_impulses(self, pairs: IntArray, impulses: FloatArray) -> None:
         """Solve with the load of impulses on some pairs."""
         self._impulse.values.fill(0.0)
         self._impulse.values[pairs] = impulses
@@ -238,7 +247,7 @@ class MoreauJean(Dynamics):
 
     def _respond(self, pair: int) -> tuple[PETSc.Vec, PETSc.Vec]:
         """Compute the responses of the present size of steps to a unit impulse on a pair."""
-        self._solve_impulses([pair], [1.0])
+        self._solve_impulses(np.array([pair]), np.ones(1))
         motion, seen = self._motion.duplicate(), self._at_rest.duplicate()
         by_unit = self._response.array
         motion.array[:] = np.concatenate([-self._theta * by_unit, self._now.A.scale * by_unit])
@@ -251,15 +260,20 @@ class MoreauJean(Dynamics):
         if not self._is_unaccounted:
             return
         self._is_unaccounted = False
-        mean, theta = self._point, self._theta
+        theta, before = self._theta, self._square
         if self._damping is not None:
-            self._dissipated += self.time_step * self._damping.power(theta)
-            return
-        self._damped, self._damped_start = self._damped_start, self._damped
-        self._C.mult(self.v, self._damped)  # the next step begins with it
-        mean.waxpy((1.0 - theta) / theta, self._start, self.v)  # v_θ / θ
-        self._load.waxpy((1.0 - theta) / theta, self._damped_start, self._damped)
-        self._dissipated += theta**2 * self.time_step * self._load.dot(mean)
+            power = self._damping.power(theta)
+        else:
+            self._find_damping()  # the next step begins with it
+            cross = self._damped.dot(self._start)
+            rest = 1.0 - theta
+            power = theta * (theta * self._square + 2.0 * rest * cross) + rest * rest * before
+        self._dissipated += self.time_step * power
+
+    def _find_damping(self) -> None:
+        """Compute C v and vᵀ C v of the present velocities."""
+        self._C.mult(self.v, self._damped)
+        self._square = self._damped.dot(self.v)
 
     def renew_acceleration(self) -> None:
         """Do nothing: the scheme has no acceleration."""
@@ -276,7 +290,7 @@ class MoreauJean(Dynamics):
         if self._damping is not None:
             self._damping.destroy()
         for thing in (
-            *(self._motion_start, self._start, self._point, self._damped_start),
+            *(self._motion_start, self._start, self._point),
             *(self._predicted, self._rate_start),
         ):
             thing.destroy()
