@@ -265,6 +265,11 @@ class Case(Section):
                 'expected start = "clamped" and end = "free" beside a gap; give a '
                 "[[delamination]] from 0 to the length for other supports",
             )
+        if self.model.is_continuum and self.support.rotational_stiffness is not None:
+            raise inconsistent(
+                "support.rotational_stiffness",
+                f'expected only with model.kind = "beam", given "{self.model.kind}"',
+            )
 
     @property
     def length(self) -> float:

@@ -34,10 +34,13 @@ class Support(Section):
     Attributes:
         start: support at x = 0: "clamped", "pinned" or "free".
         end: support at x = length: the same words.
+        rotational_stiffness: moment over slope of each clamped end of a bonded beam [N m]; rigid
+            if not given.
     """
 
     start: SupportKind = "clamped"
     end: SupportKind = "free"
+    rotational_stiffness: Annotated[Positive | None, Unit("N m")] = None
 
 
 class Delamination(Section):

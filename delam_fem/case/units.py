@@ -38,6 +38,7 @@ _WORDS = {
     "m/s2": 'an acceleration such as "9.81 m/s2" or "1 g_0"',
     "kg/m": 'a mass per length such as "0.2 kg/m"',
     "kg/m3": 'a density such as "2.7 g/cm3"',
+    "N m": 'a rotational stiffness such as "150 N m"',
     "N m2": 'a bending stiffness such as "1.5 N m2"',
     "N/m": 'a stiffness such as "0.1 N/mm"',
     "N s/m": 'a damping such as "2 N s/m"',

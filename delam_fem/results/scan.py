@@ -65,20 +65,34 @@ def scan_field(
     Returns:
         Times [s], shape (k,), displacements [m] and velocities [m/s], each of shape (k, n).
     """
-    layout = structure.layout
-    number = part_of(layout, lamina)
-    part = layout.parts[number]
-    cells, weights = interpolation(part, np.interp(x, part.x, np.arange(part.x.size)))
     found = []
     for kind in (0, 1):
         vectors = np.concatenate([np.array(record.frames)[:, kind] for record in recorder.window])
         base = np.concatenate([r.base_states[r.frame_steps, kind] for r in recorder.window])
-        u, phi = fields.nodal(layout, vectors, 0.0 * base if recorder.is_forced else base)
-        ends = (u[number][:, cells], phi[number][:, cells])
-        nexts = (u[number][:, cells + 1], phi[number][:, cells + 1])
-        found.append(np.einsum("ekn,ne->kn", np.stack([*ends, *nexts]), weights))
+        fixed = 0.0 * base if recorder.is_forced else base
+        found.append(at_points(structure, lamina, x, vectors, fixed))
     steps = [
         number * recorder.steps_per_period + record.frame_steps
         for number, record in enumerate(recorder.window)
     ]
     return np.concatenate(steps) * recorder.time_step, found[0], found[1]
+
+
+def at_points(
+    structure: Structure, lamina: str, x: FloatArray, vectors: FloatArray, base: FloatArray
+) -> FloatArray:
+    """Return the motion of points on a lamina, shape (k, n).
+
+    Args:
+        structure: that moves.
+        lamina: its name.
+        x: positions of the points, shape (n,) [m].
+        vectors: values of the free dofs, shape (k, n_dofs).
+        base: values of the base, shape (k,).
+    """
+    number = part_of(structure.layout, lamina)
+    part = structure.layout.parts[number]
+    cells, weights = interpolation(part, np.interp(x, part.x, np.arange(part.x.size)))
+    u, phi = (own[number] for own in fields.nodal(structure.layout, vectors, base))
+    ends = np.stack([u[:, cells], phi[:, cells], u[:, cells + 1], phi[:, cells + 1]])
+    return np.asarray(np.einsum("ekn,ne->kn", ends, weights))

@@ -17,6 +17,7 @@ from delam_fem.model.beams.bonded import n_rigid
 from delam_fem.model.layout import Structure
 from delam_fem.model.vibration import keeping_closed, lowest
 from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.cantilever import ComplexArray
 from delam_fem.simulation.initial import first_mode
 from delam_fem.simulation.loop import State
 
@@ -66,14 +67,19 @@ def closed_motion(case: Case, structure: Structure) -> State | None:
     if case.is_apart or not given.is_periodic:
         return None
     o, f = structure.operators, given.top_frequency
-    S = keeping_closed(structure)
-    M, C, K = (S.T @ matrix @ S for matrix in (o.mass, o.damping, o.stiffness))
     omega = 2.0 * math.pi * f
-    load = -(o.base.stiffness + 1j * omega * o.base.damping - omega**2 * o.base.mass)
-    dynamic = sp.csc_matrix(K + 1j * omega * C - omega**2 * M)
-    U = _size(given, f) * (S @ splu(dynamic).solve(S.T @ load))  # u = Im(U exp(iωt)), as the base
+    U = _size(given, f) * closed_response(structure, f)  # u = Im(U exp(iωt)), as the base
     motion = np.stack([U.imag, omega * U.real, -(omega**2) * U.imag])
     return State(motion, np.zeros(o.n_pairs, dtype=np.bool_))
+
+
+def closed_response(structure: Structure, frequency: float) -> ComplexArray:
+    """Return the motion with delaminations kept closed, per unit of the drive, shape (n_dofs,)."""
+    o, S, omega = structure.operators, keeping_closed(structure), 2.0 * math.pi * frequency
+    M, C, K = (S.T @ matrix @ S for matrix in (o.mass, o.damping, o.stiffness))
+    load = -(o.base.stiffness + 1j * omega * o.base.damping - omega**2 * o.base.mass)
+    dynamic = sp.csc_matrix(K + 1j * omega * C - omega**2 * M)
+    return np.asarray(S @ splu(dynamic).solve(S.T @ load))
 
 
 def _is_exact(case: Case) -> bool:

@@ -42,7 +42,7 @@ def structure(
         mass = sp.diags(lumped)
     added, diagonal = added_mass(case, layout, n)
     M = sp.csr_matrix(sp.csr_matrix(mass)[: n + 1, : n + 1] + added)
-    K = eliminated(stiffness, n + 1)
+    K = eliminated(stiffness, n + 1) + _springs(case, network)
     alpha, beta = damping(case, layout, M[:n, :n], K[:n, :n])
     C = sp.csr_matrix(alpha * M + beta * K)
     m, c, k = (matrix[:n, n].toarray().ravel() for matrix in (M, C, K))
@@ -59,6 +59,16 @@ def structure(
         probes=probe_rows(layout, n),
     )
     return completed(Structure(operators, layout), case, surface_strain(network, stiffness))
+
+
+def _springs(case: Case, network: Network) -> sp.csr_matrix:
+    """Return the stiffness of the slopes at clamped ends that yield, with the base as last row."""
+    ends = ((0, case.support.start), (-1, case.support.end))
+    slopes = [network.dofs[:, node, 1] for node, kind in ends if kind == "clamped"]
+    diagonal = np.zeros(network.n_free + 1)
+    if slopes and case.support.rotational_stiffness is not None:
+        diagonal[np.concatenate(slopes)] = case.support.rotational_stiffness
+    return sp.csr_matrix(sp.diags(diagonal))
 
 
 def layout_of(case: Case, network: Network) -> Layout:

@@ -165,7 +165,8 @@ def network(case: Case, x: FloatArray) -> Network:
         for cluster in joined(touching):
             own = [n_free, n_free + 1]
             if kind != "free":
-                own = [BASE, FIXED if kind == "clamped" else n_free]
+                is_rigid = kind == "clamped" and case.support.rotational_stiffness is None
+                own = [BASE, FIXED if is_rigid else n_free]
             dofs[list(cluster), node] = own
             n_free += sum(dof >= 0 for dof in own)
             if node in junctions:

@@ -23,7 +23,13 @@ from delam_fem.case.toml import CaseError
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.studies.detection.indices import FALSE_CALLS, INDICES
 from delam_fem.studies.detection.locate import Mark, Repeated, mark, repeated
-from delam_fem.studies.detection.measurement import Measurement, Scan, intact, simulated
+from delam_fem.studies.detection.measurement import (
+    Measurement,
+    Scan,
+    drive_responses,
+    intact,
+    simulated,
+)
 from delam_fem.studies.detection.shapes import Shapes, shapes_of
 
 RESULT = "detection.json"
@@ -171,18 +177,24 @@ def detect(
         raise CaseError(f"index: expected one of {', '.join(INDICES)}, given {index!r}")
     if case.is_apart:
         raise CaseError("detect: expected a case with [[delamination]], given laminae apart")
-    without = simulated(intact(case), scan, kept)
+    whole, surface = intact(case), scan.surface(case)
+    without = simulated(whole, scan, kept)
+
+    def shapes(own: Measurement) -> Shapes:
+        responses = drive_responses(whole, surface, own.x, own.frequency)
+        return _shapes(own).without_drive(responses)
+
     noise: float | FloatArray
     if measured is None:
         pure = simulated(case, scan, kept)
         noise = pure.noise_of(scan)
-        found = _shapes(pure.noisy(noise, scan.seed))
-        clean = replace(_shapes(pure), noise=per_shape(noise, pure.times.size))
+        found = shapes(pure.noisy(noise, scan.seed))
+        clean = replace(shapes(pure), noise=per_shape(noise, pure.times.size))
     else:
-        clean = found = _shapes(measured)
+        clean = found = shapes(measured)
         noise = per_sample(found.noise, measured.times.size)
     there = np.interp(without.x, found.x, np.broadcast_to(noise, found.x.shape))
-    reference = _shapes(without.noisy(there, scan.seed + _INTACT_SEED))
+    reference = shapes(without.noisy(there, scan.seed + _INTACT_SEED))
     return Detection(
         case,
         scan,

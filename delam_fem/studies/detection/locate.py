@@ -12,8 +12,8 @@ from delam_fem.studies.detection.shapes import Shapes
 
 SHARE = 0.3
 """Share of its largest value above which an index is marked."""
-CONFIDENCE = 0.9
-"""Share of repetitions within the intervals of the ends."""
+CONFIDENCE = 0.95
+"""Share of the true ends within their bounds (docs/calibration.md)."""
 _ROUND_OFF = 1e-9
 
 
@@ -62,7 +62,8 @@ class Repeated:
 
     Attributes:
         calls: share of the repetitions that call the beam damaged [-].
-        start, end: lower and upper bounds of the ends, where it is called, each of shape (2,) [m].
+        start, end: bounds of the true ends, each of shape (2,) [m]: those of the marks, where it is
+            called, and a spacing more, since an edge lies between two points.
         middle: medians of start and end, shape (2,) [m].
     """
 
@@ -109,5 +110,5 @@ def repeated(
             ends.append((found.start, found.end))
     shares = (0.5 * (1.0 - CONFIDENCE), 0.5, 0.5 * (1.0 + CONFIDENCE))
     found_ends = np.quantile(ends, shares, axis=0) if ends else np.full((3, 2), np.nan)
-    bounds = found_ends[[0, 2]]
+    bounds = found_ends[[0, 2]] + np.diff(shapes.x).max() * np.array([[-1.0], [1.0]])
     return Repeated(len(ends) / repetitions, bounds[:, 0], bounds[:, 1], found_ends[1])

@@ -21,8 +21,9 @@ from delam_fem.numerics.arrays import FloatArray
 from delam_fem.results.measured.reading import scan as measured_scan
 from delam_fem.results.overlay.findings import SAME_RATE
 from delam_fem.results.overlay.harmonics import strongest_frequency
-from delam_fem.results.scan import scan_field, scan_positions, surface_of
-from delam_fem.studies.linear import closed_motion
+from delam_fem.results.scan import at_points, scan_field, scan_positions, surface_of
+from delam_fem.studies.detection.shapes import ORDERS, ComplexArray
+from delam_fem.studies.linear import closed_motion, closed_response
 
 SAMPLES = 50
 """Samples per period, unless a sampling rate is given."""
@@ -167,6 +168,21 @@ def simulated(case: Case, scan: Scan, kept: Path | None = None) -> Measurement:
     return Measurement(times, x, v if scan.quantity == "velocity" else u, f)
 
 
+def drive_responses(
+    case: Case, lamina: str, x: FloatArray, frequency: float
+) -> dict[float, ComplexArray]:
+    """Return how points of the closed structure answer harmonics of the drive, by order."""
+    structure = discretise.assemble(case, needs_dolfinx=False)
+    base = np.array([1.0 if case.excitation.acts_on == "base" else 0.0, 0.0])
+    found = {}
+    for k in ORDERS:
+        if k > 1.0:
+            U = closed_response(structure, k * frequency)
+            real, imag = at_points(structure, lamina, x, np.stack([U.real, U.imag]), base)
+            found[k] = real + 1j * imag
+    return found
+
+
 def read(data: xr.Dataset, case: Case, scan: Scan) -> Measurement:
     """Return the field in a dataset of measurements (`results.measured`).
 
@@ -218,5 +234,5 @@ def intact(case: Case) -> Case:
     data = tomllib.loads(case.to_toml())
     for key in ("delamination", "gap"):
         data.pop(key, None)
-    data["support"] = {"start": case.support.start, "end": case.support.end}
+    data["support"] = case.support.model_dump(exclude_none=True)
     return Case.checked(data, f"case {case.name} without delaminations")

@@ -12,7 +12,7 @@ from delam_fem.studies.detection.saving import save_page
 
 _CAPTIONS = {
     "detection": "The index that calls, with its limit of noise and 30 % of its largest value. "
-    "Grey: the delamination of the case. Red bars above: bounds of the ends over repeated noise.",
+    "Grey: the delamination of the case. Red bars above: bounds of the true ends.",
     "indices": "All indices. The limit is what noise alone exceeds anywhere in 1 of 100 beams.",
     "shapes": "Complex shapes at the excitation and at twice its frequency.",
 }
@@ -40,7 +40,8 @@ def verdict(found: Detection) -> str:
     intact = "is called, too" if found.intact_marks[found.name].is_detected else "is not called"
     return (
         f"{at} marks {main.start:.4g} to {main.end:.4g} m. Over repeated noise it calls "
-        f"{100.0 * again.calls:.0f} %, and {100.0 * CONFIDENCE:.0f} % of the ends lie within "
-        f"{again.start[0]:.4g}…{again.start[1]:.4g} m and {again.end[0]:.4g}…{again.end[1]:.4g} m. "
+        f"{100.0 * again.calls:.0f} %. With {100.0 * CONFIDENCE:.0f} % each, the true start lies "
+        f"within {again.start[0]:.4g}…{again.start[1]:.4g} m and the end within "
+        f"{again.end[0]:.4g}…{again.end[1]:.4g} m (noise and spacing of the points). "
         f"The same structure without delamination {intact}."
     )

@@ -11,7 +11,7 @@ adds to each V a complex normal number; its mean square E|δV|² is measured bet
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,6 +28,10 @@ LEAST_PERIODS = 4
 """Periods that are needed to tell noise from harmonics."""
 _BAND = (1.5, 2.5)
 """Orders between which the noise is measured."""
+_FITS = 20
+"""Fits with new weights of the harmonics of the drive."""
+_TINY = float(np.finfo(np.float64).tiny) ** 0.25
+"""Noise of a field that has none."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +63,31 @@ class Shapes:
             ValueError: there is no such order.
         """
         return np.asarray(self.values[self.orders.index(k)])
+
+    def without_drive(self, responses: Mapping[float, ComplexArray]) -> Shapes:
+        """Return these shapes without what harmonics of the drive itself make of a linear beam.
+
+        A drive that distorts adds c R_k(x) to V_k, with the linear response R_k and one unknown c.
+        It is fitted to the second differences by the smallest sum of magnitudes: a delamination
+        bends few points, which then hardly count.
+
+        Args:
+            responses: R_k, shape (n,), by order.
+        """
+        values = self.values.copy()
+        for k, response in responses.items():
+            if k not in self.orders:
+                continue
+            row = self.orders.index(k)
+            seen, own = np.diff(self.values[row], 2), np.diff(response, 2)
+            noise = np.broadcast_to(self.noise, self.x.shape)
+            least = np.hypot(np.hypot(noise[:-2], noise[2:]), 2.0 * noise[1:-1]) + _TINY
+            weights = 1.0 / least**2
+            for _ in range(_FITS):
+                c = np.sum(weights * own.conj() * seen) / np.sum(weights * np.abs(own) ** 2)
+                weights = 1.0 / (least * np.maximum(np.abs(seen - c * own), least))
+            values[row] -= c * response
+        return replace(self, values=values)
 
     def noisy(self, noise: float | FloatArray, rng: np.random.Generator) -> Shapes:
         """Return these shapes with noise of the given root mean square added to them."""

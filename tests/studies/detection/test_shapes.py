@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from delam_fem.studies.detection.shapes import amplitudes, shapes_of
+from delam_fem.studies.detection.shapes import Shapes, amplitudes, shapes_of
 
 F = 7.0
 X = np.linspace(0.0, 1.0, 11)
@@ -71,3 +71,23 @@ def test_added_noise_has_its_root_mean_square() -> None:
     many = np.stack([found.noisy(0.2, rng).order(2.0) - found.order(2.0) for _ in range(500)])
     assert np.sqrt(np.mean(np.abs(many) ** 2)) == pytest.approx(0.2, rel=0.05)
     assert abs(np.mean(many)) < 0.02
+
+
+def test_a_harmonic_of_the_drive_is_taken_away_and_a_delamination_left() -> None:
+    x = np.linspace(0.0, 1.0, 41)
+    response = np.sin(5.0 * x) + 1.0 + 0.3j * np.cos(3.0 * x)
+    bulge = np.where((x > 0.3) & (x < 0.6), np.sin(np.pi * (x - 0.3) / 0.3) ** 2, 0.0)
+    values = np.stack([x + 0j, bulge + (0.4 - 2.0j) * response])
+    for noise in (0.0, 1e-3, np.full(x.size, 1e-3)):
+        found = Shapes(x, F, (1.0, 2.0), values, noise)
+        left = found.without_drive({2.0: response, 3.0: response})
+        np.testing.assert_allclose(left.order(2.0), bulge, atol=5e-3)
+        np.testing.assert_array_equal(left.order(1.0), x)
+
+
+def test_what_is_not_the_drives_harmonic_stays() -> None:
+    x = np.linspace(0.0, 1.0, 41)
+    other = np.cos(9.0 * x)
+    left = Shapes(x, F, (2.0,), other[None] + 0j, 1e-3).without_drive({2.0: x**2 + 0j})
+    left = np.diff(left.order(2.0), 2)
+    assert np.linalg.norm(left - np.diff(other, 2)) < 0.5 * np.linalg.norm(left)
