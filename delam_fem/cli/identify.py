@@ -14,6 +14,7 @@ from delam_fem.cli.inputs import (
     Overwrite,
     Quiet,
     Resume,
+    Uncertain,
     Workers,
     case_of,
     inputs_of,
@@ -95,6 +96,7 @@ def identify_command(
     *,
     measured: Files = None,
     noise: Noise = 1e-4,
+    uncertain: Uncertain = None,
     simulations: Annotated[int, typer.Option(min=100, help="Number of simulations.")] = 2000,
     calibrate: Annotated[
         int, typer.Option(min=0, help="Number of simulations that check the intervals.")
@@ -108,11 +110,13 @@ def identify_command(
     """Identify keys of a case from clapping motions, as a joint posterior."""
     with reported(quiet):
         from delam_fem.case.claim import claimed
-        from delam_fem.studies.identification.contact import Experiment, Unknown
+        from delam_fem.studies.identification.contact import Experiment
         from delam_fem.studies.identification.study import HEADING
+        from delam_fem.studies.unknown import Unknown
 
         case, unknowns = case_of(case_name, overrides), map(Unknown.parse, unknown)
-        experiment = Experiment(case, tuple(frequency), tuple(unknowns), noise)
+        doubts = None if uncertain is None else tuple(map(Unknown.parse, uncertain))
+        experiment = Experiment(case, tuple(frequency), tuple(unknowns), noise, uncertain=doubts)
         folder = output or Path("runs") / f"{case.name}-identification"
         inputs = [*inputs_of(case), *(measured or [])]
         claim = claimed(folder, inputs=inputs, may_hold_results=resume or overwrite)

@@ -114,7 +114,7 @@ def detect_command(
         )  # fmt: skip
         field = None
         if measured:
-            field = _read(measured, (channels, units, rate), case, scan)
+            field = read_scan(measured, (channels, units, rate), case, scan)
         where = output or Path("runs") / f"{case.name}-detect"
         inputs = [*inputs_of(case), *(measured or [])]
         claim = claimed(where, inputs=inputs, may_hold_results=resume or overwrite)
@@ -122,7 +122,7 @@ def detect_command(
             _detect(case, scan, index, folder, field, kept=kept, quiet=quiet)
 
 
-def _read(
+def read_scan(
     paths: list[Path],
     how: tuple[list[str] | None, str | None, float | None],
     case: Case,

@@ -14,10 +14,12 @@ from delam_fem.cli.inputs import (
     Overwrite,
     Quiet,
     Resume,
+    Uncertain,
     Workers,
     case_of,
     inputs_of,
 )
+from delam_fem.cli.measured import Channels, Rate, Units
 
 if TYPE_CHECKING:
     from delam_fem.case.definition import Case
@@ -195,56 +197,92 @@ def infer_command(
         int, typer.Option("-n", "--number", min=100, help="Structures in the table.")
     ] = 5000,
     noise_db: Noise = 40.0,
+    frequency: Annotated[
+        list[float] | None,
+        typer.Option(metavar="HZ", help="Excitation of a scan; repeatable (default: 92, 250)."),
+    ] = None,
+    measured: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="FILE",
+            help="Scan of the surface, a file per frequency, instead of simulated ones. "
+            "--channel, --units and --rate as for `measure`.",
+        ),
+    ] = None,
+    channels: Channels = None,
+    units: Units = None,
+    rate: Rate = None,
+    uncertain: Uncertain = None,
     workers: Workers = None,
     resume: Resume = False,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
-    """Infer start, end and depth of a delamination from two noisy scans: a posterior."""
+    """Infer start, end and depth of a delamination from noisy scans: a posterior."""
     with reported(quiet):
+        from delam_fem.studies.detection.inference import FREQUENCIES
+        from delam_fem.studies.unknown import Unknown
+
         case = case_of(case_name, overrides)
+        frequencies = tuple(frequency or FREQUENCIES)
+        scans = None
+        if measured:
+            scans = _scans(case, frequencies, measured, (channels, units, rate))
+        doubts = None if uncertain is None else [Unknown.parse(text) for text in uncertain]
+        options = {
+            "number": number, "frequencies": frequencies, "noise_db": noise_db, "measured": scans,
+            "uncertain": doubts, "workers": workers, "resume": resume,
+        }  # fmt: skip
+        inputs = [*inputs_of(case), *(measured or [])]
         folder = output or Path("runs") / f"{case.name}-infer"
-        options = {"workers": workers, "resume": resume, "overwrite": overwrite}
-        _infer(case, number, noise_db, folder, options, quiet=quiet)
+        _infer(case, folder, inputs, options, overwrite=overwrite, quiet=quiet)
+
+
+def _scans(
+    case: Case, frequencies: tuple[float, ...], files: list[Path],
+    how: tuple[list[str] | None, str | None, float | None],
+) -> list[Any]:  # fmt: skip
+    """Return measured scans, one per frequency; `how`: channels, units, rate."""
+    from delam_fem.case.toml import CaseError
+    from delam_fem.cli.detection.detect import read_scan
+    from delam_fem.studies.detection.measurement import Scan
+
+    if len(files) != len(frequencies):
+        raise CaseError(
+            f"--measured: expected one file per frequency, given {len(files)} files and "
+            f"{len(frequencies)} frequencies"
+        )
+    cases = [case.with_overrides({"excitation.frequency": f}) for f in frequencies]
+    every = zip(files, cases, strict=True)
+    return [read_scan([path], how, own, Scan()) for path, own in every]
 
 
 def _infer(
-    case: Case, number: int, noise_db: float, folder: Path, options: dict[str, Any], *,
+    case: Case, folder: Path, inputs: list[Path], options: dict[str, Any], *, overwrite: bool,
     quiet: bool,
 ) -> None:  # fmt: skip
     """Compute the table and the scans, write the posterior and show it."""
-    import numpy as np
     from rich.console import Console
 
     from delam_fem.case.claim import claimed
     from delam_fem.cli.console.progress import progress
-    from delam_fem.studies.detection import inference
-    from delam_fem.studies.detection.population import population
-    from delam_fem.studies.detection.posterior import Inferred, observed
+    from delam_fem.studies.detection.posterior import infer
     from delam_fem.studies.detection.saving import save_drawings, save_page
     from delam_fem.studies.sweeps.merge import remove_results
 
-    overwrite, prior = options.pop("overwrite"), inference.Prior.of(case)
-    parameters = prior.sample(number, 7)
-    specimens = inference.specimens_of(parameters, case.support.end)
-    own = observed(case, inference.FREQUENCIES)
     may = options["resume"] or overwrite
-    with claimed(folder, inputs=inputs_of(case), may_hold_results=may) as directory:
+    with claimed(folder, inputs=inputs, may_hold_results=may) as directory:
         if overwrite:
             remove_results(directory)
         with progress(Console(stderr=True, quiet=quiet)) as report:
-            runs = population(case, [*own, *specimens], directory, progress=report, **options)
-        table_runs, scans = runs.without(len(own)), runs.first(len(own))
-        known = inference.knowledge(table_runs, parameters, prior, noise_db)
-        rng = np.random.default_rng(1)
-        shapes = tuple(scans.shapes(k, noise_db, rng) for k in range(len(own)))
-        posterior = inference.edge_posterior(known.posterior(shapes))
-        found = Inferred(case, posterior, number, noise_db)
+            found = infer(case, directory, progress=report, **options)
         figures = save_drawings({"posterior": found.figure()}, directory / "figures")
         captions = {figures[0]: "Prior and posterior of start, end and depth."}
-        text = f"{number} structures from the prior, {noise_db:g} dB."
+        text = f"{found.n_structures} structures from the prior. {found.mismatch or ''}"
         page = save_page(f"Delamination of {case.name}", text, captions, case, directory)
         written = [found.save(directory), *figures, page]
+    if found.mismatch:
+        typer.echo(found.mismatch, err=True)
     if not quiet:
         heading = ("parameter", "truth [mm]", "median [mm]", "90 % interval [mm]")
         table(f"posterior, {case.name}", heading, found.rows())

@@ -214,7 +214,7 @@ def _rms(noise: float | FloatArray) -> float:
     return float(np.sqrt(np.mean(np.square(noise))))
 
 
-def per_shape(sample_noise: float, n_samples: int) -> float:
+def per_shape(sample_noise: float | FloatArray, n_samples: int) -> float | FloatArray:
     """Return the root mean square of |δV| that white noise in n samples leads to.
 
     V = 2/n Σ v exp(-iωt), so E|δV|² = 4 σ²/n.

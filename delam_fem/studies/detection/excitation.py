@@ -11,7 +11,7 @@ import json
 import math
 from collections.abc import Callable
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -22,9 +22,14 @@ from delam_fem.case.definition import Case
 from delam_fem.case.toml import CaseError
 from delam_fem.model import discretise
 from delam_fem.numerics.arrays import BoolArray, FloatArray
+from delam_fem.results.scan import surface_of
 from delam_fem.studies.detection.detect import per_shape
-from delam_fem.studies.detection.locate import mark, repeated
-from delam_fem.studies.detection.measurement import settling_periods
+from delam_fem.studies.detection.locate import SHARE, mark, repeated
+from delam_fem.studies.detection.measurement import (
+    drive_responses,
+    intact,
+    settling_periods,
+)
 from delam_fem.studies.detection.population import PERIODS, SAMPLES, SETTLED, STEPS, scans
 from delam_fem.studies.detection.shapes import Shapes
 from delam_fem.studies.executors import ExecutorName
@@ -37,8 +42,8 @@ RATIOS = (0.1, 0.3, 1.0, 3.0, 10.0)
 """Values of g₀/A, if there is an opening."""
 NEAR = 0.04
 """A frequency is avoided if its double is so near a resonance of the beam, relatively."""
-MISLEADS = 2.0
-"""A frequency is avoided if its contrast is below this."""
+MISLEADS = 1.0 / SHARE
+"""A frequency is avoided if its contrast is below this: points outside are marked, too."""
 OPENS = 0.3
 """A mode is an opening mode if it opens a delamination by this part of its largest deflection."""
 SURE = 0.9
@@ -59,7 +64,8 @@ class ExcitationMap:
         frequencies: of the excitation, shape (n_frequencies,) [Hz].
         ratios: g₀/A; NaN without an opening, shape (n_ratios,).
         x: positions of the index, shape (n,) [m].
-        index: over its limit of noise, shape (n_ratios, n_frequencies, n).
+        index: over its limit of noise, shape (n_ratios, n_frequencies, n). As in a scan, motion
+            between the harmonics counts as noise.
         contrast: largest index inside over that outside, without noise.
         visibility: largest index inside over the limit of noise.
         calls: share of repetitions that call.
@@ -98,7 +104,8 @@ class ExcitationMap:
         """Numbers of ratio and frequency of the best excitation; None: none shows it surely.
 
         It is called in 90 % of repetitions and not to be avoided; of those whose ends are within
-        one spacing of the points, or else of all, it has the largest visibility.
+        one spacing of the points, or else of all, it has the largest visibility, where that of the
+        worst neighbour counts: clapping changes much from frequency to frequency.
         """
         spacing = float(np.diff(self.x)[0])
         sure = (self.calls >= SURE) & ~self.is_avoided[None, :]
@@ -106,9 +113,15 @@ class ExcitationMap:
         allowed = exact if exact.any() else sure
         if not allowed.any():
             return None
-        best = np.where(allowed, self.visibility, -np.inf).argmax()
+        best = np.where(allowed, self.worst, -np.inf).argmax()
         ratio, frequency = np.unravel_index(int(best), self.calls.shape)
         return int(ratio), int(frequency)
+
+    @property
+    def worst(self) -> FloatArray:
+        """The smallest visibility of each frequency and its neighbours, shape of `visibility`."""
+        wide = np.pad(self.visibility, ((0, 0), (1, 1)), mode="edge")
+        return np.asarray(np.minimum(np.minimum(wide[:, :-2], wide[:, 2:]), self.visibility))
 
     @property
     def reason(self) -> str:
@@ -131,9 +144,10 @@ class ExcitationMap:
         opening = f", g0/A = {ratio:g}" if math.isfinite(ratio) else ""
         return (
             f"{f:g} Hz{opening}: the index is {self.visibility[best]:.1f} times its limit of "
-            f"noise, its contrast is {self.contrast[best]:.1f}, {100.0 * self.calls[best]:.0f} % "
-            f"of repetitions call, and the ends are {1e3 * self.error[best]:.1f} mm wrong at most "
-            f"(median).{self._near_modes(f)}{less}"
+            f"noise ({self.worst[best]:.1f} at a neighbouring frequency), its contrast is "
+            f"{self.contrast[best]:.1f}, {100.0 * self.calls[best]:.0f} % of repetitions call, and "
+            f"the ends are {1e3 * self.error[best]:.1f} mm wrong at most (median)."
+            f"{self._near_modes(f)}{less}"
         )
 
     def _near_modes(self, frequency: float) -> str:
@@ -233,10 +247,22 @@ def _map_of(
     values = data["scan_real"].to_numpy() + 1j * data["scan_imag"].to_numpy()
     orders = tuple(data["order"].to_numpy().tolist())
     x, noise = data["scan_x"].to_numpy(), per_shape(1.0, PERIODS * SAMPLES)
+    whole, surface = intact(case), surface_of(case, None)
+    responses = [drive_responses(whole, surface, x, f) for f in frequencies.tolist()]
     judged = [
-        _judged(case, Shapes(x, f, orders, own), noise * rms, noise_db)
-        for own, rms, f in zip(
-            values, data["scan_rms"].to_numpy(), frequencies.tolist() * ratios.size, strict=True
+        _judged(
+            case,
+            Shapes(x, f, orders, own, between).without_drive(response),
+            noise * rms,
+            noise_db,
+        )
+        for own, between, rms, f, response in zip(
+            values,
+            data["scan_between"].to_numpy(),
+            data["scan_rms"].to_numpy(),
+            frequencies.tolist() * ratios.size,
+            responses * ratios.size,
+            strict=True,
         )
     ]
     shape = (ratios.size, frequencies.size)
@@ -291,10 +317,10 @@ def _judged(
     case: Case, pure: Shapes, per_rms: float, noise_db: float
 ) -> tuple[FloatArray, tuple[float, float, float, float]]:
     """Return the index over its limit, and contrast, visibility, calls, error."""
-    noise = per_rms * 10.0 ** (-noise_db / 20.0)
+    noise = np.hypot(per_rms * 10.0 ** (-noise_db / 20.0), pure.noise)
     start = min(own.start for own in case.delamination)
     end = max(own.end for own in case.delamination)
-    limited = mark("curvature", Shapes(pure.x, pure.frequency, pure.orders, pure.values, noise))
+    limited = mark("curvature", replace(pure, noise=noise))
     visible = limited.index.values / limited.index.limits
     inside = (limited.index.x >= start - 1e-9) & (limited.index.x <= end + 1e-9)
     again = repeated("curvature", pure, noise, repetitions=_REPETITIONS)

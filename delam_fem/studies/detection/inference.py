@@ -10,17 +10,20 @@ follow.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from delam_fem.case.definition import Case
 from delam_fem.numerics.arrays import FloatArray, IntArray
-from delam_fem.numerics.inference import Posterior, Table
+from delam_fem.numerics.inference import UNLIKE, Posterior, Table
+from delam_fem.studies.detection.detect import per_sample
 from delam_fem.studies.detection.indices import curvature
 from delam_fem.studies.detection.locate import mark
-from delam_fem.studies.detection.population import Population, Specimen
-from delam_fem.studies.detection.shapes import Shapes
+from delam_fem.studies.detection.population import PERIODS, SAMPLES, Population, Specimen
+from delam_fem.studies.detection.shapes import ComplexArray, Shapes
 
 FREQUENCIES = (92.0, 250.0)
 """Excitations of the scans of one structure [Hz]: a low one and one that shows short ones, too."""
@@ -29,6 +32,12 @@ COMPONENTS = 3
 ACCEPTED = 0.08
 """Share of the table that is accepted: chosen for calibration with a few thousand structures."""
 NAMES = ("start", "end", "depth")
+STATISTICS = (
+    *(f"component {k + 1} of the shape of the curvature" for k in range(COMPONENTS)),
+    "the first marked point", "the last marked point", "the curvature over its limit",
+    "the second harmonic over the first", "the size of the first harmonic",
+)  # fmt: skip
+"""What is compared of each scan."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +81,28 @@ def specimens_of(
 
 
 @dataclass(frozen=True)
+class Sensor:
+    """What the scan of one frequency was measured with, so that the table is measured alike.
+
+    Attributes:
+        noise_db: overall root mean square of the field over that of the noise in a sample of a
+            record of the table, of all points or of each [dB].
+        n_lines: frequencies from which the noise is estimated; inf: it is known.
+        drive: linear responses to harmonics of the drive, by order, which are taken away.
+    """
+
+    noise_db: float | FloatArray
+    n_lines: float = math.inf
+    drive: Mapping[float, ComplexArray] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, scan: Shapes, rms: float, drive: Mapping[float, ComplexArray]) -> Sensor:
+        """Return the sensor of a measured scan with an overall root mean square [m/s]."""
+        samples = per_sample(scan.noise, PERIODS * SAMPLES)
+        return cls(20.0 * np.log10(rms / np.asarray(samples)), scan.n_lines, drive)
+
+
+@dataclass(frozen=True)
 class Knowledge:
     """A table of simulations, and how a scan becomes the statistics of the table.
 
@@ -80,30 +111,48 @@ class Knowledge:
         bases: mean and principal components of the curvature at each frequency, shape (1 +
             COMPONENTS, n_points).
         frequencies: of the scans of one structure [Hz].
-        noise_db: noise in the statistics [dB].
+        sensors: of each frequency.
     """
 
     table: Table
     bases: tuple[FloatArray, ...]
     frequencies: tuple[float, ...]
-    noise_db: float
+    sensors: tuple[Sensor, ...]
 
     def posterior(self, scans: tuple[Shapes, ...]) -> Posterior:
         """Return the posterior of middle, length and depth for noisy scans, one per frequency."""
-        observed = [_statistics(own, basis) for own, basis in zip(scans, self.bases, strict=True)]
-        return self.table.posterior(np.concatenate(observed), accepted=ACCEPTED)
+        return self.table.posterior(self._observed(scans), accepted=ACCEPTED)
+
+    def mismatch(self, scans: tuple[Shapes, ...]) -> str | None:
+        """Return in which way scans are unlike those of all simulations; None: they are not."""
+        share, number = self.table.misfit(self._observed(scans))
+        if share > UNLIKE:
+            return None
+        frequency, statistic = divmod(number, len(STATISTICS))
+        return (
+            f"the scans are like those of no simulation: {STATISTICS[statistic]} at "
+            f"{self.frequencies[frequency]:g} Hz fits none of the same place. The rig differs from "
+            "the case by more than --uncertain says, or the delamination is another one; the "
+            "intervals do not hold"
+        )
+
+    def _observed(self, scans: tuple[Shapes, ...]) -> FloatArray:
+        """Return the statistics of scans."""
+        every = zip(scans, self.bases, self.sensors, strict=True)
+        return np.concatenate([_statistics(s.without_drive(own.drive), b) for s, b, own in every])
 
 
 def knowledge(
-    found: Population, parameters: FloatArray, prior: Prior, noise_db: float, seed: int = 3
-) -> Knowledge:
+    found: Population, parameters: FloatArray, prior: Prior, sensors: tuple[Sensor, ...],
+    seed: int = 3,
+) -> Knowledge:  # fmt: skip
     """Return what a population says; structures with a run that failed are left out.
 
     Args:
         found: the specimens of `specimens_of`.
         parameters: of the structures, shape (n, 3) [m].
         prior: from which they were drawn.
-        noise_db: of the sensor.
+        sensors: of each frequency.
         seed: of the noise.
     """
     n = len(parameters)
@@ -111,13 +160,16 @@ def knowledge(
     whole = np.isfinite(found.rms[numbers]).all(axis=0)
     rng = np.random.default_rng(seed)
     columns, bases = [], []
-    for row in numbers:
-        noisy = [found.shapes(int(k), noise_db, rng) for k in row[whole]]
-        bases.append(_basis(np.stack([_profile(own) for own in noisy])))
-        columns.append(np.stack([_statistics(own, bases[-1]) for own in noisy]))
+    for row, own in zip(numbers, sensors, strict=True):
+        noisy = [
+            found.shapes(int(k), own.noise_db, rng, own.n_lines).without_drive(own.drive)
+            for k in row[whole]
+        ]
+        bases.append(_basis(np.stack([_profile(shapes) for shapes in noisy])))
+        columns.append(np.stack([_statistics(shapes, bases[-1]) for shapes in noisy]))
     frequencies = tuple(found.specimens[row[0]].frequency for row in numbers)
     table = Table(parameters[whole], np.concatenate(columns, axis=1), prior.bounds)
-    return Knowledge(table, tuple(bases), frequencies, noise_db)
+    return Knowledge(table, tuple(bases), frequencies, sensors)
 
 
 def edges(parameters: FloatArray) -> FloatArray:

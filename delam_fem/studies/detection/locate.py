@@ -105,7 +105,7 @@ def repeated(
     rng = np.random.default_rng(seed)
     ends = []
     for _ in range(repetitions):
-        found = mark(name, replace(shapes.noisy(noise, rng), noise=noise))
+        found = mark(name, replace(shapes.noisy(noise, rng), noise=noise, n_lines=shapes.n_lines))
         if found.is_detected:
             ends.append((found.start, found.end))
     shares = (0.5 * (1.0 - CONFIDENCE), 0.5, 0.5 * (1.0 + CONFIDENCE))

@@ -7,9 +7,9 @@ makes a study resumable, and any executor can compute it.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -78,23 +78,30 @@ class Population:
     values: np.ndarray[tuple[int, ...], np.dtype[np.complex128]]
     rms: FloatArray
 
-    def noise(self, index: int, noise_db: float) -> float:
-        """Return the root mean square of the noise on the shapes of a specimen [m/s]."""
-        return per_shape(float(self.rms[index]) * 10.0 ** (-noise_db / 20.0), PERIODS * SAMPLES)
+    def noise(self, index: int, noise_db: float | FloatArray) -> float | FloatArray:
+        """Return the root mean square of the noise on the shapes of a specimen [m/s].
 
-    def shapes(self, index: int, noise_db: float, rng: np.random.Generator) -> Shapes:
-        """Return the shapes of a specimen as a noisy sensor measures them."""
+        Args:
+            index: of the specimen.
+            noise_db: overall root mean square of the field over that of the noise, of all points
+                or of each [dB].
+        """
+        return per_shape(self.rms[index] * 10.0 ** (-noise_db / 20.0), PERIODS * SAMPLES)
+
+    def shapes(
+        self, index: int, noise_db: float | FloatArray, rng: np.random.Generator,
+        n_lines: float = math.inf,
+    ) -> Shapes:  # fmt: skip
+        """Return the shapes of a specimen as a noisy sensor measures them; see `noise`."""
         frequency = self.specimens[index].frequency
         pure = Shapes(self.x, frequency, self.orders, self.values[index])
-        return pure.noisy(self.noise(index, noise_db), rng)
+        return pure.noisy(self.noise(index, noise_db), rng, n_lines)
 
-    def first(self, n: int) -> Population:
-        """Return the first n specimens."""
-        return Population(self.specimens[:n], self.x, self.orders, self.values[:n], self.rms[:n])
-
-    def without(self, n: int) -> Population:
-        """Return all specimens but the first n."""
-        return Population(self.specimens[n:], self.x, self.orders, self.values[n:], self.rms[n:])
+    def at_first(self, n: int | None) -> Population:
+        """Return what a scan of the first n points sees; None: of all."""
+        values = self.values[..., :n]
+        rms = np.sqrt(0.5 * np.sum(np.mean(np.abs(values) ** 2, axis=-1), axis=-1))
+        return self if n is None else replace(self, x=self.x[:n], values=values, rms=rms)
 
     def is_there(self, index: int) -> bool:
         """Return whether the run of a specimen was completed."""
@@ -109,6 +116,8 @@ def population(
     *,
     name: str = "population",
     spacing: float = 0.01,
+    first: float = 0.0,
+    also: Mapping[str, FloatArray] | None = None,
     workers: int | None = None,
     resume: bool = False,
     progress: Callable[[int, int], None] | None = None,
@@ -123,6 +132,8 @@ def population(
         executor: see `run_sweep`.
         name: of the sweep.
         spacing: distance of the scanned points [m].
+        first: position of the first of them [m].
+        also: values of further keys of the case, one for each specimen.
         workers: see `run_sweep`.
         resume: whether to go on with what is in the folder.
         progress: see `run_sweep`.
@@ -131,7 +142,8 @@ def population(
         CaseError: the case is not as described, or see `run_sweep`.
         KeyboardInterrupt: it was interrupted; `resume` goes on.
     """
-    sweep = sweep_of_specimens(case, specimens, name, spacing)
+    scan = ScanRecord(lamina=surface_of(case, None), spacing=spacing, first=first)
+    sweep = sweep_of_specimens(case, specimens, name, scan, also or {})
     data = run_sweep(
         sweep, directory, executor, workers=workers, resume=resume, progress=progress,
         is_confirmed=True,
@@ -143,16 +155,17 @@ def population(
 
 
 def sweep_of_specimens(
-    case: Case, specimens: Sequence[Specimen], name: str, spacing: float
-) -> Sweep:
+    case: Case, specimens: Sequence[Specimen], name: str, scan: ScanRecord,
+    also: Mapping[str, FloatArray],
+) -> Sweep:  # fmt: skip
     """Return the sweep whose points are the specimens."""
     if len(case.lamina) != 2 or len(case.delamination) != 1:
         raise CaseError(
             "population: expected a case with two laminae and one [[delamination]], given "
             f"{len(case.lamina)} and {len(case.delamination)}"
         )
-    surface = surface_of(case, None)
-    columns = _columns(case, specimens, surface)
+    columns = _columns(case, specimens, surface_of(case, None))
+    columns |= {key: values.tolist() for key, values in also.items()}
     axes = tuple(
         Axis(key=key, name=key.replace(".", "_"), values=tuple(values))
         for key, values in columns.items()
@@ -163,7 +176,6 @@ def sweep_of_specimens(
         "output.window_periods": PERIODS,
         "output.fields_per_period": SAMPLES,
     }
-    scan = ScanRecord(lamina=surface, spacing=spacing)
     return scans(name, case.with_overrides(fast), axes, scan)
 
 

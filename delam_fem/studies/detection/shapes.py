@@ -89,11 +89,21 @@ class Shapes:
             values[row] -= c * response
         return replace(self, values=values)
 
-    def noisy(self, noise: float | FloatArray, rng: np.random.Generator) -> Shapes:
-        """Return these shapes with noise of the given root mean square added to them."""
+    def noisy(
+        self, noise: float | FloatArray, rng: np.random.Generator, n_lines: float = math.inf
+    ) -> Shapes:
+        """Return these shapes with noise of a root mean square that is known, or estimated.
+
+        Args:
+            noise: root mean square of the noise that is added.
+            rng: random numbers.
+            n_lines: frequencies from which the sensor estimates the noise of each point.
+        """
         parts = rng.normal(scale=noise / math.sqrt(2.0), size=(2, *self.values.shape))
-        values = self.values + parts[0] + 1j * parts[1]
-        return replace(self, values=values, noise=np.hypot(self.noise, noise))
+        values, known = self.values + parts[0] + 1j * parts[1], np.hypot(self.noise, noise)
+        if n_lines < math.inf:
+            known = known * np.sqrt(rng.gamma(n_lines, 1.0 / n_lines, size=self.x.size))
+        return replace(self, values=values, noise=known, n_lines=n_lines)
 
 
 def amplitudes(field: FloatArray, times: FloatArray, frequencies: Sequence[float]) -> ComplexArray:

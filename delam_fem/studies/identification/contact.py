@@ -7,7 +7,7 @@ drawn from the prior for each frequency, and the harmonics of both tips as stati
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,47 +23,14 @@ from delam_fem.studies.executors import ExecutorName
 from delam_fem.studies.identification import statistics
 from delam_fem.studies.sweeps.load import sweep_of
 from delam_fem.studies.sweeps.run import run_sweep
+from delam_fem.studies.unknown import Unknown, drawn, of_rig, value_of
 
-EVERY = "lamina.*."
-"""Start of a key that stands for the same key of all laminae."""
-
-
-@dataclass(frozen=True)
-class Unknown:
-    """A key whose value is sought, with a uniform prior.
-
-    Attributes:
-        key: key of the case; `lamina.*.KEY` is KEY of all laminae.
-        low: lowest value.
-        high: highest value.
-    """
-
-    key: str
-    low: float
-    high: float
-
-    @classmethod
-    def parse(cls, text: str) -> Unknown:
-        """Return the unknown of a text such as "gap.exponent=1:3".
-
-        Raises:
-            CaseError: the text has another form, or its values do not rise.
-        """
-        key, _, bounds = text.partition("=")
-        try:
-            low, high = (float(part) for part in bounds.split(":"))
-        except ValueError:
-            low = high = math.nan
-        if not key or not low < high:
-            raise CaseError(f"unknown: expected KEY=LOW:HIGH with LOW below HIGH, given {text!r}")
-        return cls(key, low, high)
-
-    def keys(self, case: Case) -> tuple[str, ...]:
-        """Return the keys of the case that have the value."""
-        if not self.key.startswith(EVERY):
-            return (self.key,)
-        last = self.key.removeprefix(EVERY)
-        return tuple(f"lamina.{lamina.name}.{last}" for lamina in case.lamina)
+FINER = 4
+"""How many times as many steps the repeated simulations have."""
+LIKE = 5
+"""Number of repeated simulations of which one says what finer steps change."""
+BEYOND = 1.5
+"""Largest multiple of that change: infinitely many steps change more than `FINER` times as many."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +43,8 @@ class Experiment:
         unknowns: keys that are sought.
         noise: standard deviation of a sample of the displacement [m].
         n_samples: number of samples of each motion; None: as many as the window of the case.
+        uncertain: in what the rig may differ from the case although it is not sought, drawn for
+            each simulation; None: see `of_rig`.
     """
 
     case: Case
@@ -83,11 +52,26 @@ class Experiment:
     unknowns: tuple[Unknown, ...]
     noise: float
     n_samples: int | None = None
+    uncertain: tuple[Unknown, ...] | None = None
+
+    def __post_init__(self) -> None:
+        """Check that the sought keys have values, which the results show."""
+        for own in self.unknowns:
+            if own.is_relative:
+                raise CaseError(
+                    f"unknown: {own.key}: expected values of the key, given multiples of its own; "
+                    "only --uncertain takes them"
+                )
+
+    @property
+    def doubts(self) -> tuple[Unknown, ...]:
+        """In what the rig may differ from the case."""
+        return of_rig(self.case) if self.uncertain is None else self.uncertain
 
     @property
     def truth(self) -> list[float]:
         """Values that the case itself has for the unknowns."""
-        return [self._value(unknown.keys(self.case)[0]) for unknown in self.unknowns]
+        return [value_of(self.case, unknown.keys(self.case)[0]) for unknown in self.unknowns]
 
     @property
     def error(self) -> float:
@@ -100,6 +84,7 @@ class Experiment:
         parameters: FloatArray,
         directory: Path,
         *,
+        also: Mapping[str, FloatArray] | None = None,
         executor: ExecutorName | None = None,
         workers: int | None = None,
         progress: Callable[[int, int], None] | None = None,
@@ -111,6 +96,7 @@ class Experiment:
         Args:
             parameters: values of the unknowns, shape (n, n_unknowns).
             directory: folder of the sweeps.
+            also: values of further keys, shape (n,) each; the unknowns go before them.
             executor: see `run_sweep`.
             workers: number of processes; default: one per core.
             progress: called with the number of finished simulations and of all.
@@ -126,7 +112,7 @@ class Experiment:
         directory.mkdir(parents=True, exist_ok=True)
         save_case(self.case, directory)
         for number, frequency in enumerate(self.frequencies):
-            sweep = sweep_of(self._sweep(parameters, frequency), folder=directory)
+            sweep = sweep_of(self._sweep(parameters, frequency, also or {}), folder=directory)
             done = number * len(parameters)
             report = None if progress is None else _shifted(progress, done, total)
             data = run_sweep(
@@ -139,13 +125,32 @@ class Experiment:
                 found.append(statistics.of_points(data))
         return np.stack(found, axis=1)
 
-    def table(self, harmonics: ComplexArray, parameters: FloatArray, seed: int) -> Table:
+    def disturbed(self, n: int, seed: int) -> dict[str, FloatArray]:
+        """Return n values of each key in which the rig may differ from the case."""
+        return drawn(self.doubts, self.case, n, seed)
+
+    def table(
+        self, harmonics: ComplexArray, parameters: FloatArray, seed: int,
+        finer: ComplexArray | None = None,
+    ) -> Table:  # fmt: skip
         """Return the simulations with noise as a table for the inference.
+
+        The steps of the simulations are not those of a rig. To each simulation is added, times a
+        number between 0 and `BEYOND`, what finer steps change in one of the `LIKE` simulations with
+        the nearest parameters that were repeated.
+
+        Args:
+            harmonics: of the simulations, see `simulate`.
+            parameters: of the simulations, shape (n, n_unknowns).
+            seed: of the noise.
+            finer: the first of them repeated with finer steps; None: none.
 
         Raises:
             CaseError: too few simulations were completed.
         """
         rng = np.random.default_rng(seed)
+        if finer is not None:
+            harmonics = harmonics + _discrepancy(finer, harmonics, parameters, rng)
         values = statistics.invariant(statistics.noisy(harmonics, self.error, rng))
         values = values.reshape(len(values), -1)
         good = np.isfinite(values).all(axis=1)
@@ -163,22 +168,16 @@ class Experiment:
         high = np.array([unknown.high for unknown in self.unknowns])
         return np.asarray(np.random.default_rng(seed).uniform(low, high, (n, low.size)))
 
-    def _value(self, key: str) -> float:
-        """Return a number of the case by its key."""
-        found: object = self.case
-        for part in key.split("."):
-            if isinstance(found, tuple):
-                found = next(entry for entry in found if entry.name == part)
-            else:
-                found = getattr(found, part, None)
-        return float(found) if isinstance(found, int | float) else math.nan
-
-    def _sweep(self, parameters: FloatArray, frequency: float) -> dict[str, object]:
+    def _sweep(
+        self, parameters: FloatArray, frequency: float, also: Mapping[str, FloatArray]
+    ) -> dict[str, object]:
         """Return the sweep over given parameters at a frequency."""
+        columns = dict(also)
+        for unknown, column in zip(self.unknowns, parameters.T, strict=True):
+            columns |= dict.fromkeys(unknown.keys(self.case), column)
         axes = [
             {"key": key, "name": key.replace(".", "_"), "values": column.tolist()}
-            for unknown, column in zip(self.unknowns, parameters.T, strict=True)
-            for key in unknown.keys(self.case)
+            for key, column in columns.items()
         ]
         return {
             "name": f"identification-{frequency:g}-Hz",
@@ -188,6 +187,22 @@ class Experiment:
             "combine": "zip",
             "record": {"summary": False, "strobes": 0, "harmonics": statistics.HARMONICS},
         }
+
+
+def _discrepancy(
+    finer: ComplexArray, harmonics: ComplexArray, parameters: FloatArray, rng: np.random.Generator
+) -> ComplexArray:
+    """Return what finer steps may change in all simulations; see `Experiment.table`."""
+    change = finer - harmonics[: len(finer)]
+    whole = np.flatnonzero(np.isfinite(change).reshape(len(change), -1).all(axis=1))
+    if whole.size == 0:
+        return np.zeros_like(harmonics)
+    places = parameters / parameters.std(axis=0)
+    distance = np.linalg.norm(places[:, None] - places[None, whole], axis=2)
+    like = np.argsort(distance, axis=1)[:, :LIKE]
+    chosen = like[np.arange(len(like)), rng.integers(like.shape[1], size=len(like))]
+    share = rng.uniform(0.0, BEYOND, size=(len(like), 1, 1, 1))
+    return np.asarray(share * change[whole[chosen]])
 
 
 def _shifted(

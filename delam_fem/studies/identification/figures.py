@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from delam_fem.numerics.inference import Posterior
-    from delam_fem.studies.identification.contact import Unknown
     from delam_fem.studies.identification.resonance import Amplitudes, Resonance
+    from delam_fem.studies.unknown import Unknown
 
 BINS = 24
 """Number of bars of a histogram."""

@@ -18,6 +18,8 @@ from delam_fem.numerics.cantilever import ComplexArray
 
 HARMONICS = 5
 """Number of harmonics of each lamina."""
+FITTED = 60
+"""Most harmonics that are fitted, so that those of an impact do not count as noise."""
 SAMPLES = 4
 """A measurement needs so many times the samples that its harmonics have unknowns."""
 
@@ -48,20 +50,24 @@ def of_history(time: FloatArray, tips: FloatArray, frequency: float) -> tuple[Co
     Raises:
         CaseError: there are too few samples, or less than two periods.
     """
-    unknowns = 2 * HARMONICS + 1
-    if time.size < SAMPLES * unknowns or np.ptp(time) * frequency < 2.0:
+    least = 2 * HARMONICS + 1
+    if time.size < SAMPLES * least or np.ptp(time) * frequency < 2.0:
         raise CaseError(
-            f"measured history: expected at least {SAMPLES * unknowns} samples and two periods, "
+            f"measured history: expected at least {SAMPLES * least} samples and two periods, "
             f"given {time.size} samples over {np.ptp(time) * frequency:.3g} periods of "
             f"{frequency:g} Hz"
         )
-    angle = 2.0 * math.pi * frequency * time[:, None] * np.arange(1, HARMONICS + 1)
+    below_nyquist = math.ceil(0.5 / (frequency * float(np.median(np.diff(time))))) - 1
+    most = min(FITTED, below_nyquist, (time.size // SAMPLES - 1) // 2)
+    fitted = max(HARMONICS, most)
+    unknowns = 2 * fitted + 1
+    angle = 2.0 * math.pi * frequency * time[:, None] * np.arange(1, fitted + 1)
     columns = np.concatenate([np.sin(angle), np.cos(angle), np.ones((time.size, 1))], axis=1)
     found, *_ = np.linalg.lstsq(columns, tips.T, rcond=None)
     scatter = float(
         np.std(tips.T - columns @ found) * math.sqrt(time.size / (time.size - unknowns))
     )
-    sines, cosines = found[:HARMONICS].T, found[HARMONICS : 2 * HARMONICS].T
+    sines, cosines = found[:HARMONICS].T, found[fitted : fitted + HARMONICS].T
     return np.asarray(sines + 1j * cosines), scatter
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,10 +14,10 @@ from delam_fem.case.atomic import atomic, write_text
 from delam_fem.case.files import save_case
 from delam_fem.case.toml import CaseError
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.numerics.inference import Posterior
+from delam_fem.numerics.inference import UNLIKE, Posterior, Table
 from delam_fem.studies.executors import ExecutorName
 from delam_fem.studies.identification import statistics
-from delam_fem.studies.identification.contact import Experiment
+from delam_fem.studies.identification.contact import FINER, Experiment
 from delam_fem.studies.identification.tips import tips_of
 
 HEADING = ("key", "median", "90 % interval", "prior", "truth", "covered")
@@ -33,9 +34,11 @@ class Identification:
         experiment: the rig and its motions.
         posterior: of the unknowns.
         coverage: how often 90 % intervals contain the truth, by unknown; None: not checked.
+        finer: number of simulations that are repeated with finer steps, to know what steps change.
         checks: number of simulations that served as observations for `coverage`.
         is_synthetic: whether the motions were simulated from the case itself.
         completed: number of simulations in the table.
+        mismatch: in which way the measurement is unlike all simulations; None: it is not.
     """
 
     experiment: Experiment
@@ -44,6 +47,7 @@ class Identification:
     checks: int
     is_synthetic: bool
     completed: int
+    mismatch: str | None = None
 
     @property
     def truth(self) -> list[float] | None:
@@ -71,9 +75,10 @@ class Identification:
             for j in range(i)
             if abs(correlation[i, j]) > SEPARATED
         ]
-        if not pairs:
-            return "These motions separate the unknowns."
-        return f"These motions hardly separate {'; '.join(pairs)}."
+        text = "These motions separate the unknowns."
+        if pairs:
+            text = f"These motions hardly separate {'; '.join(pairs)}."
+        return f"{text} {self.mismatch}" if self.mismatch else text
 
     def save(self, directory: Path) -> list[Path]:
         """Write identification.json and the figure; return their paths."""
@@ -96,6 +101,8 @@ class Identification:
             "noise_m": self.experiment.noise,
             "simulations": self.completed,
             "checks": self.checks,
+            "uncertain": [asdict(own) for own in self.experiment.doubts],
+            "mismatch": self.mismatch,
         }
         path, image = directory / NAME, directory / "posterior.png"
         write_text(path, json.dumps(numbers, indent=2) + "\n")
@@ -111,6 +118,7 @@ def identify(
     *,
     measured: Sequence[Path] | None = None,
     simulations: int = 2000,
+    finer: int = 100,
     checks: int = 100,
     seed: int = 1,
     executor: ExecutorName | None = None,
@@ -124,6 +132,7 @@ def identify(
         directory: folder of the simulations; those that it has are used again.
         measured: files with the tips, one per frequency; None: the case simulates the measurement.
         simulations: number of parameters from the prior.
+        finer: number of simulations that are repeated with finer steps, to know what steps change.
         checks: number of simulations that serve as observations to check the intervals.
         seed: of the prior and of the noise.
         executor: see `run_sweep`.
@@ -138,21 +147,45 @@ def identify(
         experiment, observed = _read(experiment, measured)
     save_case(experiment.case, directory)
     parameters = experiment.draw(simulations, seed)
-    harmonics = experiment.simulate(
-        parameters, directory / "simulations", executor=executor, workers=workers, progress=progress
-    )
+    also = experiment.disturbed(simulations, seed + 3)
+    simulate = partial(experiment.simulate, executor=executor, workers=workers, progress=progress)
+    harmonics = simulate(parameters, directory / "simulations", also=also)
+    steps = np.full(min(finer, simulations), FINER * experiment.case.steps_per_period)
+    some = {key: values[: steps.size] for key, values in also.items()}
+    repeated = None
+    if steps.size:
+        more = {"time.steps_per_period": steps}
+        repeated = simulate(parameters[: steps.size], directory / "finer", also=some | more)
     if observed is None:
         truth = np.array([experiment.truth])
         exact = experiment.simulate(truth, directory / "observation", executor="serial")[0]
         own = statistics.noisy(exact, experiment.error, np.random.default_rng(seed + 1))
         observed = statistics.invariant(own).ravel()
-    table = experiment.table(harmonics, parameters, seed + 2)
+    table = experiment.table(harmonics, parameters, seed + 2, repeated)
     checks = min(checks, len(table.parameters))
     covered = table.coverage(np.arange(checks)) if checks else None
     return Identification(
         experiment, table.posterior(observed), covered, checks, measured is None,
-        len(table.parameters),
+        len(table.parameters), mismatch(experiment, table, observed),
     )  # fmt: skip
+
+
+def mismatch(experiment: Experiment, table: Table, observed: FloatArray) -> str | None:
+    """Return in which way an observation is unlike all simulations; None: it is not."""
+    share, number = table.misfit(observed)
+    if share > UNLIKE:
+        return None
+    names = [lamina.name for lamina in experiment.case.lamina]
+    each = 2 * len(names) * statistics.HARMONICS - 1
+    number, of_one = number // each, number % each
+    lamina, harmonic = divmod(
+        of_one if of_one <= each // 2 else of_one - each // 2, statistics.HARMONICS
+    )
+    return (
+        f"The motions are like those of no simulation: harmonic {harmonic + 1} of lamina "
+        f"{names[lamina]} at {experiment.frequencies[number]:g} Hz fits none with these values. "
+        "The rig differs from the case by more than --uncertain says; the intervals do not hold."
+    )
 
 
 def _read(experiment: Experiment, files: Sequence[Path]) -> tuple[Experiment, FloatArray]:

@@ -78,6 +78,7 @@ _SCAN = (
     Variable("scan_real", ("order", "scan_point"), "m/s", "velocity shape, real part"),
     Variable("scan_imag", ("order", "scan_point"), "m/s", "velocity shape, imaginary part"),
     Variable("scan_rms", (), "m/s", "root mean square of the velocity over times and points"),
+    Variable("scan_between", ("scan_point",), "m/s", "mean velocity amplitude between harmonics"),
 )
 _LYAPUNOV = (
     Variable("lyapunov_exponent", (), "1/s", "largest Lyapunov exponent"),

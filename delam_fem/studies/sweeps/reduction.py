@@ -182,7 +182,10 @@ def _scan(
     found = np.full((len(ORDERS), x.size), np.nan, dtype=np.complex128)
     found[[ORDERS.index(order) for order in shapes.orders]] = shapes.values
     rms = float(np.sqrt(np.mean(v**2)))
-    return {"scan_real": found.real, "scan_imag": found.imag, "scan_rms": rms}
+    return {
+        "scan_real": found.real, "scan_imag": found.imag, "scan_rms": rms,
+        "scan_between": shapes.noise,
+    }  # fmt: skip
 
 
 def _decided(periodicity_class: object) -> float:

@@ -55,3 +55,39 @@ def test_infer(tmp_path: Path) -> None:
     for truth, (low, high) in zip(found["truth"], found["interval_90"], strict=True):
         assert low < truth < high
     assert (tmp_path / "figures" / "posterior.png").is_file()
+
+
+@pytest.mark.slow
+def test_infer_takes_a_measured_scan(tmp_path: Path) -> None:
+    import numpy as np
+
+    from delam_fem.case.files import preset
+    from delam_fem.studies.detection.measurement import Scan, simulated
+
+    keys = {"mesh.elements": 20, "excitation.frequency": 250.0, "time.steps_per_period": 100}
+    scan = Scan(spacing=0.02, first=0.02)  # neither the first point nor the last is at a clamp
+    own = simulated(preset("embedded", keys), scan)
+    own = own.noisy(own.noise_of(scan), 3)
+    header = ",".join(["time [s]", *(f"P{k} [m/s]" for k in range(18))])
+    table = np.column_stack([own.times, own.field[:, :18]])
+    np.savetxt(tmp_path / "scan.csv", table, delimiter=",", header=header, comments="")
+    places = [
+        text for k in range(18) for text in ("--channel", f"p{k}=P{k}:m/s@{own.x[k]:.3f}/upper")
+    ]
+    given = ("--measured", tmp_path / "scan.csv", "--frequency", "250", "-n", "130")
+    command = ("infer", "embedded", *given, "-j", "1", "-q")
+    status, output = invoke(*command, *places, "-o", tmp_path / "a")
+    assert status == 0, output
+    found = json.loads((tmp_path / "a" / "inference.json").read_text("utf-8"))
+    assert found["is_measured"] and found["truth"] is None and found["mismatch"] is None
+    for truth, (low, high) in zip((0.12, 0.28, 0.0006), found["interval_90"], strict=True):
+        assert low < truth < high
+    assert np.diff(found["interval_90"][:2], axis=1).max() < 0.13  # the prior has 0.19 m
+    assert [own["key"] for own in found["uncertain"]] == [
+        "lamina.*.young_modulus", "lamina.*.damping_ratio", "support.rotational_stiffness",
+    ]  # fmt: skip
+    status, output = invoke(*command, *places, "--frequency", "92", "-o", tmp_path / "b")
+    assert status == 2 and "one file per frequency" in output
+    wrong = [text.replace("@0.100/", "@0.107/") for text in places]
+    status, output = invoke(*command, *wrong, "-o", tmp_path / "c")
+    assert status == 2 and "equidistant" in output

@@ -9,6 +9,7 @@ import pytest
 
 from delam_fem.case.files import preset
 from delam_fem.case.toml import CaseError
+from delam_fem.studies.detection.detect import detect
 from delam_fem.studies.detection.excitation import RATIOS, ExcitationMap, excitation_map
 from delam_fem.studies.detection.measurement import intact
 
@@ -60,6 +61,32 @@ def test_an_opening_claps_only_if_the_motion_closes_it(tmp_path: Path) -> None:
 def test_a_beam_without_delamination_has_no_map(tmp_path: Path) -> None:
     with pytest.raises(CaseError, match=r"expected a case with \[\[delamination\]\]"):
         excitation_map(intact(preset("embedded")), np.array([50.0]), tmp_path)
+
+
+def test_a_frequency_is_as_good_as_its_neighbours() -> None:
+    case, one = preset("embedded"), np.ones((1, 5))
+    visibility = np.array([[54.0, 9.0, 12.0, 11.0, 13.0]])
+    none = np.zeros(0)
+    found = ExcitationMap(
+        case, 40.0, np.array([320.0, 330.0, 340.0, 350.0, 360.0]), np.array([math.nan]),
+        np.array([0.0, 0.01]), np.ones((1, 5, 2)), 5.0 * one, visibility, one, 0.0 * one, none,
+        none,
+    )  # fmt: skip
+    np.testing.assert_array_equal(found.worst, [[9.0, 9.0, 9.0, 11.0, 11.0]])
+    assert found.recommended == (0, 3)  # not 320 Hz, beside which little is seen
+    assert "11.0 times its limit of noise (11.0 at a neighbouring frequency)" in found.reason
+
+
+def test_the_map_sees_what_a_scan_sees(tmp_path: Path) -> None:
+    """170 Hz: once misled by a resonance near the double; 310 Hz: motion between the harmonics."""
+    case = preset("embedded", COARSE)
+    found = excitation_map(case, np.array([170.0, 310.0]), tmp_path, "serial")
+    assert not found.is_avoided.any()
+    assert found.error.max() <= 0.01
+    assert found.contrast[0, 0] > 10.0  # 2.5 without taking away harmonics of the drive
+    scan = detect(case.with_overrides({"excitation.frequency": 310.0}))
+    own = (scan.mark.index.values / scan.mark.index.limits).max()
+    assert found.visibility[0, 1] < 3.0 * own  # 4.8 times without the motion between harmonics
 
 
 def test_a_force_has_no_ratio(tmp_path: Path) -> None:

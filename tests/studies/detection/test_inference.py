@@ -6,6 +6,7 @@ import pytest
 from delam_fem.numerics.inference import Posterior
 from delam_fem.studies.detection.inference import (
     Prior,
+    Sensor,
     covered,
     edge_posterior,
     edges,
@@ -43,7 +44,7 @@ def test_a_posterior_is_near_the_truth_and_narrower_than_the_prior(
     made_up: tuple[Population, np.ndarray],
 ) -> None:
     population, parameters = made_up
-    known = knowledge(population, parameters, Prior(), 40.0)
+    known = knowledge(population, parameters, Prior(), (Sensor(40.0),))
     scan = population.shapes(7, 40.0, np.random.default_rng(8))
     found = edge_posterior(known.posterior((scan,)))
     truth = edges(parameters[7:8])[0]
@@ -55,6 +56,6 @@ def test_a_posterior_is_near_the_truth_and_narrower_than_the_prior(
 
 def test_90_percent_intervals_cover_the_truth(made_up: tuple[Population, np.ndarray]) -> None:
     population, parameters = made_up
-    known = knowledge(population, parameters, Prior(), 40.0)
+    known = knowledge(population, parameters, Prior(), (Sensor(40.0),))
     hits = covered(known, np.arange(100)).sum(axis=0)
     assert (hits >= 82).all(), hits  # 90, less 2.7 standard deviations

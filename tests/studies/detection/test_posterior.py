@@ -30,7 +30,7 @@ def test_the_case_itself_is_observed_at_each_frequency() -> None:
 def test_a_posterior_is_written_and_drawn(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
     samples = truth_of(CASE) * rng.normal(1.0, 0.02, size=(400, 3))
-    found = Inferred(CASE, Posterior(samples, np.full(400, 1 / 400)), 400, 40.0)
+    found = Inferred(CASE, Posterior(samples, np.full(400, 1 / 400)), 400)
     numbers = json.loads(found.save(tmp_path).read_text("utf-8"))
     np.testing.assert_allclose(numbers["median"], truth_of(CASE), rtol=0.01)
     low, high = np.array(numbers["interval_90"]).T

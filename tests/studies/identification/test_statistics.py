@@ -46,6 +46,16 @@ def test_noise_is_found_as_scatter_and_harmonics_have_its_error() -> None:
     assert np.sqrt(np.mean(np.square(deviations))) == pytest.approx(expected, rel=0.15)
 
 
+def test_higher_harmonics_of_an_impact_are_no_noise() -> None:
+    time = np.arange(0.0, 20.0, 0.003)
+    cusp = np.abs(np.sin(np.pi * FREQUENCY * time))  # its harmonics fall as 1/k²
+    noise = 2e-3 * np.random.default_rng(1).standard_normal((2, time.size))
+    found, scatter = statistics.of_history(time, cusp + noise, FREQUENCY)
+    assert scatter == pytest.approx(2e-3, rel=0.1)  # 0.013 with five harmonics
+    k = np.arange(1, 6)
+    np.testing.assert_allclose(np.abs(found[0]), 4.0 / np.pi / (4 * k**2 - 1), atol=2e-4)
+
+
 def test_points_of_a_sweep_have_amplitude_and_phase() -> None:
     shape = (3, 2, 6)
     size, phase = RNG.uniform(1.0, 2.0, shape), RNG.uniform(-3.0, 3.0, shape)

@@ -8,10 +8,11 @@ from delam_fem.case.files import preset
 from delam_fem.case.toml import CaseError
 from delam_fem.engines.session import session_of
 from delam_fem.model.beams import closed_form
-from delam_fem.studies.identification.contact import Experiment, Unknown
+from delam_fem.studies.identification.contact import Experiment
 from delam_fem.studies.identification.study import identify
 from delam_fem.studies.identification.tips import tips_of
 from delam_fem.studies.sweeps.reduction import probe_motion
+from delam_fem.studies.unknown import Unknown, drawn, of_rig
 
 CASE = {
     "time.mass": "lumped",
@@ -49,7 +50,9 @@ def write_tips(path: Path, given: Experiment) -> None:
 @pytest.mark.slow
 def test_damping_is_found_from_a_simulated_and_from_a_measured_motion(tmp_path: Path) -> None:
     given = experiment()
-    found = identify(given, tmp_path / "a", simulations=300, checks=50, executor="serial")
+    found = identify(
+        given, tmp_path / "a", simulations=300, finer=30, checks=150, executor="serial"
+    )
     low, high = found.posterior.interval(0.99)[0]
     assert low < 0.02 < high
     assert high - low < 0.6 * (0.05 - 0.004)
@@ -63,11 +66,12 @@ def test_damping_is_found_from_a_simulated_and_from_a_measured_motion(tmp_path: 
     assert [row[0] for row in found.rows()] == [unknown.key for unknown in UNKNOWNS]
     write_tips(tmp_path / "tips.csv", given)
     again = identify(
-        given, tmp_path / "a", measured=[tmp_path / "tips.csv"], simulations=300, checks=0,
-        executor="serial",
+        given, tmp_path / "a", measured=[tmp_path / "tips.csv"], simulations=300, finer=30,
+        checks=0, executor="serial",
     )  # fmt: skip
     assert again.truth is None
     assert 0.9e-4 < again.experiment.noise < 5e-4  # with the transient, which is no harmonic
+    assert again.mismatch is None
     assert again.posterior.quantile(0.5)[0] == pytest.approx(0.02, abs=0.008)
 
 
@@ -88,6 +92,52 @@ def test_a_wrong_unknown_is_refused(text: str) -> None:
     with pytest.raises(CaseError, match=r"KEY=LOW:HIGH with LOW below HIGH"):
         Unknown.parse(text)
     assert Unknown.parse("gap.exponent=1:3") == Unknown("gap.exponent", 1.0, 3.0)
+    multiples = Unknown.parse("gap.exponent=0.5x:2x")
+    assert multiples == Unknown("gap.exponent", 0.5, 2.0, is_relative=True)
+    with pytest.raises(CaseError, match=r"gap.exponent: expected values of the key, given multip"):
+        Experiment(preset("paper"), (1.25,), (multiples,), 1e-4)
+
+
+def test_what_is_not_sought_is_drawn_on_a_logarithmic_scale() -> None:
+    case = preset("embedded")
+    found = drawn(of_rig(case), case, 4000, 1)
+    assert set(found) == {
+        *(f"lamina.{name}.{key}" for name in ("lower", "upper")
+          for key in ("young_modulus", "damping_ratio")),
+        "support.rotational_stiffness",
+    }  # fmt: skip
+    np.testing.assert_array_equal(
+        found["lamina.lower.damping_ratio"], found["lamina.upper.damping_ratio"]
+    )
+    for key, low, high in (
+        ("lamina.lower.young_modulus", 0.95 * 70e9, 1.05 * 70e9),
+        ("lamina.lower.damping_ratio", 0.0025, 0.01),
+        ("support.rotational_stiffness", 50 * 2.3333, 5000 * 2.3333),  # EI/L = 0.9333 N m2 / 0.4 m
+    ):
+        values = found[key]
+        assert values.min() == pytest.approx(low, rel=0.01)
+        assert values.max() == pytest.approx(high, rel=0.01)
+        assert np.median(values) == pytest.approx(np.sqrt(low * high), rel=0.1)
+    assert len(of_rig(preset("paper"))) == 2  # laminae that are apart have rigid clamps
+    with pytest.raises(CaseError, match=r"uncertain: gap.exponent: expected values above 0"):
+        drawn((Unknown("gap.exponent", 0.0, 1.0),), case, 3, 1)
+
+
+def test_what_finer_steps_change_is_added_from_simulations_that_are_alike() -> None:
+    rng = np.random.default_rng(4)
+    given = experiment()
+    parameters = given.draw(400, 1)
+    harmonics = np.zeros((400, 1, 2, 5), dtype=complex)
+    harmonics[..., 0, 0] = 1.0  # so that the phase does not turn
+    share = (parameters[:, 1] - 1.0) / 2.0
+    finer = harmonics[:100] + share[:100, None, None, None] * np.eye(2, 5, 2)
+    found = given.table(harmonics, parameters, 1, finer).statistics[:, 2]
+    assert found.min() >= -1e-3
+    assert np.corrcoef(found, share)[0, 1] > 0.5
+    assert found[share > 0.8].mean() == pytest.approx(0.9 * 0.75, rel=0.15)  # half of 1.5 times
+    assert np.abs(given.table(harmonics, parameters, 1).statistics[:, 2]).max() < 1e-4
+    finer[rng.random(100) < 0.5] = np.nan  # these diverged
+    assert np.isfinite(given.table(harmonics, parameters, 1, finer).statistics).all()
 
 
 def test_files_that_do_not_fit_are_refused(tmp_path: Path) -> None:
