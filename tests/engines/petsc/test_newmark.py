@@ -254,6 +254,34 @@ def test_what_is_near_is_sought_anew_when_the_state_changes(
     stepper.destroy()
 
 
+@pytest.mark.parametrize("is_observed", [False, True])
+@pytest.mark.parametrize("scheme", [Newmark, MoreauJean])
+def test_a_step_that_is_undone_leaves_no_trace(
+    scheme: type[Newmark | MoreauJean], is_observed: bool
+) -> None:
+    rows, found = shaken(2).tolist(), []
+    for is_detour in (False, True):
+        stepper = scheme(problem(), DT)
+        stepper.begin(shaken(2))
+        stepper.restore(np.random.default_rng(3).normal(size=(3, stepper.operators.n_dofs)))
+        if is_detour:
+            stepper.keep()
+            stepper.begin_step(rows[0], rows[2])
+            stepper.advance()
+            if is_observed:
+                stepper.observe()
+            stepper.undo()
+        lost = stepper.dissipated
+        stepper.begin_step(rows[0], rows[1])
+        stepper.advance()
+        stepper.observe()
+        found.append((stepper.dissipated - (lost if is_observed else 0.0), stepper.state()))
+        stepper.destroy()
+    (loss, state), (its_loss, its_state) = found
+    assert loss == pytest.approx(its_loss, rel=1e-9) and loss > 0.0
+    assert np.array_equal(state, its_state)
+
+
 def test_a_step_that_nobody_observed_is_accounted_for() -> None:
     losses = []
     for is_observed in (True, False):
