@@ -61,7 +61,6 @@ _STYLE: dict[str, object] = {
     "grid.color": "#dddddd",
     "grid.linewidth": 0.6,
     "axes.axisbelow": True,
-    "axes.titley": 1.0,  # or every drawing looks for what a title might hide: an eighth of its time
     "savefig.dpi": DPI,
     "figure.dpi": DPI,
     "figure.facecolor": "white",

@@ -122,6 +122,21 @@ def test_axes_of_spectra_and_symbols_need_no_mathematical_text() -> None:
         assert not [t for t in shown.findobj(Text) if t.get_visible() and "$" in t.get_text()]
 
 
+def test_titles_stand_above_the_power_of_ten_of_an_axis() -> None:
+    case = small_case()
+    history = synthetic_history(case)
+    history["tip_velocity"] = 1e-6 * history["tip_velocity"]
+    figure = draw("phase_portraits", history, case)
+    figure.draw_without_rendering()
+    for axes in figure.axes:
+        power = axes.yaxis.get_offset_text()
+        (title,) = (
+            text for text in axes.findobj(Text) if text.get_text() == axes.get_title("left")
+        )
+        assert power.get_text().startswith("1e")
+        assert not title.get_window_extent().overlaps(power.get_window_extent())
+
+
 def test_steps_are_those_of_matplotlib() -> None:
     values, edges, base = np.array([1.0, -2.0, 3.0]), np.arange(4.0), np.array([0.5, -1.0, 0.0])
     ours, theirs = Figure().subplots(1, 2)
