@@ -67,7 +67,8 @@ def run(
         resume: whether to continue from the checkpoint in `directory`.
         extend: number of periods by which to extend the completed run of this case in `directory`;
             the case may have any number of periods. The result is that of one run, bit for bit.
-        progress: called after each period with the number of finished periods and of all periods;
+        progress: called with the number of finished periods and of all periods, after each period
+            or, with the engine "compiled", after blocks of up to ten and 10,000 steps;
             True: a bar, in a notebook as on a terminal.
         structure: the discretised case; None: `discretise.assemble` makes it.
         initial: state at t = 0, for example `Result.state` of another run; None: at rest. The run

@@ -9,7 +9,7 @@ import numpy as np
 from delam_fem.contact.decision import Decision
 from delam_fem.model.operators import BaseCoupling
 from delam_fem.simulation.energy import Energies
-from delam_fem.simulation.loop import State
+from delam_fem.simulation.loop import State, StepByStep
 from delam_fem.simulation.recorder import PeriodRecord, Recorder
 from delam_fem.simulation.span import Span
 
@@ -88,6 +88,9 @@ class Engine:
 
     def destroy(self) -> None:
         """Do nothing: there is nothing to free."""
+
+    steps_at_once: int = 1
+    advance = StepByStep.advance
 
     def run_period(self, record: PeriodRecord, floor: float) -> int:
         s = self.stepper

@@ -23,7 +23,7 @@ from delam_fem.model.operators import Operators
 from delam_fem.numerics.schemes import Scheme
 from delam_fem.simulation import checkpoint
 from delam_fem.simulation.interrupts import Watch, stop_signals
-from delam_fem.simulation.loop import Engine, Outcome, State, set_initial, simulate
+from delam_fem.simulation.loop import ASKED_EVERY, Engine, Outcome, State, set_initial, simulate
 from delam_fem.simulation.recorder import Recorder
 from delam_fem.simulation.refinement import NOT_REFINED, Refinement
 from delam_fem.simulation.setup import (
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from delam_fem.mpi import MPI
 
 Stop = Callable[[int], bool]
-"""Function of the number of completed periods, called after each period; True ends the run."""
+"""Function of the number of completed periods, called now and then; True ends the run."""
 
 
 @dataclass(frozen=True)
@@ -59,15 +59,20 @@ class Session:
     motion: BaseStates
 
     def run(
-        self, stop: Stop = lambda period: False, enough: Stop = lambda period: False
+        self,
+        stop: Stop = lambda period: False,
+        enough: Stop = lambda period: False,
+        every: int = ASKED_EVERY,
     ) -> Outcome:
         """Run from the last closed period to the end; return the outcome.
 
         Args:
-            stop: called after each period; True interrupts the run.
-            enough: called after each period; True completes it.
+            stop: called after each block of periods; True interrupts the run.
+            enough: called after each block of periods; True completes it.
+            every: see `simulate`.
         """
-        return simulate(self.engine, self.recorder, self.motion, stop=stop, enough=enough)
+        run = partial(simulate, self.engine, self.recorder, self.motion)
+        return run(stop=stop, enough=enough, every=every)
 
     def run_kept(self, folder: Path | None, case: Case, name: str = "compiled") -> Outcome:
         """Run from the checkpoint in a folder, if there is one, to the end, and keep checkpoints.
@@ -190,7 +195,7 @@ def solve(
     limit: float = float("inf"),
     initial: State | None = None,
     engine: EngineName = "petsc",
-    stop: Stop = lambda period: False,
+    stop: Stop | None = None,
     comm: MPI.Intracomm | None = None,
 ) -> Solution:
     """Integrate M a + C v + K u = f(t) + Hᵀ λ with contact on the gaps H u + g0.
@@ -209,7 +214,7 @@ def solve(
         limit: gap or displacement beyond which a motion counts as diverged [m].
         initial: state at the start; None: at rest.
         engine: "petsc" or "compiled"; a law of your own needs "petsc".
-        stop: called after each period; True ends the run.
+        stop: called after each period; True ends the run. None: nothing ends it early.
         comm: communicator that shares the work of "petsc"; None: this process alone.
 
     Returns:
@@ -233,7 +238,8 @@ def solve(
     with session(
         operators, law, scheme, states, span, initial=initial, engine=engine, comm=comm
     ) as opened:
-        return opened.solution(opened.run(stop))
+        outcome = opened.run() if stop is None else opened.run(stop, every=1)
+        return opened.solution(outcome)
 
 
 def _time_step(given: float | None, motion: Prescribed | None, steps_per_period: int) -> float:

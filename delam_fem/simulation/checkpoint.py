@@ -24,7 +24,6 @@ from delam_fem.case.definition import Case
 from delam_fem.case.sections import TimeStepping
 from delam_fem.case.toml import CaseError
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.simulation.energy import Energies
 from delam_fem.simulation.impacts import Columns, Jumps
 from delam_fem.simulation.loop import Engine, Outcome, State
 from delam_fem.simulation.recorder import PeriodRecord, Recorder
@@ -266,14 +265,12 @@ def _restored(
 
 def _flatten(record: PeriodRecord) -> dict[str, Any]:
     """Return the record of a period as arrays by name, without its frames."""
-    energies, dissipated, contact_damped = record.start
-    stored = [energies.kinetic, energies.strain, energies.spring, energies.momentum]
     return {
         "base_states": record.base_states,
         "u": record.u,
         "v": record.v,
         "frame_steps": record.frame_steps,
-        "start": [*stored, dissipated, contact_damped],
+        "start": record.start,
         "contact": np.array(record.contact, dtype=np.int8),
         "resting": record.resting,
         "totals": [record.released, record.impact, record.n_steps, record.ticks_per_step],
@@ -283,7 +280,6 @@ def _flatten(record: PeriodRecord) -> dict[str, Any]:
 
 def _rebuild(arrays: dict[str, Any]) -> PeriodRecord:
     """Return the record of a period, without its frames, from the arrays of `_flatten`."""
-    start = [float(x) for x in arrays["start"]]
     released, impact, n_steps, ticks = (float(x) for x in arrays["totals"])
     columns = Columns(*(arrays[f"jump_{name}"] for name in Columns._fields))
     return PeriodRecord(
@@ -291,7 +287,7 @@ def _rebuild(arrays: dict[str, Any]) -> PeriodRecord:
         arrays["u"],
         arrays["v"],
         arrays["frame_steps"],
-        (Energies(*start[:4]), start[4], start[5]),
+        arrays["start"],
         contact=list(arrays["contact"]),
         jumps=Jumps(columns),
         released=released,

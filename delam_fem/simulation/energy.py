@@ -23,13 +23,9 @@ support reaction times q'.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-
-import numpy as np
+from dataclasses import dataclass
 
 from delam_fem.caches.kernels import kept, njit
-from delam_fem.model.operators import BaseCoupling
-from delam_fem.numerics.arrays import ByteArray, FloatArray
 
 
 @dataclass(frozen=True)
@@ -54,72 +50,79 @@ class Energies:
         return self.kinetic + self.strain + self.spring
 
 
-@dataclass(frozen=True)
-class Flows:
-    """Energies exchanged over a period, the terms of E1; losses are positive [J]."""
-
-    base_work: float
-    damping_loss: float
-    contact_damping_loss: float
-    impact_loss: float
-    spring_released: float
-
-    @property
-    def net(self) -> float:
-        """Change of the stored energy that E1 predicts [J]."""
-        losses = self.damping_loss + self.contact_damping_loss + self.impact_loss
-        return self.base_work - losses + self.spring_released
-
-    @property
-    def exchanged(self) -> float:
-        """Sum of the magnitudes, a scale for the residual [J]."""
-        return sum(abs(float(getattr(self, f.name))) for f in fields(self))
+LEVEL = ("kinetic", "strain", "spring", "momentum", "dissipated", "contact_damped")
+"""Entries of a level: energies stored at an instant, m·v, and the energies lost until then."""
 
 
-def base_flows(
-    seen: FloatArray,
-    momentum: tuple[float, float],
-    base_states: FloatArray,
-    base: BaseCoupling,
-    time_step: float,
-    divided: tuple[ByteArray, FloatArray] | None = None,
-) -> tuple[float, float]:
+@njit
+def base_flows(seen, start, end, base_states, corner, time_step, is_divided, sums):  # type: ignore[no-untyped-def]
     """Return the work of the base over k steps, and the damping loss due to its motion, by E2.
 
     Args:
         seen: rows that begin with (m_b·u, c_b·u, k_b·u) at the k steps and at their start, shape
             (k+1, ≥ 3).
-        momentum: m_b·v at the start and at the end [kg m/s].
+        start: m_b·v at the start [kg m/s].
+        end: m_b·v at the end [kg m/s].
         base_states: (q, q', q'') of the base at the same steps, shape (k+1, 3).
-        base: coupling to the base, with its corner terms.
+        corner: (M_aa, C_aa, K_aa).
         time_step: Δt [s].
-        divided: which steps were divided into smaller ones, shape (k+1,), and the sums over these
-            (see `add_flows`); None: no step.
+        is_divided: which steps were divided into smaller ones, shape (k+1,).
+        sums: over these; see `add_flows`.
 
     Returns:
         Work of the base [J]; part of the damping loss that involves the base velocity [J].
     """
-    is_divided, sums = divided or (np.zeros(len(seen), np.uint8), np.zeros(4))
-    drive = base_states.view()
-    drive.flags.writeable = False  # as it is if it repeats: Numba compiles for one type of array
-    by_mass, cross_damping, by_stiffness, square = _sums(seen, drive, is_divided, sums)
-    mass, damping, stiffness = base.corner
-    corner_damping = damping * time_step * square
-    (q0, dq0, _), (q1, dq1, _) = base_states[0].tolist(), base_states[-1].tolist()
+    by_mass, cross_damping, by_stiffness, square = _sums(seen, base_states, is_divided, sums)
+    corner_damping = corner[1] * time_step * square
+    before, after = base_states[0], base_states[seen.shape[0] - 1]
     work = (
         cross_damping
         - by_mass
         + by_stiffness
-        + momentum[1] * dq1
-        - momentum[0] * dq0
-        + 0.5 * mass * (dq1**2 - dq0**2)
-        + 0.5 * stiffness * (q1**2 - q0**2)
+        + end * after[1]
+        - start * before[1]
+        + 0.5 * corner[0] * (after[1] ** 2 - before[1] ** 2)
+        + 0.5 * corner[2] * (after[0] ** 2 - before[0] ** 2)
         + corner_damping
     )
     return work, 2.0 * cross_damping + corner_damping
 
 
-@kept
+@njit
+def write_ledger(row, levels, seen, base_states, coupling, time_step, is_divided, sums, gained):  # type: ignore[no-untyped-def]
+    """Write the row of a period: stored energies, exchanged energies and the residual of E1.
+
+    Args:
+        row: gets the columns `recorder.LEDGER`.
+        levels: those at the start and at the end (`LEVEL`).
+        seen: see `base_flows`.
+        base_states: the same.
+        coupling: M_aa, C_aa, K_aa, and 1 if a force drives the structure, otherwise 0.
+        time_step: Δt [s].
+        is_divided: see `base_flows`.
+        sums: the same.
+        gained: energies that impacts, and switching springs on and off, have added [J].
+    """
+    start, end, last = levels[0], levels[1], seen.shape[0] - 1
+    work, base_damping = base_flows(
+        seen, start[3], end[3], base_states, coupling, time_step, is_divided, sums
+    )
+    damping_loss = end[4] - start[4] + base_damping
+    contact_loss, impact_loss, released = end[5] - start[5], -gained[0], gained[1]
+    net = work - (damping_loss + contact_loss + impact_loss) + released
+    residual = (end[0] + end[1] + end[2]) - (start[0] + start[1] + start[2]) - net
+    strain, by_force = end[1], 0.0
+    if coupling[3]:  # E3
+        strain -= base_states[last, 0] * seen[last, 2]
+        by_force = work - (base_states[last, 0] * seen[last, 2] - base_states[0, 0] * seen[0, 2])
+        work = 0.0
+    row[0], row[1], row[2], row[3], row[4] = end[0], strain, end[2], work, by_force
+    row[5], row[6], row[7], row[8], row[9] = (
+        damping_loss, contact_loss, impact_loss, released, residual
+    )  # fmt: skip
+
+
+@njit
 def _sums(seen, base, is_divided, sums):  # type: ignore[no-untyped-def]
     """Return four sums over steps: Δ(m·u) mean(q''), Δ(c·u) mean(q'), mean(k·u) Δq, mean(q')².
 

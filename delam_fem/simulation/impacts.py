@@ -40,10 +40,14 @@ class Columns(NamedTuple):
         impulses, rate_pre, rate_post = np.zeros((3, n_hits))
         return cls(ticks, sizes, np.zeros(n), hit, impulses, rate_pre, rate_post)
 
-    def first(self, n: int, n_hits: int) -> Columns:
-        """Return a copy of the first n impacts and of the first `n_hits` hit pairs."""
-        lengths = (n, n, n, n_hits, n_hits, n_hits, n_hits)
-        return Columns._make(a[:k].copy() for a, k in zip(self, lengths, strict=True))
+    def part(self, impacts: tuple[int, int], hits: tuple[int, int]) -> Columns:
+        """Return the impacts, and the hit pairs, from the first to before the last, uncopied."""
+        places = [slice(*impacts)] * 3 + [slice(*hits)] * 4
+        return Columns._make(a[place] for a, place in zip(self, places, strict=True))
+
+    def copy(self) -> Columns:
+        """Return a copy."""
+        return Columns._make(a.copy() for a in self)
 
 
 _NONE = Columns.room(0, 0)

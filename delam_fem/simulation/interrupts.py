@@ -1,6 +1,7 @@
 """End a run early on a signal, write checkpoints at intervals, and report progress.
 
-Ctrl-C (SIGINT), SIGTERM and a closed terminal (SIGHUP) end a run after the period it is in.
+Ctrl-C (SIGINT), SIGTERM and a closed terminal (SIGHUP) end a run after the period it is in, or
+after the block of periods that the compiled engine computes in one go.
 """
 
 from __future__ import annotations
@@ -75,7 +76,7 @@ def _handled(handler: _Handler) -> Iterator[None]:
 
 
 class Watch:
-    """Callback after each period: reports progress, saves checkpoints, decides whether to stop."""
+    """Callback after each block: reports progress, saves checkpoints, decides whether to stop."""
 
     def __init__(
         self,

@@ -10,13 +10,16 @@ import gc
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import ClassVar, Literal, Protocol
 
 from delam_fem.contact.decision import Decision, Kinematics, Supervisor
 from delam_fem.numerics.arrays import BoolArray, FloatArray
 from delam_fem.simulation.recorder import PeriodRecord, Recorder, Stepper
 
 Outcome = Literal["completed", "diverged", "interrupted"]
+
+ASKED_EVERY = 10
+"""Periods after which a run reports and may be stopped, at the latest."""
 
 
 @dataclass(frozen=True)
@@ -70,16 +73,34 @@ class Engine(Protocol):
     def destroy(self) -> None:
         """Free the PETSc objects that the engine holds, if any."""
 
-    def run_period(self, record: PeriodRecord, floor: float) -> int:
-        """Compute the steps of a period and write them into its record.
+    @property
+    def steps_at_once(self) -> int:
+        """Number of steps that it computes at most in one go, if a period has fewer."""
+
+    def advance(self, recorder: Recorder, base_states: FloatArray, n_periods: int) -> bool:
+        """Compute periods of the same motion of the base, and record them.
 
         Args:
-            record: record opened at the present state; it contains the motion of the base.
-            floor: gap below which the motion counts as diverged [m].
+            recorder: gets the periods.
+            base_states: (q, q', q'') of the base at the steps of each period, shape (N + 1, 3).
+            n_periods: number of periods; none is computed after one in which the motion diverges.
 
         Returns:
-            Number of computed steps; fewer than the period has if the motion diverged.
+            Whether the motion stayed within bounds.
         """
+
+
+def one_period(engine: Engine, recorder: Recorder, base_states: FloatArray) -> PeriodRecord:
+    """Compute a period from the present state, and return its record; it has no predecessors.
+
+    Args:
+        engine: engine that holds the state.
+        recorder: recorder whose first row the period takes.
+        base_states: see `Engine.advance`.
+    """
+    recorder.n_closed = 0
+    engine.advance(recorder, base_states, 1)
+    return recorder.window[-1]
 
 
 class Advancing(Moving, Kinematics, Protocol):
@@ -128,6 +149,8 @@ class StepByStep:
     stepper: Advancing
     supervisor: Supervisor
 
+    steps_at_once: ClassVar[int] = 1
+
     @property
     def n_shares(self) -> int:
         """Number of ranks on which the order of the dofs depends; 1: on none."""
@@ -158,8 +181,26 @@ class StepByStep:
         """Free the PETSc objects of the stepper, if any."""
         self.stepper.destroy()
 
+    def advance(self, recorder: Recorder, base_states: FloatArray, n_periods: int) -> bool:
+        """Compute periods one after the other, and record them; see `Engine`."""
+        for _ in range(n_periods):
+            record = recorder.open(self.stepper, base_states)
+            n_steps = self.run_period(record, -recorder.limit)
+            is_bounded = recorder.close(record, self.stepper, n_steps)
+            if not is_bounded or n_steps < len(base_states) - 1:
+                return False
+        return True
+
     def run_period(self, record: PeriodRecord, floor: float) -> int:
-        """Compute the steps of a period and write them into its record; see `Engine`."""
+        """Compute the steps of a period and write them into its record.
+
+        Args:
+            record: record opened at the present state; it contains the motion of the base.
+            floor: gap below which the motion counts as diverged [m].
+
+        Returns:
+            Number of computed steps; fewer than the period has if the motion diverged.
+        """
         stepper, supervisor = self.stepper, self.supervisor
         stepper.begin(record.base_states)
         n_steps = len(record.base_states) - 1
@@ -208,6 +249,7 @@ def simulate(
     *,
     stop: Callable[[int], bool] = lambda period: False,
     enough: Callable[[int], bool] = lambda period: False,
+    every: int = ASKED_EVERY,
 ) -> Outcome:
     """Compute all periods that the recorder has not recorded yet.
 
@@ -216,25 +258,45 @@ def simulate(
         recorder: recorder of the run; it defines the number of periods.
         motion: function of the number of a period that returns (q, q', q'') of the base at its
             N + 1 steps, shape (N + 1, 3).
-        stop: function that takes the number of finished periods after each period and returns
-            whether to end the run.
+        stop: function that takes the number of finished periods and returns whether to end the
+            run; it is asked after each block of periods that the engine computes in one go.
         enough: function of the same number that returns whether the run is long enough, so that it
             is completed without the other periods.
+        every: most periods in a block; blocks end at its multiples.
 
     Returns:
         "completed", "diverged" or "interrupted". If the motion diverges within a period, the steps
         before that are recorded.
     """
-    record = None
-    for period in range(recorder.n_closed, recorder.n_periods):
-        record = recorder.open(engine.stepper, motion(period), record)
+    longest = max(1, min(every, engine.steps_at_once // recorder.steps_per_period))
+    for base_states, last in _blocks(motion, recorder, longest, every):
         with _no_collection():
-            n_steps = engine.run_period(record, -recorder.limit)
-        is_bounded = recorder.close(record, engine.stepper, n_steps)
-        if not is_bounded or n_steps < recorder.steps_per_period:
+            is_bounded = engine.advance(recorder, base_states, last - recorder.n_closed)
+        if not is_bounded:
             return "diverged"
-        if enough(period + 1):
+        if enough(last):
             return "completed"
-        if stop(period + 1) and period + 1 < recorder.n_periods:
+        if stop(last) and last < recorder.n_periods:
             return "interrupted"
     return "completed"
+
+
+def _blocks(
+    motion: Callable[[int], FloatArray], recorder: Recorder, longest: int, every: int
+) -> Iterator[tuple[FloatArray, int]]:
+    """Yield the motion of the base in a block of periods, and the number of periods at its end.
+
+    The periods of a block share one table of the motion of the base.
+    """
+    first, n_periods = recorder.n_closed, recorder.n_periods
+    after = motion(first) if first < n_periods else None
+    while after is not None:
+        base_states, last, after = after, first + 1, None
+        end = min(first + longest, every * (first // every + 1))
+        while last < n_periods:
+            after = motion(last)
+            if last == end or after is not base_states:
+                break
+            last, after = last + 1, None
+        yield base_states, last
+        first = last

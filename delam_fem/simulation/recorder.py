@@ -9,17 +9,17 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from delam_fem.caches.kernels import kept
+from delam_fem.caches.kernels import kept, njit
 from delam_fem.contact.decision import Decision
 from delam_fem.model.operators import BaseCoupling
 from delam_fem.numerics.arrays import BoolArray, ByteArray, FloatArray, IntArray
-from delam_fem.simulation.energy import Energies, Flows, base_flows
+from delam_fem.simulation.energy import LEVEL, Energies, write_ledger
 from delam_fem.simulation.impacts import Jumps
 from delam_fem.simulation.span import Span
 
@@ -48,9 +48,6 @@ N_SIZES = 3
 
 OPEN, HIT, RESTING = range(3)
 """Contact states of a pair in the frames."""
-
-Level = tuple[Energies, float, float]
-"""Stored energies; energies lost so far to damping and to contact dampers [J]."""
 
 
 class Stepper(Protocol):
@@ -92,7 +89,7 @@ class PeriodRecord:
         u: `seen_u` at each step, start included, shape (N + 1, 3 + n_probes + n_sensors).
         v: `seen_v` at each step, start included, shape (N + 1, n_probes + n_sensors).
         frame_steps: steps at which the whole state is recorded (the frames), increasing.
-        start: energies stored and lost so far when the period began.
+        start: energies stored and lost so far when the period began, in the order of `LEVEL`.
         frames: (u, v) of the dofs of this rank at the frames, each of shape (2, n_own).
         contact: contact states at the frames, each of shape (n_pairs,): 0 open, 1 hit, 2 resting.
         jumps: impacts with their ticks, decisions and energy changes.
@@ -102,7 +99,6 @@ class PeriodRecord:
         is_divided: which steps were divided near contact, shape (N + 1,).
         flows: sums over the divided steps, for the work of the base; see `energy.add_flows`.
         effort: numbers of steps and contacts, in the order of `EFFORT`.
-        end: energies stored and lost so far when the period ended; None until they are computed.
         ticks_per_step: r, the number of fine steps (ticks) in a step.
         resting: pairs at rest when the period began, shape (n_pairs,).
     """
@@ -111,7 +107,7 @@ class PeriodRecord:
     u: FloatArray
     v: FloatArray
     frame_steps: IntArray
-    start: Level
+    start: FloatArray
     frames: list[FloatArray] = field(default_factory=list)
     contact: list[npt.NDArray[np.int8]] = field(default_factory=list)
     jumps: Jumps = field(default_factory=Jumps)
@@ -121,7 +117,6 @@ class PeriodRecord:
     is_divided: ByteArray = field(default_factory=lambda: np.zeros(0, np.uint8))
     flows: FloatArray = field(default_factory=lambda: np.zeros(4))
     effort: IntArray = field(default_factory=lambda: np.zeros(len(EFFORT), np.int64))
-    end: Level | None = None
     ticks_per_step: int = 1
     resting: BoolArray = field(default_factory=lambda: np.zeros(0, np.bool_))
 
@@ -164,6 +159,16 @@ class PeriodRecord:
                 rows.clear()
 
 
+class Block(Protocol):
+    """Successive periods that an engine has computed in one go."""
+
+    def __len__(self) -> int:
+        """Return the number of periods."""
+
+    def records(self) -> list[PeriodRecord]:
+        """Return the records of the last periods, as many as a window may need."""
+
+
 class Recorder:
     """Recorder of the window and of one row per period.
 
@@ -184,7 +189,9 @@ class Recorder:
         effort: numbers of steps and contacts within each period, in the order of `EFFORT`, shape
             (n_periods, 5).
         refine: r, the number of fine steps in a step.
-        window: records of the last periods.
+        window_periods: number of last periods whose records are kept.
+        frame_steps: steps of a period at which the whole state is recorded (the frames).
+        coupling: corner terms of the base, and whether a force drives, as compiled code reads them.
     """
 
     def __init__(self, base: BaseCoupling, span: Span, n_probes: int, n_sensors: int = 0) -> None:
@@ -196,9 +203,8 @@ class Recorder:
             n_probes: number of probes, which are recorded at every step.
             n_sensors: number of functionals of sensors, which are recorded behind the probes.
         """
-        _extremes(np.zeros((1, N_BASE)), 1, np.zeros((2, 0)))  # loads it before the first period
-        base_flows(np.zeros((1, N_BASE)), (0.0, 0.0), np.zeros((1, 3)), base, span.time_step)
-        self._base, self.time_step = base, span.time_step
+        self._parts, self._span = (base, n_probes, n_sensors), span
+        self.coupling, self.time_step = np.array([*base.corner, base.is_force]), span.time_step
         self._n_observed = n_probes + n_sensors
         self.is_forced = base.is_force
         self.steps_per_period, self.n_periods = span.steps_per_period, span.periods
@@ -209,36 +215,61 @@ class Recorder:
         self.ledger = np.full((n, len(LEDGER)), np.nan)
         self.impulse = np.full((n, 3), np.nan)
         self.effort = np.zeros((n, len(EFFORT)), dtype=np.int64)
-        self.window: deque[PeriodRecord] = deque(maxlen=span.window_periods)
+        self.window_periods = max(1, span.window_periods)
+        self._window: deque[PeriodRecord] = deque(maxlen=self.window_periods)
+        self._blocks: deque[Block] = deque()
         ticks = np.arange(1, span.frames_per_period + 1) * span.steps_per_period
-        self._frame_steps = np.rint(ticks / max(span.frames_per_period, 1)).astype(np.int64)
+        self.frame_steps = np.rint(ticks / max(span.frames_per_period, 1)).astype(np.int64)
+        if n:
+            none = np.zeros((1, N_BASE + n_probes))  # loads the code before the first period
+            record = PeriodRecord(none, none, none, self.frame_steps, none[0])
+            record.is_divided = np.zeros(1, np.uint8)
+            self._write(0, none, none, record, np.zeros((2, len(LEVEL))))
+            self.strobe[0] = self.envelope[0] = self.ledger[0] = np.nan
 
-    def open(
-        self, stepper: Stepper, base_states: FloatArray, before: PeriodRecord | None = None
-    ) -> PeriodRecord:
+    @property
+    def window(self) -> deque[PeriodRecord]:
+        """Records of the last periods."""
+        while self._blocks:
+            self._window.extend(self._blocks.popleft().records())
+        return self._window
+
+    def take(self, block: Block) -> Block | None:
+        """Take over periods whose rows are written; return a block that the window needs no more.
+
+        The records of a block are not made until somebody asks for the window.
+        """
+        self.n_closed += len(block)
+        self._blocks.append(block)
+        later = sum(map(len, self._blocks)) - len(self._blocks[0])
+        return self._blocks.popleft() if later >= self.window_periods else None
+
+    def of_one_period(self) -> Recorder:
+        """Return a recorder of one period of the same quantities."""
+        base, n_probes, n_sensors = self._parts
+        span = replace(self._span, periods=1, window_periods=1)
+        return Recorder(base, span, n_probes, n_sensors)
+
+    def open(self, stepper: Stepper, base_states: FloatArray) -> PeriodRecord:
         """Return a new record of a period that begins at the present state.
 
         Args:
             stepper: stepper with the state.
             base_states: (q, q', q'') of the base at the steps of the period, shape (N + 1, 3).
-            before: record of the period that ended in exactly this state, if there is one.
         """
         rows, n_observed = self.steps_per_period + 1, self._n_observed
         record = PeriodRecord(
             base_states,
             np.empty((rows, N_BASE + n_observed)),
             np.empty((rows, n_observed)),
-            self._frame_steps,
-            _level(stepper) if before is None or before.end is None else before.end,
+            self.frame_steps,
+            _level(stepper),
             is_divided=np.zeros(rows, np.uint8),
             ticks_per_step=self.refine,
             resting=np.array(stepper.resting, dtype=np.bool_),
         )
-        if before is None:
-            stepper.observe()
-            record.u[0], record.v[0] = stepper.seen_u, stepper.seen_v
-        else:
-            record.u[0], record.v[0] = before.u[before.n_steps], before.v[before.n_steps]
+        stepper.observe()
+        record.u[0], record.v[0] = stepper.seen_u, stepper.seen_v
         return record
 
     def close(self, record: PeriodRecord, stepper: Stepper, n_steps: int) -> bool:
@@ -248,8 +279,6 @@ class Recorder:
         """
         k = self.n_closed
         record.end_steps(n_steps)
-        if record.end is None:
-            record.end = _level(stepper)
         self.window.append(record)
         self.n_closed += 1
         jumps = record.jumps.columns()
@@ -257,13 +286,22 @@ class Recorder:
             record.effort[0] = n_steps
         self.effort[k] = record.effort
         with np.errstate(all="ignore"):  # the return value reports a diverged motion
-            n = self.strobe.shape[2]
-            self.strobe[k] = record.u[n_steps, N_BASE : N_BASE + n], record.v[n_steps, :n]
-            largest = _extremes(record.u, n_steps + 1, self.envelope[k])
             gains = np.maximum(jumps.energies, 0.0)
             self.impulse[k] = jumps.impulses.sum(), jumps.hit.size, gains.sum()
-            self.ledger[k] = self._ledger_row(record, record.end)
-        return bool(largest < self.limit) and bool(np.isfinite(self.ledger[k]).all())
+        rows = slice(0, n_steps + 1)
+        levels = np.array([record.start, _level(stepper)])
+        return self._write(k, record.u[rows], record.v[rows], record, levels)
+
+    def _write(
+        self, k: int, u: FloatArray, v: FloatArray, record: PeriodRecord, levels: FloatArray
+    ) -> bool:
+        """Write strobe, envelope and ledger of a period; return whether it stayed in bounds."""
+        base_states = record.base_states.view()
+        base_states.flags.writeable = False  # as where it repeats: Numba compiles for one type
+        of_base = base_states, self.coupling, self.time_step, record.is_divided, record.flows
+        gained = np.array([record.impact, record.released])
+        rows = self.strobe[k], self.envelope[k], self.ledger[k]
+        return bool(_write_period(u, v, levels, of_base, gained, rows, self.limit))
 
     def complete(self, whole: Callable[[FloatArray], FloatArray]) -> None:
         """Replace the frames by those of all dofs.
@@ -289,53 +327,35 @@ class Recorder:
             max(float(exchanged), LEAST_EXCHANGED * float(stored)) or residual or 1.0
         )
 
-    def _ledger_row(self, record: PeriodRecord, after: Level) -> tuple[float, ...]:
-        """Return stored energies, exchanged energies and the residual, in the order of `LEDGER`."""
-        (start, dissipated, contact_damped), rows = record.start, slice(0, record.n_steps + 1)
-        end, dissipated_after, contact_damped_after = after
-        work, base_damping = base_flows(
-            record.u[rows],
-            (start.momentum, end.momentum),
-            record.base_states[rows],
-            self._base,
-            self.time_step,
-            (record.is_divided[rows], record.flows) if self.refine > 1 else None,
-        )
-        flows = Flows(
-            base_work=work,
-            damping_loss=dissipated_after - dissipated + base_damping,
-            contact_damping_loss=contact_damped_after - contact_damped,
-            impact_loss=-record.impact,
-            spring_released=record.released,
-        )
-        residual = end.total - start.total - flows.net
-        strain, by_force = end.strain, 0.0
-        if self._base.is_force:  # E3
-            q, attachment = record.base_states[rows, 0], record.u[rows, 2]
-            strain -= q[-1] * attachment[-1]
-            by_force = work - (q[-1] * attachment[-1] - q[0] * attachment[0])
-            work = 0.0
-        return (
-            end.kinetic, strain, end.spring, work, by_force, flows.damping_loss,
-            flows.contact_damping_loss, flows.impact_loss, flows.spring_released, residual,
-        )  # fmt: skip
+
+def _level(stepper: Stepper) -> FloatArray:
+    """Return the energies stored now and lost so far, in the order of `LEVEL`."""
+    e = stepper.energies()
+    losses = stepper.dissipated, stepper.contact_damped
+    return np.array([e.kinetic, e.strain, e.spring, e.momentum, *losses])
 
 
-def _level(stepper: Stepper) -> Level:
-    """Return the energies stored now and lost so far."""
-    return stepper.energies(), stepper.dissipated, stepper.contact_damped
+@njit
+def write_period(u, v, levels, of_base, gained, rows, limit):  # type: ignore[no-untyped-def]
+    """Write strobe, envelope and ledger of a period; return whether it stayed within a limit.
 
-
-@kept
-def _extremes(u, n_rows, envelope):  # type: ignore[no-untyped-def]
-    """Write the extremes of each probe into `envelope`; return the largest magnitude.
-
-    If a value is NaN, the extremes and the result are NaN.
+    Args:
+        u: what `PeriodRecord` has of the computed steps and of the start.
+        v: the same.
+        levels: energies at the start and at the end (`LEVEL`), shape (2, 6).
+        of_base: (q, q', q'') at these steps; coupling, Δt, divided steps and sums over them, as
+            `energy.write_ledger` needs them.
+        gained: energies that impacts, and switching springs, have added, shape (2,) [J].
+        rows: those of the period in `Recorder.strobe`, `envelope` and `ledger`.
+        limit: see `Recorder`.
     """
-    n, largest = envelope.shape[1], 0.0
-    for k in range(n):
+    base_states, coupling, time_step, is_divided, sums = of_base
+    strobe, envelope, ledger = rows
+    last, largest, is_finite = u.shape[0] - 1, 0.0, True
+    for k in range(strobe.shape[1]):
+        strobe[0, k], strobe[1, k] = u[last, N_BASE + k], v[last, k]
         low = high = u[0, N_BASE + k]
-        for row in range(1, n_rows):
+        for row in range(1, last + 1):
             value = u[row, N_BASE + k]
             if value < low or value != value:
                 low = value
@@ -345,4 +365,13 @@ def _extremes(u, n_rows, envelope):  # type: ignore[no-untyped-def]
         for value in (abs(low), abs(high)):
             if value > largest or value != value:
                 largest = value
-    return largest
+    write_ledger(ledger, levels, u, base_states, coupling, time_step, is_divided, sums, gained)
+    for value in ledger:
+        is_finite &= math.isfinite(value)
+    return is_finite and largest < limit
+
+
+@kept
+def _write_period(u, v, levels, of_base, gained, rows, limit):  # type: ignore[no-untyped-def]
+    """Do the same for Python."""
+    return write_period(u, v, levels, of_base, gained, rows, limit)

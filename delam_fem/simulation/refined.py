@@ -65,7 +65,7 @@ class RefinedSteps(StepByStep):
     time_step: float
 
     def run_period(self, record: PeriodRecord, floor: float) -> int:
-        """Compute the steps of a period and write them into its record; see `Engine`."""
+        """Compute the steps of a period and write them into its record; see `StepByStep`."""
         s, factor = self.stepper, self.refinement.factor
         rows = s.begin(record.base_states)
         s.observe()

@@ -28,7 +28,7 @@ import numpy as np
 from delam_fem.engines.session import Session
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.simulation.loop import Engine, State, set_initial
+from delam_fem.simulation.loop import Engine, State, one_period, set_initial
 from delam_fem.simulation.recorder import Recorder
 
 BLOCKS = 10
@@ -87,9 +87,10 @@ def largest_exponent(
         return UNKNOWN
     two = State(one.motion + d0 / length * step, one.resting)
     growth, aligning = [], int(ALIGNING * periods)
+    of_one = recorder.of_one_period()
     for number in range(recorder.n_closed, recorder.n_closed + periods):
         base_states = session.motion(number)
-        after = [_advanced(engine, recorder, state, base_states) for state in (one, two)]
+        after = [_advanced(engine, of_one, state, base_states) for state in (one, two)]
         if after[0] is None or after[1] is None:
             return UNKNOWN
         one, step = after[0], after[1].motion - after[0].motion
@@ -119,9 +120,8 @@ def _advanced(
 ) -> State | None:
     """Return the state one period later; None if the motion diverges."""
     set_initial(engine, state, base_states[0])
-    record = recorder.open(engine.stepper, base_states)
-    n_steps = engine.run_period(record, -recorder.limit)
-    return engine.state() if n_steps == len(base_states) - 1 else None
+    record = one_period(engine, recorder, base_states)
+    return engine.state() if record.n_steps == len(base_states) - 1 else None
 
 
 def _norm(motion: FloatArray, operators: Operators) -> float:

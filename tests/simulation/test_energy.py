@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from delam_fem.case.motion.excitation import SweptMotion
-from delam_fem.model.operators import BaseCoupling
-from delam_fem.simulation.energy import Energies, Flows, add_rows, base_flows
+from delam_fem.simulation.energy import Energies, add_rows, base_flows, write_ledger
 
 N, STEPS, DT = 3, 37, 0.01
 """Free dofs; steps; time step [s]. The base ends at another speed than it began with."""
 ROUND_OFF = 1e-12
 """Relative to the largest energy."""
+UNDIVIDED = np.zeros(STEPS + 1, np.uint8), np.zeros(4)
 
 
 def matrix(seed: int) -> np.ndarray:
@@ -54,10 +54,10 @@ def test_base_work_and_damping_balance_the_energies_of_all_dofs() -> None:
     assert abs(base[-1, 1]) > 2.0 * abs(base[0, 1])
     u, v = moved(base)
     columns = np.stack([X[1:, 0] for X in (M, C, K)])
-    coupling = BaseCoupling(*columns, (M[0, 0], C[0, 0], K[0, 0]))
+    corner = M[0, 0], C[0, 0], K[0, 0]
     seen = u[:, 1:] @ columns.T
     momentum = v[0, 1:] @ M[1:, 0], v[-1, 1:] @ M[1:, 0]
-    work, base_damping = base_flows(seen, momentum, base, coupling, DT)
+    work, base_damping = base_flows(seen, *momentum, base, corner, DT, *UNDIVIDED)
     stored = [0.5 * v[k] @ M @ v[k] + 0.5 * u[k] @ K @ u[k] for k in (0, -1)]
     # displacements change by Δt times the mean velocity, for free dofs; the base moves as it does
     mean = 0.5 * (v[1:] + v[:-1])
@@ -71,27 +71,41 @@ def test_base_work_and_damping_balance_the_energies_of_all_dofs() -> None:
 def test_the_corner_alone_is_the_work_on_a_rigid_base() -> None:
     """A mass, a damper and a spring that only the base moves: ½ M Δq'² + C ∫ q'² + ½ K Δq²."""
     base = np.array([[1.0, 2.0, 0.0], [1.5, 5.0, 0.0]])
-    coupling = BaseCoupling(np.zeros(0), np.zeros(0), np.zeros(0), (0.25, 0.125, 3.0))
-    work, damping = base_flows(np.zeros((2, 3)), (0.0, 0.0), base, coupling, 0.5)
+    corner = 0.25, 0.125, 3.0
+    work, damping = base_flows(np.zeros((2, 3)), 0.0, 0.0, base, corner, 0.5, *UNDIVIDED)
     assert damping == pytest.approx(0.125 * 0.5 * 3.5**2)
     assert work == pytest.approx(0.5 * 0.25 * (25.0 - 4.0) + damping + 1.5 * (2.25 - 1.0))
 
 
 def test_stored_and_exchanged_energies_add_up() -> None:
     assert Energies(1.0, 2.0, 4.0, 8.0).total == 7.0
-    flows = Flows(1.0, 0.25, 0.125, -0.5, -2.0)
-    assert flows.net == 1.0 - 0.25 - 0.125 + 0.5 - 2.0
-    assert flows.exchanged == 1.0 + 0.25 + 0.125 + 0.5 + 2.0
+    levels = np.array([[1.0, 2.0, 4.0, 0.0, 0.5, 8.0], [3.0, 1.0, 16.0, 0.0, 1.75, 8.125]])
+    row, at_rest = np.zeros(10), np.zeros((2, 3))
+    coupling = np.array([0.0, 0.0, 0.0, 0.0])
+    write_ledger(row, levels, at_rest, at_rest, coupling, DT, *UNDIVIDED, (-0.5, -2.0))
+    residual = (20.0 - 7.0) - (-1.25 - 0.125 - 0.5 - 2.0)
+    assert row.tolist() == [3.0, 1.0, 16.0, 0.0, 0.0, 1.25, 0.125, 0.5, -2.0, residual]
+
+
+def test_the_work_of_a_force_is_told_from_that_of_the_base() -> None:
+    """E3 for a force from 2 to 5 N at a point that moves from 0.5 to 0.75 m; k·u = -f·u."""
+    row, levels = np.zeros(10), np.array([[0.0] * 6, [0.0, -3.75, 0.0, 0.0, 0.0, 0.0]])
+    seen = np.array([[0.0, 0.0, -0.5], [0.0, 0.0, -0.75]])
+    force = np.array([[2.0, 0.0, 0.0], [5.0, 0.0, 0.0]])
+    coupling = np.array([0.0, 0.0, 0.0, 1.0])
+    write_ledger(row, levels, seen, force, coupling, DT, *UNDIVIDED, (0.0, 0.0))
+    assert row[1] == -3.75 + 5.0 * 0.75  # V = (V - F f·u) + F f·u
+    assert row[3:5].tolist() == [0.0, 0.5 * (2.0 + 5.0) * 0.25]
 
 
 def test_rows_of_small_steps_add_up_to_the_work_over_the_same_steps() -> None:
     rng = np.random.default_rng(3)
     seen, states = rng.normal(size=(5, 3)), rng.normal(size=(5, 3))
-    base = BaseCoupling(np.zeros(2), np.zeros(2), np.zeros(2), (0.0, 1.7, 0.0))
-    momentum, dt, parts = (0.3, -0.2), 0.5, 4
-    whole = base_flows(seen, momentum, states, base, dt)
+    corner, momentum, dt, parts = (0.0, 1.7, 0.0), (0.3, -0.2), 0.5, 4
+    whole = base_flows(seen, *momentum, states, corner, dt, *UNDIVIDED)
     sums = np.zeros(4)
     add_rows(sums, np.column_stack([seen, states, np.full(5, 1.0 / parts)]))
     ends, is_divided = np.array([0, 4]), np.array([0, 1], np.uint8)
-    divided = base_flows(seen[ends], momentum, states[ends], base, parts * dt, (is_divided, sums))
+    of_ends = seen[ends], *momentum, states[ends]
+    divided = base_flows(*of_ends, corner, parts * dt, is_divided, sums)
     assert divided == pytest.approx(whole, rel=1e-12)

@@ -59,11 +59,12 @@ def test_one_table_holds_them_all_and_makes_them_again() -> None:
     assert Jumps(Columns.room(0, 0)).columns().hit.size == 0
 
 
-def test_the_first_rows_of_columns_are_a_copy() -> None:
+def test_a_part_of_columns_and_its_copy() -> None:
     table = jumps().columns()
-    first = table.first(2, 3)
-    assert told(Jumps(first)) == GIVEN[:2]
-    first.impulses[:] = 0.0
+    sizes = [0, *np.cumsum(table.sizes).tolist()]
+    for i, j in ((0, 2), (1, 3), (1, 1)):
+        assert told(Jumps(table.part((i, j), (sizes[i], sizes[j])))) == GIVEN[i:j]
+    table.copy().impulses[:] = 0.0
     assert told(Jumps(table)) == GIVEN
     room = Columns.room(2, 5)
     assert [column.size for column in room] == [2, 2, 2, 5, 5, 5, 5]

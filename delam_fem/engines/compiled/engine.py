@@ -1,4 +1,4 @@
-"""The compiled engine: it computes all steps of a period in one call, for small systems.
+"""The compiled engine: it computes blocks of periods in one call, for small systems.
 
 It implements `simulation.loop.Engine`. Laws, schemes, energy ledger and records are the same as in
 the PETSc engine, and so are the results, to round-off. This file translates between the Python
@@ -9,35 +9,40 @@ the kernels are in lane_kernels.py and banded.py.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any, cast
 
 import numpy as np
 
 from delam_fem.contact.laws import LAWS, ContactLaw, Law
 from delam_fem.engines.compiled import contact, loop, state
+from delam_fem.engines.compiled.block import OF_BLOCK, Block
 from delam_fem.engines.compiled.handle import View, packed
 from delam_fem.engines.compiled.state import (
-    IMPACT,
     N_EVENTS,
-    N_FRAMES,
     N_HITS,
-    RELEASED,
     LawNumbers,
     Log,
 )
 from delam_fem.engines.compiled.stepper import CompiledStepper
 from delam_fem.engines.compiled.system import StepNumbers
 from delam_fem.model.operators import Operators
-from delam_fem.numerics.arrays import FloatArray, IntArray
+from delam_fem.numerics.arrays import FloatArray
 from delam_fem.numerics.schemes import Scheme
 from delam_fem.simulation.impacts import Columns
 from delam_fem.simulation.loop import State
-from delam_fem.simulation.recorder import PeriodRecord
+from delam_fem.simulation.recorder import Recorder
 from delam_fem.simulation.refinement import NOT_REFINED, Refinement
 
 EVENTS, HITS = 4096, 16384
-"""Room in the event buffers besides that of one step. A full buffer is emptied in Python."""
+"""Room in the event buffers besides that of one step. A full buffer is enlarged."""
 
 _PLACES = {name: place for name, (place, _) in View(Log).members.items()}
+_OF_BLOCK = [_PLACES[name] for name in ("n_slots", "base_states", *OF_BLOCK)]
+_OF_EVENTS = (
+    *("event_tick", "event_size", "event_energy"),
+    *("hit", "impulse", "rate_pre", "rate_post"),
+)
+"""Members of `Log` in the order of `Columns`."""
 
 
 def compiled_engine(
@@ -103,9 +108,11 @@ class Compiled:
         operators: the semi-discrete problem.
         stepper: the state, in the form that a recorder reads.
         n_shares: 1: this process has all dofs.
+        steps_at_once: few enough to be stopped in time, and many beside what a call costs.
     """
 
     n_shares = 1
+    steps_at_once = 10_000
 
     def __init__(
         self,
@@ -131,8 +138,9 @@ class Compiled:
         self.stepper.observe()  # loads this code too, before the clock of a run starts
         self.stepper.energies()
         r = refinement.factor
-        self._buffers: tuple[Log, IntArray] | None = None
         self._events = Columns.room(EVENTS + r, HITS + r * operators.n_pairs)
+        self._spare: Block | None = None
+        self._recorder: Recorder | None = None
 
     def state(self) -> State:
         """Return the current state."""
@@ -154,79 +162,75 @@ class Compiled:
     def destroy(self) -> None:
         """Do nothing: Python frees the memory."""
 
-    def run_period(self, record: PeriodRecord, floor: float) -> int:
-        """Compute the steps of a period and write its record; see `simulation.loop.Engine`.
+    def advance(self, recorder: Recorder, base_states: FloatArray, n_periods: int) -> bool:
+        """Compute periods and record them; see `simulation.loop.Engine`.
 
         Raises:
             ArithmeticError: no impulses were found, or velocities before an impact are not finite.
         """
-        s, memory = self.stepper, self.stepper.memory
-        log, address = self._log(record)
-        memory.counts[N_FRAMES] = 0
-        memory.totals[[IMPACT, RELEASED]] = 0.0
-        memory.flows[:], memory.effort[:] = 0.0, 0
-        memory.base[:] = record.base_states[0]
-        step, ending = 0, state.FULL
+        s, first = self.stepper, recorder.n_closed
+        block = self._block(recorder, n_periods)
+        block.base_states = np.ascontiguousarray(base_states)
+        self._table[_OF_BLOCK] = [
+            block.n_slots, block.base_states.ctypes.data, *block.addresses
+        ]  # fmt: skip
+        s.memory.counts[[N_EVENTS, N_HITS]] = 0
+        done, step, ending = self._run(s.address, self._address, first, (0, 0), n_periods)
         while ending == state.FULL:
-            memory.counts[[N_EVENTS, N_HITS]] = 0
-            step, ending = self._run(s.address, address, step + 1, floor)
-            self._empty_events(record)
-        record.end = s.stored_energies(), s.dissipated, s.contact_damped
-        record.impact, record.released = (float(memory.totals[k]) for k in (IMPACT, RELEASED))
-        record.flows[:], record.effort[:] = memory.flows, memory.effort
-        n_kept = memory.counts[N_FRAMES]
-        record.frames.extend(s.unknowns.outward(log.frames[:n_kept]))
-        record.contact.extend(log.contact[:n_kept].copy())
+            self._enlarge()
+            done, step, ending = self._run(s.address, self._address, first, (done, step), n_periods)
+        block.end(done, self._events, recorder.ledger[first : first + done])
+        self._spare = cast("Block | None", recorder.take(block))
         _require_impulses(ending)
-        return int(step)
+        return ending == state.COMPLETED
 
-    def _log(self, record: PeriodRecord) -> tuple[Log, int]:
-        """Return the buffers into which compiled code writes a period, and their address.
+    def _block(self, recorder: Recorder, n_periods: int) -> Block:
+        """Return a block with room for some periods; make the table of a new recorder."""
+        block, self._spare = self._spare, None
+        if recorder is not self._recorder or block is None or not block.has_room(n_periods):
+            block = Block(self.stepper, recorder, self._refinement.factor, n_periods)
+        if recorder is not self._recorder:
+            self._recorder, self._table = recorder, packed(self._log(recorder, block))
+            self._address = int(self._table.ctypes.data)
+        return block
 
-        They are made once; only the arrays of the record differ from period to period.
-        """
-        if self._buffers is None or self._buffers[0].frame_steps is not record.frame_steps:
-            log = self._new_log(record)
-            self._buffers = log, packed(log)
-        log, table = self._buffers
-        own = {"base_states": np.ascontiguousarray(record.base_states)}
-        own |= {name: getattr(record, name) for name in ("u", "v", "is_divided")}
-        for name, values in own.items():
-            table[_PLACES[name]] = values.ctypes.data
-        self._own = own  # what the table points to must stay
-        return log, int(table.ctypes.data)
-
-    def _new_log(self, record: PeriodRecord) -> Log:
-        n_frames, size = record.frame_steps.size, self.stepper.system.size
+    def _log(self, recorder: Recorder, block: Block) -> Log:
+        """Return what compiled code needs to write a block of a recorder."""
+        r = self._refinement
+        arrays: dict[str, Any] = {name: getattr(block, name) for name in OF_BLOCK}
+        arrays |= zip(_OF_EVENTS, self._events, strict=True)
         return Log(
-            n_steps=len(record.base_states) - 1,
-            refine=self._refinement.factor,
-            middle=self._refinement.middle,
-            slow=self._refinement.slow,
-            n_frames=n_frames,
+            n_steps=recorder.steps_per_period,
+            refine=r.factor,
+            middle=r.middle,
+            slow=r.slow,
+            n_slots=block.n_slots,
+            n_frames=recorder.frame_steps.size,
+            n_probes=recorder.strobe.shape[2],
             n_events=self._events.ticks.size,
             n_hits=self._events.hit.size,
-            base_states=np.ascontiguousarray(record.base_states),
-            u=record.u,
-            v=record.v,
-            is_divided=record.is_divided,
-            frame_steps=record.frame_steps,
-            frames=np.empty((n_frames, 2, size)),
-            contact=np.empty((n_frames, self.operators.n_pairs), dtype=np.int8),
-            event_tick=self._events.ticks,
-            event_size=self._events.sizes,
-            event_energy=self._events.energies,
-            hit=self._events.hit,
-            impulse=self._events.impulses,
-            rate_pre=self._events.rate_pre,
-            rate_post=self._events.rate_post,
+            time_step=recorder.time_step,
+            limit=recorder.limit,
+            coupling=recorder.coupling,
+            frame_steps=recorder.frame_steps,
+            base_states=block.base_states,
+            **arrays,
+            strobe=recorder.strobe,
+            envelope=recorder.envelope,
+            ledger=recorder.ledger,
+            impulses=recorder.impulse,
+            effort=recorder.effort,
         )
 
-    def _empty_events(self, record: PeriodRecord) -> None:
-        """Copy the filled part of the event buffers into the record."""
-        n, n_hits = self.stepper.memory.counts[[N_EVENTS, N_HITS]].tolist()
-        if n:
-            record.jumps.extend(self._events.first(n, n_hits))
+    def _enlarge(self) -> None:
+        """Double the event buffers."""
+        old = self._events
+        self._events = Columns.room(2 * old.ticks.size, 2 * old.hit.size)
+        for name, before, after in zip(_OF_EVENTS, old, self._events, strict=True):
+            after[: before.size] = before
+            self._table[_PLACES[name]] = after.ctypes.data
+        sizes = self._events.ticks.size, self._events.hit.size
+        self._table[[_PLACES["n_events"], _PLACES["n_hits"]]] = sizes
 
 
 def _require_impulses(ending: int) -> None:

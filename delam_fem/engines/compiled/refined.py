@@ -18,6 +18,7 @@ from delam_fem.engines.compiled.state import (
     N_FRAMES,
     N_HITS,
     N_SPRINGS,
+    SLOT,
 )
 from delam_fem.simulation.energy import add_flows
 from delam_fem.simulation.refinement import SAFETY, base_within
@@ -181,9 +182,9 @@ def _divide(middle, fine, law, memory, log, step, floor):  # type: ignore[no-unt
 
 
 @njit(inline="always")
-def run_refined(coarse, middle, fine, law, memory, log, first, floor):  # type: ignore[no-untyped-def]
+def run_refined(coarse, middle, fine, law, memory, log, first):  # type: ignore[no-untyped-def]
     """Compute steps, and divide those near contact; see `loop.run_plain`."""
-    counts, r = memory.counts, log.refine
+    counts, r, floor = memory.counts, log.refine, -log.limit
     for step in range(first, log.n_steps + 1):
         if counts[N_EVENTS] + r > log.n_events or counts[N_HITS] + r * fine.n_pairs > log.n_hits:
             return step - 1, FULL
@@ -192,11 +193,11 @@ def run_refined(coarse, middle, fine, law, memory, log, first, floor):  # type: 
         if status == COMPLETED:
             memory.effort[N_COARSE] += 1
         elif status == NEAR:
-            log.is_divided[step] = 1
+            log.is_divided[counts[SLOT] * (log.n_steps + 1) + step] = 1
             status = _divide(middle, fine, law, memory, log, step, floor)
         if status != COMPLETED:
             return step - 1, status
-        steps.observe_into(fine, memory.X, log.u, log.v, step)
+        steps.observe(fine, memory, log, step)
         n_frames = counts[N_FRAMES]
         if n_frames < log.n_frames and log.frame_steps[n_frames] == step:
             steps.keep_frame(fine, memory, log, step)

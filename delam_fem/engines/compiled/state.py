@@ -18,9 +18,7 @@ NONE, IMPACTS, PENALTY, MOREAU = range(4)
 """Kinds of laws. "newton" is IMPACTS without a threshold; MOREAU goes with the θ-scheme."""
 DISSIPATED, CONTACT_DAMPED, IMPACT, RELEASED = range(4)
 """Indices into `Memory.totals`."""
-KINETIC, STRAIN, SPRING, MOMENTUM, ATTACHMENT = range(5)
-"""Indices into `Memory.stored`."""
-N_SPRINGS, N_EVENTS, N_HITS, N_FRAMES, N_RESTING, IS_SEEN = range(6)
+N_SPRINGS, N_EVENTS, N_HITS, N_FRAMES, N_RESTING, IS_SEEN, SLOT, OLD_EVENTS, OLD_HITS = range(9)
 """Indices into `Memory.counts`."""
 COMPLETED, DIVERGED, FULL = 0, 1, 2
 """Results of a loop, besides the failures that contact.py defines."""
@@ -63,11 +61,12 @@ class Memory(NamedTuple):
         effort: numbers of steps and contacts (`recorder.EFFORT`), shape (5,).
         totals: energies so far: dissipated, damped in contacts, by impacts, released by springs,
             shape (4,) [J].
-        stored: kinetic, strain and spring energy of the free dofs [J], m_b·v and k_b·u, at the last
-            call of `store_energies` or at the end of a period, shape (5,).
+        stored: kinetic, strain and spring energy of the whole system [J], and m_b·v, at the last
+            call of `store_energies`, shape (4,).
         counts: numbers of springs, of filled entries in the buffers for events, hits and frames,
             and of pairs at rest with the θ-scheme; in modes, whether `present_gap` and
-            `present_rate` are those of the state; shape (6,).
+            `present_rate` are those of the state; slot of the period, and numbers of events and
+            hits before it; shape (9,).
         resting: pairs at rest, shape (n_pairs,); they carry a spring, except with the θ-scheme.
         pairs: the first counts[N_SPRINGS] entries list the pairs with a spring, shape (n_pairs,).
         compliance: W = H B⁻¹ Hᵀ for fine, middle and coarse steps, of which the known columns are
@@ -125,42 +124,66 @@ class Memory(NamedTuple):
 
 
 class Log(NamedTuple):
-    """The buffers into which a period is written.
+    """The buffers into which a block of periods is written.
+
+    A block has as many slots as the window may need periods; period j of the block is in slot
+    j mod n_slots.
 
     Attributes:
         n_steps: N.
         refine: r, the number of fine steps (ticks) in a step.
         middle: number of middle steps in a step.
         slow: gap rate up to which a pair does not divide a step [m/s].
-        n_frames: number of frames to keep.
+        n_slots: number of slots.
+        n_frames: number of frames to keep in a period.
+        n_probes: number of probes, without sensors.
         n_events, n_hits: sizes of the event buffers.
-        base_states: q, q', q'' of the base at each step, shape (N + 1, 3).
-        u: m_b·u, c_b·u, k_b·u and the probes of u at each step, shape (N + 1, 3 + n_probes).
-        v: the probes of v at each step, shape (N + 1, n_probes).
-        is_divided: whether a step was divided near contact, shape (N + 1,).
+        time_step: Δt of a coarse step [s].
+        limit: gap or displacement beyond which a motion counts as diverged [m].
+        coupling: see `energy.write_ledger`, shape (4,).
         frame_steps: steps whose state is kept, shape (n_frames,).
-        frames: u and v at these steps in internal order, shape (n_frames, 2, size).
-        contact: 0 open, 1 hit, 2 resting, shape (n_frames, n_pairs).
+        base_states: q, q', q'' of the base at each step, shape (N + 1, 3).
+        u: m_b·u, c_b·u, k_b·u and the probes of u at each step, shape (n_slots, N + 1, 3 +
+            n_observed).
+        v: the probes of v at each step, shape (n_slots, N + 1, n_observed).
+        is_divided: whether a step was divided near contact, shape (n_slots, N + 1).
+        frames: u and v at the frames in internal order, shape (n_slots, n_frames, 2, size).
+        contact: 0 open, 1 hit, 2 resting, shape (n_slots, n_frames, n_pairs).
+        resting: pairs at rest when each period began, shape (n_slots, n_pairs).
+        levels: energies (`energy.LEVEL`) at the start of the first period and at the end of each,
+            shape (n_periods + 1, 6).
+        ends: at the end of each period of the block its number of steps, and the numbers of events
+            and hits in the buffers, shape (n_periods, 3).
         event_tick, event_size, event_energy: tick, number of hits, energy change of each impact,
             each of shape (n_events,).
         hit, impulse, rate_pre, rate_post: values of the hits of all impacts one after the other,
             each of shape (n_hits,).
+        strobe, envelope, ledger, impulses, effort: the rows of all periods of the run; see
+            `simulation.recorder.Recorder`.
     """
 
     n_steps: int
     refine: int
     middle: int
     slow: float
+    n_slots: int
     n_frames: int
+    n_probes: int
     n_events: int
     n_hits: int
+    time_step: float
+    limit: float
+    coupling: FloatArray
+    frame_steps: IntArray
     base_states: FloatArray
     u: FloatArray
     v: FloatArray
     is_divided: npt.NDArray[np.uint8]
-    frame_steps: IntArray
     frames: FloatArray
     contact: npt.NDArray[np.int8]
+    resting: npt.NDArray[np.uint8]
+    levels: FloatArray
+    ends: IntArray
     event_tick: IntArray
     event_size: IntArray
     event_energy: FloatArray
@@ -168,6 +191,11 @@ class Log(NamedTuple):
     impulse: FloatArray
     rate_pre: FloatArray
     rate_post: FloatArray
+    strobe: FloatArray
+    envelope: FloatArray
+    ledger: FloatArray
+    impulses: FloatArray
+    effort: IntArray
 
 
 def memory(size: int, n_pairs: int, n_probes: int) -> Memory:
@@ -183,8 +211,8 @@ def memory(size: int, n_pairs: int, n_probes: int) -> Memory:
         flows=np.zeros(4),
         effort=np.zeros(5, dtype=np.int64),
         totals=np.zeros(4),
-        stored=np.zeros(5),
-        counts=np.zeros(6, dtype=np.int64),
+        stored=np.zeros(4),
+        counts=np.zeros(9, dtype=np.int64),
         resting=np.zeros(n_pairs, dtype=np.uint8),
         pairs=np.zeros(n_pairs, dtype=np.int64),
         compliance=np.zeros((3, n_pairs, n_pairs)),

@@ -22,6 +22,8 @@ from delam_fem.engines.compiled.state import (
     N_HITS,
     N_RESTING,
     N_SPRINGS,
+    OLD_EVENTS,
+    SLOT,
 )
 
 OPEN, HIT, RESTING = (np.int8(k) for k in range(3))
@@ -145,6 +147,13 @@ def see_base(system, memory):  # type: ignore[no-untyped-def]
 
 
 @njit(forceinline=True)
+def observe(system, memory, log, step):  # type: ignore[no-untyped-def]
+    """Record what `observe_into` sees at the end of a step."""
+    row = memory.counts[SLOT] * (log.n_steps + 1) + step
+    observe_into(system, memory.X, log.u, log.v, row)
+
+
+@njit(forceinline=True)
 def observe_into(system, X, u, v, row):  # type: ignore[no-untyped-def]
     """Write the recorded quantities into row `row` of u and v.
 
@@ -190,21 +199,22 @@ def advance(system, law, memory, new_base):  # type: ignore[no-untyped-def]
 @njit
 def keep_frame(system, memory, log, step):  # type: ignore[no-untyped-def]
     """Store the whole state of a step and the contact state of each pair."""
-    n, size = memory.counts[N_FRAMES], system.size
+    size, counts = system.size, memory.counts
+    n = counts[SLOT] * log.n_frames + counts[N_FRAMES]
     for i in range(size):
         log.frames[2 * n * size + i] = memory.X[i]
         log.frames[(2 * n + 1) * size + i] = memory.X[size + i]
     first = n * system.n_pairs
     for k in range(system.n_pairs):
         log.contact[first + k] = RESTING if memory.resting[k] else OPEN
-    event, last = memory.counts[N_EVENTS] - 1, memory.counts[N_HITS]
-    while event >= 0 and log.event_tick[event] > (step - 1) * log.refine:
+    event, last = counts[N_EVENTS] - 1, counts[N_HITS]
+    while event >= counts[OLD_EVENTS] and log.event_tick[event] > (step - 1) * log.refine:
         for j in range(last - log.event_size[event], last):
             if not memory.resting[log.hit[j]]:
                 log.contact[first + log.hit[j]] = HIT
         last -= log.event_size[event]
         event -= 1
-    memory.counts[N_FRAMES] = n + 1
+    counts[N_FRAMES] += 1
 
 
 @njit(inline="always")

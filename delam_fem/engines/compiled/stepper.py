@@ -43,11 +43,11 @@ class CompiledStepper:
         coarse, middle, fine = (one._replace(coarseness=2 - k) for k, (one, _) in enumerate(built))
         self.system, self.unknowns = fine, built[-1][1]
         self.memory = state.memory(self.system.size, operators.n_pairs, self.system.n_probes)
-        self._problem = Problem(coarse, middle, fine, law, self.memory)
+        corner = np.array(operators.base.corner, dtype=float)
+        self._problem = Problem(coarse, middle, fine, law, self.memory, corner)
         self._table = packed(self._problem)
         self.address = int(self._table.ctypes.data)
         self.seen_u, self.seen_v = self.memory.seen_u, self.memory.seen_v
-        self._corner = operators.base.corner
 
     @property
     def dissipated(self) -> float:
@@ -79,19 +79,7 @@ class CompiledStepper:
     def energies(self) -> Energies:
         """Return the energies of the whole system, base included, in the fixed frame [J]."""
         loop.store_energies(self.address)
-        return self.stored_energies()
-
-    def stored_energies(self) -> Energies:
-        """Return the energies at the end of the last computed period; see `energies`."""
-        kinetic, strain, spring, momentum, attachment = self.memory.stored.tolist()
-        mass, _, stiffness = self._corner
-        q, dq, _ = self.memory.base.tolist()
-        return Energies(
-            kinetic + dq * momentum + 0.5 * mass * dq * dq,
-            strain + q * attachment + 0.5 * stiffness * q * q,
-            spring,
-            momentum,
-        )
+        return Energies(*self.memory.stored.tolist())
 
     def state(self) -> FloatArray:
         """Return (u, v, a) of all dofs, with a from the equation of motion, shape (3, n)."""

@@ -172,6 +172,7 @@ class Problem(NamedTuple):
         coarse, middle, fine: the system with each size of steps; without refinement the same.
         law: contact law.
         memory: state and work space.
+        corner: M_aa, C_aa, K_aa of the base, shape (3,).
     """
 
     coarse: System
@@ -179,6 +180,7 @@ class Problem(NamedTuple):
     fine: System
     law: LawNumbers
     memory: Memory
+    corner: FloatArray
 
 
 _KEPT: deque[tuple[Operators, StepNumbers, tuple[System, Coordinates]]] = deque(maxlen=8)

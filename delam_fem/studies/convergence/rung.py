@@ -248,7 +248,7 @@ def _run(
     opening = openings(case, structure)
     with session_of(case, structure.operators, initial=initial, engine=engine) as opened:
         watch = _Watch(opened.recorder, opened.motion, last, len(case.lamina), opening)
-        outcome = replace(opened, motion=watch.motion).run(watch.collect)
+        outcome = replace(opened, motion=watch.motion).run(watch.collect, every=1)
         seconds = float(np.median(watch.seconds)) if watch.seconds else math.nan
         return _Run(outcome, watch.rows, opened.recorder, opened.engine.state(), seconds)
 

@@ -16,7 +16,7 @@ from delam_fem.engines.choose import engine_of
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.numerics.schemes import Scheme
-from delam_fem.simulation.loop import Engine, State, set_initial
+from delam_fem.simulation.loop import Engine, State, one_period, set_initial
 from delam_fem.simulation.recorder import N_BASE, PeriodRecord, Recorder
 from delam_fem.simulation.setup import Prescribed
 from delam_fem.simulation.span import Span
@@ -182,9 +182,8 @@ class _Ready:
             resting = operators.gap_matrix @ u + operators.gap0 <= 0.0
         set_initial(self.engine, State(motion, resting), table[0])
         recorder = self._recorder(frames)
-        record = recorder.open(self.engine.stepper, table)
-        steps = self.engine.run_period(record, -recorder.limit)
-        if steps < len(table) - 1:
+        record = one_period(self.engine, recorder, table)
+        if record.n_steps < len(table) - 1:
             return np.full_like(state, np.nan), record
         return self.engine.state().motion[:2].ravel(), record
 

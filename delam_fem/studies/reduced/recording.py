@@ -86,7 +86,6 @@ class Recording:
         record.v[:] = trace.v @ self._of_modes.T + np.outer(base_states[:, 1], self._of_drive)
         self._add_frames(record, period, base_states)
         self._add_contacts(record, period)
-        record.end = Energies(0.0, 0.0, 0.0), 0.0, 0.0
         is_bounded = recorder.close(record, self._start, len(base_states) - 1)
         recorder.ledger[k] = self._ledger_row(period, start, base_states)
         recorder.effort[k, [0, N_SIZES - 1]] = period.effort

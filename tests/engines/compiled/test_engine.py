@@ -15,7 +15,7 @@ from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
 from delam_fem.case.toml import CaseError
 from delam_fem.engines.choose import engine_of, law_of, scheme_of
-from delam_fem.engines.compiled import banded, contact, lane_kernels, lanes, simd, system
+from delam_fem.engines.compiled import banded, contact, lane_kernels, lanes, loop, simd, system
 from delam_fem.engines.compiled import engine as engine_module
 from delam_fem.engines.compiled.engine import Compiled, compiled_engine
 from delam_fem.engines.compiled.handle import packed, view_at
@@ -295,8 +295,11 @@ def test_ball_on_a_spring() -> None:
 
 def start(case: Case) -> tuple[Compiled, Recorder]:
     operators = closed_form.assemble(case).operators
-    engine = compiled_engine(operators, law_of(case), scheme_of(case), case.time_step)
-    recorder = Recorder(operators.base, span_of(case), operators.n_probes)
+    span = span_of(case)
+    engine = compiled_engine(
+        operators, law_of(case), scheme_of(case), case.time_step, span.refinement
+    )
+    recorder = Recorder(operators.base, span, operators.n_probes)
     set_initial(engine, None, motion_of(case)(0)[0])
     return engine, recorder
 
@@ -331,7 +334,8 @@ def test_restored_run_goes_on_bit_for_bit(law: str) -> None:
     case = paper(**{"contact.law": law, "time.periods": 3})
     engine, recorder = start(case)
     motion, states = motion_of(case), []
-    simulate(engine, recorder, motion, stop=lambda period: bool(states.append(engine.state())))
+    stop = lambda period: bool(states.append(engine.state()))  # noqa: E731
+    simulate(engine, recorder, motion, stop=stop, every=1)
     other, same = start(case)
     same.n_closed = 1
     other.restore(states[0], motion(1)[0])
@@ -362,6 +366,58 @@ def test_full_buffers_lose_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
                 np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
 
 
+def told(recorder: Recorder) -> list[bytes]:
+    """Return all numbers of a recorder."""
+    rows = [getattr(recorder, name) for name in ("strobe", "envelope", "ledger", "impulse")]
+    for r in recorder.window:
+        rows += [r.u, r.v, np.array(r.frames), np.array(r.contact), r.start, r.resting]
+        rows += [r.is_divided, np.array([r.released, r.impact, r.n_steps]), *r.jumps.columns()]
+    return [rows.tobytes() for rows in (*rows, recorder.effort, np.array(recorder.n_closed))]
+
+
+@pytest.mark.parametrize(("law", "refine"), [("newton-penalty", 1), ("newton@moreau-jean", 8)])
+@pytest.mark.parametrize("window", [1, 4, 14])
+def test_blocks_record_what_single_periods_do(
+    law: str, refine: int, window: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    keys = {"contact.law": law, "time.refine": refine, "output.window_periods": window}
+    case = paper(**keys, **{"time.periods": 23, "contact.impulse": "consistent"})
+    single, alone = start(case)
+    simulate(single, alone, motion_of(case), every=1)
+    monkeypatch.setattr(engine_module, "EVENTS", 40)  # enlarged within a block
+    monkeypatch.setattr(engine_module, "HITS", 40)
+    blocks, together = start(case)
+    asked: list[int] = []
+    simulate(blocks, together, motion_of(case), stop=lambda n: bool(asked.append(n)))
+    assert asked == [10, 20, 23]
+    assert together.impulse[:, 1].sum() > 80
+    assert told(together) == told(alone)
+
+
+def test_a_stopped_block_leaves_the_window_of_its_last_periods() -> None:
+    case = paper(**{"time.periods": 23, "output.window_periods": 12})
+    engine, recorder = start(case)
+    simulate(engine, recorder, motion_of(case))
+    other, parted = start(case)
+    assert simulate(other, parted, motion_of(case), stop=lambda n: n == 10) == "interrupted"
+    first = [record.u.copy() for record in parted.window]
+    assert len(first) == 10
+    assert simulate(other, parted, motion_of(case)) == "completed"
+    assert told(parted) == told(recorder)
+    for record, u in zip(parted.window, first, strict=False):
+        assert record.n_steps == case.time.steps_per_period
+        assert not np.array_equal(record.u, u)
+    assert len(parted.window) == 12
+
+
+def test_impacts_are_added_up_as_numpy_does() -> None:
+    rng = np.random.default_rng(2)
+    for n in (0, 1, 7, 8, 100, 129, 1000, 8192, 8259, 20691):
+        x = rng.normal(size=n) ** 3
+        assert loop._sum(x, 0, n, -np.inf) == x.sum()
+        assert loop._sum(x, 0, n, 0.0) == np.maximum(x, 0.0).sum()
+
+
 def test_divergence_ends_the_period_early() -> None:
     case = paper(**{"damping.rayleigh": "mass", "time.periods": 200})
     engine, recorder = start(case)
@@ -380,8 +436,8 @@ def test_velocities_that_are_no_numbers_are_told() -> None:
     s, motion = engine.stepper, np.zeros((3, engine.operators.n_dofs))
     motion[0, 0], motion[1, 0] = 1.0, np.inf  # node 1 of lamina 1 far beyond lamina 2
     engine.restore(State(motion, s.resting), np.zeros(3))
-    _, address = engine._log(recorder.open(s, np.zeros((2, 3))))
-    ending = examine(s.address, address)
+    table = packed(engine._log(recorder, engine._block(recorder, 1)))
+    ending = examine(s.address, table.ctypes.data)
     assert ending == contact.NOT_FINITE
     with pytest.raises(ArithmeticError, match="not finite"):
         engine_module._require_impulses(ending)
