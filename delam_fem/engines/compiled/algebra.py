@@ -7,7 +7,7 @@ import numpy as np
 from delam_fem.caches.kernels import njit
 from delam_fem.engines.compiled import banded, modes
 from delam_fem.engines.compiled import lane_kernels as lk
-from delam_fem.engines.compiled.banded import add_row, row_product
+from delam_fem.engines.compiled.banded import add_row, both_products, row_product
 from delam_fem.engines.compiled.lane_kernels import R, Z
 from delam_fem.engines.compiled.state import MOREAU
 
@@ -57,8 +57,8 @@ def spread(system, X, pairs, values, n, sign):  # type: ignore[no-untyped-def]
 def measure(system, X, ahead, gap, rate):  # type: ignore[no-untyped-def]
     """Write the gaps at the displacements u + ahead v, and the gap rates, of all pairs."""
     for k in range(system.n_pairs):
-        rate[k] = row_product(system.gap_rows, k, X, system.size)
-        gap[k] = system.gap0[k] + row_product(system.gap_rows, k, X, 0) + ahead * rate[k]
+        u, v = both_products(system.gap_rows, k, X, system.size)
+        gap[k], rate[k] = system.gap0[k] + u + ahead * v, v
 
 
 @njit(forceinline=True)

@@ -159,6 +159,19 @@ def row_product(matrix, row, X, shift):  # type: ignore[no-untyped-def]
     return result
 
 
+@njit(forceinline=True)
+def both_products(matrix, row, X, size):  # type: ignore[no-untyped-def]
+    """Return the entry `row` of A u and of A v."""
+    if matrix.width > 0:
+        return row_product(matrix, row, X, 0), row_product(matrix, row, X, size)
+    u = v = 0.0
+    for entry in range(matrix.start[row], matrix.start[row + 1]):
+        value, column = matrix.value[entry], matrix.column[entry]
+        u += value * X[column]
+        v += value * X[size + column]
+    return u, v
+
+
 @njit
 def form(matrix, n, X, shift):  # type: ignore[no-untyped-def]
     """Return xᵀ A x, where x is the field of X with n numbers that begins at `shift`."""

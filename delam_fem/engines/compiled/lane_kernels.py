@@ -250,6 +250,18 @@ def smallest_approach(X, size, rest, ahead):  # type: ignore[no-untyped-def]
 
 
 @njit
+def smallest_margin(X, size, rest, reach):  # type: ignore[no-untyped-def]
+    """Return the smallest U - reach |U̇| of all pairs: that of both signs of F1 at once."""
+    gap, time, zero = splat(np.inf), splat(-reach), splat(0.0)
+    for i in range(0, size, 8):
+        u, v = load(X, i), load(X, size + i)
+        rate = swap_halves(v) - v
+        shift = smaller(time * rate, zero - time * rate)
+        gap = smaller(swap_halves(u) - u + load(rest, i // 2) + shift, gap)
+    return least_lane(gap)
+
+
+@njit
 def substitute(X, size, solution, right, out):  # type: ignore[no-untyped-def]
     """Solve A x = r; `right` and `out` are the numbers of the fields r and x of X."""
     r, x = right * size, out * size

@@ -51,7 +51,7 @@ def _glide(system, law, memory, log, span, touch):  # type: ignore[no-untyped-de
     X, totals, weight = memory.X, memory.totals, system.scheme.weight
     first, last = span
     for step in range(first, last + 1):
-        predicted = steps.look_ahead(system, law, memory)
+        predicted = steps.look_ahead(system, law, memory, False)
         base_state = steps.mix_base(system, memory.base, steps.base_at(log.base_states, step))
         flow, smallest = lk.step(system, X, base_state, predicted <= touch)
         if law.kind == MOREAU:
@@ -79,9 +79,8 @@ def _plain_steps(p, log, first):  # type: ignore[no-untyped-def]
         if system.is_chained and counts[N_SPRINGS] == 0:
             step, flow, smallest = _glide(system, law, memory, log, (step, last), touch)
         else:
-            flow, smallest = steps.advance(
-                system, law, memory, steps.base_at(log.base_states, step)
-            )
+            new_base = steps.base_at(log.base_states, step)
+            flow, smallest = steps.advance(system, law, memory, new_base, False)
         if step <= last:
             if smallest < floor:
                 return step - 1, DIVERGED

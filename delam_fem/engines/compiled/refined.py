@@ -7,7 +7,7 @@ from delam_fem.engines.compiled import lane_kernels as lk
 from delam_fem.engines.compiled import modes
 from delam_fem.engines.compiled import points as points
 from delam_fem.engines.compiled import step as steps
-from delam_fem.engines.compiled.banded import row_product
+from delam_fem.engines.compiled.banded import both_products, row_product
 from delam_fem.engines.compiled.state import (
     COMPLETED,
     CONTACT_DAMPED,
@@ -24,7 +24,7 @@ from delam_fem.simulation.energy import add_flows
 from delam_fem.simulation.refinement import SAFETY, base_within
 
 COARSE, MIDDLE = 0, 1
-"""Parts of `Memory.near`, one after the other."""
+"""Sizes of steps that may be undone."""
 NEAR = 3
 """Result of a step that was undone, besides those of a loop."""
 N_COARSE, N_MIDDLE, N_FINE, N_CONTACTS, N_UNFORESEEN = range(5)
@@ -32,15 +32,28 @@ N_COARSE, N_MIDDLE, N_FINE, N_CONTACTS, N_UNFORESEEN = range(5)
 
 
 @njit
-def _mark_near(system, memory, ahead, level, slow):  # type: ignore[no-untyped-def]
-    """Mark the pairs whose gap is small up to a time ahead (F1).
+def _is_clear(system, memory, reach):  # type: ignore[no-untyped-def]
+    """Return whether surely no gap is small up to a time ahead or back (F1).
 
-    Return whether there is one that moves faster than `slow`.
+    One pass over the state after a step answers for this step and for the next. Where gaps take
+    longer to see, or pairs rest on springs or touch at rest, the answer is no.
+    """
+    if not system.is_chained or system.is_within or system.is_touching:
+        return False
+    if memory.counts[N_SPRINGS] > 0:
+        return False
+    return lk.smallest_margin(memory.X, system.size, system.rest, reach) > 0.0
+
+
+@njit
+def _mark_near(system, memory, ahead, level, slow):  # type: ignore[no-untyped-def]
+    """Return whether a pair faster than `slow` has a small gap up to a time ahead (F1).
+
+    For a coarse step mark the pairs with a small gap.
     """
     if system.is_within:
         return _mark_points(system, memory, ahead, level, slow)
-    X, near, first = memory.X, memory.near, level * system.n_pairs
-    has_springs = memory.counts[N_SPRINGS] > 0
+    X, has_springs = memory.X, memory.counts[N_SPRINGS] > 0
     if system.is_chained and not has_springs:
         if lk.smallest_approach(X, system.size, system.rest, ahead) > 0.0:
             return False
@@ -51,70 +64,81 @@ def _mark_near(system, memory, ahead, level, slow):  # type: ignore[no-untyped-d
         if system.is_modal:
             gap, rate = memory.present_gap[k], memory.present_rate[k]
         else:
-            gap = system.gap0[k] + row_product(system.gap_rows, k, X, 0)
-            rate = row_product(system.gap_rows, k, X, system.size)
+            gap, rate = both_products(system.gap_rows, k, X, system.size)
+            gap = system.gap0[k] + gap
         if has_springs and memory.resting[k]:
             gap, rate = -gap, -rate
         if gap + min(ahead * rate, 0.0) <= 0.0:
-            near[first + k] = 1
             found |= abs(rate) > slow
+            if level == COARSE:
+                memory.near[k] = 1
+            elif found:
+                return True
     return found
 
 
 @njit
 def _mark_points(system, memory, ahead, level, slow):  # type: ignore[no-untyped-def]
     """Do the same as `_mark_near` for pairs inside the elements."""
-    X, near, first, found = memory.X, memory.near, level * system.n_pairs, False
+    X, found = memory.X, False
     n_springs = memory.counts[N_SPRINGS]
     if points.see_approach(system, memory, ahead) <= 0.0:
         for k in range(system.n_pairs):
             if memory.present_gap[k] <= 0.0 and not (n_springs and memory.resting[k]):
-                near[first + k] = 1
                 found |= abs(row_product(system.gap_rows, k, X, system.size)) > slow
+                if level == COARSE:
+                    memory.near[k] = 1
+                elif found:
+                    return True
     for j in range(n_springs):
         k = memory.pairs[j]
-        gap = system.gap0[k] + row_product(system.gap_rows, k, X, 0)
-        rate = row_product(system.gap_rows, k, X, system.size)
-        if gap + max(ahead * rate, 0.0) >= 0.0:
-            near[first + k] = 1
+        gap, rate = both_products(system.gap_rows, k, X, system.size)
+        if system.gap0[k] + gap + max(ahead * rate, 0.0) >= 0.0:
             found |= abs(rate) > slow
+            if level == COARSE:
+                memory.near[k] = 1
     return found
 
 
 @njit
-def _leap(system, law, memory, log, new_base, level, tick):  # type: ignore[no-untyped-def]
+def _leap(system, law, memory, log, new_base, level, tick, was_clear):  # type: ignore[no-untyped-def]
     """Make a coarse or middle step that ends at a tick; undo it if a gap is small.
 
-    `near` of the level tells the pairs whose gap is small.
+    `near` tells the pairs whose gap is small in a coarse step. `was_clear` tells whether the state
+    is known to be clear (`_is_clear`) for steps of this size.
 
     Returns:
-        COMPLETED, NEAR if the step was undone, or a failure of the law.
+        COMPLETED, NEAR if the step was undone, or a failure of the law; whether the new state is
+        clear.
     """
     X, base, totals = memory.X, memory.base, memory.totals
-    n, reach = system.n_pairs, 0.5 * SAFETY * system.scheme.time_step
-    for k in range(level * n, (level + 1) * n):
+    reach, is_near = 0.5 * SAFETY * system.scheme.time_step, False
+    for k in range(system.n_pairs if level == COARSE else 0):
         memory.near[k] = 0
-    is_near = _mark_near(system, memory, reach, level, log.slow)
-    if is_near and level != COARSE:
-        return NEAR
-    for i in range(3 * system.size):
+    if not was_clear:
+        is_near = _mark_near(system, memory, reach, level, log.slow)
+        if is_near and level != COARSE:
+            return NEAR, False
+    n_kept = (2 if system.is_chained or system.is_modal else 3) * system.size
+    for i in range(n_kept):
         memory.kept[i] = X[i]
     old_base, damped = (base[0], base[1], base[2]), totals[CONTACT_DAMPED]
-    flow, smallest = steps.advance(system, law, memory, new_base)
-    if _mark_near(system, memory, -reach, level, log.slow) or is_near:
-        for i in range(3 * system.size):
+    flow, smallest = steps.advance(system, law, memory, new_base, was_clear)
+    is_clear = _is_clear(system, memory, reach)
+    if (not is_clear and _mark_near(system, memory, -reach, level, log.slow)) or is_near:
+        for i in range(n_kept):
             X[i] = memory.kept[i]
         memory.counts[IS_SEEN] = 0
         base[0], base[1], base[2] = old_base
         totals[CONTACT_DAMPED] = damped
-        return NEAR
-    return steps.end_step(system, law, memory, log, tick, flow, smallest)
+        return NEAR, False
+    return steps.end_step(system, law, memory, log, tick, flow, smallest), is_clear
 
 
 @njit(inline="always")
 def _fine_step(system, law, memory, log, new_base, tick, floor):  # type: ignore[no-untyped-def]
     """Make a fine step and ask the law; return COMPLETED, DIVERGED or a failure of the law."""
-    flow, smallest = steps.advance(system, law, memory, new_base)
+    flow, smallest = steps.advance(system, law, memory, new_base, False)
     if smallest < floor:
         return DIVERGED
     return steps.end_step(system, law, memory, log, tick, flow, smallest)
@@ -151,13 +175,13 @@ def _divide(middle, fine, law, memory, log, step, floor):  # type: ignore[no-unt
     """Make a coarse step in smaller ones; return COMPLETED, DIVERGED or a failure of the law."""
     effort, counts, r, m = memory.effort, memory.counts, log.refine, log.middle
     dt = r * fine.scheme.time_step
-    before, is_first = steps.base_at(log.base_states, step - 1), True
+    before, is_first, is_clear = steps.base_at(log.base_states, step - 1), True, False
     steps.see_base(fine, memory)
     for j in range(1, m + 1):
         after = _base_in(log.base_states, step, j / m, dt)
         if m > 1:
             ticks = (step - 1) * r + j * (r // m)
-            status = _leap(middle, law, memory, log, after, MIDDLE, ticks)
+            status, is_clear = _leap(middle, law, memory, log, after, MIDDLE, ticks, is_clear)
             if status == COMPLETED:
                 effort[N_MIDDLE] += 1
                 _account(fine, memory, before, after, 1.0 / m)
@@ -184,12 +208,12 @@ def _divide(middle, fine, law, memory, log, step, floor):  # type: ignore[no-unt
 @njit(inline="always")
 def run_refined(coarse, middle, fine, law, memory, log, first):  # type: ignore[no-untyped-def]
     """Compute steps, and divide those near contact; see `loop.run_plain`."""
-    counts, r, floor = memory.counts, log.refine, -log.limit
+    counts, r, floor, is_clear = memory.counts, log.refine, -log.limit, False
     for step in range(first, log.n_steps + 1):
         if counts[N_EVENTS] + r > log.n_events or counts[N_HITS] + r * fine.n_pairs > log.n_hits:
             return step - 1, FULL
         new_base = steps.base_at(log.base_states, step)
-        status = _leap(coarse, law, memory, log, new_base, COARSE, step * r)
+        status, is_clear = _leap(coarse, law, memory, log, new_base, COARSE, step * r, is_clear)
         if status == COMPLETED:
             memory.effort[N_COARSE] += 1
         elif status == NEAR:

@@ -53,8 +53,7 @@ class Memory(NamedTuple):
         X: the fields of lane_kernels.py one after the other, shape (N_FIELDS size,).
         base: current q, q', q'' of the base, shape (3,).
         kept: u, v, a before a step that may be undone, shape (3 size,).
-        near: whether a gap is small according to a coarse step, and to a middle step, shape
-            (2 n_pairs,).
+        near: whether a gap is small according to a coarse step, shape (n_pairs,).
         seen: m_b·u, c_b·u, k_b·u at the end of the last step, shape (3,).
         seen_u, seen_v: what the last `observe` has seen; see `CompiledStepper`.
         flows: sums over divided steps for the work of the base (`energy.add_flows`), shape (4,).
@@ -204,7 +203,7 @@ def memory(size: int, n_pairs: int, n_probes: int) -> Memory:
         X=aligned_zeros(N_FIELDS * size),
         base=np.zeros(3),
         kept=np.zeros(3 * size),
-        near=np.zeros(2 * n_pairs, dtype=np.uint8),
+        near=np.zeros(n_pairs, dtype=np.uint8),
         seen=np.zeros(3),
         seen_u=np.zeros(3 + n_probes),
         seen_v=np.zeros(n_probes),

@@ -80,14 +80,15 @@ def smallest_gap(system, X, ahead):  # type: ignore[no-untyped-def]
 
 
 @njit(forceinline=True)
-def look_ahead(system, law, memory):  # type: ignore[no-untyped-def]
+def look_ahead(system, law, memory, is_clear):  # type: ignore[no-untyped-def]
     """Return the smallest predicted gap (theta.py, J2); store gaps and rates if one is closed.
 
-    Return infinity for laws that look at the gaps at the end of the step.
+    Return infinity for laws that look at the gaps at the end of the step, and if the state is clear
+    (`refined._is_clear`): then no predicted gap is closed.
     """
     if memory.counts[N_RESTING]:
         forget_resting(system, memory)
-    if law.kind != MOREAU:
+    if law.kind != MOREAU or is_clear:
         return np.inf
     ahead = system.scheme.gap_ahead
     if system.is_modal:
@@ -173,9 +174,12 @@ def observe_into(system, X, u, v, row):  # type: ignore[no-untyped-def]
 
 
 @njit
-def advance(system, law, memory, new_base):  # type: ignore[no-untyped-def]
-    """Compute one candidate, with springs if any; return zᵀ C z and the smallest gap."""
-    X, predicted = memory.X, look_ahead(system, law, memory)
+def advance(system, law, memory, new_base, is_clear):  # type: ignore[no-untyped-def]
+    """Compute one candidate, with springs if any; return zᵀ C z and the smallest gap.
+
+    For `is_clear` see `look_ahead`.
+    """
+    X, predicted = memory.X, look_ahead(system, law, memory, is_clear)
     base_state = mix_base(system, memory.base, new_base)
     if system.is_chained:
         flow, smallest = lk.step(system, X, base_state, True)
