@@ -282,7 +282,7 @@ class Recorder:
         self.window.append(record)
         self.n_closed += 1
         jumps = record.jumps.columns()
-        if self.refine == 1:
+        if not record.effort.any():  # no step was divided
             record.effort[0] = n_steps
         self.effort[k] = record.effort
         with np.errstate(all="ignore"):  # the return value reports a diverged motion

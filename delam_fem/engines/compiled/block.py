@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from delam_fem.engines.compiled.stepper import CompiledStepper
-from delam_fem.numerics.arrays import FloatArray
 from delam_fem.simulation.energy import LEVEL
 from delam_fem.simulation.impacts import Columns, Jumps
 from delam_fem.simulation.recorder import LEDGER, N_BASE, PeriodRecord, Recorder
@@ -24,13 +23,11 @@ class Block:
         addresses: those of the members of `OF_BLOCK`.
     """
 
-    def __init__(
-        self, stepper: CompiledStepper, recorder: Recorder, ticks_per_step: int, n_periods: int
-    ) -> None:
+    def __init__(self, stepper: CompiledStepper, recorder: Recorder, n_periods: int) -> None:
         """Allocate the arrays."""
         self.n_slots = n_slots = min(n_periods, recorder.window_periods)
         self._window_periods, self._frame_steps = recorder.window_periods, recorder.frame_steps
-        self._unknowns, self._ticks_per_step = stepper.unknowns, ticks_per_step
+        self._unknowns, self._ticks_per_step = stepper.unknowns, recorder.refine
         rows, n_frames = recorder.steps_per_period + 1, recorder.frame_steps.size
         size, n_seen, n_pairs = stepper.system.size, stepper.system.n_probes, stepper.resting.size
         self.u = np.empty((n_slots, rows, N_BASE + n_seen))
@@ -49,15 +46,17 @@ class Block:
         """Return whether a block of so many periods fits."""
         return n_periods <= len(self.ends) and min(n_periods, self._window_periods) <= self.n_slots
 
-    def end(self, n_periods: int, events: Columns, ledger: FloatArray) -> None:
+    def end(self, n_periods: int, events: Columns, recorder: Recorder) -> None:
         """Keep what the records of the computed periods need besides the arrays.
 
         Args:
             n_periods: number of periods.
             events: buffers with their impacts.
-            ledger: their rows.
+            recorder: recorder with their rows, before it takes the block.
         """
-        self._n, self._ledger = n_periods, ledger
+        rows = slice(recorder.n_closed, recorder.n_closed + n_periods)
+        self._ledger, self._effort = recorder.ledger[rows], recorder.effort[rows]
+        self._n = n_periods
         _, n_events, n_hits = self.ends[n_periods - 1].tolist() if n_periods else (0, 0, 0)
         self._events = events.part((0, n_events), (0, n_hits)).copy()
 
@@ -86,6 +85,7 @@ class Block:
             impact=-float(self._ledger[j, _IMPACT]),
             n_steps=n_steps,
             is_divided=self.is_divided[slot],
+            effort=self._effort[j],
             ticks_per_step=self._ticks_per_step,
             resting=self.resting[slot].astype(np.bool_),
         )

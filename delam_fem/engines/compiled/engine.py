@@ -179,7 +179,7 @@ class Compiled:
         while ending == state.FULL:
             self._enlarge()
             done, step, ending = self._run(s.address, self._address, first, (done, step), n_periods)
-        block.end(done, self._events, recorder.ledger[first : first + done])
+        block.end(done, self._events, recorder)
         self._spare = cast("Block | None", recorder.take(block))
         _require_impulses(ending)
         return ending == state.COMPLETED
@@ -188,7 +188,7 @@ class Compiled:
         """Return a block with room for some periods; make the table of a new recorder."""
         block, self._spare = self._spare, None
         if recorder is not self._recorder or block is None or not block.has_room(n_periods):
-            block = Block(self.stepper, recorder, self._refinement.factor, n_periods)
+            block = Block(self.stepper, recorder, n_periods)
         if recorder is not self._recorder:
             self._recorder, self._table = recorder, packed(self._log(recorder, block))
             self._address = int(self._table.ctypes.data)

@@ -149,7 +149,7 @@ def run(
     with session(
         operators, law.law, SCHEMES[law.scheme], at_rest(span), span, initial=start
     ) as opened:
-        found = opened.solution(opened.run(ends))
+        found = opened.solution(opened.run(ends, every=1))
     return GroundRun(
         time=found.time,
         u=found.displacement,
@@ -165,7 +165,7 @@ def run(
 def _energy(recorder: Recorder, records: list[PeriodRecord], time_step: float) -> Energy:
     """Return the energy ledger as running sums."""
     ledger = recorder.ledger[: recorder.n_closed]
-    at_start = records[0].start[0].total
+    at_start = records[0].start[:3].sum()
     steps = np.cumsum([0] + [record.n_steps for record in records])
 
     def sums(flow: FloatArray) -> FloatArray:
