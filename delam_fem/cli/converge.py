@@ -226,11 +226,11 @@ def _tell(found: Convergence, directory: Path, quiet: bool) -> None:
     figures = save_figures(found, directory / "figures")
     written = [directory / RESULT, path, *figures, write_page(found, figures, directory)]
     if not quiet:
-        typer.echo(verdict(found))
         for entry in overview(found):
             table(entry.title, entry.heading, entry.rows)
         if not found.ladder.has_limit:
             tell(NO_LIMIT)
+        typer.echo(verdict(found))
         say_files(written)
     if not found.is_complete:
         left = sum(rung.key not in found.results for rung in found.ladder.rungs())

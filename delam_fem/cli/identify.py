@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from delam_fem.cli.console.messages import tell
 from delam_fem.cli.console.terminal import reported, say_files, table
 from delam_fem.cli.inputs import (
     CaseArgument,
@@ -84,6 +85,8 @@ def resonance_command(
             written = found.save(directory)
         if not quiet:
             table(f"resonances of case {case.name}", HEADING, found.rows())
+            for text in found.remarks():
+                tell(text)
             say_files(written)
 
 

@@ -96,13 +96,11 @@ class SweptMotion:
     def states(self, times: npt.ArrayLike) -> FloatArray:
         """Return displacement, velocity and acceleration, shape (k, 3); see `BaseMotion`."""
         t = np.asarray(times, dtype=np.float64)
-        turns, rate = self._law(np.minimum(t, self.duration))
-        beyond = np.maximum(t - self.duration, 0.0)
-        turns = turns + self.end_frequency * beyond
-        rate = np.where(beyond > 0.0, 0.0, rate)
+        rate = np.where(t > self.duration, 0.0, self._law(np.minimum(t, self.duration))[1])
         rotation = 2.0 * math.pi * self.instantaneous_frequency(t)
         amplitude = self.amplitude if self.acceleration is None else 1.0
-        sine = _states(amplitude, 2.0 * math.pi * turns, rotation, 2.0 * math.pi * rate)
+        phi = 2.0 * math.pi * self.turns(t)
+        sine = _states(amplitude, phi, rotation, 2.0 * math.pi * rate)
         if self.acceleration is None:
             return sine
         return _product(self._amplitudes(rotation, 2.0 * math.pi * rate), sine)
@@ -115,6 +113,12 @@ class SweptMotion:
         slope = -2.0 * amplitude * rate / omega
         curvature = amplitude * (6.0 * (rate / omega) ** 2 - 2.0 * bend / omega)
         return np.stack([amplitude, slope, curvature], axis=-1)
+
+    def turns(self, times: npt.ArrayLike) -> FloatArray:
+        """Return phi(t) / (2 pi), same shape as `times` [-]."""
+        t = np.asarray(times, dtype=np.float64)
+        beyond = np.maximum(t - self.duration, 0.0)
+        return self._law(np.minimum(t, self.duration))[0] + self.end_frequency * beyond
 
     def instantaneous_frequency(self, times: npt.ArrayLike) -> FloatArray:
         """Return f(t), same shape as `times` [Hz]."""
@@ -201,7 +205,7 @@ def drive(case: Case) -> Drive:
         return HalfSine(given.amplitude, given.duration, given.start)
     if given.frequency is not None:
         return HarmonicMotion(given.frequency, given.amplitude)
-    return _swept(given, given.amplitude)
+    return swept_motion(given, given.amplitude)
 
 
 def base_motion(case: Case) -> BaseMotion:
@@ -214,13 +218,13 @@ def base_motion(case: Case) -> BaseMotion:
     if isinstance(given, HarmonicExcitation):
         return HarmonicMotion(given.frequency, given.displacement_amplitude(given.frequency))
     if isinstance(given, SweepExcitation):
-        return _swept(given, given.amplitude or 0.0, given.acceleration)
+        return swept_motion(given, given.amplitude or 0.0, given.acceleration)
     raise CaseError(
         f"excitation.kind: expected 'harmonic' or 'sweep' of the base, given {given.kind!r}"
     )
 
 
-def _swept(
+def swept_motion(
     given: SweepExcitation | ForceExcitation, amplitude: float, acceleration: float | None = None
 ) -> SweptMotion:
     """Return the course of a sweep."""

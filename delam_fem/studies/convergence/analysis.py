@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -15,6 +16,9 @@ from delam_fem.studies.convergence.ladder import Ladder, Rung
 from delam_fem.studies.convergence.rung import RungResult
 from delam_fem.studies.convergence.statistics import Statistic, extrema
 from delam_fem.studies.linear import first_frequencies, linear_amplitudes
+
+NOISE = 2.0
+"""Standard errors of the means that an interval holds."""
 
 
 @dataclass(frozen=True)
@@ -79,29 +83,50 @@ class Convergence:
             if not self.ladder.has_limit:
                 return math.nan
             reference = self.ladder.limit_of(rung.mesh)
-        return self._distance(rung, [self.value(reference, q.name) for q in self.extrema])
+        exact, half = self._scale(reference)
+        found = np.array([self.value(rung, q.name) for q in self.extrema])
+        return float(np.abs((found - exact) / half).max())
 
-    def error_along(self, rung: Rung, rungs: Sequence[Rung], by: str) -> float:
-        """Return the distance of the tip extremes from the limit that rungs extrapolate to.
+    def interval(self, rung: Rung, rungs: Sequence[Rung], by: str) -> tuple[float, float]:
+        """Return how far a rung is from the limit, and the uncertainty of that [-].
+
+        The distance is `error`, over meshes from the finest rung. Beyond the finest, errors go on
+        as a power of the size that the last three rungs show, of order 1 at most. `NOISE` standard
+        errors of the means are added.
 
         Args:
             rung: a rung with contact.
-            rungs: rungs that refine `by` "steps", "elements" or "points".
+            rungs: rungs that refine `by` "steps", "elements" or "points", from coarse to fine.
             by: what they refine.
 
         Returns:
-            As `error`; NaN if the limit of an extreme cannot be estimated.
+            A NaN uncertainty without two rungs that are finer; infinite if errors do not shrink.
         """
-        if len(rungs) < 3:
-            return math.nan
-        return self._distance(rung, [self.limit(rungs, q.name, by=by).value for q in self.extrema])
+        finest = rungs[-1]
+        is_limit = by == "steps" and self.ladder.has_limit
+        away = self.error(rung, None if is_limit else finest)
+        if rung not in rungs[:-2]:
+            return away, math.nan
+        first, second = (self.error(a, b) for a, b in pairwise(rungs[-3:]))
+        noise = NOISE * (self._noise(rung, finest) + self._noise(finest, finest))
+        a, b, c = (1.0 / getattr(one, by) for one in rungs[-3:])
+        at_first_order = first * (b - c) / (a - b)
+        if second <= max(noise, at_first_order):  # a small difference may be chance
+            return away, max(second, at_first_order) / (b / c - 1.0) + noise
+        order = extrapolation.observed_orders([a, b, c], [first + second, second, 0.0])[0]
+        is_shrinking = order >= extrapolation.LOWEST_ORDER
+        left = second / ((b / c) ** order - 1.0) if is_shrinking else math.inf
+        return away, left + noise
 
-    def _distance(self, rung: Rung, extremes: Sequence[float]) -> float:
-        """Return the largest difference of the extremes of a rung from others; see `error`."""
-        exact = np.array(extremes)
-        found = np.array([self.value(rung, q.name) for q in self.extrema])
-        half = np.repeat((exact[1::2] - exact[0::2]) / 2.0, 2)
-        return float(np.abs((found - exact) / half).max())
+    def _noise(self, rung: Rung, reference: Rung) -> float:
+        """Return the largest standard error of the extremes of a rung, in units of `error`."""
+        own = np.array([self.standard_error(rung, q.name) for q in self.extrema])
+        return float((own / self._scale(reference)[1]).max())
+
+    def _scale(self, reference: Rung) -> tuple[FloatArray, FloatArray]:
+        """Return the extremes of a rung, and half of each lamina's peak-to-peak displacement."""
+        exact = np.array([self.value(reference, q.name) for q in self.extrema])
+        return exact, np.repeat((exact[1::2] - exact[0::2]) / 2.0, 2)
 
     def free_errors(self, rung: Rung) -> FloatArray:
         """Return the relative errors of a rung without contact; see `exact_free_motion`.

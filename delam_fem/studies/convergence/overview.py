@@ -1,87 +1,88 @@
-"""Say in a line how far a case is from its limit; make short tables, all methods side by side."""
+"""Say in a line which run is near the limit; make short tables, all methods side by side."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 
 from delam_fem.studies.convergence.analysis import Convergence
-from delam_fem.studies.convergence.ladder import FREE, Ladder, MeshChoice, Method, Rung
+from delam_fem.studies.convergence.ladder import FREE, RIGID, Ladder, Method, Rung
 from delam_fem.studies.convergence.statistics import WORK
 from delam_fem.studies.convergence.tables import NOTHING, Direction, Table, cost, lines, number
 
+GOAL = 0.01
+"""Distance from the limit that the verdict asks for, in half peak-to-peak displacements."""
+
 
 def verdict(found: Convergence) -> str:
-    """Say how far the case itself is from the limit: "20 elements: 1.5 % from the limit …".
+    """Say which run is within `GOAL` of the limit and cheapest, or that none is, and why.
 
-    The case is the rung with its own method, mesh and steps; what the ladder has not is replaced by
-    its first method, finest mesh or smallest steps. Steps are judged against the smallest steps
-    of newton@moreau-jean, meshes against the limit that is extrapolated over them.
+    A run is judged in each direction that the ladder refines, beside two finer runs or more: in
+    steps on its own mesh, in meshes with the smallest steps; see `Convergence.interval`.
     """
     ladder = found.ladder
-    if not ladder.methods:
-        return "No method with contact was asked for."
-    own, case = ladder.methods[0], ladder.case
-    for method in ladder.methods:
-        if case.with_overrides(dict(method.overrides)) == case:
-            own = method
-    at = case.time.steps_per_period
-    steps = at if at in ladder.steps else ladder.steps[-1]
-    mesh = _own_mesh(ladder, own, steps)
-    said = []
-    if len(ladder.steps) > 1 or len(ladder.meshes) == 1:
-        said.append(_distance(found, ladder.along_steps(own, mesh), "steps", steps, mesh))
-    if len(ladder.meshes) > 1:
-        said.append(_distance(found, ladder.along_meshes(own, steps), ladder.refines, steps, mesh))
-    return " ".join([*said, *_elastic(found, mesh)])
-
-
-def _elastic(found: Convergence, mesh: MeshChoice) -> Iterator[str]:
-    """Say of e = 1 that the finest steps are no limit, with the number of their impulses."""
-    ladder = found.ladder
-    if ladder.case.contact.restitution == 1.0 and ladder.has_limit:
-        count = number(found.value(ladder.limit_of(mesh), "impacts"), ".0f")
-        yield (
-            f"With e = 1 no step of this size shows a limit: contact takes nothing, so that pairs "
-            f"that stay near one another are hit again and again, and the impulses per period "
-            f"({count} at T/{ladder.limit_steps}) grow with 1/Δt. Compare other --limit-steps to "
-            "see how far the extremes still move."
+    judged = [
+        (rung, *_judged(found, method, rung))
+        for method in ladder.methods
+        for mesh in ladder.meshes
+        for rung in ladder.along_steps(method, mesh)
+    ]
+    known = [own for own in judged if not math.isnan(own[1] + own[2])]
+    goal = f"{100.0 * GOAL:.2g} % of the limit of the tip extremes"
+    if not known:
+        return (
+            f"No run is known to be within {goal}: none that was completed has two finer ones "
+            "beside it in every direction that was refined."
         )
+    best = min(known, key=lambda own: (own[1] + own[2], own[1]))
+    good = [own for own in known if own[1] + own[2] <= GOAL]
+    chosen, away, left = min(good, key=lambda own: found.cost(own[0])) if good else best
+    away, left = 100.0 * away, 100.0 * left
+    run = f"{chosen.method}, {chosen.mesh_text}, {chosen.steps} steps per period"
+    cost = f"{1e3 * found.cost(chosen):.3g} ms of processor time per period"
+    if good:
+        kept = (
+            "" if len(_directions(ladder)) == 2 else f"; only {_directions(ladder)[0]} were refined"
+        )
+        return f"Within {goal}, and cheapest: {run} ({cost}), {away:.2g} ± {left:.2g} %{kept}."
+    reason = f"the nearest that is judged, {run} ({cost}), is {away:.2g} ± {left:.2g} % away"
+    if math.isinf(left):
+        reason = f"errors do not shrink from rung to rung; {run}, is {away:.2g} % from the finest"
+    if ladder.case.contact.restitution == 1.0 and ladder.has_limit:
+        count = number(found.value(ladder.limit_of(chosen.mesh), "impacts"), ".0f")
+        reason += (
+            f"; with e = 1 contact takes nothing, so that pairs near one another are hit again and "
+            f"again, and the impulses per period ({count} at T/{ladder.limit_steps}) grow with 1/Δt"
+        )
+    return f"No run is known to be within {goal}: {reason}."
 
 
-def _own_mesh(ladder: Ladder, method: Method, steps: int) -> MeshChoice:
-    """Return the mesh of the case, or the finest one of the ladder."""
-    for mesh in ladder.meshes:
-        made = ladder.rung(method, mesh, steps).case
-        per_element = ladder.case.contact.points_per_element
-        if made.mesh == ladder.case.mesh and made.contact.points_per_element == per_element:
-            return mesh
-    return ladder.meshes[-1]
+def _directions(ladder: Ladder) -> list[Direction]:
+    """Return what a ladder refines: "steps", and "elements" or "points"."""
+    found: list[Direction] = ["steps"] if len(ladder.steps) > 1 else []
+    return [*found, ladder.refines] if len(ladder.meshes) > 1 else found or ["steps"]
 
 
-def _distance(
-    found: Convergence, rungs: Sequence[Rung], direction: Direction, steps: int, mesh: MeshChoice
-) -> str:
-    """Say how far one of the rungs of a line is from their limit."""
-    (rung,) = (rung for rung in rungs if (rung.steps, rung.mesh) == (steps, mesh))
-    by_steps = f"{rung.steps} steps per period"
-    size, where = {
-        "steps": (by_steps, rung.mesh_text),
-        "elements": (rung.mesh_text, by_steps),
-        "points": (f"{rung.points} contact points", by_steps),
-    }[direction]
-    by_rung = direction == "steps" and found.ladder.has_limit
-    error = found.error(rung) if by_rung else found.error_along(rung, rungs, direction)
-    place = f"({rung.method}, {where})."
-    if math.isfinite(error):
-        finest = f"T/{found.ladder.limit_steps} of newton@moreau-jean on this mesh"
-        limit = finest if by_rung else "the limit"
-        return f"{size}: {100.0 * error:.2g} % from {limit} {place}"
-    step = found.error(rung, rungs[-1])
-    if rung is rungs[-1] or not math.isfinite(step):
-        return f"{size}: no limit can be told {place}"
-    finest = getattr(rungs[-1], direction)
-    return f"{size}: no limit can be told, {100.0 * step:.2g} % from {finest} {direction} {place}"
+def _line(found: Convergence, method: Method, rung: Rung, direction: Direction) -> list[Rung]:
+    """Return the rungs that refine a rung in a direction, with the rigid limit if it is one."""
+    ladder = found.ladder
+    if direction != "steps":
+        return ladder.along_meshes(method, rung.steps)
+    rungs = ladder.along_steps(method, rung.mesh)
+    goes_on = ladder.limit_steps > rungs[-1].steps and dict(method.overrides) == RIGID
+    return [*rungs, ladder.limit_of(rung.mesh)] if goes_on else rungs
+
+
+def _judged(found: Convergence, method: Method, rung: Rung) -> tuple[float, float]:
+    """Return the distance of a rung from the limit, and its uncertainty, over all directions."""
+    away = left = 0.0
+    for direction in _directions(found.ladder):
+        own = rung
+        if direction != "steps":
+            own = found.ladder.rung(method, rung.mesh, found.ladder.steps[-1])
+        part = found.interval(own, _line(found, method, own, direction), direction)
+        away, left = away + part[0], left + part[1]
+    return away, left
 
 
 def overview(found: Convergence) -> Iterator[Table]:
@@ -90,19 +91,33 @@ def overview(found: Convergence) -> Iterator[Table]:
     for direction, where, rungs in _shown(ladder, FREE):
         yield _brief_free_table(found, rungs, direction, where)
     for direction, where, rungs in _shown(ladder, ladder.methods[0]) if ladder.methods else ():
-        if ladder.has_limit:
-            text = f"error of the tip extremes against the rigid limit of the mesh [%], {where}"
-            yield _side_by_side(
-                found, rungs, direction, text, lambda rung: 100.0 * found.error(rung)
-            )
+        finest = f"the finest {direction} of each method"
+        if direction == "steps" and ladder.has_limit:
+            finest = "the rigid limit of the mesh"
+        text = f"distance of the tip extremes from {finest} ± what is left beyond [%], {where}"
+        yield _side_by_side(
+            found,
+            rungs,
+            direction,
+            text,
+            lambda rung, method, by=direction: _percent(found, rung, method, by),  # type: ignore[misc]
+        )
         for q in (found.extrema[0], WORK):
             yield _side_by_side(
                 found,
                 rungs,
                 direction,
                 f"{q.heading}, {where}",
-                lambda rung, q=q: q.factor * found.value(rung, q.name),  # type: ignore[misc]
+                lambda rung, _, q=q: number(q.factor * found.value(rung, q.name), ".2f"),  # type: ignore[misc]
             )
+
+
+def _percent(found: Convergence, rung: Rung, method: Method, direction: Direction) -> str:
+    """Return the interval of a rung as text [%]; only the distance where no more is known."""
+    line = _line(found, method, rung, direction)
+    away, left = (100.0 * part for part in found.interval(rung, line, direction))
+    text = number(away, ".2f")
+    return f"{text} ± {left:.2g}" if math.isfinite(left) else text
 
 
 def _shown(ladder: Ladder, method: Method) -> Iterator[tuple[Direction, str, list[Rung]]]:
@@ -130,7 +145,7 @@ def _side_by_side(
     line: list[Rung],
     direction: Direction,
     title: str,
-    value: Callable[[Rung], float],
+    value: Callable[[Rung, Method], str],
 ) -> Table:
     """Return a table of one number, with a row for each rung and a column for each method."""
     ladder = found.ladder
@@ -142,6 +157,6 @@ def _side_by_side(
             result = found.results.get(rung.key)
             is_there = result is not None and result.outcome == "completed"
             said = NOTHING if result is None else result.outcome
-            row.append(number(value(rung), ".2f") if is_there else said)
+            row.append(value(rung, method) if is_there else said)
         rows.append(tuple(row))
     return Table(title, (direction, *(method.name for method in ladder.methods)), tuple(rows))

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from delam_fem.numerics.inference import Posterior
-    from delam_fem.studies.identification.resonance import Amplitudes, Resonance
+    from delam_fem.studies.identification.resonance import Resonance
     from delam_fem.studies.unknown import Unknown
 
 BINS = 24
@@ -92,13 +92,14 @@ def _posterior_title(truth: list[float] | None) -> str:
 
 
 @styled()
-def resonance_figure(measured: Amplitudes, found: Resonance, fitted: FloatArray) -> Figure:
+def resonance_figure(found: Resonance) -> Figure:
     """Draw measured amplitudes, the fit, the peak and the natural frequency."""
     import matplotlib.pyplot as plt
 
     figure, panel = plt.subplots(figsize=(7.0, 4.0))
-    panel.plot(measured.frequency, measured.amplitude, ".", color=BLUE, ms=2.5, label="measured")
-    panel.plot(measured.frequency, fitted, color=VERMILLION, label="fit")
+    shown = found.amplitudes
+    panel.plot(shown.frequency, shown.amplitude, ".", color=BLUE, ms=2.5, label="measured")
+    panel.plot(shown.frequency, shown.fitted, color=VERMILLION, label="fit")
     panel.axvline(found.peak, color=BLUE, linestyle=":", label=f"peak {found.peak:.4f} Hz")
     panel.axvline(found.frequency, color=GREEN, label=f"natural frequency {found.frequency:.4f} Hz")
     panel.set_xlabel("frequency of the base  [Hz]")

@@ -1,49 +1,72 @@
-"""Identify the first mode of a lamina from a stepped or a swept sine.
+"""Identify the first mode of a lamina from a swept sine.
 
 A sweep that rises passes the resonance before the amplitude has grown, so its peak comes late; one
 that falls is late on the other side. The frequency that is read off the peak is biased by that. The
-fit compares the measured amplitudes with the response of the same sweep, so that the bias is gone.
+fit compares the record with the response of one mode to the same sweep, so that the bias is gone:
+
+    x(t) = g z(u) + r z''(u) + Γ w(t) + Re(c e^{λt}) + m,   u = t - a - b (t - t_m)/T          (R1)
+
+w is the response of the mode (`oscillator`), r the quasi-static part of higher modes, c what still
+vibrates from before, a and b say when the record began and how fast its clock runs.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from itertools import pairwise
+from dataclasses import dataclass, field
+from itertools import product
 
 import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import CubicSpline
 from scipy.optimize import least_squares
 
-from delam_fem.case.motion.excitation import BaseMotion
+from delam_fem.case.motion.excitation import SweptMotion
 from delam_fem.case.sections import Lamina
 from delam_fem.case.toml import CaseError
-from delam_fem.numerics.arrays import FloatArray
-from delam_fem.numerics.cantilever import cantilever_roots
-from delam_fem.numerics.oscillator import stationary, swept
+from delam_fem.numerics.arrays import BoolArray, FloatArray
+from delam_fem.numerics.cantilever import ComplexArray, cantilever_roots
+from delam_fem.numerics.oscillator import driven, pole
 
-FIRST_DAMPING = (0.003, 0.01, 0.03)
-"""Damping ratios from which the fit starts; the best end counts."""
+FIRST_DAMPING, FIRST_SHIFTS = (0.001, 0.003, 0.01, 0.03, 0.1), (0.0, 0.3, 0.6, 0.9)
+"""Damping ratios, and distances of the peak over the root of Hz/s (0.86 without damping), of which
+the best begins the fit."""
 BAND = 0.3
 """Only frequencies within this share of the peak are fitted: the first mode alone is meant."""
-STEPS_OF_DECAY = 20.0
-"""Number of steps of the solved response in the time in which the motion decays by e."""
 FEWEST = 8
-"""Smallest number of amplitudes that can be fitted."""
+"""Smallest number of cycles that can be fitted, and of samples in a cycle."""
+MOST_SAMPLES = 200
+"""Largest number of samples in the shortest period; of more samples some are left out."""
+EVEN = 1e-3
+"""Largest relative difference of steps that are equal."""
+LEAST_DAMPING, MOST_DAMPING = 1e-5, 0.5
+LINEAR = 6
+"""Number of unknowns that (R1) is linear in."""
+BLOCKS = 8
+"""Parts of a record, of equal information on the frequency, each of which is left out once."""
+SCATTERED = 2.0
+"""Variance of fits without a part over that of a white noise, which exceeds it in 5 % (F test)."""
+SIGNIFICANT = 3.0
+"""Standard errors from which a start or a clock is named."""
+SAME_CLOCK = 5e-5
+"""Relative difference of clocks that is not worth a sentence."""
+NOT_NOISE, NOTHING_LEFT = 1.05, 1e-4
+"""What is left, over the noise of a sample and over the largest displacement, that is named."""
 
 
 @dataclass(frozen=True)
 class Amplitudes:
-    """Amplitudes of a point of a lamina under a base motion of known frequency.
+    """Amplitudes of a point of a lamina in a swept sine, one for each cycle of the base.
 
     Attributes:
         frequency: of the base, shape (k,) [Hz].
         amplitude: of the absolute displacement per amplitude of the base, shape (k,) [-].
-        time: of each value, increasing, shape (k,) [s]; None: the motions are stationary.
+        fitted: the same of the fit (R1), shape (k,) [-]; NaN beyond the band that was fitted.
     """
 
     frequency: FloatArray
     amplitude: FloatArray
-    time: FloatArray | None = None
+    fitted: FloatArray
 
     @property
     def peak(self) -> float:
@@ -53,14 +76,18 @@ class Amplitudes:
 
 @dataclass(frozen=True)
 class Resonance:
-    """A natural frequency with its damping.
+    """A natural frequency with its damping. Errors are standard errors: two contain 95 %.
 
     Attributes:
-        frequency, frequency_error: undamped natural frequency and its standard error [Hz].
-        damping_ratio, damping_error: D and its standard error [-].
+        frequency, frequency_error: undamped natural frequency and its error [Hz].
+        damping_ratio, damping_error: D and its error [-].
         participation: Γ of the point, 1.566 at the tip of a uniform cantilever [-].
         peak: frequency with the largest amplitude, as one reads it off [Hz].
-        residual: rms of the differences over the largest amplitude [-].
+        residual: rms of the differences over the largest displacement [-].
+        late, late_error: time by which the record begins after the sweep, and its error [s].
+        clock, clock_error: seconds of the sweep in one of the record, and its error [-].
+        remarks: sentences on what is not as it was said to be.
+        amplitudes: for a figure.
     """
 
     frequency: float
@@ -70,6 +97,12 @@ class Resonance:
     participation: float
     peak: float
     residual: float
+    late: float
+    late_error: float
+    clock: float
+    clock_error: float
+    remarks: tuple[str, ...]
+    amplitudes: Amplitudes = field(repr=False)
 
     def bending_stiffness(self, lamina: Lamina) -> tuple[float, float]:
         """Return EI of a uniform cantilever with this frequency and its standard error [N m2].
@@ -82,98 +115,244 @@ class Resonance:
         return EI, 2.0 * EI * self.frequency_error / self.frequency
 
 
-def demodulated(
-    time: FloatArray, displacement: FloatArray, motion: BaseMotion, amplitude: float
-) -> Amplitudes:
-    """Return the amplitudes of a swept sine, one for each cycle of the base.
+@dataclass(frozen=True)
+class _Cycles:
+    """Cycles of a sweep as the record's clock gives them.
 
-    In each cycle a constant and a sine of the phase of the base are fitted. A wrong origin of time
-    of some cycles does no harm, since phases are not used.
+    Attributes:
+        edges: number of the first sample of each cycle, and the end, shape (k + 1,).
+        turn: e^{-iφ} of the samples up to that end.
+        time: of the middle of each cycle, shape (k,) [s].
+        frequency: of the base there, shape (k,) [Hz].
+    """
+
+    edges: npt.NDArray[np.intp]
+    turn: ComplexArray
+    time: FloatArray
+    frequency: FloatArray
+
+    @classmethod
+    def of(cls, time: FloatArray, motion: SweptMotion) -> _Cycles:
+        """Return the cycles of a record; those with too few samples are refused."""
+        turns = motion.turns(time)
+        edges = np.searchsorted(turns, np.arange(math.ceil(turns[0]), math.floor(turns[-1]) + 1))
+        if edges.size <= FEWEST or np.diff(edges).min() < FEWEST:
+            raise CaseError(
+                f"swept sine: expected at least {FEWEST} cycles with {FEWEST} samples or more, "
+                f"given {edges.size - 1} with {np.diff(edges).min() if edges.size > 1 else 0}"
+            )
+        middle = 0.5 * (time[edges[:-1]] + time[edges[1:] - 1])
+        turn = np.exp(-2j * math.pi * turns[: edges[-1]])
+        return cls(edges, turn, middle, motion.instantaneous_frequency(middle))
+
+    def amplitudes(self, values: FloatArray) -> ComplexArray:
+        """Return the complex amplitude of each cycle, shape (k,)."""
+        found = np.add.reduceat(values[: self.turn.size] * self.turn, self.edges[:-1])
+        return np.asarray(2j * found / np.diff(self.edges))
+
+
+@dataclass(frozen=True)
+class _Band:
+    """The part of a record in which the base passes the resonance.
+
+    Attributes:
+        time: equidistant, shape (n,) [s].
+        displacement: shape (n,) [m].
+        motion: of the base.
+    """
+
+    time: FloatArray
+    displacement: FloatArray
+    motion: SweptMotion
+
+    def on_sweep(self, at: FloatArray, delays: FloatArray) -> FloatArray:
+        """Return u of (R1) for the delays a and b [s]."""
+        t = self.time
+        share = (at - 0.5 * (t[0] + t[-1])) / (t[-1] - t[0])
+        return np.asarray(at - delays[0] - delays[1] * share)
+
+    def explained(self, p: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return x(t) of (R1) for (frequency [Hz], D, a, b), and g, Γ, r, c, m that fit best."""
+        t, root = self.time, pole(2.0 * math.pi * p[0], p[1])
+        base = self.motion.states(self.on_sweep(t, p[2:]))
+        y = driven(t, lambda at: self.motion.states(self.on_sweep(at, p[2:]))[:, 2], root)
+        free = np.exp(root * (t - t[0]))
+        columns = np.stack(
+            [base[:, 0], 2.0 * y.real, base[:, 2], free.real, free.imag, np.ones_like(t)]
+        )
+        size = abs(columns).max(axis=1)
+        found = np.linalg.lstsq((columns / size[:, None]).T, self.displacement, rcond=None)[0]
+        return (found / size) @ columns, found / size
+
+
+def fit(time: FloatArray, displacement: FloatArray, motion: SweptMotion) -> Resonance:
+    """Fit natural frequency, damping ratio, participation, start and clock to a record.
 
     Args:
-        time: times of the samples since the sweep began, shape (n,) [s].
-        displacement: absolute displacement of the point, shape (n,) [m].
-        motion: of the base; gives its frequency.
-        amplitude: of the base [m].
+        time: since the sweep began, as the record has it, shape (n,) [s].
+        displacement: absolute, of the point, shape (n,) [m].
+        motion: of the base.
 
     Raises:
-        CaseError: there are fewer than eight cycles with samples enough.
+        CaseError: there are fewer than eight cycles near the peak, or with samples enough.
     """
-    frequency = motion.instantaneous_frequency(time)
-    step = np.diff(time)
-    turns = np.concatenate([[0.0], np.cumsum(0.5 * (frequency[1:] + frequency[:-1]) * step)])
-    edges = np.searchsorted(turns, np.arange(math.floor(turns[-1]) + 1))
-    rows = []
-    for first, last in pairwise(edges.tolist()):
-        if last - first < FEWEST:
-            continue
-        own = slice(first, last)
-        angle = 2.0 * math.pi * turns[own]
-        columns = np.stack([np.cos(angle), np.sin(angle), np.ones(last - first)], axis=1)
-        cosine, sine, _ = np.linalg.lstsq(columns, displacement[own], rcond=None)[0]
-        rows.append((time[own].mean(), frequency[own].mean(), math.hypot(cosine, sine) / amplitude))
-    if len(rows) < FEWEST:
-        raise CaseError(
-            f"swept sine: expected at least {FEWEST} cycles with {FEWEST} samples or more, "
-            f"given {len(rows)}"
-        )
-    t, f, a = np.array(rows).T
-    return Amplitudes(f, a, t)
-
-
-def fit(measured: Amplitudes) -> Resonance:
-    """Fit natural frequency, damping ratio and participation to measured amplitudes.
-
-    The standard errors are those of least squares with independent errors of equal size.
-
-    Raises:
-        CaseError: there are fewer than eight amplitudes near the peak.
-    """
-    near = np.abs(measured.frequency - measured.peak) <= BAND * measured.peak
+    time, displacement = _even(time, displacement, motion)
+    cycles = _Cycles.of(time, motion)
+    a = cycles.amplitudes(displacement)
+    peak = float(cycles.frequency[np.argmax(abs(a))])
+    near = abs(cycles.frequency - peak) <= BAND * peak
     if np.count_nonzero(near) < FEWEST:
         raise CaseError(
-            f"resonance: expected at least {FEWEST} amplitudes within {100 * BAND:.0f} % of the "
-            f"peak at {measured.peak:g} Hz, given {np.count_nonzero(near)}"
+            f"resonance: expected at least {FEWEST} cycles within {100 * BAND:.0f} % of the "
+            f"peak at {peak:g} Hz, given {np.count_nonzero(near)}"
         )
-    amplitude = measured.amplitude[near]
+    first, last = np.flatnonzero(near)[[0, -1]]
+    own = slice(cycles.edges[first], cycles.edges[last + 1])
+    band = _Band(time[own], displacement[own], motion)
+    start, m = _by_amplitudes(time, cycles, a, near, motion)
+    phase, to_peak = np.angle(a[near] / m), np.argmax(abs(a[near])) + 1  # then it beats
+    delays = [np.zeros(2)] + [
+        _by_phases(band, cycles.time[near][:n], np.unwrap(phase[:n]))
+        for n in (to_peak, phase.size)
+        if n > FEWEST
+    ]
+    scale, ends = [start[0] * start[1], start[1], *[0.1 / peak] * 2], []
+    for q in delays:
+        found = least_squares(
+            lambda p: band.explained(p)[0] - band.displacement, [*start, *q], x_scale=scale,
+            bounds=([0.0, LEAST_DAMPING, *[-np.inf] * 2], [np.inf, MOST_DAMPING, *[np.inf] * 2]),
+        )  # fmt: skip
+        ends.append(found)
+        if np.std(found.fun) < NOT_NOISE * _noise(found.fun):
+            break
+    found = min(ends, key=lambda end: float(end.cost))
+    model, weights = band.explained(found.x)
+    covariance = _covariance(found.jac, found.fun)
+    fitted = np.full(near.size, np.nan)
+    whole = np.zeros_like(time)
+    whole[own] = model
+    fitted[first : last + 1] = abs(cycles.amplitudes(whole))[first : last + 1] / motion.amplitude
+    figure = Amplitudes(cycles.frequency, abs(a) / motion.amplitude, fitted)
+    return _judged(band, found.x, covariance, found.fun, weights, figure)
 
-    def difference(p: FloatArray) -> FloatArray:
-        return np.asarray(_response(measured, p)[near] - amplitude)
 
-    top = float(amplitude.max())
-    found = min(
-        (
-            least_squares(
-                difference, [measured.peak, D, 2.0 * D * top], x_scale=[measured.peak, D, 1.0],
-                bounds=([0.0, 1e-5, 0.0], [np.inf, 0.5, np.inf]),
+def _even(
+    time: FloatArray, displacement: FloatArray, motion: SweptMotion
+) -> tuple[FloatArray, FloatArray]:
+    """Return a record from the start of the sweep on, with equal steps and no more than needed."""
+    step = np.diff(time)
+    if np.ptp(step) > EVEN * step.mean():
+        even = np.linspace(time[0], time[-1], time.size)
+        time, displacement = even, CubicSpline(time, displacement)(even)
+    highest = max(motion.start_frequency, motion.end_frequency)
+    stride = max(1, int(1.0 / (MOST_SAMPLES * highest * step.mean())))
+    return time[time >= 0.0][::stride], displacement[time >= 0.0][::stride]
+
+
+def _by_amplitudes(
+    time: FloatArray, cycles: _Cycles, a: ComplexArray, near: BoolArray, motion: SweptMotion
+) -> tuple[FloatArray, ComplexArray]:
+    """Return frequency [Hz] and D that the sizes of the cycles tell, and the cycles near then.
+
+    The size of a cycle hardly depends on when the record begins.
+    """
+    measured, size = a[near], motion.amplitude
+
+    def of_mode(p: FloatArray) -> ComplexArray:
+        y = driven(time, lambda at: motion.states(at)[:, 2], pole(2.0 * math.pi * p[0], p[1]))
+        return cycles.amplitudes(2.0 * y.real)[near]
+
+    def away(p: FloatArray) -> FloatArray:
+        return np.asarray(abs(size + p[2] * of_mode(p)) - abs(measured))
+
+    top = int(np.argmax(abs(a)))
+    peak, passing = cycles.frequency[top], np.gradient(cycles.frequency, cycles.time)[top]
+    starts = []
+    for late, D in product(FIRST_SHIFTS, FIRST_DAMPING):
+        p = np.array([peak - late * np.sign(passing) * math.sqrt(abs(passing)), D, 1.0])
+        p[2] = abs(measured).max() / abs(of_mode(p)).max()
+        starts.append(p)
+    start = min(starts, key=lambda p: float(np.sum(away(p) ** 2)))
+    found = least_squares(
+        away, start, x_scale=[peak * start[1], start[1], 1.0],
+        bounds=([0.0, LEAST_DAMPING, 0.0], [np.inf, MOST_DAMPING, np.inf]),
+    ).x  # fmt: skip
+    return found[:2], np.asarray(size + found[2] * of_mode(found))
+
+
+def _by_phases(band: _Band, time: FloatArray, phase: FloatArray) -> FloatArray:
+    """Return the delays a and b [s] that the phases of cycles tell, up to a turned sign."""
+
+    def away(q: FloatArray, constant: float) -> FloatArray:
+        turns = band.motion.turns(band.on_sweep(time, q)) - band.motion.turns(time)
+        return np.asarray(2.0 * math.pi * turns + constant - phase)
+
+    free = least_squares(lambda q: away(q[:2], q[2]), np.zeros(3)).x
+    whole = math.pi * round(free[2] / math.pi)
+    return np.asarray(least_squares(lambda q: away(q, whole), free[:2]).x)
+
+
+def _covariance(jacobian: FloatArray, residual: FloatArray) -> FloatArray:
+    """Return the covariance of the unknowns, shape (4, 4).
+
+    It is that of a white noise. Where fits to the record without one of `BLOCKS` parts (jackknife)
+    scatter more than such a noise lets them, it is theirs: it holds what the model leaves out, too.
+    """
+    scale = np.sqrt((jacobian**2).sum(axis=0))
+    J = jacobian / scale
+    variance = residual @ residual / (residual.size - J.shape[1] - LINEAR)
+    white = np.linalg.inv(J.T @ J) * variance
+    known = np.cumsum(J[:, 0] ** 2)
+    part = np.minimum((BLOCKS * known / known[-1]).astype(int), BLOCKS - 1)
+    shifts, expected = np.empty((BLOCKS, J.shape[1])), np.zeros(J.shape[1])
+    for k in range(BLOCKS):
+        left_out, others = J[part == k], np.linalg.inv(J[part != k].T @ J[part != k])
+        shifts[k] = others @ left_out.T @ residual[part == k]
+        expected += variance * np.diag(others @ left_out.T @ left_out @ others)
+    scattered = (BLOCKS - 1) * shifts.var(axis=0)
+    is_more = scattered > SCATTERED * (BLOCKS - 1) / BLOCKS * expected
+    widened = np.sqrt(np.where(is_more, scattered / np.diag(white), 1.0)).clip(1.0) / scale
+    return np.asarray(white * np.outer(widened, widened))
+
+
+def _noise(values: FloatArray) -> float:
+    """Return the standard deviation of a white noise by third differences, which motions lack."""
+    return float(np.std(np.diff(values, 3))) / math.sqrt(20.0)
+
+
+def _judged(
+    band: _Band, p: FloatArray, covariance: FloatArray, residual: FloatArray, weights: FloatArray,
+    amplitudes: Amplitudes,
+) -> Resonance:  # fmt: skip
+    """Return the resonance with what is to be said of its record."""
+    t, error = band.time, np.sqrt(np.diag(covariance))
+    middle, length = 0.5 * (t[0] + t[-1]), float(t[-1] - t[0])
+    clock, clock_error = 1.0 - p[3] / length, error[3] / length
+    at_zero = np.array([0.0, 0.0, -1.0, middle / length])  # u of (R1) at t = 0
+    late, late_error = float(at_zero @ p), math.sqrt(at_zero @ covariance @ at_zero)
+    rms, top = float(np.std(residual)), float(abs(band.displacement).max())
+    noise = _noise(residual)
+    remarks = []
+    if rms > max(NOT_NOISE * noise, NOTHING_LEFT * top):
+        remarks.append(
+            f"one mode leaves {100.0 * rms / top:.2g} % of the largest displacement, "
+            f"{rms / noise:.2g} times the noise of a sample: something else moves too, and all "
+            "numbers, start and clock included, may be off by more than ±"
+        )
+    if abs(late) > max(SIGNIFICANT * late_error, t[1] - t[0]):
+        remarks.append(
+            f"the record begins {abs(late):.4g} ± {late_error:.1g} s "
+            f"{'after' if late > 0.0 else 'before'} the sweep, which the fit takes into account"
+        )
+    if abs(clock - 1.0) > SIGNIFICANT * clock_error:
+        error[0] = math.hypot(error[0], p[0] * (clock - 1.0))
+        if abs(clock - 1.0) > SAME_CLOCK:
+            remarks.append(
+                f"a second of the record is {clock:.6g} ± {clock_error:.1g} s of the sweep, so one "
+                "clock is wrong: the frequency is by that of the record, its ± holds the other"
             )
-            for D in FIRST_DAMPING
-        ),
-        key=lambda end: float(end.cost),
-    )  # fmt: skip
-    variance = 2.0 * found.cost / (amplitude.size - 3)
-    error = np.sqrt(variance * np.diag(np.linalg.inv(found.jac.T @ found.jac)))
-    f, D, participation = found.x.tolist()
-    rms = math.sqrt(2.0 * found.cost / amplitude.size)
     return Resonance(
-        f, float(error[0]), D, float(error[1]), participation, measured.peak, rms / top
-    )
-
-
-def response(measured: Amplitudes, found: Resonance) -> FloatArray:
-    """Return the amplitudes of a fitted resonance at the measured ones, shape (k,) [-]."""
-    return _response(
-        measured, np.array([found.frequency, found.damping_ratio, found.participation])
-    )
-
-
-def _response(measured: Amplitudes, p: FloatArray) -> FloatArray:
-    """Return the amplitudes of the model, shape (k,), for (frequency [Hz], D, participation)."""
-    natural, omega = 2.0 * math.pi * p[0], 2.0 * math.pi * measured.frequency
-    if measured.time is None:
-        return np.asarray(np.abs(1.0 + stationary(omega, natural, p[1], p[2])))
-    t = measured.time
-    step = 1.0 / (STEPS_OF_DECAY * p[1] * natural)
-    fine = np.linspace(t[0], t[-1], max(t.size, math.ceil((t[-1] - t[0]) / step)))
-    relative = swept(fine, np.interp(fine, t, omega), natural, p[1], p[2])
-    return np.asarray(np.interp(t, fine, np.abs(1.0 + relative)))
+        float(p[0]), float(error[0]), float(p[1]), float(error[1]), float(weights[1] / weights[0]),
+        amplitudes.peak, rms / top, late, late_error, clock, clock_error, tuple(remarks),
+        amplitudes,
+    )  # fmt: skip

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,14 +12,17 @@ import numpy as np
 from delam_fem.case.atomic import atomic, write_text
 from delam_fem.case.definition import Case
 from delam_fem.case.motion.drive import SweepExcitation
-from delam_fem.case.motion.excitation import base_motion
+from delam_fem.case.motion.excitation import swept_motion
 from delam_fem.case.toml import CaseError
 from delam_fem.engines.session import session_of
 from delam_fem.model import discretise
 from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.oscillator import pole
+from delam_fem.simulation.initial import first_mode
 from delam_fem.studies.identification import resonance
-from delam_fem.studies.identification.resonance import Amplitudes, Resonance
+from delam_fem.studies.identification.resonance import Resonance
 from delam_fem.studies.identification.tips import tips_of
+from delam_fem.studies.linear import first_frequencies
 from delam_fem.studies.sweeps.reduction import probe_motion
 
 HEADING = ("lamina", "peak read off", "frequency", "damping ratio", "EI", "EI of the case")
@@ -30,12 +34,10 @@ class Found:
 
     Attributes:
         case: the case.
-        amplitudes: measured, by lamina.
         resonances: fitted, by lamina.
     """
 
     case: Case
-    amplitudes: tuple[Amplitudes, ...]
     resonances: tuple[Resonance, ...]
 
     def rows(self) -> list[tuple[str, ...]]:
@@ -55,6 +57,11 @@ class Found:
             )
         return rows
 
+    def remarks(self) -> list[str]:
+        """Return what is not as it was said to be, in sentences."""
+        pairs = zip(self.case.lamina, self.resonances, strict=True)
+        return [f"{lamina.name}: {text}" for lamina, one in pairs for text in one.remarks]
+
     def save(self, directory: Path) -> list[Path]:
         """Write resonance.json and a figure for each lamina; return their paths."""
         from delam_fem.studies.identification.figures import resonance_figure
@@ -69,17 +76,20 @@ class Found:
                 "damping_ratio": one.damping_ratio,
                 "damping_ratio_error": one.damping_error,
                 "participation": one.participation,
+                "begins_after_sweep_s": one.late,
+                "begins_after_sweep_error_s": one.late_error,
+                "clock": one.clock,
+                "clock_error": one.clock_error,
+                "remarks": one.remarks,
                 "bending_stiffness_N_m2": EI,
                 "bending_stiffness_error_N_m2": error,
                 "relative_rms": one.residual,
             }
         paths = [write_text(directory / "resonance.json", json.dumps(numbers, indent=2) + "\n")]
-        for lamina, own, one in zip(
-            self.case.lamina, self.amplitudes, self.resonances, strict=True
-        ):
+        for lamina, one in zip(self.case.lamina, self.resonances, strict=True):
             image = directory / f"resonance-{lamina.name}.png"
             with atomic(image) as temporary:
-                resonance_figure(own, one, resonance.response(own, one)).savefig(temporary)
+                resonance_figure(one).savefig(temporary)
             paths.append(image)
         return paths
 
@@ -105,22 +115,49 @@ def identified(
     Raises:
         CaseError: the excitation is no such sweep, or the file has not the tips of all laminae.
     """
-    motion = case.excitation
-    if not isinstance(motion, SweepExcitation) or motion.amplitude is None:
+    given = case.excitation
+    if not isinstance(given, SweepExcitation) or given.amplitude is None:
         raise CaseError(
             'excitation.kind: expected "sweep" with an amplitude for a resonance, given '
-            f'"{motion.kind}"'
+            f'"{given.kind}"'
         )
-    time, tips = _simulated(case, kept) if measured is None else tips_of(case, measured)
+    ratios: list[float] = []
+    if measured is None:
+        time, tips, ratios = _simulated(case, kept)
+    else:
+        time, tips = tips_of(case, measured)
     tips = tips + noise * np.random.default_rng(seed).standard_normal(tips.shape)
-    amplitudes = tuple(
-        resonance.demodulated(time, tip, base_motion(case), motion.amplitude) for tip in tips
+    motion = swept_motion(given, given.amplitude)
+    found = (resonance.fit(time, tip, motion) for tip in tips)
+    if measured is None:
+        pairs = zip(found, ratios, strict=True)
+        found = (_exact(one, case.time_step, ratio) for one, ratio in pairs)
+    return Found(case, tuple(found))
+
+
+def _exact(found: Resonance, step: float, ratio: float) -> Resonance:
+    """Return a simulated resonance without what steps and elements change in it.
+
+    The damping is changed by elements about as much, but not known: its error grows by that.
+
+    e^{μ Δt} = (1 + λ Δt/2)/(1 - λ Δt/2) for the pole μ of average acceleration and λ of the mode.
+
+    Args:
+        found: in a simulated record.
+        step: Δt [s].
+        ratio: of the frequency of the elements over the exact one.
+    """
+    seen = pole(2.0 * np.pi * found.frequency, found.damping_ratio)
+    exact = 2.0 / step * np.tanh(0.5 * step * seen) / ratio
+    frequency, damping = abs(exact) / (2.0 * np.pi), -exact.real / abs(exact)
+    error = math.hypot(found.damping_error, damping * (ratio - 1.0))
+    return replace(
+        found, frequency=float(frequency), damping_ratio=float(damping), damping_error=error
     )
-    return Found(case, amplitudes, tuple(resonance.fit(own) for own in amplitudes))
 
 
-def _simulated(case: Case, kept: Path | None) -> tuple[FloatArray, FloatArray]:
-    """Return times and absolute displacements of the reference probes without contact."""
+def _simulated(case: Case, kept: Path | None) -> tuple[FloatArray, FloatArray, list[float]]:
+    """Return times and tips without contact, absolute, with the ratios of `_exact`."""
     free = case.with_overrides(
         {
             "contact.law": "none",
@@ -132,4 +169,8 @@ def _simulated(case: Case, kept: Path | None) -> tuple[FloatArray, FloatArray]:
     with session_of(free, structure.operators, engine="compiled") as opened:
         opened.run_kept(kept, free)
         tips = probe_motion(opened.recorder, structure).displacement
-    return np.arange(1, tips.shape[1] + 1) * free.time_step, tips
+    modes = (first_mode(structure, i) for i in range(len(case.lamina)))
+    o = structure.operators
+    own = [math.sqrt((u @ o.stiffness @ u) / (u @ o.mass @ u)) for u in modes]
+    ratios = [a / b for a, b in zip(own, first_frequencies(case), strict=True)]
+    return np.arange(1, tips.shape[1] + 1) * free.time_step, tips, ratios

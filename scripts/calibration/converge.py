@@ -1,0 +1,79 @@
+"""`converge`: intervals about the limit, beside finer runs.
+
+Two strips under a harmonic base, of a length, stiffness, damping, restitution and frequency
+that are drawn for each truth. A ladder of 250 … 2000 steps per period (10 elements) or of 4 … 16
+elements (1000 steps) gives each of its runs an interval for the distance of its tip extremes from
+the limit. The truth is the distance from a run that the ladder does not have: with eight times as
+many steps, or four times as many elements, as its finest. "Undecided": errors do not shrink within
+the ladder, so that no interval is given.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+from calibration.row import OWN, Row
+
+import delam_fem as df
+from delam_fem.case.definition import Case
+from delam_fem.studies.convergence.analysis import Convergence
+from delam_fem.studies.convergence.ladder import Ladder, method
+from delam_fem.studies.convergence.rung import compute
+
+TRUTHS = 100
+PROMISE = 0.95
+LAMINAE = ("thick", "thin")
+LAW = "newton@moreau-jean"
+KINDS = {
+    "steps": ((10,), (250, 500, 1000, 2000), 16000),
+    "elements": ((4, 6, 8, 12, 16), (1000,), 64),
+}
+"""Meshes and steps of a ladder, and the size of the run that it does not have."""
+
+
+def rows(is_long: bool, folder: Path) -> list[Row]:
+    """Return the rows of the page."""
+    truths = TRUTHS if is_long else 1
+    found = []
+    for number, by in enumerate(KINDS):
+        rng = np.random.default_rng([11, number])
+        ends = [end for _ in range(truths) for end in _trial(by, rng)]
+        known = [end for end in ends if math.isfinite(end[1])]
+        inside = sum(bool(abs(truth - away) <= left) for away, left, truth in known)
+        width = float(np.median([100.0 * left for _, left, _ in known])) if known else math.nan
+        found.append(
+            Row(f"distance from the limit in {by}", OWN, PROMISE, inside, len(ends),
+                len(ends) - len(known), note=f"median ± {width:.2g} %")
+        )  # fmt: skip
+    return found
+
+
+def drawn(rng: np.random.Generator) -> Case:
+    """Return two strips that clap."""
+    length, damping = rng.uniform(0.4, 0.7), float(np.exp(rng.uniform(*np.log([0.004, 0.02]))))
+    own = {"length": length, "damping_ratio": damping}
+    return df.preset(
+        "default",
+        {
+            **{f"lamina.{name}.{key}": value for name in LAMINAE for key, value in own.items()},
+            "lamina.thin.bending_stiffness": rng.uniform(0.1, 0.8),
+            "contact.restitution": rng.uniform(0.0, 0.6),
+            "excitation.frequency": rng.uniform(2.0, 6.0) * (0.685 / length) ** 2,
+        },
+    )
+
+
+def _trial(by: str, rng: np.random.Generator) -> list[tuple[float, float, float]]:
+    """Return distance, uncertainty and true distance of the runs of a ladder that are judged."""
+    meshes, steps, finer = KINDS[by]
+    ladder = Ladder(drawn(rng), (method(LAW),), meshes, steps, 30, 0)
+    law, mesh = ladder.methods[0], meshes[0]
+    if by == "steps":
+        line, truth = ladder.along_steps(law, mesh), ladder.rung(law, mesh, finer)
+    else:
+        line, truth = ladder.along_meshes(law, steps[0]), ladder.rung(law, finer, steps[0])
+    results = {rung.key: compute(rung, "compiled") for rung in (*line, truth)}
+    found = Convergence(ladder, results)
+    return [(*found.interval(rung, line, by), found.error(rung, truth)) for rung in line[:-2]]
