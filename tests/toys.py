@@ -30,8 +30,9 @@ class Toy:
         x, y = states.T
         if not np.isfinite(states).all():
             return np.full_like(states, np.nan)
-        rough = np.sign(np.sin([1e9 * x + 3e8 * y, 7e8 * x - 1e9 * y])).T
-        return self.image(x, y, parameter) + self.roughness * rough
+        with np.errstate(over="ignore", invalid="ignore"):  # a motion may leave all numbers
+            rough = np.sign(np.sin([1e9 * x + 3e8 * y, 7e8 * x - 1e9 * y])).T
+            return self.image(x, y, parameter) + self.roughness * rough
 
     def watched(self, state: FloatArray, parameter: float, periods: int) -> Passage:
         states = [state]

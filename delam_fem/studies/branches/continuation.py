@@ -216,7 +216,23 @@ def next_point(ensemble: Ensemble, last: Point, path: Path) -> Point | None:
     elif found.iterations >= HARD:
         step = max(SHORTER * step, path.shortest)
     way = np.append(ensemble.map.slow.of(found.state) - last.slow, found.parameter - last.parameter)
-    return measured(ensemble, found, heading=way, span=path.span, step=step)
+    try:
+        return measured(ensemble, found, heading=way, span=path.span, step=step)
+    except (ArithmeticError, np.linalg.LinAlgError) as error:
+        _log.debug("nothing can be measured at %g: %s", found.parameter, error)
+        return None
+
+
+def why_lost(ensemble: Ensemble, last: Point, path: Path) -> str:
+    """Return in words why no step leads on from the last point of a branch."""
+    found = _corrected(ensemble, last, path.span, path.shortest)
+    if found is None:
+        return "a motion diverges, or the equations are singular"
+    if not _is_near(found, LOOSE):
+        return f"the mean map closes to {found.residual:.2g} ± {found.residual_error:.2g} only"
+    if not _is_accepted(found, path.shortest, True):
+        return f"the orbit that is found lies {found.away / path.shortest:.2g} steps off"
+    return "motions beside the orbit diverge"
 
 
 def _corrected(ensemble: Ensemble, last: Point, span: float, step: float) -> Solved | None:

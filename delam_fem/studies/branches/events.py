@@ -2,9 +2,9 @@
 
 A multiplier crosses the unit circle between two points at which its side is certain (its 95 %
 interval lies on that side). A line is fitted through these and the points between, for each
-bootstrap sample, and where the lines cross gives λ with its interval. The interval contains where
-parabolas through a further point cross, because the test function is curved. A fold is where λ
-turns.
+bootstrap sample, and where the lines cross gives λ with its interval. The interval contains all
+points between, and where parabolas through a further point cross, because the test function is
+curved. A fold is where λ turns.
 Grazing, where the tips begin to touch, is an event of its own: the map has no derivative there, and
 nothing is interpolated across it.
 """
@@ -105,14 +105,33 @@ def crossings(kind: Kind, tests: FloatArray, points: Sequence[Point], span: floa
         beside = range(max(after - 2, 0), min(after, len(points) - 2))
         middle = float(place[after - 1 : after + 1].mean())
         curved = np.array([_root(place[i : i + 3], tests[i : i + 3, 0], 2, middle) for i in beside])
-        at, ends = (
+        at, crossed = (
             np.interp(np.clip(found_at, place[a], place[b]), place, parameters)
             for found_at in (places[np.isfinite(places)], curved[np.isfinite(curved)])
         )
         error = TWO_SIDES * max(points[a].parameter_error, points[b].parameter_error)
-        low, high = interval(at)
-        low, high = min([low, *ends]), max([high, *ends])
+        ends = [*interval(at), *crossed, *parameters[a + 1 : b]]  # points between: open sides
+        low, high = float(min(ends)), float(max(ends))
         found.append(Event(kind, float(at[0]), low - error, high + error, after))
+    return found
+
+
+def turns(points: Sequence[Point], span: float) -> list[tuple[float, float]]:
+    """Return pairs of neighbouring λ between which two doublings may lie that no point shows.
+
+    The test function has one sign at both, and the lines through two points on either side cross
+    beyond 0 between them.
+    """
+    values = np.array([point.multipliers.doubling[0] for point in points])
+    place = lengths(points, span)
+    found = []
+    for i in range(1, len(points) - 2):
+        left, right = (np.polyfit(place[k : k + 2], values[k : k + 2], 1) for k in (i - 1, i + 1))
+        at = (right[1] - left[1]) / (left[0] - right[0]) if left[0] != right[0] else np.nan
+        is_beyond = place[i] < at < place[i + 1] and np.polyval(left, at) * values[i] < 0.0
+        is_same = bool((values[i - 1 : i + 3] * values[i] > 0.0).all())
+        if is_same and is_beyond:
+            found.append((points[i].parameter, points[i + 1].parameter))
     return found
 
 

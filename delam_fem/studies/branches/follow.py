@@ -27,9 +27,9 @@ from delam_fem.results.folder import write_dataset
 from delam_fem.simulation.interrupts import stop_signals
 from delam_fem.studies.branches import dataset
 from delam_fem.studies.branches.continuation import Path as Way
-from delam_fem.studies.branches.continuation import doubled_point, first_point, followed
+from delam_fem.studies.branches.continuation import doubled_point, first_point, followed, why_lost
 from delam_fem.studies.branches.dataset import Branch
-from delam_fem.studies.branches.events import events_of
+from delam_fem.studies.branches.events import events_of, turns
 from delam_fem.studies.branches.journal import PointJournal
 from delam_fem.studies.branches.point import Point
 from delam_fem.studies.orbits.ensemble import USUAL, Ensemble, Perturbations
@@ -180,6 +180,18 @@ def _branches(
             keep(points[0], 1)
         found, ending = followed(ensemble, points, plan.way, keep=keep, is_stopped=is_stopped)
         events = events_of(found, plan.way.span)
+        for low, high in turns(found, plan.way.span):
+            _log.warning(
+                "between %s = %.6g and %.6g a bubble of period %d may be missed: look at a run "
+                "there, or take a shorter --step", plan.key, low, high, 2 * first.periods,
+            )  # fmt: skip
+        if ending == "lost":
+            _log.warning(
+                "branch %d is lost behind %s = %.6g, after %d points: at the shortest step %s; try "
+                "another --seed, a shorter --step, or --from the other side",
+                number, plan.key, found[-1].parameter, len(found),
+                why_lost(ensemble, found[-1], plan.way),
+            )  # fmt: skip
         branches.append(Branch(first.periods, tuple(found), tuple(events), ending))
         if first.doubled < plan.doublings:
             ready += [

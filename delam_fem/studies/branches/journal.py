@@ -14,7 +14,7 @@ from delam_fem.studies.branches.point import Point
 FOLDER = "points"
 """Name of the folder of the points in the folder of a continuation."""
 _ABOUT = "about.txt"
-_NUMBERS = ("parameter", "residual", "residual_error", "parameter_error", "step")
+_NUMBERS = ("parameter", "residual", "residual_error", "parameter_error", "step", "doubled")
 
 _log = logging.getLogger(__name__)
 

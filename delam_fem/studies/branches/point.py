@@ -9,7 +9,8 @@ import numpy as np
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.studies.orbits.coarse import Solved, by_parameter
 from delam_fem.studies.orbits.ensemble import Ensemble
-from delam_fem.studies.orbits.multipliers import Multipliers, multipliers
+from delam_fem.studies.orbits.multipliers import Multipliers, Stability, multipliers
+from delam_fem.studies.orbits.search import run_on, within
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,8 @@ class Point:
             (P, n_seen) [m].
         low, high: smallest and largest displacement of these points, shape (n_seen,) [m].
         gaps: smallest gap between the tips in each period, shape (P,) [m].
+        doubled: distance of states P periods apart of the motion that runs on from the point, if
+            it repeats after a multiple of P only, relative to the state; 0 otherwise.
     """
 
     state: FloatArray
@@ -50,6 +53,7 @@ class Point:
     low: FloatArray
     high: FloatArray
     gaps: FloatArray
+    doubled: float
 
     @property
     def scale(self) -> float:
@@ -60,6 +64,12 @@ class Point:
     def multipliers(self) -> Multipliers:
         """Multipliers with their samples."""
         return multipliers(self.decays)
+
+    @property
+    def stability(self) -> Stability:
+        """What the multipliers say; no point is stable beside a motion of a multiple of P."""
+        found = self.multipliers.stability
+        return "undecided" if found == "stable" and self.doubled else found
 
     def x(self, span: float) -> FloatArray:
         """Return (slow / scale, λ / span), shape (m + 1,)."""
@@ -83,6 +93,11 @@ def measured(
     scale = float(np.linalg.norm(y))
     derivatives = ensemble.derivatives(at.state, at.parameter, scale)
     slope = by_parameter(ensemble, at.guess(scale), SLOPE * span)
+    try:
+        multiple = run_on(ensemble, at.guess(scale))[1]
+    except ArithmeticError:
+        multiple = None
+    kicked = within(ensemble, at.guess(scale), multiple)
     seen = map_.watched(at.state, at.parameter, ensemble.periods)
     units = np.append(np.full(y.size, scale), span)
     gaps = seen.gaps if seen.gaps.size else np.full(ensemble.periods, seen.smallest_gap)
@@ -95,7 +110,7 @@ def measured(
         at.residual_error,
         float(error),
         derivatives,
-        ensemble.decays(at.state, at.parameter, scale),
+        kicked.decays(at.state, at.parameter, scale),
         slope,
         tangent(derivatives.mean(axis=0), slope * span / scale, heading / units),
         step,
@@ -104,6 +119,7 @@ def measured(
         seen.low,
         seen.high,
         gaps,
+        0.0 if multiple is None else multiple.distance,
     )
 
 

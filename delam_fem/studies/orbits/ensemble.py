@@ -52,8 +52,8 @@ class Perturbations:
 
 
 USUAL = Perturbations()
-PERIODS, FEWEST = 40, 10
-"""Periods of the drive for which kicks are followed, and fewest periods of the orbit."""
+PERIODS = 40
+"""Periods of the orbit for which kicks are followed."""
 LARGEST = 1.5
 """Size relative to the first at which a kick has left the neighbourhood of the orbit."""
 
@@ -142,7 +142,7 @@ class Ensemble:
             scale: norm of slow coordinates to which sizes are relative.
 
         Returns:
-            Shape (`PERIODS` // P, 2, k, m); NaN before the first period of a kick, in which the
+            Shape (`PERIODS`, 2, k, m); NaN before the first period of a kick, in which the
             other coordinates do not follow the slow ones yet.
 
         Raises:
@@ -153,7 +153,7 @@ class Ensemble:
         kicks = np.full((max(given.copies // 2, slow.size), slow.size), np.nan)
         shifts = (np.arange(len(kicks)) + 0.5) / len(kicks) - 0.5
         states, found = np.tile(state, (2, len(kicks), 1)), []
-        for _ in range(max(PERIODS // self.periods, FEWEST)):
+        for _ in range(PERIODS):
             is_new = ~(np.linalg.norm(kicks, axis=1) <= LARGEST)
             new = rng.standard_normal((int(is_new.sum()), slow.size))
             aside = slow.lifted(size / np.linalg.norm(new, axis=1, keepdims=True) * new)

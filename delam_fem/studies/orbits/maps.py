@@ -69,7 +69,7 @@ class StrobeMap:
             slow: coordinates for Newton's method.
             phase: where in a period of the drive a period of the map begins, 0 to 1.
         """
-        self.slow, self.evaluations, self._phase = slow, 0, phase
+        self.slow, self.evaluations, self.phase = slow, 0, phase
         n = slow.basis.shape[0] // 2
         self.nature = Nature("finite elements", {"displacement": n, "velocity": n}, is_stepped=True)
         self._problem_of = problem_of
@@ -129,7 +129,7 @@ class StrobeMap:
         every = span.steps_per_period // BEGINNINGS
         u = record.u[every::every, N_BASE:]
         best = int(np.argmax(u[:, tip[1]] - u[:, tip[0]]))
-        share = ((best + 1) / BEGINNINGS + self._phase) % 1.0
+        share = ((best + 1) / BEGINNINGS + self.phase) % 1.0
         found = record.frames[best].ravel()
         return StrobeMap(self._problem_of, self.slow, phase=share), np.asarray(found)
 
@@ -138,7 +138,7 @@ class StrobeMap:
         if parameter not in self._ready:
             while len(self._ready) >= KEPT:
                 del self._ready[next(iter(self._ready))]
-            self._ready[parameter] = _Ready(self._problem_of(parameter), self._phase)
+            self._ready[parameter] = _Ready(self._problem_of(parameter), self.phase)
         return self._ready[parameter]
 
 

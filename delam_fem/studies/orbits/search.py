@@ -40,11 +40,11 @@ SAMPLE = 48
 """Periods, or multiples of P, whose mean state the coarse search starts from."""
 MULTIPLES = range(2, LONGEST + 1)
 """Multiples of P after which a motion may repeat that has left an orbit of P periods."""
-LEAST_DISTANCE = 1e-3
+LEAST_DISTANCE = 5e-3
 """Distance relative to the state below which two states are one: such jumps are the map's own."""
 REACH = 0.25
-"""Largest kicks beside a motion of a multiple of P, relative to the distance of its states: two
-kicked motions that have arrived at two of its states are half of it away from their mean."""
+"""Largest kicks beside other states of a motion, relative to their distance: two kicked motions
+that have arrived at two of its states are half of it away from their mean."""
 BESIDE = 0.1
 """Change of each slow coordinate of an orbit from which a motion runs on, in kicks."""
 LARGER = 10.0
@@ -190,13 +190,14 @@ def coarse_orbit(
     Raises:
         ArithmeticError: a motion diverges, or the equations are singular.
     """
-    ensemble = Ensemble(map_, periods, within(perturbations, settled_to))
     scale = float(np.linalg.norm(map_.slow.of(guess)))
+    ensemble = Ensemble(map_, periods, perturbations)
+    ensemble = within(ensemble, Guess(guess, parameter, scale), settled_to)
     J = ensemble.derivatives(guess, parameter, scale).mean(axis=0)
     at = solved(ensemble, Guess(guess, parameter, scale), J)
     away, multiple = run_on(ensemble, at.guess(scale))
     multiple = max(multiple, settled_to, key=lambda found: found.distance if found else 0.0)
-    ensemble = replace(ensemble, perturbations=within(perturbations, multiple))
+    ensemble = within(ensemble, at.guess(scale), multiple)
     decays = ensemble.decays(at.state, parameter, scale)
     return Coarse(at, ensemble.perturbations.kick, multipliers(decays), away, multiple)
 
@@ -214,11 +215,18 @@ def run_on(ensemble: Ensemble, at: Guess) -> tuple[float, Multiple | None]:
     return rms_distance(slow.of(states), slow.of(at.state)) / at.scale, multiple
 
 
-def within(perturbations: Perturbations, multiple: Multiple | None) -> Perturbations:
-    """Return perturbations with kicks that do not reach over to other states of a motion."""
-    if multiple is None:
-        return perturbations
-    return replace(perturbations, kick=min(perturbations.kick, REACH * multiple.distance))
+def within(ensemble: Ensemble, at: Guess, multiple: Multiple | None) -> Ensemble:
+    """Return an ensemble whose kicks at an orbit do not reach over to other states.
+
+    These are the other states of a motion of a multiple of P, and of the orbit itself.
+    """
+    of, P, kick = ensemble.map.slow.of, ensemble.periods, ensemble.perturbations.kick
+    distances = [] if multiple is None else [multiple.distance]
+    if P > 1:
+        others = of(ensemble.map.watched(at.state, at.parameter, P - 1).states)
+        distances += (np.linalg.norm(others - of(at.state), axis=1) / at.scale).tolist()
+    kick = min([kick, *(REACH * distance for distance in distances)])
+    return replace(ensemble, perturbations=replace(ensemble.perturbations, kick=kick))
 
 
 def exact_orbit(

@@ -7,7 +7,13 @@ import pytest
 from toys import DelayedLogistic, Henon, Toy
 
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.studies.branches.continuation import Path, doubled_point, first_point, followed
+from delam_fem.studies.branches.continuation import (
+    Path,
+    doubled_point,
+    first_point,
+    followed,
+    why_lost,
+)
 from delam_fem.studies.branches.events import events_of
 from delam_fem.studies.branches.point import Point
 from delam_fem.studies.orbits.ensemble import Ensemble, Perturbations
@@ -81,3 +87,19 @@ def test_a_range_without_an_orbit_is_refused() -> None:
     ensemble = Ensemble(map_, 1, FINE)
     with pytest.raises((ArithmeticError, np.linalg.LinAlgError)):
         first_point(ensemble, np.array([1.0, 0.3]), Path(-0.5, 0.0))
+
+
+def test_a_branch_that_is_lost_says_why() -> None:
+    """Parameters at which the map has no number end the branch."""
+
+    class Torn(Henon):
+        def image(self, x: FloatArray, y: FloatArray, parameter: float) -> FloatArray:
+            return super().image(x, y, parameter) * (1.0 if parameter < 0.25 else np.nan)
+
+    ensemble, path = Ensemble(Torn(), 1, FINE), Path(0.2, 0.3)
+    points, ending = followed(
+        ensemble, [first_point(ensemble, Torn().fixed(0.2), path)], path,
+        keep=lambda point, count: None, is_stopped=lambda: False,
+    )  # fmt: skip
+    assert ending == "lost" and 0.2 < points[-1].parameter < 0.25
+    assert "diverge" in why_lost(ensemble, points[-1], path)

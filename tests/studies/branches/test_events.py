@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 from toys import Cubic, DelayedLogistic, Toy
 
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.studies.branches.continuation import Path, first_point, followed
-from delam_fem.studies.branches.events import Event, events_of
+from delam_fem.studies.branches.events import Event, crossings, events_of, turns
 from delam_fem.studies.orbits.ensemble import Ensemble, Perturbations
 
 KICK = 0.1
@@ -38,3 +41,38 @@ def test_the_curvature_is_in_the_interval() -> None:
     found = event(map_, map_.fixed(1.7), Path(1.7, 2.3), 0.01)
     assert found.low - 2e-4 <= DelayedLogistic.torus <= found.high
     assert found.high - found.low < 0.02
+
+
+def along(values: list[float], spread: float = 1e-3) -> list[Any]:
+    """Return points at λ = 0, 1, … at which the test function has given values ± spread."""
+    samples = np.linspace(-spread, spread, 41)
+    return [
+        SimpleNamespace(
+            parameter=float(k), parameter_error=0.0, x=lambda span, k=k: np.array([k / span]),
+            multipliers=SimpleNamespace(doubling=np.r_[value, value + samples]),
+        )
+        for k, value in enumerate(values)
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("values", "pairs"),
+    [
+        ([0.9, 0.2, 0.2, 0.9], [(1.0, 2.0)]),  # the lines meet at -0.15
+        ([0.9, 0.7, 0.7, 0.9], []),  # they meet at 0.6
+        ([0.9, 0.3, -0.3, -0.9], []),  # a doubling that is found
+        ([-0.9, -0.2, -0.2, -0.9], [(1.0, 2.0)]),  # a stable stretch between two doublings
+    ],
+)
+def test_a_bubble_between_two_points_is_told(
+    values: list[float], pairs: list[tuple[float, float]]
+) -> None:
+    assert turns(along(values), 1.0) == pairs
+
+
+def test_the_interval_contains_all_points_whose_side_is_open() -> None:
+    """The line through all points alone would place the doubling to a tenth."""
+    points = along([0.5, 0.4, 0.02, 0.01, -0.02, -0.4, -0.5], spread=0.1)
+    tests = np.array([point.multipliers.doubling for point in points])
+    (found,) = crossings("period doubling", tests, points, 1.0)
+    assert found.low <= 2.0 < found.parameter < 4.0 <= found.high

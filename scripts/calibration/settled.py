@@ -1,0 +1,81 @@
+"""`run`: settled, with its period.
+
+The preset `default` with 10 elements, 400 steps per period and a soft contact (k = 100 N/m), which
+clap in tori, periods 1 to 10 and without any period, at frequencies from 2.6 to 3.9 Hz. The verdict
+is that after 300 periods; the truth is what the same run does from period 1500 to 3000: the
+smallest P up to 8 about whose mean phases both tips stay within 7 % (rms), and about no multiple of
+it within half of that. "Not settled" counts as undecided.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from calibration.row import Row
+
+import delam_fem as df
+from delam_fem.engines.session import session_of
+from delam_fem.model.beams import closed_form
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.results.settling import decay_of, verdict_of
+
+FIRST, LAST = 300, 3000
+SOFT = {
+    "contact.law": "penalty@newmark", "contact.penalty_stiffness": 100.0,
+    "contact.penalty_damping": 0.05, "mesh.elements": 10, "time.refine": 1,
+    "time.steps_per_period": 400, "output.fields_per_period": 0, "output.window_periods": 10,
+    "time.periods": LAST,
+}  # fmt: skip
+LONG = np.linspace(2.6, 3.9, 200).tolist()
+SHORT = [2.7, 3.0, 3.25, 3.645]
+STAYS, DOUBLED, MOST, MULTIPLES = 0.07, 0.014, 8, 4
+"""Scatter of a period, scatter that needs no multiple, longest period, and multiples looked at."""
+NOMINAL = 0.95
+RIG = "run ten times as long"
+
+
+def rows(is_long: bool, folder: Path) -> list[Row]:
+    """Return how often "settled" and "irregular" are right."""
+    found = [verdict_and_truth(frequency) for frequency in (LONG if is_long else SHORT)]
+    result = []
+    for word in ("settled", "irregular"):
+        own = [P == true for said, P, true in found if said == word]
+        waits = [
+            (true is None) == (word == "irregular")
+            for said, _, true in found
+            if said == "not settled"
+        ]
+        truths = len(own) + sum(waits)
+        result.append(Row(f"`run`: {word}", RIG, NOMINAL, sum(own), truths, sum(waits)))
+    return result
+
+
+def verdict_and_truth(frequency: float) -> tuple[str, int | None, int | None]:
+    """Return what a run says, its period, and the true one."""
+    case = df.preset("default", {**SOFT, "excitation.frequency": frequency})
+    structure = closed_form.assemble(case)
+    with session_of(case, structure.operators, engine="compiled") as session:
+        session.run()
+        recorder = session.recorder
+        decay = decay_of(case, structure) * case.period
+        said = verdict_of(recorder, 2, decay, FIRST)
+        low, high = recorder.envelope[LAST // 2 :, 0, :2], recorder.envelope[LAST // 2 :, 1, :2]
+        strobes = recorder.strobe[LAST // 2 : LAST, 0, :2]
+    return said.word, said.periodicity, true_period(2.0 * strobes / (high.max(0) - low.min(0)))
+
+
+def true_period(z: FloatArray) -> int | None:
+    """Return the period of strobes of shape (n, 2) in half peak-to-peak amplitudes; None: none."""
+    for P in range(1, MOST + 1):
+        away = scatter(z, P)
+        least = min(scatter(z, k * P) for k in range(2, MULTIPLES + 1))
+        if away <= DOUBLED or (away <= STAYS and least > 0.5 * away):
+            return P
+    return None
+
+
+def scatter(z: FloatArray, P: int) -> float:
+    """Return the rms distance from P mean phases, of the tip that scatters more."""
+    cut = z[: len(z) // P * P].reshape(-1, P, z.shape[1])
+    return float(np.sqrt(((cut - cut.mean(axis=0)) ** 2).mean(axis=(0, 1)).max()))
