@@ -57,7 +57,9 @@ class Row:
             return int(binom.ppf(tail, n, self.nominal)), int(binom.isf(tail, n, self.nominal))
         # few truths scatter: the share that is allowed has a band, too, when the form is short
         least = max(1.0 - LOSS * (1.0 - self.nominal), 0.0)
-        return (round(least * n) if n >= 40 else int(binom.ppf(tail, n, least))), n
+        if n >= 40 or least == 1.0:
+            return round(least * n), n
+        return int(binom.ppf(tail, n, least)), n
 
     @property
     def judgement(self) -> str:

@@ -4,7 +4,8 @@ Orbits of three structures on both sides of doublings, folds and grazings: the p
 `paper`, and two aluminium strips of 400 mm with e = 0.5. The truth is what becomes of a motion that
 begins 0.1 % of the state beside the orbit, in 300 periods of it with steps ten times finer, in
 1200 if it is not clear by then: it stays, or it ends farther than 10 % away or alternates by more
-than 1 %. Promised are no wrong "stable" and at most 15 % undecided.
+than 1 %. The aim is no wrong verdict and at most 15 % undecided; the notes have the count. Where no
+orbit is found (the mean map does not close) the verdict is undecided too.
 """
 
 from __future__ import annotations

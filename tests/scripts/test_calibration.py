@@ -41,6 +41,11 @@ def test_other_rigs_may_miss_twice_as_many_or_have_the_mismatch_named() -> None:
     assert judged(100, rig=other, warned=179) == SHORT
 
 
+def test_a_promise_of_all_allows_no_wrong_one() -> None:
+    assert Row("orbit", "finer steps", 1.0, 8, 9, 1).judgement == "holds"
+    assert Row("orbit", "finer steps", 1.0, 7, 9, 1).judgement == SHORT
+
+
 def test_undecided_truths_do_not_count() -> None:
     assert judged(90, undecided=100) == "holds"
     assert judged(90, undecided=50) == SHORT
