@@ -1,6 +1,6 @@
 """Measure how often verdicts and intervals are right, and write docs/calibration.md.
 
-    .venv/bin/python scripts/calibrate.py [--part infer …] [--short] [--redraw] [-o docs]
+    .venv/bin/python scripts/calibrate.py [--part infer …] [--short] [--folder DIR] [-o docs]
 
 Each module of scripts/calibration with a function `rows(is_long, folder)` is a part. It computes
 truths that the program does not know, in a folder that it may fill, and returns its rows. A part
@@ -50,24 +50,28 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--part", action="append", choices=PARTS, help="default: all")
     parser.add_argument("--short", action="store_true", help="few truths, in seconds")
     parser.add_argument("--redraw", action="store_true", help="write the page; compute nothing")
+    parser.add_argument("--folder", type=Path, help="keeps simulations, from which a part goes on")
     parser.add_argument("-o", "--output", type=Path, default=ROOT / "docs")
     given = parser.parse_args(arguments)
     path = given.output / "calibration.json"
     found = json.loads(path.read_text("utf-8")) if path.exists() else {}
     for name in () if given.redraw else given.part or PARTS:
         start = time.process_time()
-        rows = measured(name, is_long=not given.short)
-        found[name] = {"cpu_s": round(time.process_time() - start), "rows": rows}
+        rows = measured(name, is_long=not given.short, kept=given.folder)
+        spent = None if given.folder else round(time.process_time() - start)
+        found[name] = {"cpu_s": spent, "rows": rows}
         path.write_text(json.dumps(found, indent=1, sort_keys=True) + "\n", "utf-8")
         sys.stdout.write(table(rows) + "\n")
     (given.output / "calibration.md").write_text(page(found), "utf-8")
     return 0
 
 
-def measured(name: str, *, is_long: bool) -> list[dict[str, Any]]:
-    """Return the rows of a part."""
-    with tempfile.TemporaryDirectory() as folder:
-        return [asdict(row) for row in part(name).rows(is_long, Path(folder))]
+def measured(name: str, *, is_long: bool, kept: Path | None = None) -> list[dict[str, Any]]:
+    """Return the rows of a part, which computes in a folder that is kept, or in none."""
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = Path(temporary) if kept is None else kept / name
+        folder.mkdir(parents=True, exist_ok=True)
+        return [asdict(row) for row in part(name).rows(is_long, folder)]
 
 
 def part(name: str) -> Any:
@@ -82,7 +86,8 @@ def page(found: dict[str, Any]) -> str:
         title, *text = inspect.getdoc(part(name)).split("\n", 1)
         texts.append(f"## {title.removesuffix('.')}\n\n{''.join(text).strip()}\n".rstrip() + "\n")
         texts.append(table(found[name]["rows"]))
-        texts.append(f"Processor time: {found[name]['cpu_s']} s.\n")
+        if found[name]["cpu_s"] is not None:  # not of a part that went on
+            texts.append(f"Processor time: {found[name]['cpu_s']} s.\n")
     return "\n".join(texts)
 
 

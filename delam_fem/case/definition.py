@@ -262,13 +262,15 @@ class Case(Section):
         elif self.gap is not None and self.support != Support():
             raise inconsistent(
                 "support",
-                'expected start = "clamped" and end = "free" beside a gap; give a '
+                'expected start = "clamped" and end = "free" beside a gap, both rigid; give a '
                 "[[delamination]] from 0 to the length for other supports",
             )
-        if self.model.is_continuum and self.support.rotational_stiffness is not None:
+        held = "clamped" in (self.support.start, self.support.end)
+        if self.support.rotational_stiffness is not None and (self.model.is_continuum or not held):
             raise inconsistent(
                 "support.rotational_stiffness",
-                f'expected only with model.kind = "beam", given "{self.model.kind}"',
+                'expected only with a clamped end and model.kind = "beam", given '
+                f'"{self.support.start}" and "{self.support.end}" ends, "{self.model.kind}"',
             )
 
     @property

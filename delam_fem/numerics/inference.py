@@ -16,7 +16,9 @@ the noise of the measurement, one realisation in each simulation.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.stats import f as f_distribution
@@ -98,9 +100,8 @@ class Table:
         """
         if not np.isfinite(observed).all():
             raise ValueError(f"inference: expected finite statistics, given {observed.tolist()}")
-        logits = self._logit()
-        summaries, seen = _summaries(self.statistics, logits, observed)
-        return self._accepted(logits, summaries, seen, accepted)
+        summaries, predict = self._regressed
+        return self._accepted(self._logit(), summaries, predict(observed), accepted)
 
     def misfit(self, observed: FloatArray) -> tuple[float, int]:
         """Return how likely simulations are farther from their like than an observation is.
@@ -117,8 +118,8 @@ class Table:
         size = self.statistics.std(axis=0)
         varies = np.flatnonzero(size > 0.0)
         values, own = (rows[..., varies] / size[varies] for rows in (self.statistics, observed))
-        logits = self._logit()
-        summaries, seen = _summaries(self.statistics, logits, observed)
+        logits, (summaries, predict) = self._logit(), self._regressed
+        seen = predict(observed)
         distance = np.linalg.norm((summaries - seen) / (logits - summaries).std(axis=0), axis=1)
         n, p, q = max(FEWEST, len(values) // 4), varies.size, summaries.shape[1]
         near = np.argsort(distance)[: min(n, len(values))]
@@ -149,8 +150,7 @@ class Table:
         Returns:
             Share of the observations whose interval contains the truth, shape (n_parameters,).
         """
-        logits = self._logit()
-        summaries, _ = _summaries(self.statistics, logits, self.statistics[0])
+        logits, (summaries, _) = self._logit(), self._regressed
         hits = np.zeros(self.parameters.shape[1])
         for index in indices.tolist():
             others = np.arange(len(logits)) != index
@@ -161,6 +161,11 @@ class Table:
             truth = self.parameters[index]
             hits += (truth >= low) & (truth <= high)
         return np.asarray(hits / indices.size)
+
+    @cached_property
+    def _regressed(self) -> tuple[FloatArray, Callable[[FloatArray], FloatArray]]:
+        """The summaries of all simulations, and the function that gives those of an observation."""
+        return _summaries(self.statistics, self._logit())
 
     def _accepted(
         self, logits: FloatArray, summaries: FloatArray, seen: FloatArray, share: float
@@ -202,34 +207,38 @@ class Table:
 
 
 def _summaries(
-    statistics: FloatArray, targets: FloatArray, observed: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return the targets that ridge regressions predict for all simulations and an observation.
+    statistics: FloatArray, targets: FloatArray
+) -> tuple[FloatArray, Callable[[FloatArray], FloatArray]]:
+    """Return the targets that ridge regressions predict for simulations and for an observation.
 
     Each tenth of the simulations is predicted by a regression on the others. Otherwise the
     simulations would seem to be known better than the observation, which gets the mean.
 
     Returns:
-        Shapes (n, p) and (p,).
+        Shape (n, p), and a function of statistics that returns shape (p,).
     """
     mean, size = statistics.mean(axis=0), statistics.std(axis=0)
     varies = size > 0.0
     columns = _products((statistics[:, varies] - mean[varies]) / size[varies])
-    own = _products((observed[None, varies] - mean[varies]) / size[varies])
     middle, scale = columns.mean(axis=0), columns.std(axis=0)
-    columns, own = (columns - middle) / scale, (own - middle) / scale
+    columns = (columns - middle) / scale
     centre = targets.mean(axis=0)
     normal, right = columns.T @ columns, columns.T @ (targets - centre)
     penalty = _penalty(columns, targets - centre, normal, right)
-    found, seen = np.empty_like(targets), np.zeros(targets.shape[1])
+    found, mean_slopes = np.empty_like(targets), np.zeros_like(right)
     for fold in range(FOLDS):
         rows = columns[fold::FOLDS]
         matrix = normal - rows.T @ rows
         matrix[np.diag_indices_from(matrix)] += penalty
         slopes = np.linalg.solve(matrix, right - rows.T @ (targets[fold::FOLDS] - centre))
         found[fold::FOLDS] = centre + rows @ slopes
-        seen += (centre + own @ slopes)[0] / FOLDS
-    return found, seen
+        mean_slopes += slopes / FOLDS
+
+    def predict(observed: FloatArray) -> FloatArray:
+        own = _products((observed[None, varies] - mean[varies]) / size[varies])
+        return np.asarray(centre + ((own - middle) / scale @ mean_slopes)[0])
+
+    return found, predict
 
 
 def _penalty(

@@ -102,6 +102,17 @@ def test_delaminations_between_the_same_laminae_are_apart() -> None:
     )
 
 
+def test_only_clamped_ends_of_beams_yield() -> None:
+    soft = {"support.rotational_stiffness": "150 N m"}
+    assert preset("embedded", soft).support.rotational_stiffness == 150.0
+    expected = (
+        'support.rotational_stiffness: expected only with a clamped end and model.kind = "beam"'
+    )
+    for keys in ({"support.start": "pinned", "support.end": "pinned"}, {"model.kind": "solid"}):
+        assert expected in refused(soft | keys, "embedded")
+    assert "support: expected" in refused(soft, "paper")
+
+
 def test_a_gap_goes_with_the_supports_of_the_paper() -> None:
     assert 'support: expected start = "clamped" and end = "free" beside a gap' in refused(
         {"support.end": "clamped"}, "paper"

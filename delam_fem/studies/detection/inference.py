@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from delam_fem.case.definition import Case
-from delam_fem.numerics.arrays import FloatArray, IntArray
+from delam_fem.numerics.arrays import FloatArray
 from delam_fem.numerics.inference import UNLIKE, Posterior, Table
 from delam_fem.studies.detection.detect import per_sample
 from delam_fem.studies.detection.indices import curvature
@@ -29,8 +29,6 @@ FREQUENCIES = (92.0, 250.0)
 """Excitations of the scans of one structure [Hz]: a low one and one that shows short ones, too."""
 COMPONENTS = 3
 """Principal components of the curvature along the beam that serve as statistics, per frequency."""
-ACCEPTED = 0.08
-"""Share of the table that is accepted: chosen for calibration with a few thousand structures."""
 NAMES = ("start", "end", "depth")
 STATISTICS = (
     *(f"component {k + 1} of the shape of the curvature" for k in range(COMPONENTS)),
@@ -121,7 +119,7 @@ class Knowledge:
 
     def posterior(self, scans: tuple[Shapes, ...]) -> Posterior:
         """Return the posterior of middle, length and depth for noisy scans, one per frequency."""
-        return self.table.posterior(self._observed(scans), accepted=ACCEPTED)
+        return self.table.posterior(self._observed(scans))
 
     def mismatch(self, scans: tuple[Shapes, ...]) -> str | None:
         """Return in which way scans are unlike those of all simulations; None: they are not."""
@@ -181,30 +179,6 @@ def edges(parameters: FloatArray) -> FloatArray:
 def edge_posterior(posterior: Posterior) -> Posterior:
     """Return the posterior of start, end and depth."""
     return Posterior(edges(posterior.samples), posterior.weights)
-
-
-def covered(known: Knowledge, indices: IntArray, level: float = 0.9) -> FloatArray:
-    """Return whether intervals of start, end and depth contain the truth, shape (k, 3).
-
-    Each of the simulations with these indices serves once as an observation and is left out of the
-    table then (simulation-based calibration).
-    """
-    table = known.table
-    truths = edges(table.parameters[indices])
-    found = []
-    for index, truth in zip(indices.tolist(), truths, strict=True):
-        own = _without(table, index).posterior(table.statistics[index], accepted=ACCEPTED)
-        low, high = edge_posterior(own).interval(level).T
-        found.append((truth >= low) & (truth <= high))
-    return np.array(found)
-
-
-def _without(table: Table, index: int) -> Table:
-    """Return a table without one simulation."""
-    parameters, statistics = (
-        np.delete(values, index, axis=0) for values in (table.parameters, table.statistics)
-    )
-    return Table(parameters, statistics, table.bounds)
 
 
 def _profile(shapes: Shapes) -> FloatArray:

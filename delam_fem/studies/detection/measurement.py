@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import tomllib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -169,13 +170,13 @@ def simulated(case: Case, scan: Scan, kept: Path | None = None) -> Measurement:
 
 
 def drive_responses(
-    case: Case, lamina: str, x: FloatArray, frequency: float
+    case: Case, lamina: str, x: FloatArray, frequency: float, orders: Sequence[float] = ORDERS
 ) -> dict[float, ComplexArray]:
     """Return how points of the closed structure answer harmonics of the drive, by order."""
     structure = discretise.assemble(case, needs_dolfinx=False)
     base = np.array([1.0 if case.excitation.acts_on == "base" else 0.0, 0.0])
     found = {}
-    for k in ORDERS:
+    for k in orders:
         if k > 1.0:
             U = closed_response(structure, k * frequency)
             real, imag = at_points(structure, lamina, x, np.stack([U.real, U.imag]), base)

@@ -157,7 +157,7 @@ def infer(
         resume=resume, progress=progress,
     ).at_first(n_points)  # fmt: skip
     whole, surface = intact(case), surface_of(case, None)
-    drives = [drive_responses(whole, surface, runs.x, f) for f in frequencies]
+    drives = [drive_responses(whole, surface, runs.x, f, (2.0,)) for f in frequencies]
     if measured is None:
         own = population(case, observed(case, frequencies), directory / "observation", "serial",
                          resume=resume)  # fmt: skip

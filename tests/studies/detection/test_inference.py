@@ -7,7 +7,6 @@ from delam_fem.numerics.inference import Posterior
 from delam_fem.studies.detection.inference import (
     Prior,
     Sensor,
-    covered,
     edge_posterior,
     edges,
     knowledge,
@@ -57,5 +56,5 @@ def test_a_posterior_is_near_the_truth_and_narrower_than_the_prior(
 def test_90_percent_intervals_cover_the_truth(made_up: tuple[Population, np.ndarray]) -> None:
     population, parameters = made_up
     known = knowledge(population, parameters, Prior(), (Sensor(40.0),))
-    hits = covered(known, np.arange(100)).sum(axis=0)
-    assert (hits >= 82).all(), hits  # 90, less 2.7 standard deviations
+    share = known.table.coverage(np.arange(100))
+    assert (share >= 0.82).all(), share  # 0.9, less 2.7 standard deviations

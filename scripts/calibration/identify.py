@@ -1,0 +1,133 @@
+"""`identify`: gap, restitution, damping and stiffness from clapping motions.
+
+The rig and the four unknowns of [identification](identification.md): `paper`, 10 elements, 300
+steps per period, tips at 1.25 and 3.25 Hz with noise of 0.1 mm, 1,000 simulations. The stiffness of
+the thick lamina is drawn within ± 5 %, and what four times as many steps change is added in part.
+*As modelled*: simulations of the table that are left out of it. The note has the median width, that
+of the prior (both of 90 %), and at how many truths the program says that the motions are like those
+of no simulation.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from calibration.row import OWN, Row
+
+import delam_fem as df
+from delam_fem.engines.session import session_of
+from delam_fem.model.beams import closed_form
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.cantilever import ComplexArray
+from delam_fem.numerics.inference import Table
+from delam_fem.studies.identification import statistics
+from delam_fem.studies.identification.contact import FINER, Experiment
+from delam_fem.studies.identification.study import mismatch
+from delam_fem.studies.sweeps.reduction import probe_motion
+from delam_fem.studies.unknown import Unknown
+
+CASE = {
+    "time.mass": "lumped",
+    "mesh.elements": 10,
+    "time.steps_per_period": 300,
+    "time.periods": 120,
+}
+UNKNOWNS = (
+    Unknown("gap.exponent", 1.0, 3.0),
+    Unknown("contact.restitution", 0.0, 0.8),
+    Unknown("lamina.*.damping_ratio", 0.004, 0.016),
+    Unknown("lamina.thin.bending_stiffness", 0.14, 0.18),
+)
+LEVEL = 0.9
+THICK = "lamina.thick.bending_stiffness"
+STEPS = "time.steps_per_period"
+EXACT = "the case itself"
+RECORD = "the case itself, from records of the tips"
+RIGS: dict[str, tuple[int, dict[str, float]]] = {
+    EXACT: (60, {}),
+    RECORD: (20, {}),
+    "EI of the thick lamina + 5 %": (60, {THICK: 1.05 * 1.51}),
+    "EI of the thick lamina − 5 %": (60, {THICK: 0.95 * 1.51}),
+    "2,400 steps per period, towards the rigid limit": (40, {STEPS: 2400}),
+    "20 elements, not 10": (40, {"mesh.elements": 20}),
+    "EI of the thick lamina + 20 %, beyond the prior": (40, {THICK: 1.2 * 1.51}),
+}
+"""Number of truths and keys of each rig."""
+
+
+def rows(is_long: bool, folder: Path) -> list[Row]:
+    """Return the rows of the page."""
+    size, repeated, left_out = (1000, 100, 200) if is_long else (120, 12, 20)
+    given = Experiment(df.preset("paper", CASE), (1.25, 3.25), UNKNOWNS, 1e-4)
+    parameters, also = given.draw(size, 1), given.disturbed(size, 2)
+    exact = given.simulate(parameters, folder / "table", also=also, executor="serial")
+    more = {key: values[:repeated] for key, values in also.items()}
+    more[STEPS] = np.full(repeated, FINER * given.case.steps_per_period)
+    finer = given.simulate(parameters[:repeated], folder / "finer", also=more, executor="serial")
+    whole = given.table(exact, parameters, 3, finer)
+    kept = Table(whole.parameters[left_out:], whole.statistics[left_out:], whole.bounds)
+    truths, seen = whole.parameters[:left_out], whole.statistics[:left_out]
+    found = judged(OWN, given, [kept] * left_out, truths, seen)
+    for number, (rig, (n, keys)) in enumerate(RIGS.items() if is_long else ()):
+        truths = given.draw(n, 10 + number)
+        if rig == RECORD:
+            every = [recorded(given, truth, k) for k, truth in enumerate(truths)]
+            seen = np.stack([values for values, _ in every])
+            noise = float(np.median([noise for _, noise in every]))
+            own = replace(given, noise=noise).table(exact, parameters, 3, finer)
+            tables = [own] * n
+        else:
+            more = {key: np.full(n, value) for key, value in keys.items()}
+            motions = given.simulate(truths, folder / f"rig-{number}", also=more, executor="serial")
+            rng = np.random.default_rng([7, number])
+            seen = observed(statistics.noisy(motions, given.error, rng))
+            tables = [whole] * n
+        found += judged(rig, given, tables, truths, seen)
+    return found
+
+
+def observed(motions: ComplexArray) -> FloatArray:
+    """Return the statistics of motions, shape (n, n_statistics)."""
+    return statistics.invariant(motions).reshape(len(motions), -1)
+
+
+def recorded(given: Experiment, truth: FloatArray, number: int) -> tuple[FloatArray, float]:
+    """Return the statistics of records of the tips with noise, and the noise that they show [m]."""
+    rng = np.random.default_rng([8, number])
+    motions, noises = [], []
+    for frequency in given.frequencies:
+        keys = {key: value for own, value in zip(given.unknowns, truth.tolist(), strict=True)
+                for key in own.keys(given.case)}  # fmt: skip
+        case = given.case.with_overrides(keys | {"excitation.frequency": frequency})
+        structure = closed_form.assemble(case)
+        with session_of(case, structure.operators) as opened:
+            opened.run()
+            tips = probe_motion(opened.recorder, structure).displacement
+        tips = tips + given.noise * rng.standard_normal(tips.shape)
+        harmonics, noise = statistics.of_history(
+            0.07 + case.time_step * np.arange(tips.shape[1]), tips, frequency
+        )
+        motions.append(harmonics)
+        noises.append(noise)
+    return observed(np.stack(motions)[None])[0], max(noises)
+
+
+def judged(
+    rig: str, given: Experiment, tables: list[Table], truths: FloatArray, seen: FloatArray
+) -> list[Row]:
+    """Return a row for each unknown."""
+    whole = np.flatnonzero(np.isfinite(seen).all(axis=1))
+    bounds = np.stack([tables[k].posterior(seen[k]).interval(LEVEL) for k in whole])
+    warned = sum(mismatch(given, tables[k], seen[k]) is not None for k in whole)
+    inside = (truths[whole] >= bounds[..., 0]) & (truths[whole] <= bounds[..., 1])
+    widths = np.median(bounds[..., 1] - bounds[..., 0], axis=0)
+    return [
+        Row(
+            f"{own.key}, 90 % interval", rig, LEVEL, int(inside[:, j].sum()), whole.size,
+            warned=warned,
+            note=f"{widths[j]:.2g} of {LEVEL * (own.high - own.low):.2g}; {warned} named",
+        )
+        for j, own in enumerate(given.unknowns)
+    ]  # fmt: skip
