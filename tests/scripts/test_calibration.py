@@ -77,6 +77,7 @@ def falling_short(rows: list[dict[str, Any]]) -> set[tuple[str, str]]:
 
 
 @pytest.mark.parametrize("name", page.PARTS)
+@pytest.mark.slow
 def test_short_forms_hold_where_the_page_says_so(name: str) -> None:
     rows = page.measured(name, is_long=False)
     assert rows

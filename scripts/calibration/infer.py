@@ -1,0 +1,131 @@
+"""`infer`: start, end and depth of a delamination.
+
+Scans of `embedded` with other delaminations at 92 and 250 Hz, 40 dB, and a table of structures from
+the prior, whose stiffness (± 5 %), damping (× ½ … × 2) and clamps (k L/EI from 50 to 5000) are
+drawn, too. *As modelled*: truths are drawn as the table is. The note has the median width and that
+of the prior, both of 90 %, and at how many truths the program says that the scans are like those of
+no simulation.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from calibration.row import OWN, Row
+
+import delam_fem as df
+from delam_fem.case.definition import Case
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.results.scan import surface_of
+from delam_fem.studies.detection import inference
+from delam_fem.studies.detection.measurement import drive_responses, intact
+from delam_fem.studies.detection.population import Population, population
+from delam_fem.studies.unknown import drawn, of_rig
+
+NOISE_DB, LOUD_DB, N_LINES = 40.0, 30.5, 14
+"""Noise of most scans, that of the noisy ones (3 %) [dB], lines from which it is estimated."""
+LEVEL = 0.9
+MESH = "40 elements, not 20"
+NOISY = "noise 3 %, differs from point to point (log-normal, σ 0.7)"
+SHAKER = "shaker with 1 % of second harmonic"
+
+
+def rows(is_long: bool, folder: Path) -> list[Row]:
+    """Return the rows of the page."""
+    few = {OWN: 8, "EI + 5 %": 8, SHAKER: 8}
+    size, truths = (1000, {OWN: 200, MESH: 40}) if is_long else (100, few)
+    case = df.preset("embedded")
+    prior = inference.Prior.of(case)
+    parameters = prior.sample(size, 7)
+    table = computed(case, parameters, folder / "table", drawn(of_rig(case), case, size, 8))
+    known = known_of(case, table, parameters, prior)
+    wide = np.subtract(*np.quantile(inference.edges(prior.sample(9999, 1)), [0.95, 0.05], axis=0))
+    found = []
+    for number, (rig, keys) in enumerate(rigs(case, 200).items()):
+        n = truths.get(rig, 80 if is_long else 0)
+        if not n:
+            continue
+        given = prior.sample(n, 100 + number)
+        also = {key: values[:n] for key, values in keys.items()}
+        runs = computed(case, given, folder / f"rig-{number}", also)
+        rng = np.random.default_rng([6, number])
+        whole = [k for k in range(n) if runs.is_there(k) and runs.is_there(n + k)]
+        noise, lines, judge = NOISE_DB, np.inf, known
+        if rig == NOISY:  # the table has the noise that the first of the scans shows
+            noise, lines = LOUD_DB + rng.normal(0.0, 6.0, runs.x.size), N_LINES
+            sensors = tuple(
+                inference.Sensor.of(
+                    runs.shapes(i, noise, rng, lines), float(runs.rms[i]), own.drive
+                )
+                for i, own in zip((0, n), known.sensors, strict=True)
+            )
+            judge = inference.knowledge(table, parameters, prior, sensors)
+        judged = []
+        for k in whole:
+            scans = tuple(runs.shapes(i, noise, rng, lines) for i in (k, n + k))
+            if rig == SHAKER:
+                scans = tuple(map(shaken, scans, [own.drive for own in judge.sensors], [rng, rng]))
+            interval = inference.edge_posterior(judge.posterior(scans)).interval(LEVEL)
+            judged.append((interval, judge.mismatch(scans) is not None))
+        bounds, warned = np.array([b for b, _ in judged]), sum(w for _, w in judged)
+        true = inference.edges(given)[whole]
+        for j, name in enumerate(inference.NAMES):
+            low, high = bounds[:, j].T
+            width = 1e3 * np.median(high - low)
+            note = f"{width:.3g} of {1e3 * wide[j]:.3g} mm; {warned} named"
+            hits = int(np.sum((true[:, j] >= low) & (true[:, j] <= high)))
+            promise = f"{name}, 90 % interval"
+            found.append(Row(promise, rig, LEVEL, hits, len(whole), warned=warned, note=note))
+    return found
+
+
+def rigs(case: Case, n: int) -> dict[str, dict[str, FloatArray]]:
+    """Return the values of the keys that each rig has and the case has not."""
+    modulus, ratio = case.lamina[0].young_modulus, case.lamina[0].damping_ratio
+    clamp = of_rig(case)[-1].low * 2.0  # k L/EI = 100
+
+    def every(key: str, value: float) -> dict[str, FloatArray]:
+        return {f"lamina.{own.name}.{key}": np.full(n, value) for own in case.lamina}
+
+    return {
+        OWN: drawn(of_rig(case), case, n, 9),
+        "EI + 5 %": every("young_modulus", 1.05 * modulus),
+        "EI − 5 %": every("young_modulus", 0.95 * modulus),
+        "soft clamps (k L/EI = 100)": {"support.rotational_stiffness": np.full(n, clamp)},
+        "damping × 2": every("damping_ratio", 2.0 * ratio),
+        "damping × ½": every("damping_ratio", 0.5 * ratio),
+        MESH: {"mesh.elements": np.full(n, 40)},
+        SHAKER: {},
+        NOISY: {},
+    }  # fmt: skip
+
+
+def computed(
+    case: Case, parameters: FloatArray, folder: Path, also: dict[str, FloatArray]
+) -> Population:
+    """Return the scans of structures at both frequencies."""
+    specimens = inference.specimens_of(parameters, "clamped")
+    both = {key: np.tile(values, 2) for key, values in also.items()}
+    return population(case, specimens, folder, "serial", also=both, resume=True)
+
+
+def known_of(
+    case: Case, table: Population, parameters: FloatArray, prior: inference.Prior
+) -> inference.Knowledge:
+    """Return what a table says with the usual noise."""
+    whole, surface = intact(case), surface_of(case, None)
+    sensors = tuple(
+        inference.Sensor(NOISE_DB, drive=drive_responses(whole, surface, table.x, f, (2.0,)))
+        for f in inference.FREQUENCIES
+    )
+    return inference.knowledge(table, parameters, prior, sensors)
+
+
+def shaken(scan: inference.Shapes, drive: dict, rng: np.random.Generator) -> inference.Shapes:
+    """Return a scan with what 1 % of second harmonic of the base acceleration adds to it."""
+    omega = 2.0 * np.pi * scan.frequency
+    base = 0.01 * 0.1 / (2.0 * omega) ** 2  # m, of 0.1 m/s2
+    added = base * 2j * omega * np.exp(2j * np.pi * rng.uniform()) * drive[2.0]
+    scan.values[scan.orders.index(2.0)] += added
+    return scan
