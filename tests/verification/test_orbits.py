@@ -111,11 +111,15 @@ def test_the_branches_of_the_paper(tmp_path: Path, seed: int) -> None:
     ]  # fmt: skip
     first = next(at for kind, branch, at in events if kind == "period doubling" and branch == 0)
     assert first == pytest.approx(3.54, abs=0.02)
+    near = (data.event_branch == 0) & (data.event_kind == "period doubling")
+    low, high = float(data.event_low[near][0]), float(data.event_high[near][0])
+    assert low < 3.5275 < high, "an independent calculation has 3.525 to 3.530 Hz"
     if seed == 0:  # with other seeds the doubled branch may be lost where it begins
         folds = [at for kind, branch, at in events if kind == "fold" and branch == 1]
         assert folds[0] == pytest.approx(3.563, abs=0.01)
         assert min(folds) == pytest.approx(3.468, abs=0.02)
     one = data.sel(point=data.branch == 0)
-    assert (one.stability[one.parameter < 3.5] == "stable").all()
+    below = one.stability[one.parameter < 3.5]
+    assert (below != "unstable").all() and (below == "stable").mean() > 0.8
     beyond = (one.parameter > 3.57) & (one.parameter < 3.64)
     assert (one.stability[beyond] == "unstable").all()
