@@ -76,7 +76,7 @@ def lamina_colours(n: int) -> tuple[str, ...]:
 def symbol(letter: str, index: int) -> str:
     """Return a letter with a number as subscript: q₁ for the index 0.
 
-    Mathematical text would take a seventh of the time of a run's figures.
+    Mathematical text has to be parsed and laid out for each drawing.
     """
     return letter + str(index + 1).translate(_SUBSCRIPTS)
 
