@@ -1,6 +1,6 @@
 """Measure the cost of a time step for all engines, schemes and mesh sizes in one run.
 
-    .venv/bin/python scripts/benchmark.py [--short] [-o docs]
+    .venv/bin/python scripts/benchmark.py [--short] [--limit PROGRAM] [-o docs]
 
 All numbers come from one run on one machine, so that their ratios are meaningful. Each time is the
 fastest of several repeats, because machines are noisy. The script prints tables; with -o it also
@@ -19,7 +19,6 @@ import tempfile
 import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -38,6 +37,7 @@ from delam_fem.engines.petsc import linear_algebra
 from delam_fem.engines.session import session_of
 from delam_fem.model.beams import closed_form
 from delam_fem.reference.loop import simulate_reference
+from delam_fem.simulation.recorder import N_SIZES
 
 COMM = PETSc.COMM_SELF
 SCHEMES: dict[str, dict[str, Any]] = {
@@ -47,6 +47,16 @@ SCHEMES: dict[str, dict[str, Any]] = {
     "no contact, lumped mass": {"contact.law": "none", "time.mass": "lumped"},
 }
 BASELINE = "newton-penalty, lumped mass and impulses"
+_STIFF = {"damping.rayleigh": "stiffness"}
+LIMITED: list[tuple[str, int, str, str, dict[str, Any]]] = [
+    *(("paper, lumped", n, "lumped", "paper", _STIFF | {"time.mass": "lumped"})
+      for n in (20, 50, 200)),
+    *(("paper, consistent", n, "consistent", "paper", _STIFF | {"contact.impulse": "consistent"})
+      for n in (20, 50, 200)),
+    ("default, by step taken", 20, "consistent", "default", {}),
+    ("paper, refined 16 times, by step taken", 20, "consistent", "paper", {"time.refine": 16}),
+]  # fmt: skip
+"""Rows beside a bare loop: name, elements, mass of that loop, preset, settings."""
 SIZES = (5, 20, 50, 200, 500, 1000, 2000)
 LASTING = (20, 40, 80)
 """Numbers of elements of the preset `embedded`."""
@@ -108,45 +118,59 @@ def case_of(elements: int, periods: int, **settings: Any) -> df.Case:
     return df.preset("paper", keys | settings)
 
 
-def step(case: df.Case, repeats: int, engine: EngineName) -> dict[str, float]:
-    """Return the time of a step in the whole run ("run") and in the engine alone [µs]."""
+def step(case: df.Case, repeats: int, engine: EngineName) -> float:
+    """Return the time of a step with its record, after loading and set-up [µs]."""
     operators = closed_form.assemble(case).operators
-    whole, inner = [], []
+    times = []
     for _ in range(repeats):
         with session_of(case, operators, engine=engine, comm=MPI.COMM_SELF) as opened:
-            within = Stopwatch(opened.engine.run_period)
-            timed = replace(opened, engine=Timed(opened.engine, within))
             begin = time.perf_counter()
-            outcome = timed.run()
-            whole.append(time.perf_counter() - begin)
-            inner.append(within.seconds)
+            outcome = opened.run()
+            times.append(time.perf_counter() - begin)
         if outcome != "completed":
             raise RuntimeError(f"{case.name} with {case.mesh.elements} elements {outcome}")
-    steps = case.n_periods * case.time.steps_per_period
-    return {"run": 1e6 * min(whole) / steps, "engine": 1e6 * min(inner) / steps}
+    return 1e6 * min(times) / (case.n_periods * case.time.steps_per_period)
 
 
-class Stopwatch:
-    """A function that adds up the time of its calls."""
+def slope(elements: int, repeats: int, settings: dict[str, Any], preset: str) -> float:
+    """Return the time of a compiled step from runs of two lengths [µs]."""
+    lengths = [max(20, 20_000 // elements) * factor for factor in (1, 3)]
+    keys = {"mesh.elements": elements, "output.fields_per_period": 0, **settings}
+    seconds, steps = [], []
+    for periods in lengths:
+        case = df.preset(preset, keys | {"time.periods": periods})
+        operators = closed_form.assemble(case).operators
+        times = []
+        for _ in range(repeats):
+            with session_of(case, operators) as opened:
+                begin = time.perf_counter()
+                opened.run()
+                times.append(time.perf_counter() - begin)
+                taken = opened.recorder.effort[:, :N_SIZES].sum()
+        seconds.append(min(times))
+        steps.append(int(taken))
+    return 1e6 * (seconds[1] - seconds[0]) / (steps[1] - steps[0])
 
-    def __init__(self, action: Callable[..., int]) -> None:
-        """Store the function to call."""
-        self._action, self.seconds = action, 0.0
 
-    def __call__(self, *arguments: Any) -> int:
-        """Call the function and add the time."""
-        begin = time.perf_counter()
-        result = self._action(*arguments)
-        self.seconds += time.perf_counter() - begin
-        return result
+def beside_limit(limit: Path, repeats: int) -> list[dict[str, Any]]:
+    """Return the times of a step beside those of a bare loop in C++ [µs].
 
-
-class Timed:
-    """An engine whose periods are timed."""
-
-    def __init__(self, engine: Any, run_period: Stopwatch) -> None:
-        """Store the stepper of the engine and its timed `run_period`."""
-        self.stepper, self.run_period = engine.stepper, run_period
+    Args:
+        limit: program that computes `paper` and prints its time of a step as "… ns/step"; it takes
+            f=, per=, n=, lump= and imass=.
+        repeats: number of repeats; the fastest counts.
+    """
+    rows = []
+    for name, elements, mass, preset, settings in LIMITED:
+        flags = ["lump=1", "imass=0"] if mass == "lumped" else ["lump=0", "imass=1"]
+        command = [str(limit), "f=3.25", f"per={30_000 // elements}", f"n={elements}", *flags]
+        bare = []
+        for _ in range(repeats):
+            told = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+            bare.append(1e-3 * float(told.split(" ns/step")[0].split()[-1]))
+        ours = slope(elements, repeats, settings, preset)
+        rows.append({"name": name, "elements": elements, "limit": min(bare), "compiled": ours})
+    return rows
 
 
 def plain_loop(case: df.Case, repeats: int) -> float:
@@ -182,9 +206,9 @@ def lasting_contact(n: int, repeats: int) -> dict[str, Any]:
         "elements": n,
         "dofs": operators.n_dofs,
         "pairs": operators.n_pairs,
-        "petsc": step(case.with_overrides({"time.periods": 4}), repeats, "petsc")["run"],
-        "compiled": step(case, 5 * repeats, "compiled")["run"],
-        "paper": step(paper, 5 * repeats, "compiled")["run"],
+        "petsc": step(case.with_overrides({"time.periods": 4}), repeats, "petsc"),
+        "compiled": step(case, 5 * repeats, "compiled"),
+        "paper": step(paper, 5 * repeats, "compiled"),
     }
 
 
@@ -195,11 +219,8 @@ def contact_points(repeats: int, periods: int) -> list[dict[str, Any]]:
     for p in POINTS:
         case = case_of(20, periods, **keys, **{"contact.points_per_element": p})
         nodes = case_of(20 * p, periods, **keys)
-        times = {
-            "points": step(case, repeats, "compiled"),
-            "nodes": step(nodes, repeats, "compiled"),
-        }
-        rows.append({"per_element": p, **{key: found["run"] for key, found in times.items()}})
+        times = [step(one, repeats, "compiled") for one in (case, nodes)]
+        rows.append({"per_element": p, "points": times[0], "nodes": times[1]})
     return rows
 
 
@@ -213,7 +234,7 @@ def near_contact(repeats: int, periods: int) -> list[dict[str, Any]]:
             {**keys, "time.refine_velocity": velocity, "damping.rayleigh": "stiffness",
              "time.periods": periods, "output.window_periods": 1, "output.fields_per_period": 0},
         )  # fmt: skip
-        found = step(case, repeats, "compiled")["run"]
+        found = step(case, repeats, "compiled")
         rows.append({"name": name, "ms": 1e-3 * found * steps})
     return rows
 
@@ -299,8 +320,8 @@ def memory_growth(periods: tuple[int, int]) -> float:
     return peaks[1] - peaks[0]
 
 
-def measure(short: bool) -> dict[str, Any]:
-    """Measure everything and return the numbers."""
+def measure(short: bool, limit: Path | None = None) -> dict[str, Any]:
+    """Measure everything and return the numbers; for `limit` see `beside_limit`."""
     repeats = 2 if short else 4
     rows = []
     for n in (5, 20, 50) if short else SIZES:
@@ -320,6 +341,7 @@ def measure(short: bool) -> dict[str, Any]:
     workers = sorted({1, cores})
     return {
         "rows": rows,
+        "limit": [] if limit is None else beside_limit(limit, repeats),
         "embedded": [lasting_contact(n, repeats) for n in ((20,) if short else LASTING)],
         "points": contact_points(repeats, 2 if short else 40),
         "refined": near_contact(2, 2 if short else 40),
@@ -334,13 +356,13 @@ def measure(short: bool) -> dict[str, Any]:
 
 HEADINGS = (
     *("elements", "dofs", "MatSolve + 2 MatMult", "plain loop", "PETSc", "PETSc / bare"),
-    *("compiled", "compiled, steps only", "PETSc / compiled", "ratio, steps only"),
+    *("compiled", "PETSc / compiled"),
 )
 
 
 def cells(row: dict[str, Any], scheme: str) -> list[str]:
     """Return the cells of a table row: times [µs] and ratios for a mesh and a scheme."""
-    by_petsc, by_compiled = row[scheme]["petsc"]["run"], row[scheme]["compiled"]
+    by_petsc, by_compiled = row[scheme]["petsc"], row[scheme]["compiled"]
     plain = f"{row['plain']:.0f}" if scheme == BASELINE and "plain" in row else "–"
     return [
         str(row["elements"]),
@@ -349,10 +371,8 @@ def cells(row: dict[str, Any], scheme: str) -> list[str]:
         plain,
         f"{by_petsc:.2f}",
         f"{by_petsc / row['bare']:.1f}",
-        f"{by_compiled['run']:.2f}",
-        f"{by_compiled['engine']:.2f}",
-        f"{by_petsc / by_compiled['run']:.0f}",
-        f"{row[scheme]['petsc']['engine'] / by_compiled['engine']:.0f}",
+        f"{by_compiled:.3f}",
+        f"{by_petsc / by_compiled:.0f}",
     ]
 
 
@@ -382,12 +402,31 @@ def closing_lines(figures: dict[str, Any]) -> list[str]:
     small, *_, large = (row for row in figures["rows"] if row["elements"] >= 20)
     for engine in ("petsc", "compiled"):
         costs = (
-            f"{1e3 * row[BASELINE][engine]['run'] / row['dofs']:.1f} ns with {row['elements']}"
+            f"{1e3 * row[BASELINE][engine] / row['dofs']:.1f} ns with {row['elements']}"
             for row in (small, large)
         )
         lines.append(f"{engine}, time of a step by dof: {', '.join(costs)} elements")
     growth = figures["memory_growth_mb"]
     return [*lines, f"peak memory from {short} to {long} periods: {growth:+.1f} MB"]
+
+
+def limit_section(rows: list[dict[str, Any]]) -> str:
+    """Return the section on a bare loop, nothing if it was not measured."""
+    if not rows:
+        return ""
+    lines = [("", "elements", "bare loop", "compiled", "ratio"), ("---",) * 5]
+    for row in rows:
+        bare, ours = row["limit"], row["compiled"]
+        times = f"{bare:.3f}", f"{ours:.3f}", f"{ours / bare:.2f}"
+        lines.append((row["name"], str(row["elements"]), *times))
+    return (
+        "## Beside a bare loop in C++\n\n"
+        "The bare loop computes the preset `paper` (Newmark, impacts and springs between steps) "
+        "without ledger, record and probes. The compiled engine has all of them; its time is the "
+        "slope between two lengths of run, per step taken where steps are refined.\n\n"
+        + "\n".join("| " + " | ".join(line) + " |" for line in lines)
+        + "\n"
+    )
 
 
 def embedded_section(rows: list[dict[str, Any]]) -> str:
@@ -459,11 +498,10 @@ def markdown(figures: dict[str, Any]) -> str:
         "steps per period and 3.25 Hz from rest, with ledger and record.\n",
         "- *MatSolve + 2 MatMult*: what PETSc needs for the bare linear algebra of a step.\n"
         "- *plain loop*: the readable NumPy and SciPy loop of `delam_fem/reference/loop.py`.\n"
-        "- *PETSc / bare*: the time of PETSc's steps over that of its linear algebra.\n"
-        "- *compiled, steps only*: without the record of each period.\n"
-        "- *ratio, steps only*: PETSc over compiled, both without the record.\n",
+        "- *PETSc / bare*: the time of PETSc's steps over that of its linear algebra.\n",
         "![Cost of a step](figures/performance.png)\n",
     ]
+    parts += [limit_section(figures["limit"])] if figures["limit"] else []
     for name, rows in tables(figures).items():
         parts.append(f"## {name}\n")
         lines = [HEADINGS, ("---",) * len(HEADINGS), *rows]
@@ -496,7 +534,7 @@ def figure(figures: dict[str, Any]) -> Figure:
         own = [row for row in rows if name in row]
         x = [row["dofs"] for row in own]
         for engine, line in (("petsc", "o-"), ("compiled", "^--")):
-            y = [row[name][engine]["run"] for row in own]
+            y = [row[name][engine] for row in own]
             axes.plot(x, y, line, color=colour, label=f"{engine}: {name}")
     axes.grid(alpha=0.3)
     result.legend(loc="outside right center", fontsize=8)
@@ -516,8 +554,9 @@ def main(arguments: list[str] | None = None) -> dict[str, Any]:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--short", action="store_true", help="small meshes, few repeats")
     parser.add_argument("-o", "--output", type=Path, help="folder for numbers, page and figure")
+    parser.add_argument("--limit", type=Path, help="compiled bare loop to measure beside")
     given = parser.parse_args(arguments)
-    figures = measure(given.short)
+    figures = measure(given.short, given.limit)
     console = Console(width=120)
     for name, rows in tables(figures).items():
         table = Table(*HEADINGS, title=f"{name}: µs per step")

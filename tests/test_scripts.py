@@ -28,8 +28,7 @@ def test_benchmark_measures_ratios(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         assert row["bare"] > 0.0
         for name in module.SCHEMES:
             for engine in ("petsc", "compiled"):
-                times = row[name][engine]
-                assert 0.0 < times["engine"] < times["run"]
+                assert row[name][engine] > 0.0
     assert json.loads((tmp_path / "performance.json").read_text())["rows"] == rows
     page = (tmp_path / "performance.md").read_text()
     assert all(f"## {name}" in page for name in module.SCHEMES)
