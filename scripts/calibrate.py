@@ -42,8 +42,8 @@ counts how often what is printed is right.
 - Where the program says "undecided", a truth counts neither as right nor as wrong.
 - "**Falls short**": do not rely on it there.
 
-Not all truths are blind. Rules of `orbit` (the least distance of a doubled orbit, kicks of orbits of
-period 2), of `converge` (a small last difference may be chance) and of `resonance` were changed
+Not all truths are blind. Rules of `orbit` (the least distance of a doubled orbit, kicks of orbits
+of period 2), of `converge` (a small last difference may be chance) and of `resonance` were changed
 after a first count on some of the same truths, and the counts are those after the change. The
 verdicts of `orbit` were counted in several runs, those on orbits of period 2 with a later cap on
 kicks than the others.
