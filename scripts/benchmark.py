@@ -17,7 +17,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
@@ -410,10 +410,13 @@ def closing_lines(figures: dict[str, Any]) -> list[str]:
     return [*lines, f"peak memory from {short} to {long} periods: {growth:+.1f} MB"]
 
 
+def _rows_of(lines: Sequence[Sequence[str]]) -> str:
+    """Return a table as text, its headings and the line below them included."""
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
+
+
 def limit_section(rows: list[dict[str, Any]]) -> str:
-    """Return the section on a bare loop, nothing if it was not measured."""
-    if not rows:
-        return ""
+    """Return the section on a bare loop."""
     lines = [("", "elements", "bare loop", "compiled", "ratio"), ("---",) * 5]
     for row in rows:
         bare, ours = row["limit"], row["compiled"]
@@ -424,8 +427,7 @@ def limit_section(rows: list[dict[str, Any]]) -> str:
         "The bare loop computes the preset `paper` (Newmark, impacts and springs between steps) "
         "without ledger, record and probes. The compiled engine has all of them; its time is the "
         "slope between two lengths of run, per step taken where steps are refined.\n\n"
-        + "\n".join("| " + " | ".join(line) + " |" for line in lines)
-        + "\n"
+        + _rows_of(lines)
     )
 
 
@@ -447,9 +449,7 @@ def embedded_section(rows: list[dict[str, Any]]) -> str:
         "period: contact fills half of the time, at nearly all pairs at once. The compiled engine "
         "steps the amplitudes of the modes, which needs no linear solve, and begins each "
         "complementarity problem with the pairs that carried impulses in the last step. Beside it, "
-        "the preset `paper` with as many elements and the same law.\n\n"
-        + "\n".join("| " + " | ".join(line) + " |" for line in lines)
-        + "\n"
+        "the preset `paper` with as many elements and the same law.\n\n" + _rows_of(lines)
     )
 
 
@@ -470,7 +470,7 @@ def points_section(rows: list[dict[str, Any]]) -> str:
         "## Contact points inside the elements\n\n"
         "Compiled, newton@moreau-jean, 4000 steps per period. A step computes control values that "
         "bound all gaps of an element from below, and looks at single points only where one of "
-        "them is closed.\n\n" + "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
+        "them is closed.\n\n" + _rows_of(lines)
     )
 
 
@@ -483,9 +483,7 @@ def refined_section(rows: list[dict[str, Any]]) -> str:
         "## Steps refined near contact\n\n"
         "Compiled, newton@moreau-jean, 20 elements, 3.25 Hz, stiffness damping, 40 periods from "
         "rest. Errors against the rigid limit of the mesh are those of "
-        "[convergence.md](convergence.md).\n\n"
-        + "\n".join("| " + " | ".join(line) + " |" for line in lines)
-        + "\n"
+        "[convergence.md](convergence.md).\n\n" + _rows_of(lines)
     )
 
 
@@ -505,7 +503,7 @@ def markdown(figures: dict[str, Any]) -> str:
     for name, rows in tables(figures).items():
         parts.append(f"## {name}\n")
         lines = [HEADINGS, ("---",) * len(HEADINGS), *rows]
-        parts.append("\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n")
+        parts.append(_rows_of(lines))
     parts.append(embedded_section(figures["embedded"]))
     parts.append(points_section(figures["points"]))
     parts.append(refined_section(figures["refined"]))
