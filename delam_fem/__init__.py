@@ -32,18 +32,17 @@ from __future__ import annotations
 from importlib import import_module, metadata
 from typing import TYPE_CHECKING
 
-from delam_fem import imports as imports  # first: it guards the import of dolfinx
+from delam_fem.system import imports as imports  # first: it guards the import of dolfinx
 
 if TYPE_CHECKING:
     from delam_fem.case.definition import Case
+    from delam_fem.case.excitation import HarmonicMotion, SweptMotion
     from delam_fem.case.files import PRESETS, load_case, preset, save_case
-    from delam_fem.case.motion.excitation import HarmonicMotion, SweptMotion
-    from delam_fem.case.toml import CaseError
     from delam_fem.contact.decision import Decision
     from delam_fem.contact.laws import LAWS, Law
-    from delam_fem.engines.session import solve
+    from delam_fem.engines.session import Solution, solve
     from delam_fem.model.operators import BaseCoupling, Operators
-    from delam_fem.model.reduction.of_case import reduced_case
+    from delam_fem.model.reduction import reduced_case
     from delam_fem.numerics.schemes import SCHEMES, Scheme
     from delam_fem.pipeline import run
     from delam_fem.reference.compare import compare
@@ -51,17 +50,16 @@ if TYPE_CHECKING:
     from delam_fem.results.measured.reading import read_measured
     from delam_fem.results.overlay.whole import overlay
     from delam_fem.simulation.loop import State
-    from delam_fem.simulation.solution import Solution
     from delam_fem.studies.branches.follow import follow
     from delam_fem.studies.convergence.run import converge
-    from delam_fem.studies.diagrams.drawing import diagram
-    from delam_fem.studies.models.comparison import compare_models
+    from delam_fem.studies.diagrams.page import diagram
+    from delam_fem.studies.models import compare_models
     from delam_fem.studies.modes import modes
     from delam_fem.studies.orbits.run import orbit
-    from delam_fem.studies.reduced.motion import reduced
-    from delam_fem.studies.sweeps.grid import Sweep
-    from delam_fem.studies.sweeps.load import load_sweep
+    from delam_fem.studies.reduced import reduced
+    from delam_fem.studies.sweeps.grid import Sweep, load_sweep
     from delam_fem.studies.sweeps.run import run_sweep
+    from delam_fem.system.errors import CaseError
 
 _HOMES = {
     "LAWS": "contact.laws",
@@ -69,32 +67,32 @@ _HOMES = {
     "SCHEMES": "numerics.schemes",
     "BaseCoupling": "model.operators",
     "Case": "case.definition",
-    "CaseError": "case.toml",
+    "CaseError": "system.errors",
     "Decision": "contact.decision",
-    "HarmonicMotion": "case.motion.excitation",
+    "HarmonicMotion": "case.excitation",
     "Law": "contact.laws",
     "Operators": "model.operators",
     "Result": "results.folder",
     "Scheme": "numerics.schemes",
-    "Solution": "simulation.solution",
+    "Solution": "engines.session",
     "State": "simulation.loop",
     "Sweep": "studies.sweeps.grid",
-    "SweptMotion": "case.motion.excitation",
+    "SweptMotion": "case.excitation",
     "compare": "reference.compare",
-    "compare_models": "studies.models.comparison",
+    "compare_models": "studies.models",
     "converge": "studies.convergence.run",
-    "diagram": "studies.diagrams.drawing",
+    "diagram": "studies.diagrams.page",
     "follow": "studies.branches.follow",
     "load_case": "case.files",
     "load_result": "results.folder",
-    "load_sweep": "studies.sweeps.load",
+    "load_sweep": "studies.sweeps.grid",
     "modes": "studies.modes",
     "orbit": "studies.orbits.run",
     "overlay": "results.overlay.whole",
     "preset": "case.files",
     "read_measured": "results.measured.reading",
-    "reduced": "studies.reduced.motion",
-    "reduced_case": "model.reduction.of_case",
+    "reduced": "studies.reduced",
+    "reduced_case": "model.reduction",
     "run": "pipeline",
     "run_sweep": "studies.sweeps.run",
     "save_case": "case.files",

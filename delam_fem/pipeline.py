@@ -16,20 +16,15 @@ from typing import Any
 
 import xarray as xr
 
-from delam_fem import mpi
 from delam_fem.case import plausible
-from delam_fem.case.claim import claimed
 from delam_fem.case.definition import Case
 from delam_fem.case.files import save_case
-from delam_fem.case.toml import CaseError
-from delam_fem.engines.choose import EngineName
-from delam_fem.engines.session import Session, session_of
+from delam_fem.engines.session import EngineName, Session, session_of
 from delam_fem.model import _dolfinx, discretise
 from delam_fem.model.beams.network import never_opens
 from delam_fem.model.layout import Structure
-from delam_fem.mpi import MPI
-from delam_fem.results import dataset, diagnostics, energy_gain, intervals, quality, settling
-from delam_fem.results.fields import continuum
+from delam_fem.results import dataset, diagnostics, quality
+from delam_fem.results.fields import derived
 from delam_fem.results.folder import Result, json_ready
 from delam_fem.results.pages.progress import reporting
 from delam_fem.simulation import checkpoint
@@ -37,6 +32,10 @@ from delam_fem.simulation.interrupts import CHECKPOINT_SECONDS, Watch, stop_sign
 from delam_fem.simulation.loop import Outcome, State
 from delam_fem.simulation.recorder import N_SIZES, Recorder
 from delam_fem.simulation.refinement import unforeseen_warning
+from delam_fem.system import mpi
+from delam_fem.system.errors import CaseError
+from delam_fem.system.files import claimed
+from delam_fem.system.mpi import MPI
 
 Progress = Callable[[int, int], None]
 
@@ -104,7 +103,7 @@ def run(
         if resume or extend:
             before = _restored(source, case, engine, opened, extend)
         begin, first = time.perf_counter(), recorder.n_closed
-        decay, enough = settling.judge_of(case, structure, recorder)
+        decay, enough = quality.judge_of(case, structure, recorder)
         with stop_signals() as is_stopped, reporting(progress, "period") as shown:
             report, save = _callbacks(case, engine, opened, kept, comm, shown)
             stop = Watch(save, report, is_stopped, comm, checkpoint_seconds)
@@ -264,14 +263,14 @@ def _result(
     }
     history = dataset.history(recorder, structure, case, attributes)
     summary |= diagnostics.summary(history, case)
-    summary |= settling.numbers(recorder, len(structure.layout.parts), case, decay)
-    summary["intervals"] = intervals.of_run(history, case, summary)
+    summary |= quality.numbers(recorder, len(structure.layout.parts), case, decay)
+    summary["intervals"] = quality.of_run(history, case, summary)
     summary["periods"] = recorder.n_closed
     summary["energy_residual"] = residual
-    summary["impact_energy_gain"] = energy_gain.gain_of(recorder)
+    summary["impact_energy_gain"] = diagnostics.gain_of(recorder)
     summary["unread_keys"] = list(case.unread)
-    at_limit = settling.limit_warning(case, summary)
-    gain = energy_gain.gain_warning(case, recorder)
+    at_limit = quality.limit_warning(case, summary)
+    gain = diagnostics.gain_warning(case, recorder)
     unforeseen = unforeseen_warning(recorder.effort[: recorder.n_closed, N_SIZES:])
     warnings = [
         text for text in (gain, unforeseen, never_opens(case), at_limit) if text is not None
@@ -285,7 +284,7 @@ def _result(
             f"{quality.OPEN}; the warnings say why" if is_lost else _divergence(case, history)
         )
         _log.error(summary["message"])
-    solid = continuum.collected(structure, recorder, case)
+    solid = derived.collected(structure, recorder, case)
     return Result(case, history, json_ready(summary), state, solid=solid)
 
 
@@ -296,8 +295,8 @@ def _divergence(case: Case, history: xr.Dataset) -> str:
     law = case.contact.law
     if law == "none":
         remedy = "a smaller excitation.amplitude: linear beams hold for small displacements only"
-    elif energy_gain.may_add_energy(case):
-        remedy = energy_gain.REMEDY
+    elif diagnostics.may_add_energy(case):
+        remedy = diagnostics.REMEDY
     else:
         remedy = "more steps per period, fewer elements or a smaller excitation.amplitude"
     return (

@@ -14,8 +14,7 @@ from sphinx.application import Sphinx
 from sphinx.writers.html5 import HTML5Translator
 
 import delam_fem
-from delam_fem.case.keys.reference import Key, Table, tables
-from delam_fem.case.keys.schema import case_schema
+from delam_fem.case.keys import Key, Table, case_schema, tables
 
 project = "delam_fem"
 author = "the authors of delam_fem"

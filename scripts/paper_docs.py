@@ -11,8 +11,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from delam_fem.paper.page import entries, write_docs
-from delam_fem.paper.reproduce import FIGURES, file_stem
+from delam_fem.paper.reproduce import FIGURES, entries, file_stem, write_docs
 
 ROOT = Path(__file__).parents[1]
 

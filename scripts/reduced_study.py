@@ -23,10 +23,8 @@ import delam_fem as df
 from delam_fem.case.definition import Case
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.results.figures.style import LAMINA_COLOURS, WIDTH, styled
-from delam_fem.studies.orbits.family import FREQUENCY, CaseFamily
-from delam_fem.studies.orbits.protocol import PeriodMap
-from delam_fem.studies.reduced.motion import reduced
-from delam_fem.studies.reduced.strobe import ReducedMap
+from delam_fem.studies.orbits.maps import FREQUENCY, CaseFamily, PeriodMap
+from delam_fem.studies.reduced import ReducedMap, reduced
 
 DOCS = Path(__file__).parents[1] / "docs"
 RESONANT = 3.25

@@ -17,7 +17,7 @@ from rich.table import Table
 
 import delam_fem as df
 from delam_fem.case.files import preset
-from delam_fem.paper.motions import MOTIONS, Motion, contacts, strikes
+from delam_fem.paper.lab import MOTIONS, Motion, contacts, strikes
 
 if TYPE_CHECKING:
     from delam_fem.paper.lab import EngineName

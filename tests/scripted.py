@@ -11,7 +11,7 @@ from delam_fem.model.operators import BaseCoupling
 from delam_fem.simulation.energy import Energies
 from delam_fem.simulation.loop import State, StepByStep
 from delam_fem.simulation.recorder import PeriodRecord, Recorder
-from delam_fem.simulation.span import Span
+from delam_fem.simulation.refinement import Span
 
 STEPS, PERIODS, DT = 4, 3, 0.5
 """Steps per period, periods, time step [s]."""

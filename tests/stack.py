@@ -22,8 +22,7 @@ from delam_fem.model.beams import closed_form
 from delam_fem.model.layout import Probe, Structure
 from delam_fem.results import dataset
 from delam_fem.simulation import recorder
-from delam_fem.simulation.impacts import Jumps
-from delam_fem.simulation.recorder import N_BASE, PeriodRecord
+from delam_fem.simulation.recorder import N_BASE, Jumps, PeriodRecord
 
 PERIODS = 10
 NODE = 4

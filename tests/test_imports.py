@@ -47,11 +47,11 @@ ALLOWED: dict[str, set[str]] = {
 # Modules that must not reach the others, even through what they import at once. The table of laws
 # imports the laws when they are set up, so cases may read it.
 JUDGE = {
-    "reference.contact", "reference.loop", "reference.matrices",
+    "reference.loop", "reference.matrices",
     "reference.stack",
 }  # fmt: skip
-ASSEMBLERS = {"model.beams", "model.layout", "model.vibration"}
-DECIDING = {"contact.impulses", "contact.complementarity", "contact.newton", "contact.moreau"}
+ASSEMBLERS = {"model.beams", "model.layout", "model.linear"}
+DECIDING = {"contact.rules", "contact.complementarity"}
 STRANGERS = [
     (JUDGE, {*DECIDING, "engines", "simulation", "case.gap", *ASSEMBLERS}),
     ({"engines.compiled"}, {"engines.petsc"}),
@@ -59,7 +59,7 @@ STRANGERS = [
     ({"simulation.loop", "simulation.recorder"}, {"case"}),
 ]
 INPUTS = {
-    "case.definition", "case.motion.excitation", "case.sections", "case.toml", "model.operators",
+    "case.definition", "case.excitation", "case.sections", "case.toml", "model.operators",
     "numerics.arrays",
 }  # fmt: skip
 """What the judge shares with what it judges. Case sections import the exact cantilever."""
@@ -69,8 +69,7 @@ COMPUTED_BY_THE_CASE = {
 }  # fmt: skip
 """Numbers derived by the case, besides `rayleigh`; the judge derives them by itself."""
 ABOVE_DOLFINX = {
-    "model._dolfinx", "model.beams.hermite", "model.beams.bending", "model.beams.stack",
-    "model.solids", "results.fields.vtx", "pipeline",
+    "model._dolfinx", "model.beams.forms", "model.solids", "results.fields.vtx", "pipeline",
 }  # fmt: skip
 ABOVE_PETSC = {"engines.petsc", "mpi", *ABOVE_DOLFINX}
 FROM_THE_DISTRIBUTION = {"basix", "dolfinx", "ffcx", "mpi4py", "petsc4py", "slepc4py", "ufl"}
@@ -79,11 +78,11 @@ PART_OF = {  # modules that another distribution pins and brings
     "pydantic_core": "pydantic",
     "sdypy": "sdypy-FRF",
 }
-PUBLISHING = {"case.atomic", "caches.forms"}
+PUBLISHING = {"system.files", "system.caches"}
 """Modules that rename: the writer of results; libraries in private folders of their own."""
 RENAMING = {"rename", "renames", "write_text", "write_bytes"}
 WRITING = {"savefig", "to_netcdf", "savez", "screenshot", "copyfile", "write_vtx"}
-"""Methods that only case/atomic.py may call; functions that write to its temporaries."""
+"""Methods that only system/files.py may call; functions that write to its temporaries."""
 BESIDE_DOLFINX = sorted(set(SOURCES) - {"model._dolfinx"})
 NAMELESS = {"utils", "util", "helpers", "helper", "common", "misc"}
 MACHINE_PATH = re.compile(r"(?<![\w./-])/(?:work|root|home|Users|mnt)/")

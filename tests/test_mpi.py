@@ -8,7 +8,7 @@ import sys
 import pytest
 from project import ROOT
 
-from delam_fem.mpi import ALONE
+from delam_fem.system.mpi import ALONE
 
 SHOW = """
 import os, sys, types
@@ -18,7 +18,7 @@ class Recording(types.ModuleType):
         seen.update(os.environ)
         return object()
 sys.modules["mpi4py"] = Recording("mpi4py")
-import delam_fem.mpi
+import delam_fem.system.mpi
 import json
 names = [name for name in {**seen, **os.environ} if name.startswith(("OMPI_MCA", "PETSC_OPT"))]
 print(json.dumps([{n: e[n] for n in names if n in e} for e in (seen, os.environ)]))

@@ -14,8 +14,7 @@ import pytest
 from project import ROOT
 
 import delam_fem as df
-from delam_fem.case.keys.reference import tables
-from delam_fem.case.keys.schema import case_schema
+from delam_fem.case.keys import case_schema, tables
 
 pytest.importorskip("furo", reason="no sphinx")
 pytestmark = [pytest.mark.once, pytest.mark.slow]

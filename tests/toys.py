@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.studies.orbits.protocol import Nature, Passage, Slow
+from delam_fem.studies.orbits.maps import Nature, Passage, Slow
 
 
 class Toy:

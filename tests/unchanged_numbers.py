@@ -138,7 +138,7 @@ def interrupt(period: int, n_periods: int) -> None:
 
 def sweep_of(data: dict[str, Any]) -> Any:
     """Return a sweep, wherever the package has the function."""
-    for home in ("studies.sweeps.load", "studies.sweeps.grid", "sweepgrid"):  # the last is oldest
+    for home in ("studies.sweeps.grid", "studies.sweeps.grid", "sweepgrid"):  # the last is oldest
         try:
             return importlib.import_module(f"delam_fem.{home}").sweep_of(data)
         except (ImportError, AttributeError):

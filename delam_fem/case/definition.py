@@ -15,33 +15,36 @@ import numpy as np
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
-from delam_fem.case.attachments import PointMass, Sensor
-from delam_fem.case.fields import Section, expected, inconsistent
-from delam_fem.case.layers import Delamination, Support, require_fitting
-from delam_fem.case.motion.drive import (
+from delam_fem.case.drive import (
     Excitation,
     HammerExcitation,
     HarmonicExcitation,
     SweepExcitation,
     TableExcitation,
+    read_series,
 )
-from delam_fem.case.motion.series import read_series
-from delam_fem.case.overrides import apply_overrides
 from delam_fem.case.sections import (
     Contact,
     Damping,
+    Delamination,
     Gap,
     Lamina,
     Mesh,
     Model,
     Output,
+    PointMass,
+    Sensor,
+    Support,
     TimeStepping,
+    require_fitting,
 )
-from delam_fem.case.toml import CaseError, Data, message, toml_text
+from delam_fem.case.toml import Data, apply_overrides, message, toml_text
+from delam_fem.case.values import Section, expected, inconsistent
 from delam_fem.contact.laws import combination
-from delam_fem.numerics import rayleigh
+from delam_fem.numerics import oscillator
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.numerics.cantilever import transmissibility
+from delam_fem.numerics.beams import transmissibility
+from delam_fem.system.errors import CaseError
 
 _ROUND_OFF = 1e-9
 """Share of a period by which round-off alone may make a sweep longer than whole periods."""
@@ -387,7 +390,7 @@ class Case(Section):
             alpha [1/s], beta [s].
         """
         first, second = self.lamina[i].angular_frequencies(2).tolist()
-        return rayleigh.coefficients(
+        return oscillator.coefficients(
             self.lamina[i].damping_ratio, first, second, self.damping.rayleigh
         )
 

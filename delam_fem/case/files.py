@@ -9,11 +9,10 @@ from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
 
-from delam_fem.case.atomic import atomic, write_text
-from delam_fem.case.claim import OUTPUTS
 from delam_fem.case.definition import Case
-from delam_fem.case.overrides import apply_overrides, set_key
-from delam_fem.case.toml import CaseError, Data, read_toml, toml_text
+from delam_fem.case.toml import Data, apply_overrides, read_toml, set_key, toml_text
+from delam_fem.system.errors import CaseError
+from delam_fem.system.files import OUTPUTS, atomic, write_text
 
 PRESETS = ("paper", "default", "embedded", "edge")
 """Names of the presets: the cases that come with the package."""

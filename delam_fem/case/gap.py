@@ -8,12 +8,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import PchipInterpolator
 
-from delam_fem.case.layers import Delamination
-from delam_fem.case.sections import Gap
+from delam_fem.case.sections import Delamination, Gap
 from delam_fem.case.tables import in_si_units, read_columns
-from delam_fem.case.toml import CaseError
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.numerics.cantilever import cantilever_mode
+from delam_fem.numerics.beams import cantilever_mode
+from delam_fem.system.errors import CaseError
 
 _END_TOLERANCE = 1e-9
 """Tolerance relative to L, so that a table written with nine digits still reaches the free end."""

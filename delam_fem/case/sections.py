@@ -1,5 +1,16 @@
 """Define the sections of a case as frozen, strict models.
 
+Young's modulus and density of named materials: nominal values for a first model.
+
+Sheets of one name differ by some percent: where natural frequencies matter, identify the modulus.
+
+Sources:
+    aluminium: EN 1999-1-1, 3.2.5.
+    steel: EN 1993-1-1, 3.2.6 (modulus); EN 1991-1-1, table A.4 (77 to 78.5 kN/m3).
+    titanium: the alloy Ti-6Al-4V; ASM Handbook, volume 2.
+    carbon-epoxy (T300/5208), glass-epoxy (Scotchply 1002): unidirectional, along the fibres; S. W.
+    Tsai, H. T. Hahn, "Introduction to Composite Materials" (1980), table 1.7.
+
 Numbers are SI and float64. A whole number is accepted for a float; no other conversion is made.
 `definition.py` checks conditions that involve several sections.
 """
@@ -7,6 +18,8 @@ Numbers are SI and float64. A whole number is accepted for a float; no other con
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
 from types import MappingProxyType
 from typing import Annotated, ClassVar, Literal, Self
 
@@ -14,7 +27,7 @@ import numpy as np
 from pydantic import model_validator
 from pydantic_core import PydanticCustomError
 
-from delam_fem.case.fields import (
+from delam_fem.case.values import (
     CellCount,
     Count,
     CountOrNone,
@@ -32,15 +45,41 @@ from delam_fem.case.fields import (
     Restitution,
     Section,
     Steps,
+    Unit,
+    expected,
+    in_si,
     inconsistent,
 )
-from delam_fem.case.materials import MATERIALS
-from delam_fem.case.units import Unit, in_si
 from delam_fem.contact.laws import Impulse, LawName
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.numerics.cantilever import cantilever_roots
-from delam_fem.numerics.rayleigh import Kind
+from delam_fem.numerics.beams import cantilever_roots
+from delam_fem.numerics.oscillator import Kind
 from delam_fem.numerics.schemes import SchemeName
+
+
+@dataclass(frozen=True)
+class Material:
+    """A material of the table.
+
+    Attributes:
+        young_modulus: E [Pa].
+        density: rho [kg/m3].
+    """
+
+    young_modulus: float
+    density: float
+
+
+MATERIALS: Mapping[str, Material] = MappingProxyType(
+    {
+        "aluminium": Material(70e9, 2700.0),
+        "steel": Material(210e9, 7850.0),
+        "titanium": Material(113.8e9, 4430.0),
+        "carbon-epoxy": Material(181e9, 1600.0),
+        "glass-epoxy": Material(38.6e9, 1800.0),
+    }
+)
+"""Materials by the names that `lamina.….material` takes."""
 
 
 class Lamina(Section):
@@ -374,3 +413,222 @@ class Output(Section):
 
     window_periods: Count = 10
     fields_per_period: CountOrNone = 50
+
+
+SupportKind = Literal["clamped", "pinned", "free"]
+
+EDGE_TOLERANCE = 1e-9
+"""Tolerance relative to the length within which an edge is at an end of the structure."""
+
+Neighbours = Annotated[
+    tuple[Label, Label], expected("the names of two neighbouring laminae, the lower one first")
+]
+
+
+class Support(Section):
+    """The supports of the structure; held points move with the base.
+
+    Attributes:
+        start: support at x = 0: "clamped", "pinned" or "free".
+        end: support at x = length: the same words.
+        rotational_stiffness: moment over slope of each clamped end of a bonded beam [N m]; rigid
+            if not given.
+    """
+
+    start: SupportKind = "clamped"
+    end: SupportKind = "free"
+    rotational_stiffness: Annotated[Positive | None, Unit("N m")] = None
+
+
+class Delamination(Section):
+    """A stretch over which two neighbouring laminae are not bonded.
+
+    Attributes:
+        between: names of the lower and the upper lamina.
+        start: where it begins [m].
+        end: where it ends [m].
+        opening: largest gap at rest [m]; 0: closed.
+        shape: "half-cosine" (zero at both ends) or "power" (zero at the bonded end, largest at the
+            end that is open); "half-cosine" if neither shape nor file is given.
+        exponent: exponent of the shape "power" [-]; 2 if it is not given.
+        file: CSV table with the columns x [m], gap [m] over the delamination; a relative name
+            counts from the case file.
+    """
+
+    between: Neighbours
+    start: Annotated[NotNegative, Unit("m")]
+    end: Annotated[Positive, Unit("m")]
+    opening: Annotated[NotNegative, Unit("m")] = 0.0
+    shape: Literal["half-cosine", "power"] | None = None
+    exponent: Positive | None = None
+    file: FileName | None = None
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        """Check the order of the edges, and that one shape is given."""
+        if not self.start < self.end:
+            raise inconsistent(
+                "end", f"expected a place beyond start = {self.start!r} m, given {self.end!r}"
+            )
+        if self.file is not None and (self.shape is not None or self.opening):
+            raise inconsistent("file", "expected no shape and no opening beside the table")
+        if self.exponent is not None and self.shape != "power":
+            raise inconsistent("exponent", 'expected only with shape = "power"')
+        return self
+
+    def spans(self, length: float) -> bool:
+        """Return whether it reaches from one end of the structure to the other."""
+        return self.reaches(0.0, length) and self.reaches(length, length)
+
+    def reaches(self, end: float, length: float) -> bool:
+        """Return whether one of its edges is at `end` (0 or the length) of the structure."""
+        edge = self.start if end == 0.0 else self.end
+        return abs(edge - end) <= EDGE_TOLERANCE * length
+
+
+def require_fitting(
+    delaminations: tuple[Delamination, ...],
+    names: tuple[str, ...],
+    length: float,
+    support: Support,
+) -> None:
+    """Check delaminations beside the laminae of their case.
+
+    Args:
+        delaminations: of the case.
+        names: names of the laminae from bottom to top.
+        length: length of the laminae [m].
+        support: the supports of the case.
+
+    Raises:
+        PydanticCustomError: a delamination does not fit; the error names its key.
+    """
+    before: dict[tuple[str, str], list[tuple[int, Delamination]]] = {}
+    for number, own in enumerate(delaminations):
+        lower, upper = own.between
+        key = f"delamination.{number}"
+        neighbours = [*pairwise(names)]
+        if (lower, upper) not in neighbours:
+            choices = " or ".join(f'["{a}", "{b}"]' for a, b in neighbours)
+            raise inconsistent(
+                f"{key}.between",
+                f'expected neighbours from bottom to top, {choices}, given ["{lower}", "{upper}"]',
+            )
+        if own.end > length * (1.0 + EDGE_TOLERANCE):
+            raise inconsistent(
+                f"{key}.end", f"expected at most the length {length!r} m, given {own.end!r}"
+            )
+        for other_number, other in before.setdefault((lower, upper), []):
+            if own.start <= other.end and other.start <= own.end:
+                raise inconsistent(
+                    f"{key}.start",
+                    f"expected a place apart from delamination.{other_number} between the same "
+                    f"laminae, {other.start!r} to {other.end!r} m, given {own.start!r}",
+                )
+        before[lower, upper].append((number, own))
+        if own.shape == "power" and len(open_ends(own, length, support)) != 1:
+            raise inconsistent(
+                f"{key}.shape",
+                'expected "half-cosine" or a file: "power" needs one edge at a free end of the '
+                "structure",
+            )
+
+
+def open_ends(delamination: Delamination, length: float, support: Support) -> tuple[str, ...]:
+    """Return at which ends of the structure a delamination is open: "start", "end"."""
+    ends = (("start", 0.0, support.start), ("end", length, support.end))
+    return tuple(
+        name for name, x, kind in ends if kind == "free" and delamination.reaches(x, length)
+    )
+
+
+Quantity = Literal["displacement", "velocity", "acceleration", "strain", "contact force"]
+
+SENSOR_UNITS: Mapping[str, str] = {
+    "displacement": "m",
+    "velocity": "m/s",
+    "acceleration": "m/s2",
+    "strain": "1",
+    "contact force": "N",
+}
+"""Unit of each quantity of a sensor."""
+
+
+class PointMass(Section):
+    """A point mass on a lamina, for example an accelerometer or a magnet at its tip.
+
+    Attributes:
+        lamina: name of the lamina.
+        mass: m [kg].
+        position: x of the mass [m]; the end x = length if it is not given.
+    """
+
+    lamina: Label
+    mass: Annotated[Positive, Unit("kg")]
+    position: Annotated[NotNegative, Unit("m")] | None = None
+
+
+class Sensor(Section):
+    """A sensor, whose signal is the variable `sensor_NAME` of the dataset.
+
+    Attributes:
+        name: name of the sensor.
+        quantity: "displacement", "velocity", "acceleration" or "strain" at a place of a lamina, or
+            "contact force" of an interface.
+        lamina: name of the lamina; not of a contact force.
+        position: x of the sensor [m]; not of a contact force.
+        surface: "top" or "bottom" of the lamina, for a strain; "top" if it is not given.
+        between: names of the two neighbouring laminae, for a contact force.
+        sampling_rate: samples per second [Hz]; every step of the window if it is not given.
+        noise: standard deviation of white noise on the samples, in the sensor's unit.
+        seed: number from which the noise is drawn; the same seed gives the same noise.
+    """
+
+    name: Label
+    quantity: Quantity
+    lamina: Label | None = None
+    position: Annotated[NotNegative, Unit("m")] | None = None
+    surface: Literal["top", "bottom"] | None = None
+    between: Neighbours | None = None
+    sampling_rate: Annotated[Positive, Unit("Hz")] | None = None
+    noise: NotNegative | None = None
+    seed: CountOrNone = 0
+
+    @model_validator(mode="before")
+    @classmethod
+    def _noise_in_si(cls, data: object) -> object:
+        """Convert a noise that carries a unit to the unit of the sensor."""
+        if not isinstance(data, Mapping) or "noise" not in data:
+            return data
+        unit = SENSOR_UNITS.get(str(data.get("quantity")), "1")
+        return {**data, "noise": in_si(data["noise"], unit, "noise")}
+
+    @model_validator(mode="after")
+    def _fitting_keys(self) -> Self:
+        """Check that the keys are those of the quantity."""
+        is_force = self.quantity == "contact force"
+        for key in ("lamina", "position"):
+            if (getattr(self, key) is None) != is_force:
+                words = "none" if is_force else "missing, but required"
+                raise inconsistent(key, f'{words} with quantity = "{self.quantity}"')
+        if (self.between is None) == is_force:
+            words = "missing, but required" if is_force else "expected none"
+            raise inconsistent("between", f'{words} with quantity = "{self.quantity}"')
+        if self.surface is not None and self.quantity != "strain":
+            raise inconsistent("surface", 'expected only with quantity = "strain"')
+        return self
+
+    @property
+    def unit(self) -> str:
+        """Unit of the signal."""
+        return SENSOR_UNITS[self.quantity]
+
+    @property
+    def words(self) -> str:
+        """The sensor in words, for titles and the dataset."""
+        if self.between is not None:
+            return f"contact force between {self.between[0]} and {self.between[1]}"
+        place = f"of {self.lamina} at {self.position:g} m"
+        if self.quantity == "strain":
+            return f"strain at the {self.surface or 'top'} {place}"
+        return f"{self.quantity} {place}"

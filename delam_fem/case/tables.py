@@ -17,9 +17,10 @@ from pathlib import Path
 import numpy as np
 from pydantic_core import PydanticCustomError
 
-from delam_fem.case.toml import MOST_BYTES, CaseError
-from delam_fem.case.units import in_si
+from delam_fem.case.toml import MOST_BYTES
+from delam_fem.case.values import in_si
 from delam_fem.numerics.arrays import FloatArray
+from delam_fem.system.errors import CaseError
 
 _DATA = re.compile(r"[+-]?[.,]?\d")
 """Start of a row of numbers."""

@@ -5,32 +5,44 @@ Each command imports heavy modules (dolfinx, matplotlib) itself, so that the oth
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
 
-from delam_fem.cli.animate import register as register_films
-from delam_fem.cli.cases import register as register_cases
-from delam_fem.cli.cases import show_case
-from delam_fem.cli.compare import register as register_comparison
-from delam_fem.cli.console.messages import tell, with_messages
-from delam_fem.cli.console.terminal import reported, say_files, table
-from delam_fem.cli.converge import register as register_convergence
-from delam_fem.cli.detection.detect import register as register_detection
-from delam_fem.cli.detection.inspection import register as register_inspection
-from delam_fem.cli.detection.modulation import register as register_modulation
-from delam_fem.cli.identify import register as register_identification
-from delam_fem.cli.inputs import CaseArgument, DryRun, Overrides, Overwrite, Quiet, Yes, case_of
-from delam_fem.cli.measured import register as register_measurements
-from delam_fem.cli.orbits.branches import register as register_branches
-from delam_fem.cli.orbits.find import register as register_orbits
-from delam_fem.cli.paper import register as register_paper
-from delam_fem.cli.reduce import register as register_reduction
-from delam_fem.cli.reduced import register as register_reduced
-from delam_fem.cli.run import engine_in, report_in_folder, run_in_folder
-from delam_fem.cli.schema import register as register_schema
-from delam_fem.cli.sweep import register as register_sweeps
+from delam_fem.cli.cases import new_command, schema_command, show_case, validate_command
+from delam_fem.cli.console import reported, say_files, table, tell, with_messages
+from delam_fem.cli.converge import compare_command, converge_command
+from delam_fem.cli.detection import (
+    detect_command,
+    excite_command,
+    infer_command,
+    modulate_command,
+    pod_command,
+)
+from delam_fem.cli.inputs import (
+    CaseArgument,
+    DryRun,
+    Folder,
+    Overrides,
+    Overwrite,
+    Quiet,
+    Yes,
+    case_of,
+)
+from delam_fem.cli.measured import (
+    export_command,
+    identify_command,
+    measure_command,
+    overlay_command,
+    resonance_command,
+)
+from delam_fem.cli.orbits import continue_command, orbit_command
+from delam_fem.cli.paper import paper_command
+from delam_fem.cli.reduction import operators_command, reduce_command, reduced_command
+from delam_fem.cli.run import animate_command, engine_in, report_in_folder, run_in_folder
+from delam_fem.cli.sweep import diagram_command, sweep_command
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -45,9 +57,6 @@ Figures = Annotated[
         "--figures/--no-figures",
         help="Draw figures, fields and page, or write the numbers alone; `report` draws later.",
     ),
-]
-Folder = Annotated[
-    Path | None, typer.Option("-o", "--output", metavar="DIR", help="Folder of the results.")
 ]
 
 Extend = Annotated[
@@ -155,9 +164,9 @@ def modes_command(
     """List natural frequencies; laminae that are apart are compared with the exact cantilever."""
     with reported(quiet):
         case = case_of(case_name, overrides)
-        from delam_fem.case.claim import claimed
         from delam_fem.model.beams.network import never_opens
         from delam_fem.studies.modes import Modes, modes
+        from delam_fem.system.files import claimed
 
         folder = output or Path("runs") / f"{case.name}-modes"
         with claimed(folder, may_hold_results=True) as directory:
@@ -190,22 +199,36 @@ def presets_command(
         typer.echo("\n".join(PRESETS) if show is None else preset_text(show), nl=show is None)
 
 
-register_cases(app)
-register_sweeps(app)
-register_comparison(app)
-register_orbits(app)
-register_branches(app)
-register_paper(app)
-register_convergence(app)
-register_films(app)
-register_schema(app)
-register_detection(app)
-register_identification(app)
-register_inspection(app)
-register_modulation(app)
-register_measurements(app)
-register_reduced(app)
-register_reduction(app)
+COMMANDS: dict[str, Callable[..., None]] = {
+    "new": new_command,
+    "validate": validate_command,
+    "sweep": sweep_command,
+    "diagram": diagram_command,
+    "compare": compare_command,
+    "orbit": orbit_command,
+    "continue": continue_command,
+    "paper": paper_command,
+    "converge": converge_command,
+    "animate": animate_command,
+    "schema": schema_command,
+    "detect": detect_command,
+    "resonance": resonance_command,
+    "identify": identify_command,
+    "excite": excite_command,
+    "pod": pod_command,
+    "infer": infer_command,
+    "modulate": modulate_command,
+    "measure": measure_command,
+    "overlay": overlay_command,
+    "export": export_command,
+    "reduced": reduced_command,
+    "operators": operators_command,
+    "reduce": reduce_command,
+}
+"""Commands in the order of the help, behind those that this module defines."""
+
+for _name, _function in COMMANDS.items():
+    app.command(_name)(_function)
 for command in app.registered_commands:
     assert command.callback is not None
     command.callback = with_messages(command.callback)

@@ -1,20 +1,39 @@
-"""Define `delam-fem new`, which writes a case file, and `delam-fem validate`, which checks some."""
+"""Define `delam-fem new`, `validate` and `schema`, which write and check case files."""
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from delam_fem.cli.console.messages import tell
-from delam_fem.cli.console.terminal import BAD_INPUT, reported, table
+from delam_fem.cli.console import BAD_INPUT, reported, table, tell
 from delam_fem.cli.inputs import Overrides, case_of
 
 if TYPE_CHECKING:
     from delam_fem.case.definition import Case
-    from delam_fem.engines.choose import EngineName
+    from delam_fem.engines.session import EngineName
     from delam_fem.studies.sweeps.grid import Sweep
+
+
+def schema_command(
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="FILE", help="Write it here instead."),
+    ] = None,
+) -> None:
+    """Print the JSON schema of a case file, with which editors check and complete it."""
+    with reported():
+        from delam_fem.case.keys import case_schema
+        from delam_fem.system.files import write_text
+
+        text = json.dumps(case_schema(), indent=1, ensure_ascii=False) + "\n"
+        if output is None:
+            typer.echo(text, nl=False)
+        else:
+            typer.echo(write_text(output, text))
+
 
 New = Annotated[str, typer.Argument(metavar="NAME", help="Name of the case, or of its file.")]
 Kind = Annotated[
@@ -33,19 +52,13 @@ EngineOption = Annotated[
 SUFFIX = ".toml"
 
 
-def register(app: typer.Typer) -> None:
-    """Add the commands to the application."""
-    app.command("new")(new_command)
-    app.command("validate")(validate_command)
-
-
 def new_command(name: New = "beam", *, kind: Kind = "apart") -> None:
     """Write a commented case file with every key: its unit, its default, its meaning."""
     with reported():
-        from delam_fem.case.atomic import write_text
         from delam_fem.case.definition import Case
-        from delam_fem.case.keys.template import case_text
-        from delam_fem.case.toml import CaseError
+        from delam_fem.case.keys import case_text
+        from delam_fem.system.errors import CaseError
+        from delam_fem.system.files import write_text
 
         path = Path(name if name.endswith(SUFFIX) else name + SUFFIX)
         text = case_text(kind, path.stem)
@@ -63,7 +76,7 @@ def validate_command(
 ) -> None:
     """Check cases and sweeps as a run would before its first step, and show what they are."""
     with reported():
-        from delam_fem.case.toml import CaseError
+        from delam_fem.system.errors import CaseError
 
         failed = 0
         for name in names:
@@ -89,8 +102,8 @@ def _show(name: str, overrides: list[str] | None, engine: EngineName) -> None:
         from delam_fem.case.toml import read_toml
 
         if "axis" in read_toml(path):
-            from delam_fem.case.overrides import parse_override
-            from delam_fem.studies.sweeps.load import load_sweep
+            from delam_fem.case.toml import parse_override
+            from delam_fem.studies.sweeps.grid import load_sweep
             from delam_fem.studies.sweeps.run import sweep_cost
 
             sweep = load_sweep(path, dict(parse_override(text) for text in overrides or []))

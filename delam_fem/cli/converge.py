@@ -1,4 +1,4 @@
-"""Define the command `delam-fem converge`: refine one case by several methods and compare them."""
+"""Define `delam-fem converge` and `compare`: a case refined, or beside other models of it."""
 
 from __future__ import annotations
 
@@ -7,18 +7,11 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from delam_fem.cli.console.messages import tell
-from delam_fem.cli.console.terminal import (
-    INTERRUPTED,
-    error_console,
-    fail,
-    reported,
-    say_files,
-    table,
-)
+from delam_fem.cli.console import INTERRUPTED, error_console, fail, reported, say_files, table, tell
 from delam_fem.cli.inputs import (
     CaseArgument,
     DryRun,
+    Folder,
     Overrides,
     Overwrite,
     Quiet,
@@ -33,12 +26,102 @@ if TYPE_CHECKING:
     from delam_fem.studies.convergence.analysis import Convergence
     from delam_fem.studies.convergence.ladder import Ladder, MeshChoice, Method
 
-Folder = Annotated[
-    Path | None,
+Models = Annotated[
+    str | None,
     typer.Option(
-        "-o", "--output", metavar="DIR", help="Folder of the results (default: runs/NAME-converge)."
+        metavar="NAMES",
+        help="Compare these models, as beam,plane-stress,solid,reduced; the last reduces the one "
+        "before it. Without this option: compare with the reference.",
     ),
 ]
+Frequencies = Annotated[
+    list[float] | None,
+    typer.Option("--at", min=0.0, metavar="HZ", help="With --models: frequencies; repeatable."),
+]
+Impacts = Annotated[
+    int, typer.Option(metavar="N", help="Compare with the reference up to impact N.")
+]
+ComparedPeriods = Annotated[
+    int | None,
+    typer.Option(metavar="N", help="Periods of each run (3, with --models 20)."),
+]
+Modes = Annotated[int, typer.Option(min=1, metavar="N", help="Modes of a reduced model.")]
+
+
+def compare_command(
+    case_name: CaseArgument,
+    output: Folder = None,
+    overrides: Overrides = None,
+    *,
+    models: Models = None,
+    at: Frequencies = None,
+    impacts: Impacts = 20,
+    periods: ComparedPeriods = None,
+    modes: Modes = 20,
+    quiet: Quiet = False,
+) -> None:
+    """Compare a case with an independent reference, or as beams, solids and reduced to modes."""
+    with reported(quiet):
+        case = case_of(case_name, overrides)
+        from delam_fem.system.files import claimed
+
+        folder = output or Path("runs") / f"{case.name}-compare"
+        with claimed(folder, may_hold_results=True) as directory:
+            if models is None:
+                paths = _with_reference(case, directory, impacts, periods or 3, quiet=quiet)
+            else:
+                names = [name.strip() for name in models.split(",")]
+                paths = _of_models(
+                    case, directory, (names, at or [], modes), periods or 20, quiet=quiet
+                )
+        if not quiet:
+            say_files(paths)
+
+
+def _with_reference(
+    case: Case, directory: Path, impacts: int, periods: int, *, quiet: bool
+) -> list[Path]:
+    """Compare matrices and motion with the reference; return the files."""
+    from delam_fem.reference.compare import compare
+
+    comparison = compare(case, impacts=impacts, periods=periods)
+    paths = comparison.save(directory)
+    if not quiet:
+        table("largest differences", ("what", "difference"), comparison.rows())
+        if comparison.refusal:
+            tell(f"the motion is not compared: {comparison.refusal}")
+    return paths
+
+
+def _of_models(
+    case: Case,
+    directory: Path,
+    wanted: tuple[list[str], list[float], int],
+    periods: int,
+    *,
+    quiet: bool,
+) -> list[Path]:
+    """Compare models; return the files."""
+    from delam_fem.studies.models import compare_models
+
+    names, frequencies, modes = wanted
+    found = compare_models(
+        case,
+        names,
+        frequencies=frequencies,
+        periods=periods,
+        modes=modes,
+        progress=lambda name: None if quiet else tell(f"computing {name}"),
+    )
+    paths = found.save(directory)
+    if not quiet:
+        heading = ("", *found.names)
+        table(f"models of case {case.name}", heading, found.linear_rows())
+        for number, motion in enumerate(found.models[0].motions):
+            table(f"{motion.frequency:g} Hz", heading, found.motion_rows(number))
+    return paths
+
+
 Direction = Annotated[
     Literal["elements", "points", "steps", "both"],
     typer.Option(
@@ -82,11 +165,6 @@ Resume = Annotated[
 ]
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command to the application."""
-    app.command("converge")(converge_command)
-
-
 def converge_command(
     case_name: CaseArgument,
     output: Folder = None,
@@ -110,9 +188,9 @@ def converge_command(
 ) -> None:
     """Refine a case, and show to which limit, how fast and at what cost each method converges."""
     with reported(quiet):
-        from delam_fem.case.claim import claimed
         from delam_fem.studies.convergence.ladder import LIMIT_STEPS, PERIODS, Ladder
         from delam_fem.studies.convergence.run import RESULT
+        from delam_fem.system.files import claimed
 
         case = case_of(case_name, overrides)
         ladder = Ladder(
@@ -140,7 +218,7 @@ def _computed(
     ladder: Ladder, directory: Path, workers: int | None, resume: bool, quiet: bool
 ) -> Convergence:
     """Compute a ladder and show the progress."""
-    from delam_fem.cli.console.progress import progress
+    from delam_fem.cli.progress import progress
     from delam_fem.studies.convergence.run import run_ladder
 
     with progress(error_console(quiet)) as report:
@@ -175,8 +253,8 @@ def _meshes(
     case: Case, direction: str, elements: str | None, files: str | None
 ) -> tuple[int | Path, ...]:
     """Return the meshes of the ladder."""
-    from delam_fem.case.toml import CaseError
     from delam_fem.studies.convergence.ladder import ELEMENTS, whole_numbers
+    from delam_fem.system.errors import CaseError
 
     if elements is not None and files is not None:
         raise CaseError("converge: expected --elements or --meshes, given both")
@@ -214,12 +292,10 @@ def _steps(case: Case, direction: str, steps: str | None) -> tuple[int, ...]:
 
 def _tell(found: Convergence, directory: Path, quiet: bool) -> None:
     """Write tables and figures, show the short tables, and fail if the ladder is incomplete."""
-    from delam_fem.case.atomic import write_text
-    from delam_fem.studies.convergence.figures import save_figures
-    from delam_fem.studies.convergence.overview import overview, verdict
-    from delam_fem.studies.convergence.report import write_page
+    from delam_fem.studies.convergence.analysis import NO_LIMIT, overview, page, verdict
+    from delam_fem.studies.convergence.report import save_figures, write_page
     from delam_fem.studies.convergence.run import RESULT
-    from delam_fem.studies.convergence.tables import NO_LIMIT, page
+    from delam_fem.system.files import write_text
 
     path = directory / "tables.md"
     write_text(path, page(found, verdict(found)))

@@ -22,6 +22,13 @@ Overrides = Annotated[
         "KEY= without a value removes an optional key.",
     ),
 ]
+Folder = Annotated[
+    Path | None,
+    typer.Option(
+        "-o", "--output", metavar="DIR",
+        help="Folder of the results (default: runs/NAME, or runs/NAME-COMMAND).",
+    ),
+]  # fmt: skip
 Workers = Annotated[
     int | None,
     typer.Option("-j", "--workers", min=1, metavar="N", help="Processes (default: one per core)."),
@@ -53,8 +60,8 @@ Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Show no progress, no
 def case_of(name: str, overrides: list[str] | None) -> Case:
     """Return the case of a preset or a case file, with the overrides of the command line."""
     from delam_fem.case.files import PRESETS, load_case, preset
-    from delam_fem.case.overrides import parse_override
-    from delam_fem.case.toml import CaseError, shown
+    from delam_fem.case.toml import parse_override, shown
+    from delam_fem.system.errors import CaseError
 
     keys = dict(parse_override(text) for text in overrides or [])
     path = Path(name)

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from delam_fem.cli.console.terminal import FAILED, fail, reported, say_files, table
+from delam_fem.cli.console import FAILED, fail, reported, say_files, table
 from delam_fem.cli.inputs import Quiet, Workers
 
 Figures = Annotated[
@@ -17,11 +17,6 @@ Figures = Annotated[
 Folder = Annotated[
     Path, typer.Option("-o", "--output", metavar="DIR", help="Folder of the results.")
 ]
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command to the application."""
-    app.command("paper")(paper_command)
 
 
 def paper_command(
@@ -40,10 +35,18 @@ def paper_command(
 ) -> None:
     """Reproduce the paper: figures, numbers, and its claims beside the computed results."""
     with reported(quiet):
-        from delam_fem.case.claim import claimed
         from delam_fem.paper.lab import FAST, FULL, laboratory
-        from delam_fem.paper.page import claims_of, entries, tally, write_page
-        from delam_fem.paper.reproduce import FIGURES, chosen, file_stem, reproduce
+        from delam_fem.paper.reproduce import (
+            FIGURES,
+            chosen,
+            claims_of,
+            entries,
+            file_stem,
+            reproduce,
+            tally,
+            write_page,
+        )
+        from delam_fem.system.files import claimed
 
         names = chosen(figures or [])
         try:

@@ -1,4 +1,4 @@
-"""Carry out `delam-fem run` and `delam-fem report`: the folder, the ranks, the end."""
+"""Carry out `delam-fem run`, `report` and `animate`: the folder, the ranks, the end, the film."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from delam_fem.cli.console.messages import tell
-from delam_fem.cli.console.terminal import (
+import typer
+
+from delam_fem.cli.console import (
     DONE,
     FAILED,
     INTERRUPTED,
@@ -18,17 +19,123 @@ from delam_fem.cli.console.terminal import (
     explained,
     fail,
     let_the_first_speak,
+    reported,
     say_files,
     summary_rows,
     table,
+    tell,
 )
-from delam_fem.cli.inputs import inputs_of
+from delam_fem.cli.inputs import Quiet, inputs_of
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from delam_fem.case.definition import Case
-    from delam_fem.engines.choose import EngineName
-    from delam_fem.mpi import MPI
+    from delam_fem.engines.session import EngineName
     from delam_fem.results.folder import Result
+    from delam_fem.system.mpi import MPI
+
+RunFolder = Annotated[Path, typer.Argument(metavar="RUN", help="Folder of the results of a run.")]
+Files = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "-o", "--output", metavar="FILE",
+        help="File that ends in .gif or .mp4; repeatable (default: RUN/laminae.gif and .mp4, or "
+        "RUN/solid.gif and .mp4).",
+    ),
+]  # fmt: skip
+
+
+Solid = Annotated[
+    bool,
+    typer.Option(
+        "--solid", help="Show solids coloured by their stress, their thickness drawn larger."
+    ),
+]
+
+
+def animate_command(
+    run: RunFolder,
+    output: Files = None,
+    *,
+    periods: Annotated[
+        float, typer.Option(metavar="N", help="Length of the film: the last periods.")
+    ] = 2.0,
+    rate: Annotated[float, typer.Option(metavar="N", help="Pictures per second.")] = 20.0,
+    stretch: Annotated[
+        float, typer.Option(metavar="N", help="Factor of lateral lengths; 1: true to scale.")
+    ] = 3.0,
+    solid: Solid = False,
+    quiet: Quiet = False,
+) -> None:
+    """Write a film of the laminae, with the pairs that touch lit."""
+    with reported(quiet):
+        from rich.console import Console
+
+        from delam_fem.cli.progress import progress
+        from delam_fem.results.folder import load_numbers
+        from delam_fem.system.errors import CaseError
+
+        for name, value in (("--periods", periods), ("--rate", rate), ("--stretch", stretch)):
+            if not 0.0 < value < float("inf"):
+                raise CaseError(f"{name}: expected a positive number, given {value:g}")
+        name = "solid" if solid else "laminae"
+        paths = output or [run / f"{name}.gif", run / f"{name}.mp4"]
+        _check_suffixes(paths)
+        case, history, _ = load_numbers(run)
+        if not history.sizes.get("frame", 0):
+            raise CaseError(
+                f"{run}: the run kept no frames of its fields; run it again with "
+                "output.fields_per_period above 0"
+            )
+        for folder in {path.parent for path in paths}:
+            folder.mkdir(parents=True, exist_ok=True)
+        with progress(Console(stderr=True, quiet=quiet)) as report:
+            length = None if solid else stretch
+            keys = {"periods": periods, "rate": rate, "progress": report}
+            written = _written(run, history, case, paths, length, keys)
+        if not written:
+            raise CaseError(f"{run}: no frame of the run is finite, so there is nothing to show")
+        if not quiet:
+            say_files(written)
+
+
+def _written(
+    run: Path,
+    history: xr.Dataset,
+    case: Case,
+    paths: list[Path],
+    stretch: float | None,
+    keys: dict[str, Any],
+) -> list[Path]:
+    """Write the film of the laminae, or without `stretch` that of the solid."""
+    if stretch is not None:
+        from delam_fem.results.fields.animation import write_film
+
+        return write_film(history, case, paths, stretch=stretch, **keys)
+    from delam_fem.results.fields import stressed
+    from delam_fem.results.folder import SOLID
+    from delam_fem.system.errors import CaseError
+
+    fields = run / "fields" / SOLID
+    if not fields.is_file():
+        raise CaseError(
+            f'{run}: --solid: expected the run of a solid (model.kind = "plane-stress" or "solid") '
+            f"with frames, found no fields/{SOLID}"
+        )
+    return stressed.write_film(fields, history, case, paths, **keys)
+
+
+def _check_suffixes(paths: list[Path]) -> None:
+    """Refuse files of other formats, and the same file twice."""
+    from delam_fem.system.errors import CaseError
+
+    for path in paths:
+        if path.suffix not in (".gif", ".mp4"):
+            raise CaseError(f"--output: expected a file that ends in .gif or .mp4, given {path}")
+    if len(set(paths)) < len(paths):
+        raise CaseError("--output: expected different files, given one of them twice")
+
 
 STATUS = {"completed": DONE, "diverged": FAILED, "interrupted": INTERRUPTED}
 """Exit status by the outcome of a run."""
@@ -65,8 +172,8 @@ def run_in_folder(
         dry_run: whether only to check that the folder can be used.
         options: further arguments of `pipeline.run`.
     """
-    from delam_fem.case.claim import claimed
-    from delam_fem.mpi import MPI
+    from delam_fem.system.files import claimed
+    from delam_fem.system.mpi import MPI
 
     comm = MPI.COMM_WORLD
     is_first = comm.rank == 0  # mpirun may have started several processes
@@ -123,7 +230,7 @@ def _computed(
     **options: Any,
 ) -> str:
     """Compute a case and let the first rank write the results; return the outcome."""
-    from delam_fem.cli.console.progress import progress
+    from delam_fem.cli.progress import progress
     from delam_fem.pipeline import run
 
     with progress(error_console(quiet), case.steps_per_period) as report:
@@ -187,12 +294,11 @@ def _wait_for_all(comm: MPI.Intracomm) -> None:
 
 def report_in_folder(directory: Path, *, quiet: bool) -> None:
     """Write figures, fields and page of a run, or the page of a sweep, again from its numbers."""
-    from delam_fem.case.claim import claimed
-    from delam_fem.case.toml import CaseError
     from delam_fem.results.folder import load_numbers, save_views
     from delam_fem.studies.diagrams.page import write_page
-    from delam_fem.studies.sweeps.merge import RESULT
-    from delam_fem.studies.sweeps.reading import open_result
+    from delam_fem.studies.sweeps.dataset import RESULT, open_result
+    from delam_fem.system.errors import CaseError
+    from delam_fem.system.files import claimed
 
     if not directory.is_dir():
         raise CaseError(

@@ -1,17 +1,17 @@
-"""Define `delam-fem sweep`, which computes a sweep, and `delam-fem diagram`, which draws one."""
+"""Define `delam-fem sweep` and `diagram`, also for clusters that share a sweep."""
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from delam_fem.cli.cases import show_sweep
-from delam_fem.cli.console.messages import tell
-from delam_fem.cli.console.terminal import (
+from delam_fem.cli.console import (
     DONE,
     FAILED,
     INTERRUPTED,
@@ -20,19 +20,17 @@ from delam_fem.cli.console.terminal import (
     reported,
     say_files,
     table,
+    tell,
 )
-from delam_fem.cli.inputs import DryRun, Overrides, Overwrite, Quiet, Workers, Yes, inputs_of
-from delam_fem.cli.shards import (
-    Hours,
-    Merge,
-    Partial,
-    ShardOption,
-    Slurm,
-    compute_shard,
-    merge_shards,
-    print_script,
-    require_fitting,
-    require_one,
+from delam_fem.cli.inputs import (
+    DryRun,
+    Folder,
+    Overrides,
+    Overwrite,
+    Quiet,
+    Workers,
+    Yes,
+    inputs_of,
 )
 
 if TYPE_CHECKING:
@@ -40,6 +38,158 @@ if TYPE_CHECKING:
 
     from delam_fem.studies.executors import ExecutorName
     from delam_fem.studies.sweeps.grid import Sweep
+
+ShardOption = Annotated[
+    str | None,
+    typer.Option(
+        "--shard",
+        metavar="K/N",
+        help="Compute only the K-th of N shares of the points; --merge joins them.",
+    ),
+]
+Merge = Annotated[
+    bool, typer.Option("--merge", help="Join the shards in the folder to the result.")
+]
+Partial = Annotated[
+    bool, typer.Option("--partial", help="With --merge: write what is there if points are missing.")
+]
+Slurm = Annotated[
+    int | None,
+    typer.Option(
+        "--slurm",
+        min=1,
+        metavar="N",
+        help="Print a script that computes N shards as an array of SLURM jobs and merges them.",
+    ),
+]
+Hours = Annotated[
+    float | None,
+    typer.Option(
+        "--hours", min=0.0, metavar="H", help="With --slurm: longest time of a job (default: 24)."
+    ),
+]
+DAY = 24.0
+"""Longest time of a job unless the user says another [h]."""
+
+
+def require_one(**given: object) -> str | None:
+    """Return which of some options is given; None if none is.
+
+    Args:
+        given: options by name, without `--`.
+
+    Raises:
+        CaseError: several are given.
+    """
+    from delam_fem.system.errors import CaseError
+
+    names = [f"--{name}" for name, value in given.items() if value not in (None, False)]
+    if len(names) > 1:
+        raise CaseError(f"expected one of {' and '.join(names)}, given both")
+    return names[0].removeprefix("--") if names else None
+
+
+def require_fitting(
+    way: str | None, whole: Mapping[str, bool], partial: bool, hours: float | None
+) -> None:
+    """Check the options that go with a way of computing a sweep.
+
+    Args:
+        way: "shard", "merge" or "slurm"; None: the whole sweep at once.
+        whole: options that only go with the whole sweep, by name.
+        partial: whether to write a result without all points.
+        hours: longest time of a job, if it is given.
+
+    Raises:
+        CaseError: an option does not go with the way.
+    """
+    from delam_fem.system.errors import CaseError
+
+    if partial and way != "merge":
+        raise CaseError("--partial: only goes with --merge")
+    if hours is not None and way != "slurm":
+        raise CaseError("--hours: only goes with --slurm")
+    found = next((name for name, value in whole.items() if value), None)
+    if way is not None and found is not None:
+        raise CaseError(f"--{found.replace('_', '-')}: does not go with --{way}; leave it out")
+
+
+def compute_shard(
+    sweep: Sweep,
+    directory: Path,
+    text: str,
+    where: tuple[int | None, ExecutorName | None],
+    inputs: list[Path],
+    **options: Any,
+) -> None:
+    """Compute a shard and show how far it is; exit with a message if it is not complete."""
+    from delam_fem.cli.progress import progress
+    from delam_fem.studies.sweeps.run import run_shard
+    from delam_fem.studies.sweeps.schedule import parse_shard
+    from delam_fem.system.files import claimed
+
+    shard, quiet = parse_shard(text), options.pop("quiet")
+    workers, executor = where
+    with claimed(directory, inputs=inputs, is_shared=True):
+        with progress(error_console(quiet)) as report:
+            found = run_shard(
+                sweep, directory, shard, executor, workers=workers, progress=report, **options
+            )
+    if not quiet:
+        rows = [(name.replace("_", " "), _shown(value)) for name, value in found.about.items()]
+        rows = [("points", f"{found.n_done} of {found.n_points}"), *rows]
+        table(f"sweep {sweep.file.name}, shard {shard}", ("", "value"), rows)
+    if found.n_done < found.n_points:
+        left = found.n_points - found.n_done
+        fail(
+            f"interrupted with {left} of {found.n_points} points of shard {shard} left; --resume "
+            "goes on",
+            INTERRUPTED,
+        )
+
+
+def merge_shards(
+    sweep: Sweep, directory: Path, inputs: list[Path], *, is_partial: bool
+) -> xr.Dataset:
+    """Join the shards of a sweep; exit with a message if all points failed."""
+    from delam_fem.studies.sweeps.dataset import merge_sweep
+    from delam_fem.system.errors import CaseError
+    from delam_fem.system.files import claimed
+
+    if not directory.is_dir():
+        raise CaseError(f"merge: no such folder: {directory}; give that of the shards with -o DIR")
+    with claimed(directory, inputs=inputs, may_hold_results=True):
+        data = merge_sweep(sweep, directory, is_partial=is_partial)
+    about = data.attrs
+    if not about["n_completed"] and not about["n_missing"]:
+        first = next(text for text in data["error"].to_numpy().ravel() if text)
+        fail(f"none of the {about['n_points']} points was completed; the first: {first}", FAILED)
+    return data
+
+
+def print_script(
+    sweep: Sweep,
+    sweep_file: Path,
+    directory: Path,
+    overrides: list[str] | None,
+    n_shards: int,
+    hours: float | None,
+) -> None:
+    """Measure the time of a point, and print the script of the shards."""
+    from delam_fem.studies.slurm import array_script, measured_cost
+
+    command = [sys.executable, "-m", "delam_fem", "sweep", str(sweep_file.resolve())]
+    command += ["-o", str(directory.resolve())]
+    command += [f"--set={text}" for text in overrides or []]
+    cost = measured_cost(sweep)
+    most = DAY if hours is None else hours
+    text = array_script(sweep, command, n_shards, cost, most_hours=most, interrupted=INTERRUPTED)
+    typer.echo(text, nl=False)
+
+
+def _shown(value: object) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
 
 SweepArgument = Annotated[
     Path, typer.Argument(metavar="SWEEP", help="A sweep file (.toml); see docs/sweeps.md.")
@@ -58,10 +208,6 @@ Kind = Annotated[
         "basins: attractors over two initial conditions."
     ),
 ]
-Folder = Annotated[
-    Path | None,
-    typer.Option("-o", "--output", metavar="DIR", help="Folder (default: runs/NAME)."),
-]
 Resume = Annotated[bool, typer.Option("--resume", help="Continue an interrupted sweep.")]
 ExecutorOption = Annotated[
     Literal["process", "mpi", "serial"] | None,
@@ -71,12 +217,6 @@ ExecutorOption = Annotated[
         "(the default under python -m mpi4py.futures), or one after another in this process.",
     ),
 ]
-
-
-def register(app: typer.Typer) -> None:
-    """Add the commands to the application."""
-    app.command("sweep")(sweep_command)
-    app.command("diagram")(diagram_command)
 
 
 def sweep_command(
@@ -133,7 +273,7 @@ def _shown_only(where: tuple[int | None, ExecutorName | None], yes: bool, sweep:
 
 def _finish(data: xr.Dataset, directory: Path, quiet: bool) -> None:
     """Write the page of a sweep; say what has not settled, and which files there are."""
-    from delam_fem.studies.diagrams.axes import is_unsettled
+    from delam_fem.studies.diagrams.lines import is_unsettled
     from delam_fem.studies.diagrams.page import write_page
 
     if moving := int(is_unsettled(data).sum()):
@@ -162,8 +302,7 @@ def diagram_command(
 ) -> None:
     """Draw a diagram of a sweep; compute the sweep first if its result does not exist."""
     with reported(quiet):
-        from delam_fem.studies.diagrams.drawing import require_drawable, save_diagram
-        from delam_fem.studies.diagrams.page import write_page
+        from delam_fem.studies.diagrams.page import require_drawable, save_diagram, write_page
 
         if source.suffix == ".toml":
             going_on = resume, overwrite
@@ -211,13 +350,13 @@ def _computed(
     `going_on` says whether to resume and whether to overwrite; `check` looks at the sweep before
     anything is computed.
     """
-    from delam_fem.case.claim import claimed
-    from delam_fem.cli.console.progress import progress
-    from delam_fem.studies.sweeps import merge, run
+    from delam_fem.cli.progress import progress
+    from delam_fem.studies.sweeps import dataset, run
+    from delam_fem.system.files import claimed
 
     sweep, directory, inputs = _opened(sweep_file, output, overrides)
     resume, overwrite = going_on
-    if not again and not overwrite and merge.is_complete(directory, sweep):
+    if not again and not overwrite and dataset.is_complete(directory, sweep):
         resume = True
     workers, executor = where
     claim = claimed(directory, inputs=inputs, may_hold_results=resume or overwrite)
@@ -227,7 +366,7 @@ def _computed(
             check(sweep)
         if overwrite:
             run.require_computable(sweep, executor, workers, is_confirmed=yes, folder=directory)
-            merge.remove_results(directory)
+            dataset.remove_results(directory)
         with progress(error_console(quiet)) as report:
             data = run.run_sweep(sweep, directory, executor, progress=report, **options)
     _tell(data, sweep, quiet)
@@ -244,8 +383,8 @@ def _opened(
 
 def _sweep_of(sweep_file: Path, overrides: list[str] | None) -> Sweep:
     """Return the sweep in a file, with the overrides of the command line."""
-    from delam_fem.case.overrides import parse_override
-    from delam_fem.studies.sweeps.load import load_sweep
+    from delam_fem.case.toml import parse_override
+    from delam_fem.studies.sweeps.grid import load_sweep
 
     return load_sweep(sweep_file, dict(parse_override(text) for text in overrides or []))
 
@@ -295,8 +434,8 @@ def _go_on(directory: Path) -> str:
 
 def _points_in(directory: Path) -> str:
     """Return in words how many points the journal of a sweep has."""
+    from delam_fem.studies.sweeps.grid import load_sweep
     from delam_fem.studies.sweeps.journal import Journal
-    from delam_fem.studies.sweeps.load import load_sweep
 
     sweep = load_sweep(directory / "sweep.toml")
     path = directory / "sweep.journal"
@@ -306,8 +445,8 @@ def _points_in(directory: Path) -> str:
 
 def _read(source: Path, output: Path | None) -> tuple[xr.Dataset, Path]:
     """Open the result of a sweep."""
-    from delam_fem.case.toml import CaseError
-    from delam_fem.studies.sweeps.reading import open_result
+    from delam_fem.studies.sweeps.dataset import open_result
+    from delam_fem.system.errors import CaseError
 
     path = source / "sweep.nc" if source.is_dir() else source
     has_journal = not path.is_file() and (source / "sweep.journal").exists()

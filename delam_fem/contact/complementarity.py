@@ -13,8 +13,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from delam_fem.caches.kernels import kept, njit
 from delam_fem.numerics.arrays import FloatArray
+from delam_fem.system.kernels import kept, njit
 
 TOLERANCE = 1e-13
 """A residual below this number times the largest |q| is round-off (for a few dozen pairs)."""

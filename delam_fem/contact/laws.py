@@ -133,19 +133,19 @@ class Combination:
 
 
 def _no_contact(law: Law, setting: Setting) -> Supervisor:
-    from delam_fem.contact.penalty import NoContact
+    from delam_fem.contact.rules import NoContact
 
     return NoContact()
 
 
 def _impacts(law: Law, setting: Setting) -> Supervisor:
-    from delam_fem.contact.newton import Impacts
+    from delam_fem.contact.rules import Impacts
 
     return Impacts(setting, restitution=law.restitution, coupled=law.is_coupled)
 
 
 def _impacts_with_springs(law: Law, setting: Setting) -> Supervisor:
-    from delam_fem.contact.newton import Impacts
+    from delam_fem.contact.rules import Impacts
 
     return Impacts(
         setting,
@@ -156,13 +156,13 @@ def _impacts_with_springs(law: Law, setting: Setting) -> Supervisor:
 
 
 def _springs(law: Law, setting: Setting) -> Supervisor:
-    from delam_fem.contact.penalty import PenaltySprings
+    from delam_fem.contact.rules import PenaltySprings
 
     return PenaltySprings()
 
 
 def _step_impacts(law: Law, setting: Setting) -> Supervisor:
-    from delam_fem.contact.moreau import StepImpacts
+    from delam_fem.contact.rules import StepImpacts
 
     return StepImpacts(
         setting, restitution=law.restitution, resting_velocity=law.threshold_velocity

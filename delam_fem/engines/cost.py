@@ -15,11 +15,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from delam_fem.case.definition import Case
-from delam_fem.case.toml import CaseError
-from delam_fem.engines.choose import EngineName
+from delam_fem.engines.session import EngineName
 from delam_fem.model import discretise
 from delam_fem.model.mesh import node_coordinates, read_file
-from delam_fem.mpi import MPI
+from delam_fem.system.errors import CaseError
+from delam_fem.system.mpi import MPI
 
 MOST_HOURS = 24.0
 """Computing time of which a computation must be confirmed [h]."""

@@ -1,4 +1,14 @@
-"""Set up and run a computation: put a problem, an engine and a recorder together.
+"""Set up and run a computation: choose the engine, give it a problem, collect the solution.
+
+Choose the engine, the contact law and the scheme of a case by their names.
+
+An engine is imported only when it is chosen, so that a worker that needs one engine starts fast.
+
+Set a run up: its length, and the motion of its base period by period, with or without a case.
+
+This module imports neither dolfinx nor PETSc, so that the workers of a sweep start fast.
+
+Set up and run a computation: put a problem, an engine and a recorder together.
 
 This is the only place where a run is set up. `solve` needs no case: operators, a law, a scheme and
 a motion of the base are enough.
@@ -10,35 +20,252 @@ import hashlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal, Protocol, get_args
+
+import numpy as np
 
 from delam_fem.case.definition import Case
-from delam_fem.case.motion.excitation import HarmonicMotion
-from delam_fem.case.toml import CaseError
-from delam_fem.contact.laws import ContactLaw
-from delam_fem.engines.choose import EngineName, engine_of, law_of, scheme_of
+from delam_fem.case.excitation import HarmonicMotion, drive
+from delam_fem.contact.laws import ContactLaw, Law, combination
+from delam_fem.model.linear import require_stable
 from delam_fem.model.operators import Operators
-from delam_fem.numerics.schemes import Scheme
+from delam_fem.numerics.arrays import FloatArray, IntArray
+from delam_fem.numerics.schemes import SCHEMES, Scheme
 from delam_fem.simulation import checkpoint
 from delam_fem.simulation.interrupts import Watch, stop_signals
 from delam_fem.simulation.loop import ASKED_EVERY, Engine, Outcome, State, set_initial, simulate
-from delam_fem.simulation.recorder import Recorder
-from delam_fem.simulation.refinement import NOT_REFINED, Refinement
-from delam_fem.simulation.setup import (
-    BaseStates,
-    Prescribed,
-    at_rest,
-    by_period,
-    motion_of,
-    span_of,
-)
-from delam_fem.simulation.solution import Solution
-from delam_fem.simulation.span import Span
+from delam_fem.simulation.recorder import LEDGER, N_BASE, PeriodRecord, Recorder
+from delam_fem.simulation.refinement import NOT_REFINED, Refinement, Span
+from delam_fem.system.errors import CaseError
 
 if TYPE_CHECKING:
-    from delam_fem.mpi import MPI
+    from delam_fem.system.mpi import MPI
+
+EngineName = Literal["petsc", "compiled"]
+ENGINES: tuple[EngineName, ...] = get_args(EngineName)
+
+
+def engine_of(
+    operators: Operators,
+    law: ContactLaw,
+    scheme: Scheme,
+    time_step: float,
+    *,
+    refinement: Refinement = NOT_REFINED,
+    name: EngineName = "compiled",
+    comm: MPI.Intracomm | None = None,
+) -> Engine:
+    """Return the engine that computes the time steps of a problem.
+
+    Args:
+        operators: the semi-discrete problem.
+        law: the contact law.
+        scheme: the time integration.
+        time_step: Δt [s].
+        refinement: how steps near contact are divided; nothing is divided without contact.
+        name: "petsc" computes single steps and accepts every law; "compiled" computes whole
+            periods.
+        comm: communicator that shares the work of "petsc"; None: this process alone.
+
+    Raises:
+        CaseError: there is no such engine, the law does not go with the scheme or the engine, or
+            the time step exceeds the stability limit.
+    """
+    if name not in ENGINES:
+        raise CaseError(f"engine: expected {' or '.join(map(repr, ENGINES))}, given {name!r}")
+    if law.name == "none":
+        refinement = NOT_REFINED
+    if scheme.is_explicit:
+        require_stable(operators, time_step, law.spring[0])
+    try:
+        if isinstance(law, Law):
+            combination(law.name, scheme.name)
+        if name == "compiled":
+            from delam_fem.engines.compiled.engine import compiled_engine
+
+            return compiled_engine(operators, law, scheme, time_step, refinement)
+        comm = comm or initialise_petsc_alone()  # before anything imports PETSc
+        from delam_fem.engines.petsc.engine import petsc_engine
+
+        return petsc_engine(operators, law, scheme, time_step, refinement, comm)
+    except ValueError as error:
+        raise CaseError(f"contact law: {error}") from None
+
+
+def law_of(case: Case) -> Law:
+    """Return the contact law of a case."""
+    given = case.contact
+    return Law(
+        given.law,
+        restitution=given.restitution,
+        impulse=given.impulse,
+        penalty_stiffness=given.penalty_stiffness,
+        penalty_damping=given.penalty_damping,
+        threshold_velocity=given.threshold_velocity,
+    )
+
+
+def scheme_of(case: Case) -> Scheme:
+    """Return the time integration of a case."""
+    return SCHEMES[case.time.scheme]
+
+
+def initialise_petsc_alone() -> MPI.Intracomm:
+    """Initialise PETSc for this process alone, and return its communicator.
+
+    By default PETSc initialises with all ranks together. The worker of a sweep would then wait for
+    the other ranks forever.
+    """
+    from delam_fem.system.mpi import MPI, start_petsc
+
+    start_petsc(MPI.COMM_SELF)
+    return MPI.COMM_SELF
+
+
+DIVERGED_LENGTHS = 10.0
+"""Gap or displacement, in lengths of the laminae, beyond which a motion has no meaning any more."""
+
+
+class Prescribed(Protocol):
+    """A prescribed motion of the base: the part of its interface that a run needs."""
+
+    def states(self, times: FloatArray) -> FloatArray:
+        """Return (q, q', q'') [m, m/s, m/s2], shape (k, 3), at `times` of shape (k,) [s]."""
+
+
+BaseStates = Callable[[int], FloatArray]
+"""Function of the number of a period: (q, q', q'') at its N + 1 steps, shape (N + 1, 3)."""
+
+
+def span_of(case: Case) -> Span:
+    """Return the span of a case: the length of its run, and what the run records."""
+    return Span(
+        case.time_step,
+        case.steps_per_period,
+        case.n_periods,
+        case.n_window_periods,
+        case.frames_per_period,
+        DIVERGED_LENGTHS * case.lamina[0].length,
+        Refinement(case.time.refine, case.time.refine_velocity),
+    )
+
+
+def motion_of(case: Case) -> BaseStates:
+    """Return the drive of a case (motion of the base, or force) as a function of the period."""
+    return by_period(drive(case), span_of(case), is_periodic=case.is_periodic)
+
+
+def by_period(motion: Prescribed, span: Span, *, is_periodic: bool) -> BaseStates:
+    """Return a base motion as a function of the period.
+
+    Args:
+        motion: the motion of the base.
+        span: time step and number of steps of a period.
+        is_periodic: whether the motion repeats after each period; then all periods share one
+            read-only table.
+    """
+    n_steps, dt = span.steps_per_period, span.time_step
+    steps = np.arange(n_steps + 1)
+    if is_periodic:
+        table = motion.states(steps * dt)
+        table[-1] = table[0]  # both differ by round-off only
+        table.flags.writeable = False
+        return lambda period: table
+    return lambda period: motion.states((period * n_steps + steps) * dt)
+
+
+def at_rest(span: Span) -> BaseStates:
+    """Return the motion of a base at rest as a function of the period."""
+    table = np.zeros((span.steps_per_period + 1, 3))
+    table.flags.writeable = False
+    return lambda period: table
+
+
+@dataclass(frozen=True)
+class ImpactTable:
+    """Impulses on pairs, one row per impulse, in the order of time.
+
+    Attributes:
+        time: end of the step of each impulse, shape (k,) [s].
+        pair: number of the contact pair, shape (k,).
+        impulse: impulse on the pair; positive pushes the pair apart, shape (k,) [N s].
+        rate_pre: gap rate before the impulse, shape (k,) [m/s].
+    """
+
+    time: FloatArray
+    pair: IntArray
+    impulse: FloatArray
+    rate_pre: FloatArray
+
+
+@dataclass(frozen=True)
+class Solution:
+    """The result of a run without a case; times count from the start of the window.
+
+    Attributes:
+        outcome: "completed", "diverged" or "interrupted".
+        recorder: recorder of the run.
+        state: state at the end; another run may start from it.
+    """
+
+    outcome: Outcome
+    recorder: Recorder
+    state: State
+
+    @property
+    def records(self) -> list[PeriodRecord]:
+        """Records of the periods of the window."""
+        return list(self.recorder.window)
+
+    @property
+    def time(self) -> FloatArray:
+        """Times of all steps of the window, its start included, shape (k,) [s]."""
+        n_steps = sum(record.n_steps for record in self.records)
+        return np.asarray(self.recorder.time_step * np.arange(n_steps + 1))
+
+    @cached_property
+    def displacement(self) -> FloatArray:
+        """Displacements of the probes at the times `time`, shape (k, n_probes) [m]."""
+        first, *_ = records = self.records
+        rows = np.concatenate([first.u[:1], *(r.u[1 : r.n_steps + 1] for r in records)])
+        n = self.recorder.strobe.shape[2]
+        return np.asarray(rows[:, N_BASE : N_BASE + n])
+
+    @cached_property
+    def velocity(self) -> FloatArray:
+        """Velocities of the probes at the times `time`, shape (k, n_probes) [m/s]."""
+        first, *_ = records = self.records
+        n = self.recorder.strobe.shape[2]
+        return np.concatenate([first.v[:1, :n], *(r.v[1 : r.n_steps + 1, :n] for r in records)])
+
+    @property
+    def frames(self) -> FloatArray:
+        """(u, v) of all dofs at the frames of the window, shape (n_frames, 2, n)."""
+        return np.array([frame for record in self.records for frame in record.frames])
+
+    @cached_property
+    def impacts(self) -> ImpactTable:
+        """All impacts of the window."""
+        rows, before = [np.zeros((4, 0))], 0
+        for record in self.records:
+            for tick, decision, _ in record.jumps:
+                time = (before + tick / record.ticks_per_step) * self.recorder.time_step
+                instant = np.full(decision.hit.size, time)
+                rows.append(
+                    np.array([instant, decision.hit, decision.impulses, decision.rate_pre], float)
+                )
+            before += record.n_steps
+        time_, pair, impulse, rate_pre = np.concatenate(rows, axis=1)
+        return ImpactTable(time_, pair.astype(np.int64), impulse, rate_pre)
+
+    @property
+    def energy(self) -> dict[str, FloatArray]:
+        """Columns of the energy ledger by name, each of shape (n_periods,) [J]."""
+        rows = self.recorder.ledger[: self.recorder.n_closed]
+        return dict(zip(LEDGER, rows.T, strict=True))
+
 
 Stop = Callable[[int], bool]
 """Function of the number of completed periods, called now and then; True ends the run."""
@@ -88,7 +315,7 @@ class Session:
         """
         if folder is None:
             return self.run()
-        from delam_fem.mpi import MPI
+        from delam_fem.system.mpi import MPI
 
         what = hashlib.sha256(f"{name} {case.to_toml()}".encode()).hexdigest()[:16]
         path, parts = folder / f"{what}.npz", (case, name, self.engine, self.recorder)

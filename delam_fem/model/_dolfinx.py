@@ -18,15 +18,15 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
 
-from delam_fem.caches import forms
-from delam_fem.caches.folders import ensure_home
-from delam_fem.mpi import MPI, start_petsc
 from delam_fem.numerics.arrays import FloatArray, IntArray
+from delam_fem.system import caches
+from delam_fem.system.caches import ensure_home
+from delam_fem.system.mpi import MPI, start_petsc
 
 ensure_home()  # dolfinx asks for it when it is imported
 start_petsc()  # before dolfinx does
 import basix  # noqa: E402
-import dolfinx  # noqa: E402  (see `delam_fem.imports`)
+import dolfinx  # noqa: E402  (see `delam_fem.system.imports`)
 import dolfinx.fem.petsc  # noqa: E402
 import dolfinx.graph  # noqa: E402
 import dolfinx.io  # noqa: E402
@@ -78,7 +78,7 @@ def _compiled(comm: MPI.Intracomm, what: str, make: Callable[..., Any]) -> Any:
         return make(**{f"form_compiler_{_OPTIONS}": dict(_FORM_OPTIONS), f"jit_{_OPTIONS}": jit})
 
     with _compiling_in_silence():
-        return forms.compiled(comm, key, in_folder)
+        return caches.compiled(comm, key, in_folder)
 
 
 def _space(mesh: Any, element: Any) -> Any:

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 
 from delam_fem.case.definition import Case
 from delam_fem.case.sections import ModelKind
-from delam_fem.case.toml import CaseError
 from delam_fem.model.layout import Structure
+from delam_fem.system.errors import CaseError
 
 if TYPE_CHECKING:
-    from delam_fem.mpi import MPI
+    from delam_fem.system.mpi import MPI
 
 KINDS: Mapping[str, tuple[tuple[ModelKind, ...], str]] = MappingProxyType(
     {
@@ -72,18 +72,18 @@ def assemble(
     """
     if case.model.is_continuum:
         from delam_fem.model.solids import assembly
-        from delam_fem.mpi import MPI
+        from delam_fem.system.mpi import MPI
 
         return assembly.assemble(case, comm=MPI.COMM_SELF if comm is None else comm)
     if case.model.kind == "reduced":
-        from delam_fem.model.reduction import file
+        from delam_fem.model import reduction
 
-        return file.load(case)
+        return reduction.load(case)
     if not needs_dolfinx:
         from delam_fem.model.beams import closed_form
 
         return closed_form.assemble(case)
-    from delam_fem.model.beams import bending
-    from delam_fem.mpi import MPI
+    from delam_fem.model.beams import forms
+    from delam_fem.system.mpi import MPI
 
-    return bending.assemble(case, comm=MPI.COMM_SELF if comm is None else comm)
+    return forms.assemble(case, comm=MPI.COMM_SELF if comm is None else comm)

@@ -19,7 +19,7 @@ from delam_fem.numerics.arrays import FloatArray
 if TYPE_CHECKING:  # those who compute with `Operators` alone start neither
     from petsc4py import PETSc
 
-    from delam_fem.mpi import MPI
+    from delam_fem.system.mpi import MPI
 
 
 @dataclass(frozen=True)

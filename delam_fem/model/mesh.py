@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from delam_fem.case.definition import Case
-from delam_fem.case.toml import CaseError
 from delam_fem.numerics.arrays import FloatArray, IntArray
+from delam_fem.system.errors import CaseError
 
 _COUNTS = {2: "two", 3: "three"}
 FORMATS = {".msh": "gmsh", ".vtk": "vtk", ".vtu": "vtu", ".xdmf": "xdmf"}

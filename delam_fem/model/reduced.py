@@ -33,8 +33,8 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
+from delam_fem.model.linear import lowest
 from delam_fem.model.operators import Operators
-from delam_fem.model.vibration import lowest
 from delam_fem.numerics.arrays import FloatArray, IntArray
 
 NOT_RAYLEIGH = 1e-6

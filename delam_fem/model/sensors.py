@@ -23,11 +23,18 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from delam_fem.case.attachments import Sensor
 from delam_fem.case.definition import Case
-from delam_fem.model.layout import Layout, SensorRows, Structure
+from delam_fem.case.sections import Sensor
+from delam_fem.model.layout import (
+    CURVATURE,
+    Layout,
+    SensorRows,
+    Structure,
+    cells_at,
+    columns_of,
+    place_of,
+)
 from delam_fem.model.operators import Operators
-from delam_fem.model.pairing import CURVATURE, cells_at, columns_of, place_of
 from delam_fem.numerics.arrays import FloatArray
 
 StrainRows = Callable[[int, float, float], sp.csr_matrix]

@@ -1,4 +1,9 @@
-"""Compute the motions and sweeps that the figures of the paper need, each case once, on all cores.
+"""Compute the motions, sweeps and swept sines that the figures of the paper need, each once.
+
+The four reference motions of the paper.
+
+The paper excites the laminae at four frequencies and describes the motion at each. `MOTIONS` holds
+these descriptions; every other module takes frequencies and descriptions from here.
 
 A plan says how much is computed. A laboratory does the computing: single histories with `run`
 (dolfinx assembles, compiled code computes the steps), many points with `run_sweep`. It remembers
@@ -15,16 +20,184 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
+import numpy as np
+
 from delam_fem.case.definition import Case
+from delam_fem.case.excitation import base_motion
 from delam_fem.case.files import preset
-from delam_fem.case.toml import CaseError
-from delam_fem.paper.motions import FREQUENCIES
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.results.diagnostics import Strikes, of_interface
+from delam_fem.results.folder import Result
 from delam_fem.studies import executors
+from delam_fem.system.errors import CaseError
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from delam_fem.results.folder import Result
+BEATS = 2.0
+"""A lamina beats the other one if its tip is more than this factor faster."""
+SAME_FREQUENCY = 0.01
+"""Two frequencies count as the same if they differ by less than this [Hz]."""
+
+
+def strikes(result: Result) -> Strikes:
+    """Return the strikes of a result with two laminae; see `Strikes`."""
+    return of_interface(result.history, result.case.time.steps_per_period, 0)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A motion that the paper describes.
+
+    Attributes:
+        frequency: frequency of the base [Hz].
+        text: the paper's description, in short.
+        periodicity: number of base periods after which the motion repeats.
+        has_its_contacts: function that returns whether the tips of a result meet as described.
+    """
+
+    frequency: float
+    text: str
+    periodicity: int
+    has_its_contacts: Callable[[Result], bool]
+
+    def is_shown_by(self, result: Result) -> bool:
+        """Return whether a result has the periodicity and the contacts of this motion."""
+        is_periodic = result.summary["periodicity"] == self.periodicity
+        return bool(is_periodic and self.has_its_contacts(result))
+
+
+def contacts(result: Result) -> float:
+    """Return the tip contacts per period; 0 if the case has no contact law."""
+    return float(result.summary["tip_contacts_per_period"] or 0.0)
+
+
+def _no_tip_contact(result: Result) -> bool:
+    """Return whether the tips never meet (1.25 Hz)."""
+    return contacts(result) == 0.0 and result.summary["minimum_tip_gap"] > 0.0
+
+
+def _thin_beats_thick(result: Result) -> bool:
+    """Return whether the thin tip is much faster than the thick one before a strike (1.60 Hz)."""
+    thick, thin = strikes(result).mean
+    return contacts(result) >= 1.0 and abs(thin) > BEATS * abs(thick)
+
+
+def _opposite_velocities(result: Result) -> bool:
+    """Return whether the tips meet once a period with opposite velocities (3.25 Hz)."""
+    thick, thin = strikes(result).mean
+    return contacts(result) == 1.0 and thick > 0.0 > thin
+
+
+def _one_contact_in_two(result: Result) -> bool:
+    """Return whether the tips meet once in two periods (3.65 Hz)."""
+    return contacts(result) == 0.5
+
+
+MOTIONS = (
+    Motion(1.25, "no tip contact, weak contact near the clamp", 1, _no_tip_contact),
+    Motion(1.60, "the thin lamina beats the thick one", 1, _thin_beats_thick),
+    Motion(3.25, "the thick beats the thin, opposite velocities", 1, _opposite_velocities),
+    Motion(3.65, "one contact in two periods", 2, _one_contact_in_two),
+)
+FREQUENCIES = tuple(motion.frequency for motion in MOTIONS)
+"""The four excitation frequencies of the paper [Hz]."""
+RESONANT = FREQUENCIES[2]
+"""The excitation frequency of Figs. 4, 5, 8 to 11 and 13 to 15 [Hz]."""
+
+
+def is_as_described(result: Result) -> bool:
+    """Return whether a result shows the motion that the paper describes for its frequency.
+
+    Return False if the paper describes no motion at this frequency.
+    """
+    frequency = 1.0 / result.case.period
+    return any(
+        motion.is_shown_by(result)
+        for motion in MOTIONS
+        if abs(frequency - motion.frequency) < SAME_FREQUENCY
+    )
+
+
+BAND = (0.5, 4.0)
+"""Lowest and highest frequency of the experiment [Hz]."""
+SWEEP_SECONDS = 1800.0
+TRANSIENT_LEFT = 0.01
+"""The envelope of a swept sine begins when so much of the transient of its start is left [-]."""
+
+
+def swept_case(spacing: str, ends: tuple[float, float], law: str, steps: int) -> Case:
+    """Return the case of a 30-minute swept sine.
+
+    Args:
+        spacing: how the frequency grows: "linear" or "logarithmic".
+        ends: first and last frequency [Hz].
+        law: name of the contact law.
+        steps: steps per period of the highest frequency.
+    """
+    return preset(
+        "paper",
+        {
+            "excitation.kind": "sweep",
+            "excitation.start_frequency": ends[0],
+            "excitation.end_frequency": ends[1],
+            "excitation.duration": SWEEP_SECONDS,
+            "excitation.amplitude": 0.0025,
+            "excitation.spacing": spacing,
+            "contact.law": law,
+            "time.steps_per_period": steps,
+            "output.window_periods": 1,
+            "output.fields_per_period": 0,
+        },
+    )
+
+
+def swept_extremes(result: Result) -> tuple[FloatArray, FloatArray]:
+    """Return the extremes of a swept sine, one pair per period of the highest frequency.
+
+    Returns:
+        Times, shape (n,) [s]; smallest and largest displacement of both tips, shape (2, 2, n) [m].
+    """
+    history = result.history
+    extremes = np.stack([history[f"envelope_{end}"].to_numpy() for end in ("min", "max")])
+    return (np.arange(extremes.shape[-1]) + 0.5) * result.case.period, extremes
+
+
+def swept_envelope(result: Result) -> tuple[FloatArray, FloatArray]:
+    """Return the frequency and half the range of both tips within each cycle of a swept sine.
+
+    The run keeps extremes per period of its highest frequency. Those within one cycle of the
+    current frequency are combined.
+
+    Returns:
+        Frequencies, shape (n,) [Hz]; half ranges, shape (2, n) [m]; NaN while more than
+        `TRANSIENT_LEFT` of the transient of the start is left.
+    """
+    middle, (low, high) = swept_extremes(result)
+    f = base_motion(result.case).instantaneous_frequency(middle)
+    half = np.ceil(0.5 / (f * result.case.period)).astype(np.int64)
+    ranges = [slice(max(k - w, 0), k + w + 1) for k, w in enumerate(half.tolist())]
+    half_range = [0.5 * (high[:, r].max(axis=1) - low[:, r].min(axis=1)) for r in ranges]
+    envelope = np.stack(half_range, axis=1)
+    envelope[:, middle < transient_seconds(result.case)] = np.nan
+    return f, envelope
+
+
+def transient_seconds(case: Case) -> float:
+    """Return the time in which free vibrations decay to `TRANSIENT_LEFT` [s]."""
+    rates = [lam.damping_ratio * float(lam.angular_frequencies(1)[0]) for lam in case.lamina]
+    return float(-np.log(TRANSIENT_LEFT) / min(rates))
+
+
+def peak_frequency(result: Result, lamina: int) -> float:
+    """Return the frequency of the base at which the amplitude of a tip is the largest [Hz].
+
+    If the largest amplitude occurs at several times, return the mean of their frequencies.
+    """
+    f, amplitude = swept_envelope(result)
+    top = np.flatnonzero(amplitude[lamina] >= np.nanmax(amplitude[lamina]) * (1.0 - 1e-9))
+    return float(f[top].mean())
+
 
 EngineName = Literal["petsc", "compiled"]
 PaperMethod = Literal["3.1", "3.2"]
@@ -124,7 +297,7 @@ class Laboratory:
         Raises:
             KeyboardInterrupt: the sweep was interrupted.
         """
-        from delam_fem.studies.sweeps.load import sweep_of
+        from delam_fem.studies.sweeps.grid import sweep_of
         from delam_fem.studies.sweeps.run import run_sweep
 
         sweep = sweep_of({"base": "paper", "engine": self.engine} | dict(description))

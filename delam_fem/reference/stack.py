@@ -24,10 +24,10 @@ from scipy.interpolate import PchipInterpolator
 from scipy.linalg import eigh
 
 from delam_fem.case.definition import Case
-from delam_fem.case.toml import CaseError
 from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.numerics.arrays import BoolArray, FloatArray, IntArray
 from delam_fem.reference import matrices as elements
+from delam_fem.system.errors import CaseError
 
 HELD, MOVED = -1, -2
 """In place of a free dof: it is zero, or it moves with the base."""

@@ -1,4 +1,10 @@
-"""Turn the record of a run into one dataset with the variables of `schema`."""
+"""Turn the record of a run into one dataset, and into groups that share a long dimension.
+
+The dataset of a run in groups whose variables share their long dimension.
+
+The whole dataset has no table: its dimensions do not go together. Each group has one
+(`to_dataframe()`).
+"""
 
 from __future__ import annotations
 
@@ -11,12 +17,12 @@ import xarray as xr
 
 from delam_fem.case.definition import Case
 from delam_fem.case.gap import initial_gap
-from delam_fem.model import fields
+from delam_fem.model import layout as fields
 from delam_fem.model.layout import Layout, Structure
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.arrays import FloatArray, IntArray
 from delam_fem.results.provenance import provenance
-from delam_fem.results.schema import add, with_sensor
+from delam_fem.results.schema import INTERFACE, SENSOR, add, with_sensor
 from delam_fem.simulation.recorder import LEDGER, N_BASE, PeriodRecord, Recorder
 from delam_fem.simulation.signals import signals
 
@@ -189,3 +195,37 @@ def _places(layout: Layout) -> tuple[IntArray, IntArray]:
     ]
     nodes = [layout.stations_of(interface) for interface in layout.interfaces]
     return np.concatenate(numbers), np.concatenate(nodes)
+
+
+GROUPS = {"history": "time", "periods": "period", "fields": "frame", "events": "event"}
+"""Name of each group, and the dimension of its variables."""
+SHAPE = "shape"
+"""Name of the group of what does not depend on time: gaps at rest, probes."""
+
+
+def grouped(history: xr.Dataset) -> dict[str, xr.Dataset]:
+    """Return the dataset in groups: history, periods, fields, events, shape, sensors.
+
+    Attributes of the dataset stay with each group. A variable is in one group; a
+    sensor with a sampling rate is a group of its own.
+
+    Args:
+        history: of a run; see `schema.VARIABLES`.
+    """
+    dims = {str(name): set(history[name].dims) for name in history.data_vars}
+    groups = {
+        group: [name for name, own in dims.items() if dim in own] for group, dim in GROUPS.items()
+    }
+    for name, own in dims.items():  # a sensor with a time axis of its own
+        if name.startswith(SENSOR) and f"{name}_time" in own:
+            groups[name] = [name]
+    taken = {name for names in groups.values() for name in names}
+    groups[SHAPE] = [name for name in dims if name not in taken]
+    return {group: _tidy(history[names]) for group, names in groups.items()}
+
+
+def _tidy(group: xr.Dataset) -> xr.Dataset:
+    """Return a group without coordinates that belong to none of its variables."""
+    used = {str(dim) for name in group.data_vars for dim in group[name].dims}
+    unused = [name for name in group.coords if not set(map(str, group[name].dims)) <= used]
+    return group.drop_vars([name for name in unused if name != INTERFACE])

@@ -1,4 +1,9 @@
-"""Pure functions of a recorded motion: periodicity, contacts at the probes, the summary.
+"""Pure functions of a recorded motion: gaps, strikes, periodicity, energy, the summary.
+
+What impacts have added to the energy of a run, and what helps.
+
+An impulse that acts through another mass matrix than that of the time integration may do work on
+the motion instead of taking from it; see docs/convergence.md.
 
 Each lamina has one reference probe, at the node `tip_node` of the dataset. Functions that need
 whole periods of the excitation use the last whole periods of the window, so that an interrupted run
@@ -11,20 +16,187 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
 from delam_fem.case.definition import Case
-from delam_fem.numerics.arrays import BoolArray, FloatArray
+from delam_fem.numerics.arrays import BoolArray, FloatArray, IntArray
 from delam_fem.numerics.harmonics import (
     distortion_factor,
     harmonic_amplitudes,
     total_harmonic_distortion,
 )
 from delam_fem.numerics.settling import LONGEST, MARGIN, REPEATS
-from delam_fem.results.gaps import between, rest_positions
 from delam_fem.results.schema import by_interface, event_interfaces
+from delam_fem.simulation.recorder import EXCHANGED, LEDGER, Recorder
 
-if TYPE_CHECKING:  # the workers of a sweep use the arrays alone
+if TYPE_CHECKING:
     import xarray as xr
+
+
+def between(gap_at_rest: FloatArray, u: FloatArray) -> FloatArray:
+    """Return the gaps g0 + u of the upper lamina - u of the lower one.
+
+    Args:
+        gap_at_rest: shape (n_interfaces, …) [m]; its further axes fit those of `u`.
+        u: displacements of the laminae from bottom to top, shape (n_interfaces + 1, …) [m].
+
+    Returns:
+        Gaps, NaN where a diverged motion is infinite, shape (n_interfaces, …) [m].
+    """
+    with np.errstate(invalid="ignore"):
+        gaps: FloatArray = gap_at_rest + u[1:] - u[:-1]
+    return gaps
+
+
+def rest_positions(history: xr.Dataset) -> FloatArray:
+    """Return the positions of the laminae at rest: the sum of the gaps below each of them.
+
+    Returns:
+        0 for the lowest lamina, shape (n_laminae, n_nodes) [m].
+    """
+    gap0 = by_interface(history["gap0"])
+    return np.vstack([np.zeros_like(gap0[:1]), np.cumsum(gap0, axis=0)])
+
+
+def gap_field(history: xr.Dataset) -> FloatArray:
+    """Return the gaps of all frames and nodes, shape (n_interfaces, n_frames, n_nodes) [m]."""
+    return between(by_interface(history["gap0"])[:, None], history["displacement"].to_numpy())
+
+
+def contact_line(history: xr.Dataset) -> FloatArray:
+    """Return the largest x at which the laminae touch in each frame.
+
+    Returns:
+        Positions, NaN where there is no contact, shape (n_interfaces, n_frames) [m].
+    """
+    x = history["x"].to_numpy()
+    touching = np.where(by_interface(history["contact_state"]) > 0, x, -np.inf)
+    farthest = touching.max(axis=-1, initial=-np.inf)
+    return np.where(np.isfinite(farthest), farthest, np.nan)
+
+
+def of_laminae(states: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return the contact states of the laminae, the larger one of a lamina with two interfaces.
+
+    Args:
+        states: of the interfaces, 0 open, 1 hit, 2 resting, shape (n_interfaces, …).
+
+    Returns:
+        States of the laminae from bottom to top, shape (n_interfaces + 1, …).
+    """
+    none = np.zeros_like(states[:1])
+    above, below = np.concatenate([states, none]), np.concatenate([none, states])
+    larger: npt.NDArray[Any] = np.maximum(above, below)
+    return larger
+
+
+STEPS_BEFORE = 2
+"""The velocities of a strike are read this number of steps before it, because waves from impacts
+nearer the clamp reach the tip in the very last step."""
+
+
+@dataclass(frozen=True)
+class Strikes:
+    """The strikes of two neighbours in the window of a run.
+
+    A contact is a group of closures at the probes less than `diagnostics.GROUP_PERIODS` apart. A
+    strike is the beginning of a contact. If a period has several, the strike is the beginning with
+    the fastest approach.
+
+    Attributes:
+        step: step of each strike within the window, shape (n,).
+        velocity: velocities of the lower and the upper probe before each strike, shape (2, n)
+            [m/s].
+    """
+
+    step: IntArray
+    velocity: FloatArray
+
+    @property
+    def mean(self) -> tuple[float, float]:
+        """Mean velocities of both probes before a strike [m/s]; NaN if there are no strikes."""
+        if not self.step.size:
+            return float("nan"), float("nan")
+        lower, upper = self.velocity.mean(axis=1)
+        return float(lower), float(upper)
+
+    @property
+    def approach(self) -> float:
+        """Mean speed of approach [m/s]; 0 if there are no strikes."""
+        lower, upper = self.mean
+        return lower - upper if self.step.size else 0.0
+
+
+def of_interface(history: xr.Dataset, steps_per_period: int, interface: int) -> Strikes:
+    """Return the strikes of the laminae `interface` and `interface` + 1, counted from 0."""
+    v = history["tip_velocity"].to_numpy()
+    closed = ProbeMotion.of(history).is_closed[interface]
+    begins = contact_begins(closed, steps_per_period)
+    begins = begins[begins >= STEPS_BEFORE]
+    rate = v[interface + 1, begins - STEPS_BEFORE] - v[interface, begins - STEPS_BEFORE]
+    period = begins // steps_per_period
+    chosen = [
+        int(begins[period == k][np.argmin(rate[period == k])]) for k in np.unique(period).tolist()
+    ]
+    steps = np.array(chosen, dtype=np.int64)
+    return Strikes(steps, v[interface : interface + 2, steps - STEPS_BEFORE])
+
+
+def contact_begins(closed: BoolArray, steps_per_period: int) -> IntArray:
+    """Return the steps at which contacts begin.
+
+    A contact that may have begun before the window is left out.
+
+    Args:
+        closed: whether the pair is closed at each step, shape (n_steps,).
+        steps_per_period: N.
+    """
+    steps = np.flatnonzero(closed)
+    apart = GROUP_PERIODS * steps_per_period
+    since = np.diff(steps, prepend=-np.inf if steps.size and steps[0] > apart else 0)
+    return np.asarray(steps[since >= apart], dtype=np.int64)
+
+
+ROUND_OFF = 1e-9
+"""Of the energy exchanged in a run: a gain below is no gain. What impacts take is no scale: with
+e = 1 that is round-off itself."""
+REMEDY = (
+    'contact.impulse = "consistent" or time.mass = "lumped": with the consistent mass, lumped '
+    "impulses can add energy"
+)
+
+
+def may_add_energy(case: Case) -> bool:
+    """Return whether impulses act through another mass matrix than the time integration has."""
+    contact = case.contact
+    is_mixed = contact.impulse == "lumped" and case.time.mass == "consistent"
+    has_jumps = contact.law in ("newton", "newton-penalty")
+    return has_jumps and is_mixed and case.time.scheme != "moreau-jean"
+
+
+def gain_of(recorder: Recorder) -> float:
+    """Return the energy that single instants of impact have added in a run [J]."""
+    return float(np.nansum(recorder.impulse[: recorder.n_closed, 2]))
+
+
+def gain_warning(case: Case, recorder: Recorder) -> str | None:
+    """Return what to say of a run whose impacts added energy; None where they did not.
+
+    Instants that gain count where impulses act through another mass matrix; the Moreau–Jean laws
+    may push pairs that part already and gain by it at an instant, and count by whole periods.
+    """
+    rows = recorder.ledger[: recorder.n_closed]
+    periods = -rows[:, LEDGER.index("impact_loss")]
+    least = ROUND_OFF * float(np.nansum(np.abs(rows[:, EXCHANGED])))
+    gain = gain_of(recorder)
+    taken = gain - float(np.nansum(periods))
+    n_gaining = int((periods > least).sum())
+    if not n_gaining and not (may_add_energy(case) and gain > least):
+        return None
+    share = f", {100.0 * gain / taken:.2g} % of what they took" if taken > least else ""
+    periods_text = f"; in {n_gaining} periods they added more than they took" if n_gaining else ""
+    remedy = REMEDY if may_add_energy(case) else "more steps per period"
+    return f"impacts added {gain:.3g} J to the motion{share}{periods_text}; try {remedy}"
 
 
 LARGEST_PERIODICITY = LONGEST

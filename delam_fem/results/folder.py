@@ -13,15 +13,15 @@ import h5netcdf
 import numpy as np
 import xarray as xr
 
-from delam_fem.case.atomic import atomic_file, write_arrays, write_text
 from delam_fem.case.definition import Case
 from delam_fem.case.files import load_case, save_case
-from delam_fem.case.toml import CaseError
 from delam_fem.simulation.checkpoint import final_in
 from delam_fem.simulation.loop import State
+from delam_fem.system.errors import CaseError
+from delam_fem.system.files import atomic_file, write_arrays, write_text
 
 if TYPE_CHECKING:
-    from delam_fem.results.fields.continuum import Frames
+    from delam_fem.results.fields.derived import Frames
     from delam_fem.results.figures.run import Plots
 
 RESULT, SUMMARY = "result.nc", "summary.json"
@@ -64,13 +64,13 @@ class Result:
     @property
     def groups(self) -> dict[str, xr.Dataset]:
         """The history in groups that have a table each; see `groups.grouped`."""
-        from delam_fem.results.groups import grouped
+        from delam_fem.results.dataset import grouped
 
         return grouped(self.history)
 
     def _repr_html_(self) -> str:
         """Return what a notebook shows."""
-        from delam_fem.results.pages.notebook import of_result
+        from delam_fem.results.pages.verdict import of_result
 
         return of_result(self.history, self.summary, self.case)
 
@@ -100,7 +100,7 @@ class Result:
     def _save_solid(self, directory: Path) -> list[Path]:
         """Write the fields of a solid, or remove those of a run of beams."""
         if self.solid is not None:
-            from delam_fem.results.fields.continuum import write_solid
+            from delam_fem.results.fields.derived import write_solid
 
             return [write_solid(self.solid, directory)]
         if not self.case.model.is_continuum:
@@ -121,7 +121,7 @@ class Result:
             CaseError: there is no such format, or nothing that it holds.
             OSError: a file cannot be written.
         """
-        from delam_fem.results.export.whole import export
+        from delam_fem.results.export import export
 
         return export(self.history, self.case, to, path)
 
@@ -181,19 +181,19 @@ def save_views(
     Raises:
         OSError: the folder cannot be written or the disk is full.
     """
-    from delam_fem.results.fields import vtk, vtx
+    from delam_fem.results.fields import pictures, vtx
     from delam_fem.results.figures.run import save_figures
     from delam_fem.results.pages.report import write_report
 
     written = save_figures(history, case, directory / "figures")
     if history.sizes.get("frame", 0):
-        written += vtk.write_fields(history, case, directory / "fields")
+        written += pictures.write_fields(history, case, directory / "fields")
         lines = vtx.write_lines(history, directory / "fields")
-        picture = vtk.render(history, case, directory / "figures" / "laminae.png")
+        picture = pictures.render(history, case, directory / "figures" / "laminae.png")
         written += [path for path in (lines, picture) if path is not None]
         written += _views_of_solid(history, case, directory)
     else:
-        vtk.remove_fields(directory / "fields")
+        pictures.remove_fields(directory / "fields")
     return [*written, write_report(history, summary, case, directory)]
 
 
@@ -204,7 +204,7 @@ def _views_of_solid(history: xr.Dataset, case: Case, directory: Path) -> list[Pa
         target.unlink(missing_ok=True)
         return []
     from delam_fem.results.fields import stressed, vtx
-    from delam_fem.results.fields.series import Series
+    from delam_fem.results.fields.vtkhdf import Series
 
     bodies = vtx.write_bodies(Series.read(path), path.parent)
     drawn = stressed.render(path, history, case, target)

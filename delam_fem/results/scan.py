@@ -1,18 +1,29 @@
-"""The motion of a row of points on one lamina, as a scanning vibrometer measures it."""
+"""The motion of a row of points as a scanning vibrometer measures it, and its complex shapes.
+
+Split a measured motion into its complex shapes at multiples of the excitation, and its noise.
+
+A field v has shape (time, point). Its shape of order k is V_k in
+
+    v(t, x) = c(x) + Σ_k Re( V_k(x) exp(2πi k f t) ) + noise                                   (D1)
+
+for k = ½, 1, 2, …; it follows by least squares. With whole periods that is the Fourier sum. Noise
+adds to each V a complex normal number; its mean square E|δV|² is measured between the harmonics.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from delam_fem.case.definition import Case
-from delam_fem.case.toml import CaseError
-from delam_fem.model import fields
-from delam_fem.model.layout import Layout, Structure
-from delam_fem.model.pairing import interpolation
+from delam_fem.model.layout import Layout, Structure, interpolation, nodal
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.simulation.recorder import Recorder
+from delam_fem.system.errors import CaseError
 
 _ROUND_OFF = 1e-9
 
@@ -93,6 +104,158 @@ def at_points(
     number = part_of(structure.layout, lamina)
     part = structure.layout.parts[number]
     cells, weights = interpolation(part, np.interp(x, part.x, np.arange(part.x.size)))
-    u, phi = (own[number] for own in fields.nodal(structure.layout, vectors, base))
+    u, phi = (own[number] for own in nodal(structure.layout, vectors, base))
     ends = np.stack([u[:, cells], phi[:, cells], u[:, cells + 1], phi[:, cells + 1]])
     return np.asarray(np.einsum("ekn,ne->kn", ends, weights))
+
+
+ComplexArray = npt.NDArray[np.complex128]
+
+ORDERS = (0.5, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
+"""Orders of the shapes: half the excitation, the excitation, its harmonics."""
+LEAST_PERIODS = 4
+"""Periods that are needed to tell noise from harmonics."""
+_BAND = (1.5, 2.5)
+"""Orders between which the noise is measured."""
+_FITS = 20
+"""Fits with new weights of the harmonics of the drive."""
+_TINY = float(np.finfo(np.float64).tiny) ** 0.25
+"""Noise of a field that has none."""
+
+
+@dataclass(frozen=True)
+class Shapes:
+    """The shapes of a motion along a row of points.
+
+    Attributes:
+        x: positions of the points, increasing, shape (n,) [m].
+        frequency: f of the excitation [Hz].
+        orders: k of each shape.
+        values: V_k in the unit of the field, complex, shape (n_orders, n).
+        noise: root mean square of |δV|, the same for all orders, of all points or of each, shape
+            () or (n,), in the same unit.
+        n_lines: frequencies between the orders from which the noise was estimated; inf: it is
+            known.
+    """
+
+    x: FloatArray
+    frequency: float
+    orders: tuple[float, ...]
+    values: ComplexArray
+    noise: float | FloatArray = 0.0
+    n_lines: float = math.inf
+
+    def order(self, k: float) -> ComplexArray:
+        """Return V_k, shape (n,).
+
+        Raises:
+            ValueError: there is no such order.
+        """
+        return np.asarray(self.values[self.orders.index(k)])
+
+    def without_drive(self, responses: Mapping[float, ComplexArray]) -> Shapes:
+        """Return these shapes without what harmonics of the drive itself make of a linear beam.
+
+        A drive that distorts adds c R_k(x) to V_k, with the linear response R_k and one unknown c.
+        It is fitted to the second differences by the smallest sum of magnitudes: a delamination
+        bends few points, which then hardly count.
+
+        Args:
+            responses: R_k, shape (n,), by order.
+        """
+        values = self.values.copy()
+        for k, response in responses.items():
+            if k not in self.orders:
+                continue
+            row = self.orders.index(k)
+            seen, own = np.diff(self.values[row], 2), np.diff(response, 2)
+            noise = np.broadcast_to(self.noise, self.x.shape)
+            least = np.hypot(np.hypot(noise[:-2], noise[2:]), 2.0 * noise[1:-1]) + _TINY
+            weights = 1.0 / least**2
+            for _ in range(_FITS):
+                c = np.sum(weights * own.conj() * seen) / np.sum(weights * np.abs(own) ** 2)
+                weights = 1.0 / (least * np.maximum(np.abs(seen - c * own), least))
+            values[row] -= c * response
+        return replace(self, values=values)
+
+    def noisy(
+        self, noise: float | FloatArray, rng: np.random.Generator, n_lines: float = math.inf
+    ) -> Shapes:
+        """Return these shapes with noise of a root mean square that is known, or estimated.
+
+        Args:
+            noise: root mean square of the noise that is added.
+            rng: random numbers.
+            n_lines: frequencies from which the sensor estimates the noise of each point.
+        """
+        parts = rng.normal(scale=noise / math.sqrt(2.0), size=(2, *self.values.shape))
+        values, known = self.values + parts[0] + 1j * parts[1], np.hypot(self.noise, noise)
+        if n_lines < math.inf:
+            known = known * np.sqrt(rng.gamma(n_lines, 1.0 / n_lines, size=self.x.size))
+        return replace(self, values=values, noise=known, n_lines=n_lines)
+
+
+def amplitudes(field: FloatArray, times: FloatArray, frequencies: Sequence[float]) -> ComplexArray:
+    """Return the complex amplitudes of a field at given frequencies, by least squares (D1).
+
+    Args:
+        field: shape (time, point).
+        times: shape (time,), in any spacing [s].
+        frequencies: above 0 and different from one another [Hz].
+
+    Returns:
+        Shape (n_frequencies, point).
+
+    Raises:
+        CaseError: a number of the field is not finite: no index would exceed a limit then.
+    """
+    if not (np.size(field) and np.isfinite(field).all()):
+        raise CaseError(
+            "shapes: expected samples that are finite numbers, given "
+            f"{np.count_nonzero(~np.isfinite(field))} others among {np.size(field)}"
+        )
+    phases = 2.0 * math.pi * np.outer(times, frequencies)
+    columns = np.concatenate([np.ones((len(times), 1)), np.cos(phases), np.sin(phases)], axis=1)
+    found = np.linalg.lstsq(columns, field, rcond=None)[0]
+    n = len(frequencies)
+    return np.asarray(found[1 : n + 1] - 1j * found[n + 1 :])
+
+
+def shapes_of(
+    field: FloatArray,
+    times: FloatArray,
+    frequency: float,
+    x: FloatArray,
+    orders: tuple[float, ...] = ORDERS,
+) -> Shapes:
+    """Return the shapes of a field and the noise on them.
+
+    The noise of each point is that at frequencies between 1.5 f and 2.5 f which belong to no order.
+
+    Args:
+        field: displacement or velocity, shape (time, point).
+        times: shape (time,) [s].
+        frequency: f of the excitation [Hz].
+        x: positions of the points, shape (point,) [m].
+        orders: of the shapes; those above half the sampling rate are left out.
+
+    Raises:
+        ValueError: the record is shorter than four periods.
+    """
+    step = float(np.median(np.diff(times)))
+    n_periods = math.floor((times[-1] - times[0] + 1.001 * step) * frequency)
+    if n_periods < LEAST_PERIODS:
+        raise ValueError(
+            f"shapes: expected a record of at least {LEAST_PERIODS} periods of {frequency:g} Hz, "
+            f"given {n_periods}"
+        )
+    kept = tuple(k for k in orders if k * frequency < 0.5 / step)
+    between = [
+        j / n_periods
+        for j in range(1, 4 * n_periods)
+        if _BAND[0] < j / n_periods < _BAND[1] and j != 2 * n_periods
+    ]
+    found = amplitudes(field, times, [k * frequency for k in (*kept, *between)])
+    values, rest = found[: len(kept)], found[len(kept) :]
+    noise = np.sqrt(np.mean(np.abs(rest) ** 2, axis=0))
+    return Shapes(x, frequency, kept, values, noise, len(between))

@@ -19,14 +19,13 @@ from typing import Any, Literal
 
 import numpy as np
 
-from delam_fem.case.atomic import read_arrays, write_arrays
 from delam_fem.case.definition import Case
 from delam_fem.case.sections import TimeStepping
-from delam_fem.case.toml import CaseError
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.simulation.impacts import Columns, Jumps
 from delam_fem.simulation.loop import Engine, Outcome, State
-from delam_fem.simulation.recorder import PeriodRecord, Recorder
+from delam_fem.simulation.recorder import Columns, Jumps, PeriodRecord, Recorder
+from delam_fem.system.errors import CaseError
+from delam_fem.system.files import read_arrays, write_arrays
 
 Progress = Literal["running"] | Outcome
 """How far a run is: still running, or how it has ended."""

@@ -25,7 +25,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from delam_fem.caches.kernels import kept, njit
+from delam_fem.system.kernels import kept, njit
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING
 from delam_fem.simulation.loop import Outcome
 
 if TYPE_CHECKING:  # sweeps use `stop_signals` in a process that must not start MPI
-    from delam_fem.mpi import MPI
     from delam_fem.simulation.checkpoint import Progress
+    from delam_fem.system.mpi import MPI
 
 CHECKPOINT_SECONDS = 30.0
 """Least time between two checkpoints [s]: little is lost in a crash, and little time is spent."""
@@ -109,7 +109,7 @@ class Watch:
         is_due = time.monotonic() - self._last > self._seconds
         wishes = 2 * is_due + self._is_stopped()
         if not self._is_alone:
-            from delam_fem.mpi import MPI
+            from delam_fem.system.mpi import MPI
 
             wishes = self._comm.allreduce(wishes, MPI.BOR)
         if wishes & 2:

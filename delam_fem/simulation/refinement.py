@@ -1,4 +1,6 @@
-"""Refine steps near contact: the sizes of steps, and the motion of the base within a step.
+"""How long a run is, and how its steps are divided near contact.
+
+Refine steps near contact: the sizes of steps, and the motion of the base within a step.
 
 A coarse step Δt is made if no gap is small. Otherwise it is divided into middle steps, and a middle
 step near contact into fine steps of Δt/r. Contact laws are asked after every step, as always.
@@ -20,8 +22,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from delam_fem.caches.kernels import kept, njit
 from delam_fem.numerics.arrays import IntArray
+from delam_fem.system.kernels import kept, njit
 
 SAFETY = 2.0
 """Safety s of F1; tests/verification/test_refinement.py shows what other values do."""
@@ -129,3 +131,26 @@ def base_within(before, after, share, time_step):  # type: ignore[no-untyped-def
     q = early * before[0] + late * after[0] + rise * before[1] + fall * after[1]
     dq = early * before[1] + late * after[1] + rise * before[2] + fall * after[2]
     return q, dq, back * before[2] + s * after[2]
+
+
+@dataclass(frozen=True)
+class Span:
+    """The length of a run, and what it records.
+
+    Attributes:
+        time_step: Δt [s].
+        steps_per_period: N; here a period is any sequence of N steps.
+        periods: number of periods to compute.
+        window_periods: number of last periods that are recorded at every step (the window).
+        frames_per_period: number of states of all dofs recorded per period of the window.
+        limit: gap or displacement beyond which a motion counts as diverged [m].
+        refinement: how steps near contact are divided.
+    """
+
+    time_step: float
+    steps_per_period: int
+    periods: int
+    window_periods: int = 1
+    frames_per_period: int = 0
+    limit: float = math.inf
+    refinement: Refinement = NOT_REFINED

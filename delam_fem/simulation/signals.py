@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from delam_fem.case.attachments import Sensor
 from delam_fem.case.definition import Case
+from delam_fem.case.sections import Sensor
 from delam_fem.contact.laws import LAWS, combination
 from delam_fem.model.layout import SensorRows, Structure
 from delam_fem.numerics.arrays import BoolArray, FloatArray, IntArray

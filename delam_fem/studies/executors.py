@@ -16,9 +16,9 @@ from logging.handlers import QueueHandler, QueueListener
 from multiprocessing.context import SpawnContext, SpawnProcess
 from typing import Any, Literal, ParamSpec, TypeVar
 
-from delam_fem.case.toml import CaseError
-from delam_fem.imports import added
 from delam_fem.simulation.interrupts import STOPPING
+from delam_fem.system.errors import CaseError
+from delam_fem.system.imports import added
 
 ExecutorName = Literal["process", "mpi", "serial"]
 
@@ -269,7 +269,7 @@ def _status(process: Any) -> int:
 
 def _mpi_executor() -> tuple[Executor, int]:
     """Return the executor on all other MPI ranks, and their number."""
-    from delam_fem.mpi import MPI
+    from delam_fem.system.mpi import MPI
 
     n_workers = MPI.COMM_WORLD.size - 1
     if n_workers < 1:

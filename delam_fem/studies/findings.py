@@ -8,7 +8,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from delam_fem.case.atomic import atomic, write_text
+from delam_fem.system.files import atomic, write_text
 
 
 def save_findings(

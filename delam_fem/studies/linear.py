@@ -10,16 +10,15 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from delam_fem.case.definition import Case
-from delam_fem.case.motion.drive import Excitation, ForceExcitation, HarmonicExcitation
+from delam_fem.case.drive import Excitation, ForceExcitation, HarmonicExcitation
 from delam_fem.model import discretise
 from delam_fem.model.beams import closed_form
-from delam_fem.model.beams.bonded import n_rigid
+from delam_fem.model.beams.network import n_rigid
 from delam_fem.model.layout import Structure
-from delam_fem.model.vibration import keeping_closed, lowest
+from delam_fem.model.linear import keeping_closed, lowest
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.numerics.cantilever import ComplexArray
-from delam_fem.simulation.initial import first_mode
-from delam_fem.simulation.loop import State
+from delam_fem.numerics.beams import ComplexArray
+from delam_fem.simulation.loop import State, first_mode
 
 FINE = 320
 """Elements of the mesh whose motion stands for the exact one of a bonded stack."""

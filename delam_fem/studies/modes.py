@@ -1,26 +1,266 @@
-"""Natural frequencies and mode shapes of all laminae beside those of the exact cantilever.
+"""Natural frequencies and shapes of laminae, and of structures with delaminations open or closed.
 
-`structure_modes.py` has the modes of a whole structure.
+Free: laminae pass through one another where they are apart. Closed: they share their deflection
+there and slide. A motion with contact lies between both: while a delamination opens and closes
+along one shape, its frequency is the bilinear one, 2 f_free f_closed / (f_free + f_closed). Modes
+of both kinds are paired by their shape, never by their number: a mode that breathes has no partner.
+
+Natural frequencies and mode shapes of all laminae beside those of the exact cantilever.
+
+`modes.py` has the modes of a whole structure.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal, get_args
 
 import numpy as np
 import scipy.sparse as sp
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from delam_fem.case.definition import Case
-from delam_fem.case.toml import CaseError
-from delam_fem.model import discretise, fields
-from delam_fem.model.layout import Structure
-from delam_fem.model.vibration import lowest
-from delam_fem.numerics.arrays import FloatArray
-from delam_fem.numerics.cantilever import cantilever_mode
+from delam_fem.model import discretise
+from delam_fem.model.beams.network import n_rigid
+from delam_fem.model.layout import Structure, nodal
+from delam_fem.model.linear import keeping_closed, lowest
+from delam_fem.numerics.arrays import FloatArray, IntArray
+from delam_fem.numerics.beams import cantilever_mode
+from delam_fem.results.figures.style import GAP_COLOUR, label_x, lamina_colours
 from delam_fem.studies.findings import save_findings
-from delam_fem.studies.structure_modes import Kind, StructureModes, structure_modes
+from delam_fem.system.errors import CaseError
+
+Kind = Literal["free", "closed"]
+
+ALIKE = 0.95
+"""Modal assurance criterion above which a free and a closed mode have one shape."""
+COLUMNS, PANEL = 2, 2.4
+"""Panels side by side in the picture, and the height of one [in]."""
+_MORE = 4
+"""Further modes of the other kind among which partners are sought."""
+
+
+@dataclass(frozen=True)
+class StructureModes:
+    """The lowest modes of a structure.
+
+    Attributes:
+        kind: "free" or "closed" delaminations.
+        names: names of the laminae.
+        frequencies: increasing, shape (n,) [Hz].
+        x: positions of the nodes, shape (n_nodes,) [m].
+        shapes: deflections, the largest of each mode is 1, shape (n, n_laminae, n_nodes) [-].
+        places: names of the delaminations.
+        spans: start and end of each delamination, shape (n_delaminations, 2) [m].
+        openings: by how much each mode opens each delamination where it opens most, in parts of the
+            largest deflection, shape (n, n_delaminations) [-].
+        partners: number from 0 of the mode of the other kind alike, or -1, shape (n,).
+        partner_frequencies: their frequencies, NaN without a partner, shape (n,) [Hz].
+    """
+
+    kind: Kind
+    names: tuple[str, ...]
+    frequencies: FloatArray
+    x: FloatArray
+    shapes: FloatArray
+    places: tuple[str, ...]
+    spans: FloatArray
+    openings: FloatArray
+    partners: IntArray
+    partner_frequencies: FloatArray
+
+    @property
+    def bilinear_frequencies(self) -> FloatArray:
+        """2 f_free f_closed / (f_free + f_closed), NaN without a partner, shape (n,) [Hz]."""
+        f, g = self.frequencies, self.partner_frequencies
+        with np.errstate(invalid="ignore"):
+            return np.asarray(2.0 * f * g / (f + g))
+
+    def rows(self) -> list[tuple[str, ...]]:
+        """Return table rows: mode, frequency, opening of each delamination, partner, bilinear."""
+        return [
+            (
+                str(k + 1),
+                f"{frequency:.6g}",
+                *(f"{opening:.3f}" for opening in self.openings[k]),
+                "–" if self.partners[k] < 0 else f"{self.partner_frequencies[k]:.6g}",
+                "–" if self.partners[k] < 0 else f"{self.bilinear_frequencies[k]:.6g}",
+            )
+            for k, frequency in enumerate(self.frequencies)
+        ]
+
+    @property
+    def heading(self) -> tuple[str, ...]:
+        """Return the heading of the table of `rows`."""
+        other = "closed" if self.kind == "free" else "free"
+        return (
+            "mode",
+            "frequency [Hz]",
+            *(f"opens {place}" for place in self.places),
+            f"{other} mode alike [Hz]",
+            "bilinear [Hz]",
+        )
+
+    def numbers(self) -> dict[str, object]:
+        """Return what modes.json has of the structure."""
+        has_partner = self.partners >= 0
+
+        def optional(values: FloatArray) -> list[float | None]:
+            pairs = zip(values.tolist(), has_partner, strict=True)
+            return [value if there else None for value, there in pairs]
+
+        other = "closed" if self.kind == "free" else "free"
+        return {
+            "delaminations": self.kind,
+            "structure_frequency_hz": self.frequencies.tolist(),
+            "structure_shape": self.shapes.tolist(),
+            "x_m": self.x.tolist(),
+            "opening": self.openings.tolist(),
+            "opening_of": list(self.places),
+            f"{other}_frequency_hz": optional(self.partner_frequencies),
+            "bilinear_frequency_hz": optional(self.bilinear_frequencies),
+        }
+
+    def save(self, directory: Path | str) -> list[Path]:
+        """Write modes.json and modes.png.
+
+        Args:
+            directory: made where it is missing.
+
+        Raises:
+            OSError: the directory cannot be written.
+        """
+        numbers: dict[str, object] = {"lamina": list(self.names)} | self.numbers()
+        return save_findings(directory, "modes", numbers, self.figure)
+
+    def figure(self) -> Figure:
+        """Draw the shape of each mode; shaded where the laminae are apart."""
+        n = len(self.frequencies)
+        rows = -(-n // COLUMNS)
+        figure = Figure(figsize=(9.0, 0.7 + PANEL * rows), layout="constrained")
+        panels = figure.subplots(rows, COLUMNS, sharex=True, sharey=True, squeeze=False).ravel()
+        for axes in panels[n:]:
+            axes.remove()
+        for k, axes in enumerate(panels[:n]):
+            self._draw(axes, k)
+        label_x(panels[:n], "x [m]")
+        handles, labels = panels[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside upper right", ncols=4, frameon=False)
+        figure.suptitle(f"Modes, delaminations {self.kind}", x=0.02, ha="left")
+        return figure
+
+    def _draw(self, axes: Axes, k: int) -> None:
+        """Draw one mode."""
+        for j, (start, end) in enumerate(self.spans):
+            axes.axvspan(start, end, color=GAP_COLOUR, label=None if j else "delaminated")
+        axes.axhline(0.0, color="0.7", linewidth=0.6)
+        styles = ("-", "--", ":", "-.")
+        for i, colour in enumerate(lamina_colours(len(self.names))):
+            axes.plot(
+                self.x, self.shapes[k, i], color=colour, linestyle=styles[i % 4],
+                linewidth=2.4 if i == 0 else 1.6, label=self.names[i],
+            )  # fmt: skip
+        text = f"{k + 1}: {self.frequencies[k]:.5g} Hz"
+        if self.kind == "free" and self.openings.shape[1]:
+            text += f", opens by {self.openings[k].max():.2g}"
+            if self.partners[k] >= 0:
+                text += f"; closed {self.partner_frequencies[k]:.5g} Hz"
+        axes.set_title(text, loc="left", fontsize=9)
+        axes.set(ylim=(-1.15, 1.15), yticks=(-1, 0, 1), xlim=(self.x[0], self.x[-1]))
+
+
+def structure_modes(
+    structure: Structure, case: Case, n: int = 6, *, kind: Kind = "free"
+) -> StructureModes:
+    """Return the lowest modes of a structure.
+
+    Args:
+        structure: the discretised case.
+        case: the case; contact, springs and gaps at rest do not matter here.
+        n: number of modes.
+        kind: "free" or "closed" delaminations.
+
+    Raises:
+        CaseError: there is no such kind, or the structure has fewer dofs.
+    """
+    if kind not in get_args(Kind):
+        raise CaseError(f"delaminations: expected free or closed, given {kind!r}")
+    o, layout = structure.operators, structure.layout
+    S = {"free": sp.identity(o.n_dofs, format="csr"), "closed": keeping_closed(structure)}
+    most = S["closed"].shape[1]
+    if not 1 <= n <= most:
+        raise CaseError(f"number of modes: expected 1 to {most}, given {n}")
+    is_floating = not case.is_apart and n_rigid(case) > 0
+    found = {}
+    for name, matrix in S.items():
+        count = n if name == kind else min(n + _MORE, matrix.shape[1])
+        K, M = (matrix.T @ m @ matrix for m in (o.stiffness, o.mass))
+        frequencies, vectors = lowest(K, M, count, is_floating=is_floating)
+        found[name] = frequencies, matrix @ vectors
+    frequencies, vectors = found[kind]
+    other_frequencies, other = found["closed" if kind == "free" else "free"]
+    partners = _partners(vectors, other, o.mass)
+    deflections = nodal(layout, vectors.T, np.zeros(n))[0].swapaxes(0, 1)
+    largest = np.abs(deflections).max(axis=(1, 2))
+    places, spans, pairs = _delaminations(case, structure)
+    gaps = np.abs(o.gap_matrix @ vectors)
+    openings = np.array([gaps[own].max(axis=0, initial=0.0) / largest for own in pairs])
+    partner_frequencies = np.where(partners < 0, np.nan, other_frequencies[partners])
+    return StructureModes(
+        kind,
+        layout.names,
+        frequencies,
+        layout.x,
+        _turned(deflections / largest[:, None, None]),
+        places,
+        spans,
+        openings.reshape(len(places), n).T,
+        partners,
+        partner_frequencies,
+    )
+
+
+def _partners(vectors: FloatArray, other: FloatArray, M: sp.csr_matrix) -> IntArray:
+    """Return for each vector the number of the one in `other` with the same shape, or -1."""
+
+    def unit(v: FloatArray) -> FloatArray:
+        return np.asarray(v / np.sqrt(np.einsum("ij,ij->j", v, M @ v)))
+
+    alike = (unit(vectors).T @ (M @ unit(other))) ** 2
+    best = alike.argmax(axis=1)
+    return np.asarray(np.where(alike.max(axis=1) > ALIKE, best, -1))
+
+
+def _turned(shapes: FloatArray) -> FloatArray:
+    """Return shapes whose largest deflection is upwards."""
+    flat = shapes.reshape(len(shapes), -1)
+    signs = np.sign(flat[np.arange(len(flat)), np.abs(flat).argmax(axis=1)])
+    return np.asarray(shapes * signs[:, None, None])
+
+
+def _delaminations(
+    case: Case, structure: Structure
+) -> tuple[tuple[str, ...], FloatArray, list[IntArray]]:
+    """Return names, spans [m] and pairs of the delaminations of a case.
+
+    Laminae that are apart without any [[delamination]] have one between all neighbours.
+    """
+    layout = structure.layout
+    found: list[tuple[str, tuple[float, float], IntArray]] = []
+    for interface in layout.interfaces:
+        lower, upper = (layout.names[part] for part in interface.parts)
+        own = [d for d in case.delamination if d.between == (lower, upper)]
+        x = layout.parts[interface.parts[0]].positions(interface.places(0))
+        rows = np.arange(interface.pairs.start, interface.pairs.stop)
+        if case.gap is not None:
+            found.append((f"{lower}-{upper}", (0.0, case.length), rows))
+        for d in own:
+            inside = (x > d.start - 1e-9 * case.length) & (x < d.end + 1e-9 * case.length)
+            found.append((f"{lower}-{upper} at {d.start:g} m", (d.start, d.end), rows[inside]))
+    spans = np.array([span for _, span, _ in found]).reshape(-1, 2)
+    return tuple(name for name, _, _ in found), spans, [rows for _, _, rows in found]
 
 
 @dataclass(frozen=True)
@@ -166,5 +406,5 @@ def _deflections(structure: Structure, number: int, vectors: FloatArray) -> Floa
     layout, n = structure.layout, vectors.shape[1]
     whole = np.zeros((n, structure.operators.n_dofs))
     whole[:, layout.own_dofs(number)] = vectors.T
-    shapes = fields.nodal(layout, whole, np.zeros(n))[0, number]
+    shapes = nodal(layout, whole, np.zeros(n))[0, number]
     return np.asarray(shapes / shapes[:, -1:])

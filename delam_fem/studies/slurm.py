@@ -14,12 +14,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from delam_fem.case.toml import CaseError
 from delam_fem.engines.cost import WORKER_BYTES, Cost
 from delam_fem.studies.sweeps.grid import Sweep
 from delam_fem.studies.sweeps.point import PointRunner
 from delam_fem.studies.sweeps.run import share_size, sweep_cost
-from delam_fem.studies.sweeps.shards import MOST_SHARDS, Shard
+from delam_fem.studies.sweeps.schedule import MOST_SHARDS, Shard
+from delam_fem.system.errors import CaseError
 
 MEASURED_SECONDS, MOST_MEASURED = 5.0, 40
 """Longest time in which points are measured [s], and their largest number."""

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from delam_fem.case.definition import Case
-from delam_fem.case.toml import CaseError
 from delam_fem.model.beams.network import network
 from delam_fem.numerics.arrays import FloatArray
+from delam_fem.system.errors import CaseError
 
 EVERY = "lamina.*."
 """Start of a key that stands for the same key of all laminae."""

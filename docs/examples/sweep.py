@@ -6,7 +6,7 @@ beside this one are such files); `sweep_of` takes the same keys as a dictionary.
 """
 
 import delam_fem as df
-from delam_fem.studies.sweeps.load import sweep_of
+from delam_fem.studies.sweeps.grid import sweep_of
 
 sweep = sweep_of(
     {

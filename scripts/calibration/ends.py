@@ -14,9 +14,9 @@ from calibration.row import OWN, Row
 
 import delam_fem as df
 from delam_fem.results.scan import surface_of
-from delam_fem.studies.detection.inference import Prior
-from delam_fem.studies.detection.locate import CONFIDENCE, mark, repeated
-from delam_fem.studies.detection.measurement import drive_responses, intact
+from delam_fem.studies.detection.detect import drive_responses, intact
+from delam_fem.studies.detection.indices import CONFIDENCE, mark, repeated
+from delam_fem.studies.detection.infer import Prior
 from delam_fem.studies.detection.population import Specimen, population
 
 NOISE_DB, REPETITIONS = 40.0, 60

@@ -20,12 +20,11 @@ import delam_fem as df
 from delam_fem.engines.session import session_of
 from delam_fem.model.beams import closed_form
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.numerics.cantilever import ComplexArray
-from delam_fem.numerics.inference import Table
-from delam_fem.studies.identification import statistics
-from delam_fem.studies.identification.contact import FINER, Experiment
-from delam_fem.studies.identification.study import mismatch
-from delam_fem.studies.sweeps.reduction import probe_motion
+from delam_fem.numerics.beams import ComplexArray
+from delam_fem.numerics.statistics import Table
+from delam_fem.studies.identification import identify
+from delam_fem.studies.identification.identify import FINER, Experiment, mismatch
+from delam_fem.studies.sweeps.quantities import probe_motion
 from delam_fem.studies.unknown import Unknown
 
 CASE = {
@@ -82,7 +81,7 @@ def rows(is_long: bool, folder: Path) -> list[Row]:
             more = {key: np.full(n, value) for key, value in keys.items()}
             motions = given.simulate(truths, folder / f"rig-{number}", also=more, executor="serial")
             rng = np.random.default_rng([7, number])
-            seen = observed(statistics.noisy(motions, given.error, rng))
+            seen = observed(identify.noisy(motions, given.error, rng))
             tables = [whole] * n
         found += judged(rig, given, tables, truths, seen)
     return found
@@ -90,7 +89,7 @@ def rows(is_long: bool, folder: Path) -> list[Row]:
 
 def observed(motions: ComplexArray) -> FloatArray:
     """Return the statistics of motions, shape (n, n_statistics)."""
-    return statistics.invariant(motions).reshape(len(motions), -1)
+    return identify.invariant(motions).reshape(len(motions), -1)
 
 
 def recorded(given: Experiment, truth: FloatArray, number: int) -> tuple[FloatArray, float]:
@@ -106,7 +105,7 @@ def recorded(given: Experiment, truth: FloatArray, number: int) -> tuple[FloatAr
             opened.run()
             tips = probe_motion(opened.recorder, structure).displacement
         tips = tips + given.noise * rng.standard_normal(tips.shape)
-        harmonics, noise = statistics.of_history(
+        harmonics, noise = identify.of_history(
             0.07 + case.time_step * np.arange(tips.shape[1]), tips, frequency
         )
         motions.append(harmonics)

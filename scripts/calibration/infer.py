@@ -18,8 +18,8 @@ import delam_fem as df
 from delam_fem.case.definition import Case
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.results.scan import surface_of
-from delam_fem.studies.detection import inference
-from delam_fem.studies.detection.measurement import drive_responses, intact
+from delam_fem.studies.detection import infer
+from delam_fem.studies.detection.detect import drive_responses, intact
 from delam_fem.studies.detection.population import Population, population
 from delam_fem.studies.unknown import drawn, of_rig
 
@@ -36,11 +36,11 @@ def rows(is_long: bool, folder: Path) -> list[Row]:
     few = {OWN: 8, "EI + 5 %": 8, SHAKER: 8}
     size, truths = (1000, {OWN: 200, MESH: 40}) if is_long else (100, few)
     case = df.preset("embedded")
-    prior = inference.Prior.of(case)
+    prior = infer.Prior.of(case)
     parameters = prior.sample(size, 7)
     table = computed(case, parameters, folder / "table", drawn(of_rig(case), case, size, 8))
     known = known_of(case, table, parameters, prior)
-    wide = np.subtract(*np.quantile(inference.edges(prior.sample(9999, 1)), [0.95, 0.05], axis=0))
+    wide = np.subtract(*np.quantile(infer.edges(prior.sample(9999, 1)), [0.95, 0.05], axis=0))
     found = []
     for number, (rig, keys) in enumerate(rigs(case, 200).items()):
         n = truths.get(rig, 80 if is_long else 0)
@@ -55,22 +55,20 @@ def rows(is_long: bool, folder: Path) -> list[Row]:
         if rig == NOISY:  # the table has the noise that the first of the scans shows
             noise, lines = LOUD_DB + rng.normal(0.0, 6.0, runs.x.size), N_LINES
             sensors = tuple(
-                inference.Sensor.of(
-                    runs.shapes(i, noise, rng, lines), float(runs.rms[i]), own.drive
-                )
+                infer.Sensor.of(runs.shapes(i, noise, rng, lines), float(runs.rms[i]), own.drive)
                 for i, own in zip((0, n), known.sensors, strict=True)
             )
-            judge = inference.knowledge(table, parameters, prior, sensors)
+            judge = infer.knowledge(table, parameters, prior, sensors)
         judged = []
         for k in whole:
             scans = tuple(runs.shapes(i, noise, rng, lines) for i in (k, n + k))
             if rig == SHAKER:
                 scans = tuple(map(shaken, scans, [own.drive for own in judge.sensors], [rng, rng]))
-            interval = inference.edge_posterior(judge.posterior(scans)).interval(LEVEL)
+            interval = infer.edge_posterior(judge.posterior(scans)).interval(LEVEL)
             judged.append((interval, judge.mismatch(scans) is not None))
         bounds, warned = np.array([b for b, _ in judged]), sum(w for _, w in judged)
-        true = inference.edges(given)[whole]
-        for j, name in enumerate(inference.NAMES):
+        true = infer.edges(given)[whole]
+        for j, name in enumerate(infer.NAMES):
             low, high = bounds[:, j].T
             width = 1e3 * np.median(high - low)
             note = f"{width:.3g} of {1e3 * wide[j]:.3g} mm; {warned} named"
@@ -105,24 +103,24 @@ def computed(
     case: Case, parameters: FloatArray, folder: Path, also: dict[str, FloatArray]
 ) -> Population:
     """Return the scans of structures at both frequencies."""
-    specimens = inference.specimens_of(parameters, "clamped")
+    specimens = infer.specimens_of(parameters, "clamped")
     both = {key: np.tile(values, 2) for key, values in also.items()}
     return population(case, specimens, folder, "serial", also=both, resume=True)
 
 
 def known_of(
-    case: Case, table: Population, parameters: FloatArray, prior: inference.Prior
-) -> inference.Knowledge:
+    case: Case, table: Population, parameters: FloatArray, prior: infer.Prior
+) -> infer.Knowledge:
     """Return what a table says with the usual noise."""
     whole, surface = intact(case), surface_of(case, None)
     sensors = tuple(
-        inference.Sensor(NOISE_DB, drive=drive_responses(whole, surface, table.x, f, (2.0,)))
-        for f in inference.FREQUENCIES
+        infer.Sensor(NOISE_DB, drive=drive_responses(whole, surface, table.x, f, (2.0,)))
+        for f in infer.FREQUENCIES
     )
-    return inference.knowledge(table, parameters, prior, sensors)
+    return infer.knowledge(table, parameters, prior, sensors)
 
 
-def shaken(scan: inference.Shapes, drive: dict, rng: np.random.Generator) -> inference.Shapes:
+def shaken(scan: infer.Shapes, drive: dict, rng: np.random.Generator) -> infer.Shapes:
     """Return a scan with what 1 % of second harmonic of the base acceleration adds to it."""
     omega = 2.0 * np.pi * scan.frequency
     base = 0.01 * 0.1 / (2.0 * omega) ** 2  # m, of 0.1 m/s2

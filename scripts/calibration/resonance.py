@@ -17,7 +17,7 @@ from calibration.row import OWN, Row
 from scipy.interpolate import CubicSpline
 from scipy.signal import cont2discrete, lfilter, ss2tf
 
-from delam_fem.case.motion.excitation import SweptMotion
+from delam_fem.case.excitation import SweptMotion
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.studies.identification.resonance import Resonance, fit
 

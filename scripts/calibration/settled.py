@@ -18,7 +18,7 @@ import delam_fem as df
 from delam_fem.engines.session import session_of
 from delam_fem.model.beams import closed_form
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.results.settling import decay_of, verdict_of
+from delam_fem.results.quality import decay_of, verdict_of
 
 FIRST, LAST = 300, 3000
 SOFT = {

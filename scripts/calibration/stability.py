@@ -21,10 +21,9 @@ from calibration.row import Row
 import delam_fem as df
 from delam_fem.case.definition import Case
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.studies.orbits.ensemble import USUAL
-from delam_fem.studies.orbits.family import FREQUENCY, CaseFamily
-from delam_fem.studies.orbits.maps import StrobeMap
-from delam_fem.studies.orbits.result import LEFT, Orbit
+from delam_fem.studies.orbits.maps import FREQUENCY, CaseFamily, StrobeMap
+from delam_fem.studies.orbits.newton import USUAL
+from delam_fem.studies.orbits.run import LEFT, Orbit
 from delam_fem.studies.orbits.search import (
     RESETTLE,
     SETTLE,

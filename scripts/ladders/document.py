@@ -15,15 +15,14 @@ from matplotlib.figure import Figure
 from delam_fem.case.files import preset
 from delam_fem.model.beams import closed_form
 from delam_fem.results.figures.style import BLACK, BLUE, GREEN, VERMILLION, WIDTH
-from delam_fem.studies.convergence.analysis import Convergence
-from delam_fem.studies.convergence.figures import (
+from delam_fem.studies.convergence.analysis import Convergence, Table
+from delam_fem.studies.convergence.report import (
     error_over_cost,
     free_over_elements,
     free_over_steps,
     limit_over_meshes,
     work_over_steps,
 )
-from delam_fem.studies.convergence.tables import Table
 
 SHOWN_PERIODS = 240
 """Number of periods in the figure of the literal scheme."""

@@ -18,10 +18,9 @@ from ladders.study import (
     RESTITUTIONS,
 )
 
-from delam_fem.studies.convergence.analysis import Convergence
+from delam_fem.studies.convergence.analysis import Convergence, Table, limit_text, number
 from delam_fem.studies.convergence.ladder import Method, PointMesh, Rung
-from delam_fem.studies.convergence.statistics import WORK, extrema
-from delam_fem.studies.convergence.tables import Table, limit_text, number
+from delam_fem.studies.convergence.rung import WORK, extrema
 
 EXTREMA = extrema(2)
 """The document is about two laminae."""

@@ -15,11 +15,9 @@ from trials import schemes as ts
 from trials import steps
 
 from delam_fem.case.definition import Case
-from delam_fem.engines.choose import law_of, scheme_of
-from delam_fem.engines.session import Session, session
+from delam_fem.engines.session import Session, law_of, motion_of, scheme_of, session, span_of
 from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.simulation.setup import motion_of, span_of
 
 RESTITUTION = 0.1
 """Coefficient of restitution."""

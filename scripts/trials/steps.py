@@ -11,8 +11,8 @@ import numba
 import numpy as np
 from trials.schemes import BOUNDED, CLOSED, END, MOREAU
 
-from delam_fem.caches.kernels import njit
 from delam_fem.contact.complementarity import solve_into
+from delam_fem.system.kernels import njit
 
 
 @njit

@@ -23,9 +23,9 @@ import numpy as np
 
 from delam_fem.case.definition import Case
 from delam_fem.case.files import load_case, preset, preset_text
-from delam_fem.case.overrides import parse_override
-from delam_fem.case.toml import CaseError
+from delam_fem.case.toml import parse_override
 from delam_fem.engines.cost import require_affordable, run_cost
+from delam_fem.system.errors import CaseError
 
 SEED = 20261121
 SECONDS = 60
@@ -161,7 +161,7 @@ harmonics = 3
 
 def a_sweep(rng: random.Random, folder: Path) -> None:
     """Read a damaged sweep file."""
-    from delam_fem.studies.sweeps.load import load_sweep
+    from delam_fem.studies.sweeps.grid import load_sweep
     from delam_fem.studies.sweeps.run import require_computable
 
     path = folder / "s.toml"
@@ -173,8 +173,8 @@ def a_sweep(rng: random.Random, folder: Path) -> None:
 
 def a_table(rng: random.Random, folder: Path) -> None:
     """Read a damaged table of a gap or of an excitation."""
+    from delam_fem.case.drive import read_series
     from delam_fem.case.gap import read_gap_table
-    from delam_fem.case.motion.series import read_series
 
     rows = [f"{0.685 * k / 9!r}, {0.012 * (k / 9) ** 2!r}" for k in range(10)]
     content = ("x [m], gap [m]\n# measured\n" + "\n".join(rows)).encode()
@@ -288,8 +288,8 @@ def a_ladder(rng: random.Random, folder: Path) -> None:
 
 def a_sweep_result(rng: random.Random, folder: Path) -> None:
     """Draw the diagram of a damaged result of a sweep, up to the picture."""
-    from delam_fem.studies.sweeps.load import sweep_of
-    from delam_fem.studies.sweeps.reading import open_result
+    from delam_fem.studies.sweeps.dataset import open_result
+    from delam_fem.studies.sweeps.grid import sweep_of
     from delam_fem.studies.sweeps.run import is_complete, run_sweep
 
     small = {"mesh.elements": 2, "time.steps_per_period": 20, "time.periods": 4}

@@ -28,7 +28,7 @@ from attack.processes import (
 )
 
 import delam_fem as df
-from delam_fem.case.claim import claimed
+from delam_fem.system.files import claimed
 
 POLITE = ("HUP", "INT", "TERM")
 """Signals that end a run after its period, with all results so far."""
@@ -232,7 +232,7 @@ def test_an_error_on_one_rank_ends_all(tmp_path: Path) -> None:
 
 
 WITHIN = """
-from delam_fem.mpi import MPI
+from delam_fem.system.mpi import MPI
 from delam_fem.engines.petsc.theta import MoreauJean
 
 computed, steps = MoreauJean.advance, []

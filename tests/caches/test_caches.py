@@ -13,12 +13,12 @@ from pathlib import Path
 import pytest
 from project import ROOT
 
-from delam_fem.caches import folders
-from delam_fem.caches.folders import DamagedError, opened, sealed
+from delam_fem.system import caches
+from delam_fem.system.caches import DamagedError, opened, sealed
 
 KERNEL = """
 import logging, sys
-from delam_fem.caches.kernels import kept
+from delam_fem.system.kernels import kept
 
 logging.basicConfig(level=logging.DEBUG if "-v" in sys.argv else logging.WARNING)
 logging.getLogger("numba").setLevel(logging.WARNING)
@@ -243,15 +243,15 @@ def test_a_temporary_folder_of_others_is_not_used(
     else:
         taken.mkdir()
         taken.chmod(0o777)
-    monkeypatch.setattr(folders.tempfile, "gettempdir", lambda: str(tmp_path))
+    monkeypatch.setattr(caches.tempfile, "gettempdir", lambda: str(tmp_path))
     monkeypatch.setenv("TMPDIR", str(tmp_path))
-    monkeypatch.setattr(folders.tempfile, "tempdir", str(tmp_path))
-    folders.temporary_folder.cache_clear()
+    monkeypatch.setattr(caches.tempfile, "tempdir", str(tmp_path))
+    caches.temporary_folder.cache_clear()
     try:
         logging.getLogger("delam_fem").setLevel(logging.ERROR)
-        found = folders.temporary_folder()
+        found = caches.temporary_folder()
     finally:
-        folders.temporary_folder.cache_clear()
+        caches.temporary_folder.cache_clear()
         logging.getLogger("delam_fem").setLevel(logging.NOTSET)
     assert found != taken and found.parent == tmp_path
     assert found.stat().st_mode & 0o077 == 0

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from delam_fem.case.claim import claimed
 from delam_fem.case.definition import Case
 from delam_fem.case.files import load_case, preset, save_case
-from delam_fem.case.toml import CaseError
+from delam_fem.system.errors import CaseError
+from delam_fem.system.files import claimed
 
 HOLDING = """
 import sys, pathlib
-from delam_fem.case.claim import claimed
+from delam_fem.system.files import claimed
 with claimed(pathlib.Path(sys.argv[1])):
     print("held", flush=True)
     sys.stdin.read()

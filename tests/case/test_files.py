@@ -14,9 +14,9 @@ from pydantic import ValidationError
 
 from delam_fem.case.definition import Case
 from delam_fem.case.files import PRESETS, load_case, preset, preset_text, save_case
-from delam_fem.case.overrides import parse_override
 from delam_fem.case.sections import Gap, Lamina
-from delam_fem.case.toml import CaseError, toml_text
+from delam_fem.case.toml import parse_override, toml_text
+from delam_fem.system.errors import CaseError
 
 ROUND_OFF = 1e-14
 """A few operations on doubles."""

@@ -10,7 +10,7 @@ import pytest
 from delam_fem.case.files import preset
 from delam_fem.case.gap import initial_gap
 from delam_fem.case.sections import Gap
-from delam_fem.case.toml import CaseError
+from delam_fem.system.errors import CaseError
 
 L = 0.685
 ROUND_OFF = 1e-13

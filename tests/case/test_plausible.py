@@ -11,7 +11,7 @@ import pytest
 
 from delam_fem.case.definition import Case
 from delam_fem.case.files import PRESETS, preset
-from delam_fem.case.keys.template import case_text
+from delam_fem.case.keys import case_text
 from delam_fem.case.plausible import tell, warnings
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from delam_fem.case.tables import in_si_units, read_columns
-from delam_fem.case.toml import CaseError
+from delam_fem.system.errors import CaseError
 
 SAME = [[0.0, 0.25, 0.5], [0.0, 0.003, 1.5e-3]]
 

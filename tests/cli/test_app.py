@@ -18,9 +18,9 @@ from typer.testing import CliRunner, Result
 import delam_fem
 from delam_fem.case.definition import Case
 from delam_fem.case.files import load_case, preset, save_case
-from delam_fem.case.toml import CaseError
 from delam_fem.cli.app import app
-from delam_fem.cli.console.progress import PlainProgress, progress
+from delam_fem.cli.progress import PlainProgress, progress
+from delam_fem.system.errors import CaseError
 
 PERIODS = 20
 

@@ -8,8 +8,8 @@ import pytest
 from typer.testing import CliRunner
 
 from delam_fem.cli.app import app
+from delam_fem.studies.convergence.analysis import NO_LIMIT
 from delam_fem.studies.convergence.run import load_results
-from delam_fem.studies.convergence.tables import NO_LIMIT
 
 
 def invoke(*arguments: str | Path) -> tuple[int, str, str]:

@@ -13,13 +13,12 @@ from rich.console import Console
 from typer.testing import CliRunner, Result
 
 from delam_fem.case.files import load_case, preset
-from delam_fem.case.toml import CaseError
+from delam_fem.cli import console as messages
 from delam_fem.cli.app import app
-from delam_fem.cli.console import messages
-from delam_fem.cli.console.progress import progress
-from delam_fem.studies.diagrams.drawing import require_drawable
-from delam_fem.studies.sweeps.grid import Sweep
-from delam_fem.studies.sweeps.load import sweep_of
+from delam_fem.cli.progress import progress
+from delam_fem.studies.diagrams.page import require_drawable
+from delam_fem.studies.sweeps.grid import Sweep, sweep_of
+from delam_fem.system.errors import CaseError
 
 SMALL = ("--set", "mesh.elements=4", "--set", "time.steps_per_period=60", "--set", "time.periods=3")
 AXIS: dict[str, object] = {"key": "excitation.frequency", "values": [3.0, 3.5]}

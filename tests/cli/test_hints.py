@@ -16,10 +16,10 @@ from typer.testing import CliRunner, Result
 
 import delam_fem as df
 from delam_fem.case.files import preset, save_case
-from delam_fem.case.overrides import apply_overrides
-from delam_fem.case.toml import CaseError
+from delam_fem.case.toml import apply_overrides
 from delam_fem.cli.app import app
-from delam_fem.cli.console.progress import progress
+from delam_fem.cli.progress import progress
+from delam_fem.system.errors import CaseError
 
 SMALL = ("--set", "mesh.elements=4", "--set", "time.steps_per_period=60", "--set", "time.periods=3")
 SWEEP = """base = "paper"

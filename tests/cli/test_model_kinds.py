@@ -13,7 +13,7 @@ import delam_fem as df
 from delam_fem.cli.app import app
 from delam_fem.model import discretise
 from delam_fem.model.discretise import KINDS
-from delam_fem.model.reduction.of_case import reduced_case
+from delam_fem.model.reduction import reduced_case
 from delam_fem.studies.linear import first_frequencies, linear_amplitudes
 
 COARSE = ("--set", "mesh.elements=3")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from delam_fem.contact.impulses import coupled_impulses, separate_impulses
+from delam_fem.contact.rules import coupled_impulses, separate_impulses
 
 
 def test_each_pair_alone_leaves_with_e_times_its_rate() -> None:

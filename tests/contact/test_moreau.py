@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from stand_ins import seen, setting
 
-from delam_fem.contact.moreau import StepImpacts
+from delam_fem.contact.rules import StepImpacts
 
 E, GAMMA = 0.25, 1e-2
 

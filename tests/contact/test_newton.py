@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from stand_ins import Seen, seen, setting
 
-from delam_fem.contact.newton import Impacts
+from delam_fem.contact.rules import Impacts
 
 E = 0.25
 GAMMA = 1e-2

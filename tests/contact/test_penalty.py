@@ -2,7 +2,7 @@
 
 from stand_ins import seen
 
-from delam_fem.contact.penalty import NoContact, PenaltySprings
+from delam_fem.contact.rules import NoContact, PenaltySprings
 
 
 def test_law_none_sees_nothing() -> None:

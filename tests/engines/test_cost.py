@@ -8,9 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from delam_fem.case.files import load_case, preset
-from delam_fem.case.toml import CaseError
 from delam_fem.engines import cost as cost_module
-from delam_fem.engines.choose import EngineName
 from delam_fem.engines.cost import (
     FILE_BYTES,
     START_SECONDS,
@@ -19,10 +17,12 @@ from delam_fem.engines.cost import (
     run_cost,
     step_hours,
 )
+from delam_fem.engines.session import EngineName
 from delam_fem.model import discretise
-from delam_fem.model.reduction.of_case import reduced_case
-from delam_fem.studies.sweeps.load import sweep_of
+from delam_fem.model.reduction import reduced_case
+from delam_fem.studies.sweeps.grid import sweep_of
 from delam_fem.studies.sweeps.run import run_sweep, sweep_cost
+from delam_fem.system.errors import CaseError
 
 FINE_SOLID = {"mesh.elements": 40, "model.strips": 2}
 

@@ -9,11 +9,11 @@ import pytest
 from scipy.sparse.linalg import spsolve
 
 import delam_fem as df
-from delam_fem.case.motion.force import HalfSine
+from delam_fem.case.excitation import HalfSine
 from delam_fem.model.beams import closed_form
-from delam_fem.model.beams.laminae import point_load
+from delam_fem.model.beams.network import point_load
 from delam_fem.pipeline import run
-from delam_fem.studies.sweeps.load import sweep_of
+from delam_fem.studies.sweeps.grid import sweep_of
 
 ENGINES = ("petsc", "compiled")
 FORCE = {

@@ -12,7 +12,7 @@ import scipy.sparse as sp
 import delam_fem as df
 from delam_fem.contact.decision import Decision, Kinematics, Setting
 from delam_fem.engines import session as session_module
-from delam_fem.engines.choose import ENGINES, EngineName
+from delam_fem.engines.session import ENGINES, EngineName
 from delam_fem.numerics.schemes import SCHEMES, Scheme
 
 STEPS = 2000

@@ -8,7 +8,7 @@ from scipy.io import loadmat
 
 import delam_fem as df
 from delam_fem.model.beams import closed_form
-from delam_fem.model.export import write_operators
+from delam_fem.results.export import write_operators
 
 
 @pytest.mark.parametrize("ending", [".npz", ".mat"])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from delam_fem.model import fields
+from delam_fem.model import layout
 from delam_fem.model.layout import BASE, FIXED, Layout, Part
 
 X = np.array([0.0, 0.1, 0.25, 0.3, 0.6])
@@ -28,7 +28,7 @@ LAYOUT = Layout((part("lower", 0, LOWER), part("upper", 8, UPPER)), ())
 
 def test_dofs_come_to_their_parts_and_points_and_the_base_to_the_clamps() -> None:
     vectors = np.stack([np.arange(16.0), 100.0 + np.arange(16.0)])
-    u, phi = fields.nodal(LAYOUT, vectors, np.array([-7.0, -8.0]))
+    u, phi = layout.nodal(LAYOUT, vectors, np.array([-7.0, -8.0]))
     assert u[0].tolist() == [[-7.0, 0.0, 2.0, 4.0, 6.0], [-8.0, 100.0, 102.0, 104.0, 106.0]]
     assert u[1, 0].tolist() == [-7.0, 8.0, 10.0, 12.0, 14.0]
     assert phi[0, 1].tolist() == [0.0, 101.0, 103.0, 105.0, 107.0]
@@ -43,7 +43,7 @@ def test_the_moment_of_a_cubic_is_exact_and_the_mean_of_both_cells_at_a_point(
     cubic = np.polynomial.Polynomial(coefficients)
     u, phi, curvature = (cubic.deriv(k)(X) if k else cubic(X) for k in range(3))
     states = np.stack([u, 2.0 * u]), np.stack([phi, 2.0 * phi])
-    found = fields.bending_moment(LAYOUT, *(np.stack([s, -s]) for s in states))
+    found = layout.bending_moment(LAYOUT, *(np.stack([s, -s]) for s in states))
     for sign, rigidity, moments in ((1.0, LOWER, found[0]), (-1.0, UPPER, found[1])):
         at_point = np.empty(X.size)
         at_point[0], at_point[-1] = rigidity[0], rigidity[-1]
@@ -59,5 +59,5 @@ def test_the_moment_of_a_kink_is_the_mean_of_what_both_cells_have() -> None:
     joint = X[2]
     u = np.where(X < joint, 1.0, 4.0) * (X - joint) ** 2
     phi = np.where(X < joint, 2.0, 8.0) * (X - joint)
-    found = fields.bending_moment(LAYOUT, np.stack([u, u])[:, None], np.stack([phi, phi])[:, None])
+    found = layout.bending_moment(LAYOUT, np.stack([u, u])[:, None], np.stack([phi, phi])[:, None])
     assert found[0, 0] == pytest.approx([4.0, 4.0, 0.5 * (2.0 * 2.0 + 5.0 * 8.0), 22.0, 4.0])

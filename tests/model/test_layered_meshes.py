@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from delam_fem.case.files import preset
-from delam_fem.case.toml import CaseError
-from delam_fem.model.beams import bending, closed_form
+from delam_fem.model.beams import closed_form, forms
+from delam_fem.system.errors import CaseError
 
 X = np.array([0.0, 0.05, 0.12, 0.15, 0.21, 0.28, 0.33, 0.4])
 
@@ -34,7 +34,7 @@ def mesh(tmp_path: Path) -> Path:
 
 
 def test_nodes_come_from_the_file(mesh: Path) -> None:
-    structure = bending.assemble(preset("embedded", {"mesh.file": str(mesh)}))
+    structure = forms.assemble(preset("embedded", {"mesh.file": str(mesh)}))
     assert structure.layout.x.tolist() == X.tolist()
     assert structure.layout.interfaces[0].points[:, 0].tolist() == [3, 4]
     same = closed_form.assemble(preset("embedded", {"mesh.file": str(mesh)}), X)
@@ -45,4 +45,4 @@ def test_nodes_come_from_the_file(mesh: Path) -> None:
 def test_an_edge_between_nodes_is_told(mesh: Path) -> None:
     case = preset("embedded", {"mesh.file": str(mesh), "delamination.0.end": 0.3})
     with pytest.raises(CaseError, match=r"expected a node at the edge x = 0.3 m of a delamination"):
-        bending.assemble(case)
+        forms.assemble(case)

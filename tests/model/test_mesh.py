@@ -11,8 +11,8 @@ from project import ROOT
 
 from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
-from delam_fem.case.toml import CaseError
 from delam_fem.model.mesh import node_coordinates
+from delam_fem.system.errors import CaseError
 
 LENGTH = 0.685
 

@@ -5,8 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from delam_fem.model.layout import BASE, FIXED, Interface, Part
-from delam_fem.model.pairing import gap_matrix, opposite, selection, tributary_lengths
+from delam_fem.model.layout import (
+    BASE,
+    FIXED,
+    Interface,
+    Part,
+    gap_matrix,
+    opposite,
+    selection,
+    tributary_lengths,
+)
 
 X = np.array([0.0, 0.1, 0.3, 0.4])
 

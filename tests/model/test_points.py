@@ -10,11 +10,22 @@ from scipy.interpolate import CubicHermiteSpline
 
 from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
-from delam_fem.case.toml import CaseError
-from delam_fem.model import fields
-from delam_fem.model.beams import bending, closed_form
-from delam_fem.model.layout import BASE, DISPLACEMENT, FIXED, SLOPE, Interface, Part
-from delam_fem.model.pairing import gap_matrix, interpolation_rows, opposite, tributary_lengths
+from delam_fem.model.beams import closed_form, forms
+from delam_fem.model.layout import (
+    BASE,
+    DISPLACEMENT,
+    FIXED,
+    SLOPE,
+    Interface,
+    Part,
+    at_stations,
+    bending_moment,
+    gap_matrix,
+    interpolation_rows,
+    opposite,
+    tributary_lengths,
+)
+from delam_fem.system.errors import CaseError
 
 X = np.array([0.0, 0.1, 0.3, 0.4])
 CUBIC = np.polynomial.Polynomial([0.2, -1.0, 3.0, 7.0])
@@ -89,7 +100,7 @@ def test_a_pair_lies_within_its_cell(wrong: float) -> None:
 @pytest.mark.parametrize("p", [1, 3, 4])
 def test_both_discretisations_have_the_same_pairs(p: int) -> None:
     case = case_of(p, 5)
-    given, expected = (module.assemble(case).operators for module in (bending, closed_form))
+    given, expected = (module.assemble(case).operators for module in (forms, closed_form))
     assert given.n_pairs == 5 * p
     assert abs(given.gap_matrix - expected.gap_matrix).max() == 0.0
     np.testing.assert_array_equal(given.gap0, expected.gap0)
@@ -134,11 +145,11 @@ def test_fields_are_given_at_nodes_and_points() -> None:
     x, L = layout.parts[0].x, layout.parts[0].x[-1]
     u, phi = (np.stack([f, f])[:, None] for f in (x**3, 3.0 * x**2))
     everywhere = np.linspace(0.0, L, 5)
-    shown, slope = fields.at_stations(layout, u, phi)
+    shown, slope = at_stations(layout, u, phi)
     assert shown[1, 0] == pytest.approx(everywhere**3)
     assert slope[0, 0] == pytest.approx(3.0 * everywhere**2)
     EI = layout.parts[0].flexural_rigidity[0]
-    moment = fields.bending_moment(layout, u, phi)
+    moment = bending_moment(layout, u, phi)
     assert moment[0, 0] == pytest.approx(6.0 * EI * everywhere)
 
 

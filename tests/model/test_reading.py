@@ -5,12 +5,11 @@ import pytest
 import scipy.sparse as sp
 
 from delam_fem.case.files import preset
-from delam_fem.model import fields
 from delam_fem.model.beams import closed_form
-from delam_fem.model.layout import BASE, Layout, Reading, Structure
+from delam_fem.model.layout import BASE, Layout, Reading, Structure, nodal
+from delam_fem.model.linear import keeping_closed, kept_closed
 from delam_fem.model.sensors import with_sensors
-from delam_fem.model.vibration import keeping_closed, kept_closed
-from delam_fem.simulation.initial import first_mode
+from delam_fem.simulation.loop import first_mode
 
 CASE = preset("default", {"mesh.elements": 6}).with_overrides({"contact.points_per_element": 2})
 
@@ -52,8 +51,8 @@ def test_fields_and_modes_are_those_of_the_readings() -> None:
     y = np.random.default_rng(1).normal(size=(3, Q.shape[0]))
     base = np.array([0.5, -1.0, 2.0])
     np.testing.assert_allclose(
-        fields.nodal(other.layout, y, base),
-        fields.nodal(beams.layout, y @ Q.T, base),
+        nodal(other.layout, y, base),
+        nodal(beams.layout, y @ Q.T, base),
         atol=1e-12,
     )
     for part in (0, 1):

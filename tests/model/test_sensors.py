@@ -7,9 +7,9 @@ import pytest
 from scipy.sparse.linalg import splu
 
 from delam_fem.case.files import preset
-from delam_fem.case.toml import CaseError
 from delam_fem.model.beams import closed_form
 from delam_fem.model.layout import Structure
+from delam_fem.system.errors import CaseError
 
 AT = {"lamina": "thin", "position": 0.3}
 STRAIN = {"name": "e", "quantity": "strain"}
@@ -74,7 +74,7 @@ def test_acceleration_is_that_of_the_equation_of_motion() -> None:
     rest = o.stiffness @ u + o.damping @ v - o.gap_matrix.T @ p
     rest += o.base.mass * ddq + o.base.damping * dq + o.base.stiffness * q
     a = splu(o.mass.tocsc()).solve(-rest)
-    from delam_fem.model.pairing import interpolation_rows, place_of
+    from delam_fem.model.layout import interpolation_rows, place_of
 
     part = structure.layout.parts[1]
     row = interpolation_rows(part, np.array([place_of(part, 0.3)]), o.n_dofs)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from delam_fem.case.toml import CaseError
+from delam_fem.model.linear import largest_stable_time_step, require_stable
 from delam_fem.model.operators import BaseCoupling, Operators
-from delam_fem.model.stability import largest_stable_time_step, require_stable
+from delam_fem.system.errors import CaseError
 
 
 def chain(n: int = 4) -> Operators:

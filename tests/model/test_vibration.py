@@ -6,8 +6,8 @@ import scipy.sparse as sp
 
 import delam_fem as df
 from delam_fem.model.beams import closed_form
+from delam_fem.model.linear import slowest_decay
 from delam_fem.model.operators import BaseCoupling, Operators
-from delam_fem.model.vibration import slowest_decay
 
 DISCRETE = 1e-3
 """Ten cubic elements: the lowest frequencies are within 1e-4 of the exact ones."""

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from delam_fem.numerics.cantilever import (
+from delam_fem.numerics.beams import (
     cantilever_mode,
     cantilever_roots,
     frequency_rise,

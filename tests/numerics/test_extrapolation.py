@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from delam_fem.numerics.extrapolation import limit, observed_orders, orders_of_errors
+from delam_fem.numerics.statistics import limit, observed_orders, orders_of_errors
 
 SIZES = 1.0 / np.array([10.0, 20.0, 40.0, 80.0, 160.0])
 UNEVEN = 1.0 / np.array([1000.0, 4000.0, 16000.0, 64000.0, 128000.0])

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from delam_fem.numerics.inference import Table
+from delam_fem.numerics.statistics import Table
 
 NOISE = 0.05
 BOX = np.array([[-1.0, 1.0], [-1.0, 1.0]])

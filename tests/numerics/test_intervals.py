@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from delam_fem.numerics.intervals import BLOCKS, block_means, interval
+from delam_fem.numerics.statistics import BLOCKS, block_means, interval
 
 RIGHT = (0.90, 0.99)
 """Share of 95 % intervals that contain the mean: 400 trials scatter by 1.1 %, and blocks of 40 of a

@@ -6,8 +6,8 @@ from scipy.integrate import trapezoid
 from scipy.optimize import brentq
 from scipy.special import gamma
 
-from delam_fem.numerics import struck_beam
-from delam_fem.numerics.struck_beam import StruckBeam
+from delam_fem.numerics import beams
+from delam_fem.numerics.beams import StruckBeam
 
 QUADRATURE = 1e-4
 """Of a Laplace integral by the trapezoidal rule over 1e4 points."""
@@ -20,26 +20,26 @@ STRIP = StruckBeam(flexural_rigidity=18.9, mass_per_length=0.942, thickness=0.00
 @pytest.mark.parametrize("s", [0.5, 1.0, 3.0])
 def test_unit_force_has_its_transform(s: float) -> None:
     t = np.linspace(0.0, 40.0 / s, 10_001)
-    integral = trapezoid(np.exp(-s * t) * struck_beam.unit_force(t), t)
+    integral = trapezoid(np.exp(-s * t) * beams.unit_force(t), t)
     assert integral == pytest.approx(1.0 / (s**2 + np.sqrt(s)), rel=QUADRATURE)
 
 
 def test_unit_force_begins_as_a_spring_and_ends_as_a_beam() -> None:
     early, late = np.array([1e-3]), np.array([300.0])
-    assert struck_beam.unit_force(early) == pytest.approx(early, rel=1e-3)
-    assert struck_beam.unit_force(late) == pytest.approx(1.0 / np.sqrt(np.pi * late), rel=1e-3)
+    assert beams.unit_force(early) == pytest.approx(early, rel=1e-3)
+    assert beams.unit_force(late) == pytest.approx(1.0 / np.sqrt(np.pi * late), rel=1e-3)
 
 
 def test_peak_ends_in_a_minimum_above_zero() -> None:
-    end = struck_beam.peak_end()
-    before, at, after = struck_beam.unit_force([0.99 * end, end, 1.01 * end])
+    end = beams.peak_end()
+    before, at, after = beams.unit_force([0.99 * end, end, 1.01 * end])
     assert 0.0 < at < min(before, after)
 
 
 def test_stiffness_and_duration_belong_together() -> None:
     beam = STRIP
     stiffness = beam.stiffness_for(30e-6)
-    assert beam.contact_time(stiffness) * struck_beam.peak_end() == pytest.approx(30e-6)
+    assert beam.contact_time(stiffness) * beams.peak_end() == pytest.approx(30e-6)
     assert beam.contact_time(8.0 * stiffness) == pytest.approx(beam.contact_time(stiffness) / 4.0)
 
 
@@ -140,7 +140,7 @@ def test_force_of_a_spring_is_scaled_by_its_own_time() -> None:
     beam, k = STRIP, 3e7
     tau = beam.contact_time(k)
     t = np.array([0.3, 1.0, 4.0]) * tau
-    expected = k * 2.0 * tau * struck_beam.unit_force([0.3, 1.0, 4.0])
+    expected = k * 2.0 * tau * beams.unit_force([0.3, 1.0, 4.0])
     assert beam.spring_force(t, 2.0, k) == pytest.approx(expected, rel=1e-12)
 
 
@@ -149,4 +149,4 @@ def test_unit_force_by_its_series() -> None:
     t = np.array([0.01, 0.1, 0.7, 2.0, 5.0])
     j = np.arange(60)
     terms = (-1.0) ** j * t[:, None] ** (1.0 + 1.5 * j) / gamma(2.0 + 1.5 * j)
-    assert struck_beam.unit_force(t) == pytest.approx(terms.sum(axis=1), abs=CUT)
+    assert beams.unit_force(t) == pytest.approx(terms.sum(axis=1), abs=CUT)

@@ -11,12 +11,11 @@ import numpy as np
 import pytest
 from project import ROOT
 
-from delam_fem.paper.claims import Claim, Criterion, Verdict, judged, yes
+from delam_fem.paper.claims import NOT_IN_JSON, Claim, Criterion, Numbers, Verdict, judged, yes
 from delam_fem.paper.figures import linear, plane, response, spectra
 from delam_fem.paper.figures.impact_portraits import NARROW, WIDE
 from delam_fem.paper.lab import Laboratory, Plan, motion_case
-from delam_fem.paper.piece import NOT_IN_JSON, Numbers
-from delam_fem.paper.plane_measures import KINDS, Decade, Plane
+from delam_fem.paper.measures import KINDS, Decade, Plane
 from delam_fem.paper.reproduce import FIGURES
 from delam_fem.studies.executors import Serial
 

@@ -11,16 +11,18 @@ import xarray as xr
 from reference_motions import HEADINGS, row
 
 from delam_fem.case.files import preset
-from delam_fem.paper.lab import Laboratory, Plan, motion_case
-from delam_fem.paper.motions import (
+from delam_fem.paper.lab import (
     FREQUENCIES,
     MOTIONS,
     RESONANT,
+    Laboratory,
+    Plan,
     is_as_described,
+    motion_case,
     strikes,
 )
+from delam_fem.results.diagnostics import contact_begins
 from delam_fem.results.folder import Result
-from delam_fem.results.strikes import contact_begins
 from delam_fem.studies.executors import Serial
 
 PLAN = Plan()

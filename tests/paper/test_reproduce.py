@@ -13,16 +13,24 @@ import pytest
 from PIL import Image
 from typer.testing import CliRunner
 
-from delam_fem.case.toml import CaseError
 from delam_fem.cli.app import app
-from delam_fem.paper import page as page_module
-from delam_fem.paper import plane_measures, reproduce, swept_sine
+from delam_fem.paper import measures, reproduce
+from delam_fem.paper import reproduce as page_module
 from delam_fem.paper.claims import HEADING, IN_SHORT, Claim, markdown_table
 from delam_fem.paper.figures import chart, response, spectra, system
 from delam_fem.paper.figures import strikes as strike_figure
-from delam_fem.paper.lab import Laboratory, Plan, laboratory, motion_case
+from delam_fem.paper.lab import (
+    BAND,
+    Laboratory,
+    Plan,
+    laboratory,
+    motion_case,
+    peak_frequency,
+    swept_case,
+    swept_envelope,
+)
 from delam_fem.paper.measures import rough_part, settling, tip_positions
-from delam_fem.paper.page import (
+from delam_fem.paper.reproduce import (
     HEADLINES,
     README_MARKS,
     between,
@@ -33,6 +41,7 @@ from delam_fem.paper.page import (
     write_page,
 )
 from delam_fem.studies.executors import Serial
+from delam_fem.system.errors import CaseError
 
 PLAN = Plan(
     plane_points=2, plane_periods=200, response_periods=40, thresholds=2, has_long_ladders=False
@@ -58,12 +67,12 @@ def test_natural_frequencies_and_mass_ratio(lab: Laboratory) -> None:
 
 
 def test_thirty_minute_sweep_peaks_where_the_paper_reads_its_frequency(lab: Laboratory) -> None:
-    case = swept_sine.swept_case("linear", swept_sine.BAND, "none", 250)
+    case = swept_case("linear", BAND, "none", 250)
     (result,) = lab.motions([case])
-    thick, thin = (swept_sine.peak_frequency(result, i) for i in range(2))
+    thick, thin = (peak_frequency(result, i) for i in range(2))
     assert 1.455 <= thin <= 1.465
     assert THICK_HZ < thick < THICK_HZ + 0.03
-    f, amplitude = swept_sine.swept_envelope(result)
+    f, amplitude = swept_envelope(result)
     exact = motion_case(3.25, PLAN).linear_amplitude(0, f)
     far = (f > 1.0) & (f < 2.5)
     assert amplitude[0, far] == pytest.approx(exact[far], rel=0.05)  # a cycle lasts 3 mHz
@@ -149,13 +158,13 @@ def test_planes_are_computed_and_drawn(lab: Laboratory, tmp_path: Path) -> None:
 
 def test_scatter_of_a_doubled_motion_is_that_of_its_two_points() -> None:
     strobes = np.tile([1.0, -1.0], (2, 50))
-    assert plane_measures.one_period_scatter(strobes, np.array([2.0, 4.0])) == pytest.approx(1.0)
+    assert measures.one_period_scatter(strobes, np.array([2.0, 4.0])) == pytest.approx(1.0)
 
 
 def test_main_effects_share_the_variance() -> None:
     e, k = np.meshgrid(np.linspace(0, 1, 5), np.linspace(0, 1, 5), indexing="ij")
     values = np.stack([3.0 * e + k, k], axis=-1)
-    by_e, by_k = (plane_measures.main_effect(values, axis) for axis in (0, 1))
+    by_e, by_k = (measures.main_effect(values, axis) for axis in (0, 1))
     assert by_e == pytest.approx([0.9, 0.0]) and by_k == pytest.approx([0.1, 1.0])
 
 
@@ -164,7 +173,7 @@ def test_best_decade_has_the_most_one_periodic_points() -> None:
     kind = np.array([[1, 1], [1, 1], [0, 1], [0, 0], [0, 1], [0, 0], [1, 1]])
     amplitude = np.ones((7, 2, 2))
     amplitude[3, 0] = 3.0, 1.0
-    best = plane_measures.best_decade(damping, kind, amplitude)
+    best = measures.best_decade(damping, kind, amplitude)
     assert best.begin == pytest.approx(damping[3])  # 5 of 6, as many as nowhere else
     assert best.one_periodic == pytest.approx(5.0 / 6.0)
     chosen = [3.0, 1.0, 1.0, 1.0, 1.0, 1.0]

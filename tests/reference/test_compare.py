@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 
 from delam_fem.case.files import preset
-from delam_fem.case.toml import CaseError
 from delam_fem.model.beams.closed_form import assemble
 from delam_fem.model.operators import Operators
 from delam_fem.reference import matrices
-from delam_fem.reference.compare import Comparison, compare, operator_differences
-from delam_fem.reference.motions import Motions
+from delam_fem.reference.compare import Comparison, Motions, compare, operator_differences
+from delam_fem.system.errors import CaseError
 
 CHANGE = 1e-6
 SAME_MATRICES, SAME_MOTION = 1e-13, 1e-11

@@ -143,12 +143,12 @@ def test_closed_form_is_the_same(x: np.ndarray, tmp_path: Path) -> None:
 @pytest.mark.parametrize("mesh", [{"mesh.elements": 7}, {"mesh.file": "graded"}])
 def test_dolfinx_is_the_same(mesh: dict[str, object], tmp_path: Path) -> None:
     pytest.importorskip("dolfinx")
-    from delam_fem.model.beams import bending
+    from delam_fem.model.beams import forms
 
     if "mesh.file" in mesh:
         mesh = {"mesh.file": str(Path(__file__).parents[2] / "meshes" / "laminae_graded.msh")}
     for case in cases(tmp_path):
-        model = bending.assemble(case.with_overrides(mesh))
+        model = forms.assemble(case.with_overrides(mesh))
         found = operator_differences(model.operators, matrices.assemble(case, model.layout.x))
         assert max(found.values()) < ROUND_OFF, found
 

@@ -12,7 +12,7 @@ from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
 from delam_fem.model.beams import closed_form
 from delam_fem.pipeline import run
-from delam_fem.results.energy_gain import ROUND_OFF, gain_warning, may_add_energy
+from delam_fem.results.diagnostics import ROUND_OFF, gain_warning, may_add_energy
 from delam_fem.results.folder import Result
 from delam_fem.simulation.recorder import LEDGER
 

@@ -6,11 +6,11 @@ import pytest
 import delam_fem as df
 from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
-from delam_fem.case.toml import CaseError
 from delam_fem.model.beams import closed_form
 from delam_fem.results import quality
 from delam_fem.results.quality import is_lost, quality_warnings
 from delam_fem.simulation.recorder import Recorder
+from delam_fem.system.errors import CaseError
 
 SHORT = {
     "mesh.elements": 3,

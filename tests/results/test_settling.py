@@ -14,11 +14,10 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import delam_fem as df
-from delam_fem.engines.choose import EngineName
-from delam_fem.engines.session import session_of
+from delam_fem.engines.session import EngineName, session_of
 from delam_fem.model.beams import closed_form
 from delam_fem.numerics.settling import TOLERANCE, Settling
-from delam_fem.results import settling
+from delam_fem.results import quality
 from delam_fem.results.diagnostics import periodicity
 
 SMALL = {
@@ -44,13 +43,13 @@ def case_of(**keys: object) -> df.Case:
 def judged(case: df.Case) -> tuple[Settling, int | None]:
     """Run a case without a dataset; return the verdict, and the period that strobes alone show."""
     structure = closed_form.assemble(case)
-    decay = settling.decay_of(case, structure) * case.period
+    decay = quality.decay_of(case, structure) * case.period
     with session_of(case, structure.operators, engine="compiled") as opened:
         assert opened.run() == "completed"
         recorder = opened.recorder
         half_range = np.ptp(recorder.envelope[-4:], axis=(0, 1)) / 2.0
         seen = periodicity(recorder.strobe[:, 0, :2].T, half_range[:2])[0]
-        return settling.verdict_of(recorder, 2, decay), seen
+        return quality.verdict_of(recorder, 2, decay), seen
 
 
 def test_a_beat_that_looks_like_period_three_is_not_settled() -> None:
@@ -100,7 +99,7 @@ def test_contact_is_noticed_whatever_the_law(law: str) -> None:
     structure = closed_form.assemble(case)
     with session_of(case, structure.operators) as opened:
         opened.run()
-        assert settling.touches(opened.recorder)[1:].all()
+        assert quality.touches(opened.recorder)[1:].all()
 
 
 @pytest.mark.parametrize("engine", ["compiled", "petsc"])
@@ -108,14 +107,14 @@ def test_a_run_ends_when_it_has_settled(engine: EngineName) -> None:
     case = case_of(time__periods="settled", excitation__frequency=1.25)
     result = df.run(case, engine)
     k = result.summary["periods"]
-    assert settling.AGREEING * settling.EVERY <= k < 300 and k % settling.EVERY == 0
+    assert quality.AGREEING * quality.EVERY <= k < 300 and k % quality.EVERY == 0
     assert result.history.sizes["period"] == k
     assert (result.summary["settled"], result.summary["outcome"]) == ("settled", "completed")
     counted = df.run(case.with_overrides({"time.periods": k}), engine)
     for name in EVERYTHING:
         assert np.array_equal(result.history[name], counted.history[name]), name
-    before = df.run(case.with_overrides({"time.periods": k - settling.EVERY}), engine)
-    earlier = df.run(case.with_overrides({"time.periods": k - 2 * settling.EVERY}), engine)
+    before = df.run(case.with_overrides({"time.periods": k - quality.EVERY}), engine)
+    earlier = df.run(case.with_overrides({"time.periods": k - 2 * quality.EVERY}), engine)
     assert "not settled" in (before.summary["settled"], earlier.summary["settled"])
 
 
@@ -253,9 +252,9 @@ def test_an_irregular_motion_has_intervals(irregular: df.Result) -> None:
 
 
 def test_the_page_shows_intervals_in_place_of_single_numbers(irregular: df.Result) -> None:
-    from delam_fem.results.pages import numbers
+    from delam_fem.results.pages import verdict
 
-    rows = {name: (text, why) for name, text, why in numbers.rows(irregular.summary, ["a", "b"])}
+    rows = {name: (text, why) for name, text, why in verdict.rows(irregular.summary, ["a", "b"])}
     text, why = rows["tip min"]
     assert text.count("±") == 2 and text.endswith("mm") and text.startswith("a −")
     assert why.startswith("mean and 95 % interval, 10 windows in 100 periods: ")

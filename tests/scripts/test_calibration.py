@@ -15,8 +15,8 @@ from calibration.row import OWN, Row
 from project import ROOT, script
 
 import delam_fem as df
-from delam_fem.studies.detection.measurement import Scan, intact, simulated
-from delam_fem.studies.detection.shapes import shapes_of
+from delam_fem.results.scan import shapes_of
+from delam_fem.studies.detection.detect import Scan, intact, simulated
 
 page = script("calibrate")
 PUBLISHED = json.loads((ROOT / "docs" / "calibration.json").read_text("utf-8"))

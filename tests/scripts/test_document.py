@@ -13,11 +13,9 @@ from ladders.study import ladders
 from matplotlib.figure import Figure
 from project import ROOT, script
 
-from delam_fem.studies.convergence.analysis import Convergence, exact_free_motion
+from delam_fem.studies.convergence.analysis import Convergence, Table, exact_free_motion
 from delam_fem.studies.convergence.ladder import FREE, Ladder, Rung
-from delam_fem.studies.convergence.rung import RungResult
-from delam_fem.studies.convergence.statistics import extrema
-from delam_fem.studies.convergence.tables import Table
+from delam_fem.studies.convergence.rung import RungResult, extrema
 
 LIMITS = dict(zip((q.name for q in extrema(2)), (-0.020, 0.015, 0.002, 0.032), strict=True))
 

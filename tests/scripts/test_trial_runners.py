@@ -17,8 +17,8 @@ from trials.runners import (
     runners,
 )
 
+from delam_fem.engines.session import motion_of
 from delam_fem.model.beams import closed_form
-from delam_fem.simulation.setup import motion_of
 
 SAME = 1e-9  # m: round-off of the first periods, which impacts raise to 1e-11
 

@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 import delam_fem as df
-from delam_fem.case.atomic import read_arrays, write_arrays
-from delam_fem.case.claim import claimed
 from delam_fem.simulation import checkpoint
+from delam_fem.system.files import claimed, read_arrays, write_arrays
 
 KEYS = {
     "mesh.elements": 3, "time.steps_per_period": 20, "time.periods": 4,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from delam_fem.case.motion.excitation import SweptMotion
+from delam_fem.case.excitation import SweptMotion
 from delam_fem.simulation.energy import Energies, add_rows, base_flows, write_ledger
 
 N, STEPS, DT = 3, 37, 0.01

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from delam_fem.contact.decision import Decision
-from delam_fem.simulation.impacts import Columns, Jumps
+from delam_fem.simulation.recorder import Columns, Jumps
 
 
 def decision(*pairs: int) -> Decision:

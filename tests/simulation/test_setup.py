@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from delam_fem.case.excitation import HarmonicMotion, SweptMotion
 from delam_fem.case.files import preset
-from delam_fem.case.motion.excitation import HarmonicMotion, SweptMotion
-from delam_fem.simulation.setup import at_rest, by_period, span_of
-from delam_fem.simulation.span import Span
+from delam_fem.engines.session import at_rest, by_period, span_of
+from delam_fem.simulation.refinement import Span
 
 SPAN = Span(time_step=0.01, steps_per_period=50, periods=7)
 

@@ -109,7 +109,7 @@ def test_sampling_and_noise(springs: Any) -> None:
 
 
 def test_groups_have_tables(springs: Any) -> None:
-    from delam_fem.results.groups import grouped
+    from delam_fem.results.dataset import grouped
 
     groups = grouped(springs.history)
     assert "sensor_d" in groups["history"] and list(groups["sensor_slow"]) == ["sensor_slow"]

@@ -15,8 +15,8 @@ from types import ModuleType
 import pytest
 from project import ROOT
 
-from delam_fem.case.toml import CaseError
 from delam_fem.studies import executors
+from delam_fem.system.errors import CaseError
 
 RANKS = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MPI_LOCALNRANKS")
 
@@ -74,7 +74,7 @@ def test_a_serial_pool_is_one_worker_and_is_not_renewed() -> None:
 
 SCRIPT = """
 import delam_fem as df
-from delam_fem.studies.sweeps.load import sweep_of
+from delam_fem.studies.sweeps.grid import sweep_of
 
 small = {"mesh.elements": 1, "time.periods": 4, "output.fields_per_period": 0}
 axis = {"key": "excitation.frequency", "values": [3.0, 3.5, 4.0]}

@@ -8,12 +8,12 @@ import pytest
 
 from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
-from delam_fem.case.toml import CaseError
-from delam_fem.model import vibration
+from delam_fem.model import linear
 from delam_fem.model.beams.closed_form import assemble
 from delam_fem.model.layout import Structure
-from delam_fem.numerics.cantilever import cantilever_mode
+from delam_fem.numerics.beams import cantilever_mode
 from delam_fem.studies.modes import Modes, modes, modes_of
+from delam_fem.system.errors import CaseError
 
 FIRST = 1e-5  # relative, of f1 at 20 elements; the elements' own error is 5e-8
 SHAPE = 1e-4  # of the tip; nodal values of cubic elements converge at order 4, B h = 0.55 here
@@ -48,7 +48,7 @@ def test_iterative_solver_finds_the_same(
     paper: Case, model: Structure, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     dense = modes_of(model, paper, 6)
-    monkeypatch.setattr(vibration, "DENSE_DOFS", 0)
+    monkeypatch.setattr(linear, "DENSE_DOFS", 0)
     iterative = modes_of(model, paper, 6)
     np.testing.assert_allclose(iterative.frequencies, dense.frequencies, rtol=1e-8)
     np.testing.assert_allclose(iterative.shapes, dense.shapes, atol=1e-6)

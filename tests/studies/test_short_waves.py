@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from delam_fem import preset
-from delam_fem.studies.convergence.ladder import Ladder, method
+from delam_fem.studies.convergence.ladder import Ladder, method, refinement_warnings, short_waves
 from delam_fem.studies.convergence.run import run_ladder
-from delam_fem.studies.short_waves import refinement_warnings, short_waves
 
 
 @pytest.mark.parametrize(

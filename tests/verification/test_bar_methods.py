@@ -20,10 +20,10 @@ from test_bar_impact import UNIT_BAR
 
 from delam_fem.model import _dolfinx
 from delam_fem.model.operators import BaseCoupling, Operators
-from delam_fem.model.solids.elasticity import Solid
+from delam_fem.model.solids.forms import Solid
 from delam_fem.model.solids.mesh import SolidMesh
-from delam_fem.mpi import MPI
 from delam_fem.numerics.arrays import FloatArray
+from delam_fem.system.mpi import MPI
 
 COURANT = 0.1
 """Time step in crossings of an element."""

@@ -13,9 +13,9 @@ from scipy.optimize import brentq
 from test_impact_oscillator import forcing, impact_phase, orbit
 
 from delam_fem.engines.session import session
-from delam_fem.simulation.span import Span
-from delam_fem.studies.lyapunov import Exponent, largest_exponent, mean_growth
-from delam_fem.studies.sweeps.load import sweep_of
+from delam_fem.simulation.refinement import Span
+from delam_fem.studies.sweeps.grid import sweep_of
+from delam_fem.studies.sweeps.point import Exponent, largest_exponent, mean_growth
 from delam_fem.studies.sweeps.run import run_sweep
 
 LINEAR = 2e-3

@@ -9,13 +9,13 @@ import pytest
 from embedded_judge import moreau_jean
 
 import delam_fem as df
-from delam_fem.case.motion.excitation import base_motion
+from delam_fem.case.excitation import base_motion
+from delam_fem.engines.session import Solution
 from delam_fem.model.beams import closed_form
 from delam_fem.model.mesh import node_coordinates
 from delam_fem.model.operators import Operators
 from delam_fem.reference import stack as judge
 from delam_fem.simulation.refinement import Refinement
-from delam_fem.simulation.solution import Solution
 
 F = 63.7
 COARSE = {"mesh.elements": 20, "time.steps_per_period": 200}

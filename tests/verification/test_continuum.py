@@ -11,13 +11,12 @@ from split_beam import SplitBeam
 from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
 from delam_fem.model.layout import DISPLACEMENT, Structure
+from delam_fem.model.linear import lowest
 from delam_fem.model.solids.assembly import assemble
-from delam_fem.model.solids.elasticity import Solid
-from delam_fem.model.solids.lattice import lattice
-from delam_fem.model.solids.supports import held
-from delam_fem.model.solids.unknowns import Unknowns
-from delam_fem.model.vibration import lowest
-from delam_fem.mpi import MPI
+from delam_fem.model.solids.forms import Solid
+from delam_fem.model.solids.meshing import lattice
+from delam_fem.model.solids.unknowns import Unknowns, held
+from delam_fem.system.mpi import MPI
 
 Array = npt.NDArray[np.float64]
 THICK, THIN = 0, 1

@@ -12,8 +12,8 @@ from problems import Law, Motions, simulate
 from scipy.sparse.linalg import spsolve
 
 from delam_fem.case.definition import Case
+from delam_fem.case.excitation import HarmonicMotion, base_motion
 from delam_fem.case.files import preset
-from delam_fem.case.motion.excitation import HarmonicMotion, base_motion
 from delam_fem.contact import laws as contact
 from delam_fem.engines.session import solve
 from delam_fem.model.beams import closed_form

@@ -10,10 +10,9 @@ import pytest
 
 from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
-from delam_fem.engines.choose import ENGINES, EngineName
-from delam_fem.engines.session import session_of
+from delam_fem.engines.session import ENGINES, EngineName, session_of
 from delam_fem.model.beams import closed_form
-from delam_fem.model.pairing import tributary_lengths
+from delam_fem.model.layout import tributary_lengths
 from delam_fem.pipeline import run
 from delam_fem.simulation.loop import State
 from delam_fem.simulation.recorder import LEDGER, Recorder

@@ -17,8 +17,7 @@ from covertable import make
 from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
 from delam_fem.contact.laws import COMBINATIONS
-from delam_fem.engines.choose import ENGINES, EngineName
-from delam_fem.engines.session import session_of
+from delam_fem.engines.session import ENGINES, EngineName, session_of
 from delam_fem.model.beams import closed_form
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.arrays import FloatArray

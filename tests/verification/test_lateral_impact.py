@@ -7,13 +7,14 @@ from mpi4py import MPI
 from problems import Law, simulate
 from scipy.optimize import brentq
 
-from delam_fem.model.beams import ground, hermite
-from delam_fem.numerics.cantilever import cantilever_roots
+from delam_fem.model.beams import closed_form
+from delam_fem.model.beams.forms import BENDING_DEGREE, MASS_DEGREE, Hermite
+from delam_fem.numerics.beams import cantilever_roots
 from delam_fem.numerics.schemes import SchemeName
-from delam_fem.paper.lateral import ground_run, studies
-from delam_fem.paper.lateral.ground_run import LIFT, GroundLaw
-from delam_fem.paper.lateral.rolling import Rolling, rolling, thin_strip
-from delam_fem.paper.lateral.tip_block import TipBlock
+from delam_fem.paper.lateral import figures
+from delam_fem.paper.lateral import rolling as ground_run
+from delam_fem.paper.lateral.rolling import LIFT, GroundLaw, Rolling, rolling, thin_strip
+from delam_fem.paper.lateral.tip import TipBlock
 from delam_fem.simulation.loop import State
 
 ROUND_OFF = 1e-12
@@ -36,7 +37,7 @@ SAME_STEPS = 1e-9
 
 @pytest.fixture(scope="module")
 def block() -> TipBlock:
-    return studies.tip_block(time_step=5e-7, duration=0.6e-3)
+    return figures.tip_block(time_step=5e-7, duration=0.6e-3)
 
 
 def test_tip_falls_as_the_exact_cantilever(block: TipBlock) -> None:
@@ -93,7 +94,7 @@ def test_half_waves_arrive_by_the_dispersion_relation(block: TipBlock) -> None:
 
 def impact_loss(n: int, restitution: float) -> float:
     """Return the loss when the tip of a strip that moves downwards as a whole meets the ground."""
-    operators = ground.on_ground(ground.steel_strip(), n, "tip")
+    operators = closed_form.on_ground(closed_form.steel_strip(), n, "tip")
     motion = np.zeros((3, 2 * n))
     motion[1, ::2] = -1.0
     out = ground_run.run(
@@ -117,9 +118,9 @@ def test_loss_of_a_rigid_impact_vanishes_with_the_mesh() -> None:
 # -- (i) the whole strip on the ground --------------------------------------------------------
 
 
-@pytest.fixture(scope="module", params=sorted(studies.LAWS))
+@pytest.fixture(scope="module", params=sorted(figures.LAWS))
 def by_step(request: pytest.FixtureRequest) -> list[Rolling]:
-    law = studies.LAWS[request.param]
+    law = figures.LAWS[request.param]
     return [rolling(law=law, n_elements=40, steps_per_period=n) for n in (5_000, 20_000)]
 
 
@@ -160,8 +161,12 @@ def test_height_over_sag_decides_how_the_strip_lands(
 
 
 def test_strips_with_the_same_height_over_sag_land_alike() -> None:
-    thin, thick = thin_strip(), ground.steel_strip(damping_ratio=0.002)
-    height = LIFT * ground.sag(thick, ground.GRAVITY) / ground.sag(thin, ground.GRAVITY)
+    thin, thick = thin_strip(), closed_form.steel_strip(damping_ratio=0.002)
+    height = (
+        LIFT
+        * closed_form.sag(thick, closed_form.GRAVITY)
+        / closed_form.sag(thin, closed_form.GRAVITY)
+    )
     runs = [
         rolling(lamina, height=h, n_elements=20, steps_per_period=5_000)
         for lamina, h in ((thin, LIFT), (thick, height))
@@ -172,9 +177,9 @@ def test_strips_with_the_same_height_over_sag_land_alike() -> None:
 
 
 @pytest.mark.parametrize(("lift", "direction"), [("tip force", -1), ("uniform load", 1)])
-def test_without_weight_the_second_mode_decides(lift: ground.Lift, direction: int) -> None:
+def test_without_weight_the_second_mode_decides(lift: closed_form.Lift, direction: int) -> None:
     # at a quarter of the period of mode 1 mode 2 has turned: cos(ω2 T1/4) = -0.91
-    run = rolling(ground.steel_strip(damping_ratio=0.002), lift=lift, gravity=0.0)
+    run = rolling(closed_form.steel_strip(damping_ratio=0.002), lift=lift, gravity=0.0)
     found, speed = run.front()
     assert direction * found > 0.99
     assert 300.0 < speed < 600.0
@@ -182,7 +187,7 @@ def test_without_weight_the_second_mode_decides(lift: ground.Lift, direction: in
 
 def test_a_first_mode_lands_at_once_and_loses_all_at_impacts() -> None:
     run = rolling(
-        ground.steel_strip(damping_ratio=0.002), lift="first mode", gravity=0.0, n_elements=40
+        closed_form.steel_strip(damping_ratio=0.002), lift="first mode", gravity=0.0, n_elements=40
     )
     begin, end = run.landing
     assert end - begin <= 2.0 * run.period / run.steps_per_period
@@ -198,23 +203,23 @@ def test_wave_of_the_peak_alone_decays(block: TipBlock) -> None:
 
 
 def test_matrices_are_those_of_the_weak_form() -> None:
-    strip, n = ground.steel_strip(damping_ratio=0.002), 8
+    strip, n = closed_form.steel_strip(damping_ratio=0.002), 8
     x = np.linspace(0.0, strip.length, n + 1)
     cells = np.column_stack([np.arange(n), np.arange(1, n + 1)])
-    line = hermite.Hermite.on_line(MPI.COMM_SELF, x, cells)
+    line = Hermite.on_line(MPI.COMM_SELF, x, cells)
     trial, test = ufl.TrialFunction(line.space), ufl.TestFunction(line.space)
     EI, rhoA = strip.flexural_rigidity, strip.mass_per_length
     forms = {
         "mass": rhoA
         * line.value(trial)
         * line.value(test)
-        * ufl.dx(metadata={"quadrature_degree": hermite.MASS_DEGREE}),
+        * ufl.dx(metadata={"quadrature_degree": MASS_DEGREE}),
         "stiffness": EI
         * line.curvature(trial)
         * line.curvature(test)
-        * ufl.dx(metadata={"quadrature_degree": hermite.BENDING_DEGREE}),
+        * ufl.dx(metadata={"quadrature_degree": BENDING_DEGREE}),
     }
-    operators = ground.on_ground(strip, n, "tip")
+    operators = closed_form.on_ground(strip, n, "tip")
     for name, form in forms.items():
         weak = line.assemble(form)[2:, 2:]
         assert abs(weak - getattr(operators, name)).max() <= ROUND_OFF * abs(weak).max()
@@ -222,9 +227,9 @@ def test_matrices_are_those_of_the_weak_form() -> None:
 
 @pytest.mark.parametrize("scheme", ["moreau-jean", "newmark"])
 def test_both_engines_land_alike(scheme: SchemeName) -> None:
-    strip, n, step, n_steps = ground.steel_strip(damping_ratio=0.002), 10, 2e-5, 630
-    operators = ground.on_ground(strip, n, "everywhere")
-    shape = ground.lifted(strip, n, LIFT, "tip force")
+    strip, n, step, n_steps = closed_form.steel_strip(damping_ratio=0.002), 10, 2e-5, 630
+    operators = closed_form.on_ground(strip, n, "everywhere")
+    shape = closed_form.lifted(strip, n, LIFT, "tip force")
     out = ground_run.run(
         GroundLaw("newton", 0.1, threshold_velocity=0.0, scheme=scheme),
         operators,

@@ -8,7 +8,7 @@ import pytest
 from delam_fem.case.files import preset
 from delam_fem.engines.session import session_of
 from delam_fem.model.beams import closed_form
-from delam_fem.studies.convergence.statistics import row_of
+from delam_fem.studies.convergence.rung import row_of
 from delam_fem.studies.linear import openings
 
 

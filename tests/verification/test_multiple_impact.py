@@ -12,7 +12,7 @@ import pytest
 import scipy.sparse as sp
 
 import delam_fem as df
-from delam_fem.engines.choose import EngineName
+from delam_fem.engines.session import EngineName
 from delam_fem.numerics.schemes import SchemeName
 
 OUTCOMES = {

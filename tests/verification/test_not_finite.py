@@ -12,28 +12,26 @@ from stack import three_laminae
 from synthetic import PERIODS, small_case
 
 import delam_fem as df
-from delam_fem.case.toml import CaseError
-from delam_fem.engines.choose import EngineName
+from delam_fem.engines.session import EngineName
 from delam_fem.model.beams import closed_form
-from delam_fem.numerics import extrapolation
-from delam_fem.numerics.inference import Table
+from delam_fem.numerics import statistics
 from delam_fem.numerics.settling import judge
-from delam_fem.results import settling
-from delam_fem.results.energy_gain import gain_warning
-from delam_fem.results.overlay.comparison import Comparison
-from delam_fem.results.overlay.findings import findings
+from delam_fem.numerics.statistics import Table
+from delam_fem.results import quality
+from delam_fem.results.diagnostics import gain_warning
+from delam_fem.results.overlay.comparison import Comparison, findings
 from delam_fem.results.pages.verdict import sentence
 from delam_fem.results.quality import is_lost, quality_warnings
 from delam_fem.simulation.recorder import LEDGER, Recorder
 from delam_fem.studies.convergence.ladder import Ladder, method
 from delam_fem.studies.convergence.rung import compute as compute_rung
-from delam_fem.studies.detection.detect import detect
-from delam_fem.studies.detection.measurement import Measurement, Scan
+from delam_fem.studies.detection.detect import Measurement, Scan, detect
 from delam_fem.studies.detection.modulation import Tones, modulation
-from delam_fem.studies.orbits.coarse import is_zero
 from delam_fem.studies.orbits.multipliers import stability_of
-from delam_fem.studies.sweeps.load import sweep_of
+from delam_fem.studies.orbits.newton import is_zero
+from delam_fem.studies.sweeps.grid import sweep_of
 from delam_fem.studies.sweeps.point import PointRunner
+from delam_fem.system.errors import CaseError
 
 BAD = (np.nan, np.inf, -np.inf)
 SMALL = {
@@ -124,9 +122,9 @@ def test_strobes_that_are_not_finite_have_not_settled(bad: float) -> None:
 
 def test_a_speed_between_the_strobes_counts() -> None:
     stack = three_laminae()
-    before = settling.verdict_of(stack.recorder, 3, 0.5)
+    before = quality.verdict_of(stack.recorder, 3, 0.5)
     stack.recorder.window[-1].v[1, 0] = np.nan
-    after = settling.verdict_of(stack.recorder, 3, 0.5)
+    after = quality.verdict_of(stack.recorder, 3, 0.5)
     assert after.word == "not settled" and np.isnan(after.transient)
     assert before.periods_judged == after.periods_judged == min(PERIODS, before.periods_judged)
 
@@ -134,8 +132,8 @@ def test_a_speed_between_the_strobes_counts() -> None:
 @pytest.mark.parametrize("bad", BAD)
 def test_no_limit_has_an_infinite_error(bad: float) -> None:
     sizes, values = [1.0, 0.5, 0.25, 0.125], [1.5, 1.25, 1.125, 1.0625]
-    assert extrapolation.limit(sizes, values, np.zeros(4)).value == pytest.approx(1.0)
-    assert np.isnan(extrapolation.limit(sizes, values, [0.0, 0.0, 0.0, bad]).value)
+    assert statistics.limit(sizes, values, np.zeros(4)).value == pytest.approx(1.0)
+    assert np.isnan(statistics.limit(sizes, values, [0.0, 0.0, 0.0, bad]).value)
 
 
 def channel(**changed: float) -> Comparison:

@@ -13,14 +13,12 @@ from test_impact_oscillator import forcing, impact_phase, orbit
 
 import delam_fem as df
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.simulation.span import Span
+from delam_fem.simulation.refinement import Span
 from delam_fem.studies.branches import continuation
 from delam_fem.studies.branches.events import events_of
-from delam_fem.studies.orbits.coarse import Guess, solved
-from delam_fem.studies.orbits.ensemble import Ensemble, Perturbations
-from delam_fem.studies.orbits.family import modal
-from delam_fem.studies.orbits.maps import Problem, StrobeMap
+from delam_fem.studies.orbits.maps import Problem, StrobeMap, modal
 from delam_fem.studies.orbits.multipliers import multipliers
+from delam_fem.studies.orbits.newton import Ensemble, Guess, Perturbations, solved
 
 COARSE = 0.03
 """Relative to the modulus: error of the coarse multipliers."""

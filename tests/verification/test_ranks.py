@@ -14,7 +14,7 @@ import os, signal, sys
 import numpy as np
 import delam_fem as df
 from delam_fem.cli.run import ended_together
-from delam_fem.mpi import MPI
+from delam_fem.system.mpi import MPI
 
 ROUND_OFF = 1e-8  # of 2 cm; bending is a small difference of large forces in a sheet of 1 mm
 

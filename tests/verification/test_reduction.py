@@ -9,13 +9,11 @@ import pytest
 
 from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
-from delam_fem.engines.choose import EngineName
 from delam_fem.engines.compiled import modes
-from delam_fem.engines.session import session_of
+from delam_fem.engines.session import EngineName, session_of
 from delam_fem.model.beams import closed_form
 from delam_fem.model.layout import Structure
-from delam_fem.model.reduction.basis import basis_of
-from delam_fem.model.reduction.projection import projected
+from delam_fem.model.modal import basis_of, projected
 from delam_fem.numerics.arrays import FloatArray, IntArray
 
 ALL, SOME = 20, 6

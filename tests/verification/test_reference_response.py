@@ -8,7 +8,7 @@ from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
 from delam_fem.model.beams.closed_form import assemble
 from delam_fem.model.operators import Operators
-from delam_fem.numerics.cantilever import transmissibility
+from delam_fem.numerics.beams import transmissibility
 from delam_fem.reference.loop import Standing, simulate_reference
 
 FREQUENCY_DOMAIN = 1e-5  # 20 elements: f1 is 5e-8 off, amplified 20-fold at 3.25 Hz; higher modes

@@ -14,8 +14,7 @@ from problems import Law, Motions, ball, gravity, simulate
 from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
 from delam_fem.contact import laws
-from delam_fem.engines.choose import ENGINES, EngineName
-from delam_fem.engines.session import session_of, solve
+from delam_fem.engines.session import ENGINES, EngineName, session_of, solve
 from delam_fem.model.beams import closed_form
 from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.numerics.schemes import SCHEMES

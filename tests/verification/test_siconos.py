@@ -17,8 +17,8 @@ import numpy.typing as npt
 import pytest
 
 from delam_fem.case.definition import Case
+from delam_fem.case.excitation import base_motion
 from delam_fem.case.files import preset
-from delam_fem.case.motion.excitation import base_motion
 from delam_fem.model.beams import closed_form
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.pipeline import run

@@ -12,7 +12,7 @@ from problems import Law, simulate
 
 from delam_fem.case.files import preset
 from delam_fem.contact.decision import Setting
-from delam_fem.contact.newton import Impacts
+from delam_fem.contact.rules import Impacts
 from delam_fem.engines.petsc.newmark import Newmark
 from delam_fem.model.beams import closed_form
 from delam_fem.model.operators import Operators

@@ -13,8 +13,8 @@ from split_beam import SplitBeam
 
 from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
-from delam_fem.model.beams import bending, closed_form
-from delam_fem.model.vibration import kept_closed, lowest
+from delam_fem.model.beams import closed_form, forms
+from delam_fem.model.linear import kept_closed, lowest
 
 E, RHO, H, L, B = 70e9, 2700.0, 0.002, 0.4, 0.02
 UNIT = 2.0 * math.pi * L**2 * math.sqrt(12.0 * RHO / (E * H**2))
@@ -62,7 +62,7 @@ def case(share: float, upper: float = 0.5, *, center: float = 0.5, elements: int
 
 
 def computed(given: Case, n: int, *, closed: bool = False, weak: bool = False) -> np.ndarray:
-    structure = (bending if weak else closed_form).assemble(given)
+    structure = (forms if weak else closed_form).assemble(given)
     o = structure.operators
     S = kept_closed(structure.layout, o.n_dofs)
     K, M = (S.T @ m @ S if closed else m for m in (o.stiffness, o.mass))

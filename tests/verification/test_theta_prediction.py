@@ -7,8 +7,7 @@ import pytest
 from problems import ball
 
 from delam_fem.contact.laws import Law
-from delam_fem.engines.choose import EngineName
-from delam_fem.engines.session import solve
+from delam_fem.engines.session import EngineName, solve
 from delam_fem.numerics.schemes import SCHEMES
 from delam_fem.simulation.loop import State
 

@@ -8,9 +8,9 @@ from scipy.sparse.linalg import spsolve
 
 from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
-from delam_fem.model.beams import bending, closed_form
+from delam_fem.model.beams import closed_form, forms
 from delam_fem.model.mesh import node_coordinates
-from delam_fem.numerics.cantilever import transmissibility
+from delam_fem.numerics.beams import transmissibility
 from delam_fem.pipeline import run
 from delam_fem.reference import matrices
 from delam_fem.reference.loop import simulate_reference
@@ -32,7 +32,7 @@ SAME_TIPS = 1e-8
 
 def steady_start(case: Case) -> State:
     """Return the state at t = 0 of the undamped steady motion: u = 0, v = ω times its shape."""
-    o = bending.assemble(case).operators
+    o = forms.assemble(case).operators
     omega = 2.0 * np.pi * case.excitation.frequency
     A = case.excitation.amplitude
     load = A * (omega**2 * o.base.mass - o.base.stiffness)
@@ -82,7 +82,7 @@ def test_order_two_in_the_time_step_without_contact(scheme: str) -> None:
 @pytest.mark.parametrize("mass", ["consistent", "lumped"])
 def test_matrices_are_those_in_closed_form(mass: str) -> None:
     case = preset("paper", {"time.mass": mass})
-    given, expected = bending.assemble(case).operators, closed_form.assemble(case).operators
+    given, expected = forms.assemble(case).operators, closed_form.assemble(case).operators
     for name in ("mass", "damping", "stiffness", "gap_matrix"):
         a, b = getattr(given, name), getattr(expected, name)
         assert abs(a - b).max() <= SAME_MATRICES * abs(b).max(), name

@@ -1,15 +1,189 @@
-"""Solve with A and M, apply H and Hᵀ, and compute compliances, in lane order or in band order."""
+"""Linear algebra in compiled code, in lane order or in band order.
+
+Sparse rows and a banded factorisation, for systems that do not fit the lane order.
+
+This is scalar code without assumptions on the operators, for example for a mass on a spring, a bar,
+or laminae that have their own damping. The dofs are in reverse Cuthill–McKee order, which keeps the
+band narrow.
+"""
 
 from __future__ import annotations
 
-import numpy as np
+from typing import NamedTuple
 
-from delam_fem.caches.kernels import njit
-from delam_fem.engines.compiled import banded, modes
-from delam_fem.engines.compiled import lane_kernels as lk
-from delam_fem.engines.compiled.banded import add_row, both_products, row_product
-from delam_fem.engines.compiled.lane_kernels import R, Z
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.csgraph import reverse_cuthill_mckee
+
+from delam_fem.engines.compiled import lanes as lk
+from delam_fem.engines.compiled import modes
+from delam_fem.engines.compiled.lanes import R, Z, fma, lane, load, splat, store
 from delam_fem.engines.compiled.state import MOREAU
+from delam_fem.numerics.arrays import FloatArray, IntArray
+from delam_fem.system.kernels import kept, njit
+
+
+class Rows(NamedTuple):
+    """A sparse matrix, stored row by row.
+
+    Attributes:
+        start: index of the first entry of each row, shape (n_rows + 1,).
+        column: columns of the entries, shape (n_entries,).
+        value: values of the entries, shape (n_entries,).
+        width: number of columns of a matrix without zeros, a multiple of eight; 0: it is sparse.
+    """
+
+    start: IntArray
+    column: IntArray
+    value: FloatArray
+    width: int = 0
+
+
+class Band(NamedTuple):
+    """The factors L and U of a banded matrix, row by row; L has ones on its diagonal.
+
+    Attributes:
+        width: number of entries on each side of the diagonal.
+        value: entries of L and U, shape (n, 2 width + 1); the diagonal is that of U.
+    """
+
+    width: int
+    value: FloatArray
+
+
+def rows(matrix: sp.spmatrix) -> Rows:
+    """Return a sparse matrix as `Rows`."""
+    csr = sp.csr_matrix(matrix)
+    csr.sort_indices()
+    return Rows(csr.indptr.astype(np.int64), csr.indices.astype(np.int64), csr.data.astype(float))
+
+
+def dense_rows(matrix: sp.spmatrix) -> Rows:
+    """Return a matrix as `Rows` with all its entries, also those that are zero."""
+    values = np.asarray(matrix.todense(), dtype=float)
+    n, width = values.shape
+    columns = np.tile(np.arange(width), n)
+    return Rows(width * np.arange(n + 1), columns, values.ravel(), width)
+
+
+def band_order(pattern: sp.spmatrix) -> IntArray:
+    """Return the place of each dof in an order with a narrow band, shape (n,)."""
+    csr = sp.csr_matrix(abs(pattern))
+    order = reverse_cuthill_mckee(csr, symmetric_mode=False)
+    place = np.empty(order.size, dtype=np.int64)
+    place[order] = np.arange(order.size)
+    return place
+
+
+def factorise(matrix: sp.spmatrix) -> Band:
+    """Return the factors L U of a matrix that needs no pivoting (positive definite).
+
+    Raises:
+        ArithmeticError: a pivot is zero, so the matrix is singular.
+    """
+    entries = sp.coo_matrix(matrix)
+    entries.sum_duplicates()
+    n = entries.shape[0]
+    width = int(abs(entries.row - entries.col).max(initial=0))
+    value = np.zeros((n, 2 * width + 1))
+    value[entries.row, entries.col - entries.row + width] = entries.data
+    bad = int(_factorise(value, width))
+    if bad >= 0:
+        raise ArithmeticError(
+            f"factorisation: the matrix is singular at row {bad} (of the reordered dofs); check "
+            "that every free dof has mass"
+        )
+    return Band(width, value)
+
+
+@kept
+def _factorise(value, width):  # type: ignore[no-untyped-def]
+    """Replace a band by its factors; return the row of a zero pivot, or -1."""
+    n = value.shape[0]
+    for i in range(n):
+        if value[i, width] == 0.0:
+            return i
+        for k in range(i + 1, min(i + width + 1, n)):
+            factor = value[k, i - k + width] / value[i, width]
+            value[k, i - k + width] = factor
+            if factor != 0.0:
+                for j in range(i + 1, min(i + width + 1, n)):
+                    value[k, j - k + width] -= factor * value[i, j - i + width]
+    return -1
+
+
+@njit
+def substitute(X, size, band, right, out):  # type: ignore[no-untyped-def]
+    """Solve A x = r; `right` and `out` are the numbers of the fields r and x of X."""
+    r, x, width, value = right * size, out * size, band.width, band.value
+    row = 2 * width + 1
+    for i in range(size):
+        total = X[r + i]
+        for j in range(max(0, i - width), i):
+            total -= value[i * row + j - i + width] * X[x + j]
+        X[x + i] = total
+    for i in range(size - 1, -1, -1):
+        total = X[x + i]
+        for j in range(i + 1, min(i + width + 1, size)):
+            total -= value[i * row + j - i + width] * X[x + j]
+        X[x + i] = total / value[i * row + width]
+
+
+@njit(forceinline=True)
+def _dense_product(value, first, X, shift, width):  # type: ignore[no-untyped-def]
+    """Return the product of a dense row with a field; `width` is a multiple of eight."""
+    even, odd = splat(0.0), splat(0.0)
+    for i in range(0, width, 8):
+        even = fma(load(value, first + i), load(X, shift + i), even)
+        odd = fma(load(value, first + i + 4), load(X, shift + i + 4), odd)
+    both = even + odd
+    return (lane(both, 0) + lane(both, 1)) + (lane(both, 2) + lane(both, 3))
+
+
+@njit(forceinline=True)
+def add_row(matrix, row, X, shift, factor):  # type: ignore[no-untyped-def]
+    """Add `factor` times a row of a matrix to the field of X that begins at `shift`."""
+    first, last = matrix.start[row], matrix.start[row + 1]
+    if matrix.width > 0:
+        by = splat(factor)
+        for i in range(0, matrix.width, 4):
+            store(X, shift + i, fma(by, load(matrix.value, first + i), load(X, shift + i)))
+        return
+    for entry in range(first, last):
+        X[shift + matrix.column[entry]] += factor * matrix.value[entry]
+
+
+@njit
+def row_product(matrix, row, X, shift):  # type: ignore[no-untyped-def]
+    """Return the entry `row` of A x, where x is the field of X that begins at `shift`."""
+    if matrix.width > 0:
+        return _dense_product(matrix.value, row * matrix.width, X, shift, matrix.width)
+    result = 0.0
+    for entry in range(matrix.start[row], matrix.start[row + 1]):
+        result += matrix.value[entry] * X[shift + matrix.column[entry]]
+    return result
+
+
+@njit(forceinline=True)
+def both_products(matrix, row, X, size):  # type: ignore[no-untyped-def]
+    """Return the entry `row` of A u and of A v."""
+    if matrix.width > 0:
+        return row_product(matrix, row, X, 0), row_product(matrix, row, X, size)
+    u = v = 0.0
+    for entry in range(matrix.start[row], matrix.start[row + 1]):
+        value, column = matrix.value[entry], matrix.column[entry]
+        u += value * X[column]
+        v += value * X[size + column]
+    return u, v
+
+
+@njit
+def form(matrix, n, X, shift):  # type: ignore[no-untyped-def]
+    """Return xᵀ A x, where x is the field of X with n numbers that begins at `shift`."""
+    result = 0.0
+    for row in range(n):
+        result += X[shift + row] * row_product(matrix, row, X, shift)
+    return result
 
 
 @njit
@@ -20,7 +194,7 @@ def solve_step(system, X):  # type: ignore[no-untyped-def]
     elif system.is_chained:
         lk.substitute(X, system.size, system.solution, R, Z)
     else:
-        banded.substitute(X, system.size, system.band, R, Z)
+        substitute(X, system.size, system.band, R, Z)
 
 
 @njit
@@ -29,7 +203,7 @@ def solve_mass(system, X):  # type: ignore[no-untyped-def]
     if system.is_chained:
         lk.substitute(X, system.size, system.mass_solution, R, Z)
     else:
-        banded.substitute(X, system.size, system.mass_band, R, Z)
+        substitute(X, system.size, system.mass_band, R, Z)
 
 
 @njit

@@ -1,9 +1,9 @@
-"""The compiled engine: it computes blocks of periods in one call, for small systems.
+"""The compiled engine: it computes all steps of a period in one call, for small systems.
 
 It implements `simulation.loop.Engine`. Laws, schemes, energy ledger and records are the same as in
 the PETSc engine, and so are the results, to round-off. This file translates between the Python
 objects of the time loop and the arrays of compiled code. The method is in loop.py and contact.py,
-the kernels are in lane_kernels.py and banded.py.
+the kernels are in lanes.py and algebra.py.
 """
 
 from __future__ import annotations
@@ -14,24 +14,212 @@ from typing import Any, cast
 import numpy as np
 
 from delam_fem.contact.laws import LAWS, ContactLaw, Law
-from delam_fem.engines.compiled import contact, loop, state
-from delam_fem.engines.compiled.block import OF_BLOCK, Block
-from delam_fem.engines.compiled.handle import View, packed
+from delam_fem.engines.compiled import contact, state, steps, system
+from delam_fem.engines.compiled import lanes as lk
 from delam_fem.engines.compiled.state import (
+    CONTACT_DAMPED,
+    DISSIPATED,
     N_EVENTS,
     N_HITS,
     LawNumbers,
     Log,
+    View,
+    packed,
 )
-from delam_fem.engines.compiled.stepper import CompiledStepper
-from delam_fem.engines.compiled.system import StepNumbers
+from delam_fem.engines.compiled.system import Problem, StepNumbers
 from delam_fem.model.operators import Operators
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.arrays import BoolArray, FloatArray
 from delam_fem.numerics.schemes import Scheme
-from delam_fem.simulation.impacts import Columns
+from delam_fem.simulation.energy import LEVEL, Energies
 from delam_fem.simulation.loop import State
-from delam_fem.simulation.recorder import Recorder
+from delam_fem.simulation.recorder import LEDGER, N_BASE, Columns, Jumps, PeriodRecord, Recorder
 from delam_fem.simulation.refinement import NOT_REFINED, Refinement
+
+
+class CompiledStepper:
+    """A problem, its scheme, its law and its state.
+
+    Attributes:
+        system, law, memory: what compiled functions work on; the system is that of fine steps.
+        address: where the table of this `Problem` lies.
+        unknowns: what the internal numbers of the fields are.
+        seen_u: m_b·u, c_b·u, k_b·u and the probes of u at the last `observe`, shape
+            (3 + n_probes,).
+        seen_v: the probes of v at the last `observe`, shape (n_probes,).
+    """
+
+    def __init__(
+        self, operators: Operators, schemes: Sequence[StepNumbers], law: LawNumbers
+    ) -> None:
+        """Factorise the matrices; the state is at rest.
+
+        Args:
+            operators: the semi-discrete problem.
+            schemes: the time integration with coarse, middle and fine steps.
+            law: the contact law.
+        """
+        self.law, self._has_acceleration = law, schemes[-1].has_acceleration
+        built = [system.build(operators, scheme) for scheme in schemes]
+        coarse, middle, fine = (one._replace(coarseness=2 - k) for k, (one, _) in enumerate(built))
+        self.system, self.unknowns = fine, built[-1][1]
+        self.memory = state.memory(self.system.size, operators.n_pairs, self.system.n_probes)
+        corner = np.array(operators.base.corner, dtype=float)
+        self._problem = Problem(coarse, middle, fine, law, self.memory, corner)
+        self._table = packed(self._problem)
+        self.address = int(self._table.ctypes.data)
+        self.seen_u, self.seen_v = self.memory.seen_u, self.memory.seen_v
+
+    @property
+    def dissipated(self) -> float:
+        """Energy that damping has taken from the free dofs so far [J]."""
+        return float(self.memory.totals[DISSIPATED])
+
+    @dissipated.setter
+    def dissipated(self, value: float) -> None:
+        self.memory.totals[DISSIPATED] = value
+
+    @property
+    def contact_damped(self) -> float:
+        """Energy that contact dampers have taken so far [J]."""
+        return float(self.memory.totals[CONTACT_DAMPED])
+
+    @contact_damped.setter
+    def contact_damped(self, value: float) -> None:
+        self.memory.totals[CONTACT_DAMPED] = value
+
+    @property
+    def resting(self) -> BoolArray:
+        """Pairs at rest, shape (n_pairs,)."""
+        return self.memory.resting.astype(np.bool_)
+
+    def observe(self) -> None:
+        """Update `seen_u` and `seen_v` from the current state."""
+        steps.observe_now(self.address)
+
+    def energies(self) -> Energies:
+        """Return the energies of the whole system, base included, in the fixed frame [J]."""
+        steps.store_energies(self.address)
+        return Energies(*self.memory.stored.tolist())
+
+    def state(self) -> FloatArray:
+        """Return (u, v, a) of all dofs, with a from the equation of motion, shape (3, n)."""
+        self.renew_acceleration()
+        return self.unknowns.outward(self._fields())
+
+    def internal(self) -> FloatArray | None:
+        """Return the fields in modes, shape (3, size); None if the unknowns are the dofs."""
+        return self._fields().copy() if self.system.is_modal else None
+
+    def restore(
+        self, motion: FloatArray, resting: BoolArray, internal: FloatArray | None = None
+    ) -> None:
+        """Take over (u, v, a), shape (3, n), and the pairs at rest.
+
+        The numbers of `internal` count if they are those of this motion; they have its round-off.
+        """
+        self.memory.X[:] = 0.0
+        fields = self._fields()
+        if internal is not None and internal.shape == fields.shape and self.system.is_modal:
+            is_own = np.array_equal(self.unknowns.outward(internal), motion)
+        else:
+            is_own = False
+        fields[:] = internal if is_own else self.unknowns.inward(motion)
+        self.memory.resting[:] = resting
+        if self._has_acceleration:  # the θ-scheme has no springs
+            steps.list_springs(self.address)
+
+    def renew_acceleration(self) -> None:
+        """Compute a from the equation of motion; do nothing with the θ-scheme, which has no a."""
+        if self._has_acceleration:
+            steps.renew(self.address)
+
+    def _fields(self) -> FloatArray:
+        """Return u, v, a in internal order, shape (3, size)."""
+        size = self.system.size
+        return self.memory.X[: (lk.A + 1) * size].reshape(3, size)
+
+
+OF_BLOCK = ("u", "v", "is_divided", "frames", "contact", "resting", "levels", "ends")
+"""Members of a block that compiled code writes; see `state.Log`."""
+_IMPACT, _RELEASED = LEDGER.index("impact_loss"), LEDGER.index("spring_released")
+
+
+class Block:
+    """Arrays for a block of periods; the last of them, one per slot, can become records.
+
+    Attributes:
+        n_slots: number of slots.
+        base_states: (q, q', q'') of the base at the steps of each period, shape (N + 1, 3).
+        addresses: those of the members of `OF_BLOCK`.
+    """
+
+    def __init__(self, stepper: CompiledStepper, recorder: Recorder, n_periods: int) -> None:
+        """Allocate the arrays."""
+        self.n_slots = n_slots = min(n_periods, recorder.window_periods)
+        self._window_periods, self._frame_steps = recorder.window_periods, recorder.frame_steps
+        self._unknowns, self._ticks_per_step = stepper.unknowns, recorder.refine
+        rows, n_frames = recorder.steps_per_period + 1, recorder.frame_steps.size
+        size, n_seen, n_pairs = stepper.system.size, stepper.system.n_probes, stepper.resting.size
+        self.u = np.empty((n_slots, rows, N_BASE + n_seen))
+        self.v = np.empty((n_slots, rows, n_seen))
+        self.is_divided = np.zeros((n_slots, rows), dtype=np.uint8)
+        self.frames = np.empty((n_slots, n_frames, 2, size))
+        self.contact = np.empty((n_slots, n_frames, n_pairs), dtype=np.int8)
+        self.resting = np.empty((n_slots, n_pairs), dtype=np.uint8)
+        self.levels = np.empty((n_periods + 1, len(LEVEL)))
+        self.ends = np.zeros((n_periods, 3), dtype=np.int64)
+        self.addresses = [getattr(self, name).ctypes.data for name in OF_BLOCK]
+        self.base_states = np.zeros((rows, 3))
+        self._n = 0
+
+    def has_room(self, n_periods: int) -> bool:
+        """Return whether a block of so many periods fits."""
+        return n_periods <= len(self.ends) and min(n_periods, self._window_periods) <= self.n_slots
+
+    def end(self, n_periods: int, events: Columns, recorder: Recorder) -> None:
+        """Keep what the records of the computed periods need besides the arrays.
+
+        Args:
+            n_periods: number of periods.
+            events: buffers with their impacts.
+            recorder: recorder with their rows, before it takes the block.
+        """
+        rows = slice(recorder.n_closed, recorder.n_closed + n_periods)
+        self._ledger, self._effort = recorder.ledger[rows], recorder.effort[rows]
+        self._n = n_periods
+        _, n_events, n_hits = self.ends[n_periods - 1].tolist() if n_periods else (0, 0, 0)
+        self._events = events.part((0, n_events), (0, n_hits)).copy()
+
+    def __len__(self) -> int:
+        """Return the number of periods."""
+        return self._n
+
+    def records(self) -> list[PeriodRecord]:
+        """Return the records of the last periods; they share the arrays of the block."""
+        return [self._record(j) for j in range(max(0, self._n - self.n_slots), self._n)]
+
+    def _record(self, j: int) -> PeriodRecord:
+        slot, (n_steps, *last) = j % self.n_slots, self.ends[j].tolist()
+        first = self.ends[j - 1, 1:].tolist() if j else (0, 0)
+        n_frames = int(np.searchsorted(self._frame_steps, n_steps, side="right"))
+        return PeriodRecord(
+            self.base_states,
+            self.u[slot],
+            self.v[slot],
+            self._frame_steps,
+            self.levels[j],
+            frames=list(self._unknowns.outward(self.frames[slot, :n_frames])),
+            contact=list(self.contact[slot, :n_frames]),
+            jumps=Jumps(self._events.part((first[0], last[0]), (first[1], last[1]))),
+            released=float(self._ledger[j, _RELEASED]),
+            impact=-float(self._ledger[j, _IMPACT]),
+            n_steps=n_steps,
+            is_divided=self.is_divided[slot],
+            effort=self._effort[j],
+            ticks_per_step=self._ticks_per_step,
+            resting=self.resting[slot].astype(np.bool_),
+        )
+
 
 EVENTS, HITS = 4096, 16384
 """Room in the event buffers besides that of one step. A full buffer is enlarged."""
@@ -134,7 +322,7 @@ class Compiled:
         """
         self.operators, self._refinement = operators, refinement
         self.stepper = CompiledStepper(operators, schemes, law)
-        self._run = loop.prepared(refinement.factor > 1)
+        self._run = steps.prepared(refinement.factor > 1)
         self.stepper.observe()  # loads this code too, before the clock of a run starts
         self.stepper.energies()
         r = refinement.factor

@@ -17,12 +17,11 @@ import numpy.typing as npt
 import scipy.sparse as sp
 from scipy.linalg import eigh
 
-from delam_fem.caches.kernels import njit
-from delam_fem.engines.compiled.lane_kernels import P, total
-from delam_fem.engines.compiled.simd import fma, load, splat, store
+from delam_fem.engines.compiled.lanes import P, fma, load, splat, store, total
 from delam_fem.engines.compiled.state import IS_SEEN
 from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.numerics.arrays import FloatArray, IntArray
+from delam_fem.system.kernels import njit
 
 MOST_DOFS = 320
 """Largest number of dofs: the modes of more take seconds."""

@@ -22,12 +22,12 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from delam_fem.caches.kernels import njit
-from delam_fem.engines.compiled.lane_kernels import ROW, least_lane
-from delam_fem.engines.compiled.simd import (
+from delam_fem.engines.compiled.lanes import (
+    ROW,
     WIDTH,
     aligned_zeros,
     fma,
+    least_lane,
     load,
     smaller,
     splat,
@@ -35,6 +35,7 @@ from delam_fem.engines.compiled.simd import (
 )
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.arrays import FloatArray, IntArray
+from delam_fem.system.kernels import njit
 
 WHOLE = 1e-12
 """The weights of both ends add up to 1 but for this."""

@@ -1,8 +1,8 @@
 """Prepare a problem for compiled code: order the dofs, and compute scheme numbers and factors.
 
-Two laminae with Rayleigh damping are stored in lane order (lane_kernels.py) if the scheme is the
+Two laminae with Rayleigh damping are stored in lane order (lanes.py) if the scheme is the
 θ-scheme or the average acceleration. Everything else is stored by sparse rows and bands
-(banded.py), where a step of either scheme is
+(algebra.py), where a step of either scheme is
 
     ũ = u + Δt v + c2 a,   ṽ = v + c3 a                                                        (G1)
     A a⁺ = f - C ṽ - K (ũ + g ṽ),   A = M + p C + q K                                           (G2)
@@ -24,9 +24,10 @@ from typing import NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from delam_fem.engines.compiled import banded, lanes
-from delam_fem.engines.compiled import lane_kernels as lk
-from delam_fem.engines.compiled.banded import Band, Rows
+from delam_fem.engines.compiled import algebra, lanes
+from delam_fem.engines.compiled import lanes as lk
+from delam_fem.engines.compiled.algebra import Band, Rows
+from delam_fem.engines.compiled.lanes import aligned_zeros
 from delam_fem.engines.compiled.modes import (
     Coordinates,
     Modes,
@@ -36,7 +37,6 @@ from delam_fem.engines.compiled.modes import (
     is_reduced,
 )
 from delam_fem.engines.compiled.points import NO_POINTS, Points, points_of
-from delam_fem.engines.compiled.simd import aligned_zeros
 from delam_fem.engines.compiled.state import LawNumbers, Memory
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.arrays import FloatArray, IntArray
@@ -112,7 +112,7 @@ class System(NamedTuple):
         is_diagonal_load: whether the matrix B of L1 is diagonal (L4).
         scheme: the time integration.
         coefficients: coefficients of L1 and L2, shape (16,).
-        load_tape, solution, mass_solution, form, rest: tapes of lane_kernels.py.
+        load_tape, solution, mass_solution, form, rest: tapes of lanes.py.
         band, mass_band: factors of A and M if not chained.
         mass, damping, stiffness: M, C, K by rows.
         base: base columns of M, C, K, shape (3, size).
@@ -257,7 +257,7 @@ def _built(o: Operators, scheme: StepNumbers) -> tuple[System, Coordinates]:
     if found is not None:
         modal, modes = found
         return _system(modal, scheme, modes, _NO_TAPES), modes
-    order = banded.band_order(sum(abs(matrix) for matrix in (o.mass, o.damping, o.stiffness)))
+    order = algebra.band_order(sum(abs(matrix) for matrix in (o.mass, o.damping, o.stiffness)))
     places = Places(order, o.n_dofs)
     return _system(o, scheme, places, _NO_TAPES), places
 
@@ -270,8 +270,8 @@ def _system(o: Operators, scheme: StepNumbers, places: Coordinates, tapes: _Tape
     base = np.vstack([o.base.mass, o.base.damping, o.base.stiffness]) @ to.T
     is_chained = tapes is not _NO_TAPES
     step = mass + scheme.p * damping + scheme.q * stiffness
-    band, mass_band = (_NO_BAND if is_chained else banded.factorise(A) for A in (step, mass))
-    to_rows = banded.dense_rows if is_modal or is_reduced(o) else banded.rows
+    band, mass_band = (_NO_BAND if is_chained else algebra.factorise(A) for A in (step, mass))
+    to_rows = algebra.dense_rows if is_modal or is_reduced(o) else algebra.rows
     inverse_lumped = np.zeros(o.n_dofs) if o.lumped_mass is None else 1.0 / o.lumped_mass
     probes, is_selecting = o.observed, _is_selecting(o)
     return System(
@@ -290,9 +290,9 @@ def _system(o: Operators, scheme: StepNumbers, places: Coordinates, tapes: _Tape
         rest=tapes.rest,
         band=band,
         mass_band=mass_band,
-        mass=banded.rows(mass),
-        damping=banded.rows(damping),
-        stiffness=banded.rows(stiffness),
+        mass=algebra.rows(mass),
+        damping=algebra.rows(damping),
+        stiffness=algebra.rows(stiffness),
         base=lanes.flat(base).reshape(3, size),
         inverse_lumped=to @ inverse_lumped,
         gap_rows=to_rows(o.gap_matrix @ to.T),

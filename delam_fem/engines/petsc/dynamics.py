@@ -18,10 +18,10 @@ from petsc4py import PETSc
 from delam_fem.engines.petsc import linear_algebra
 from delam_fem.model.distributed import DistributedOperators, spread, whole
 from delam_fem.model.operators import Operators
-from delam_fem.mpi import MPI
 from delam_fem.numerics.arrays import BoolArray, FloatArray
 from delam_fem.simulation.energy import Energies
 from delam_fem.simulation.refinement import nearness
+from delam_fem.system.mpi import MPI
 
 BaseState: TypeAlias = Sequence[float]
 """(q, q', q'') of the base at an instant [m, m/s, m/s2]."""

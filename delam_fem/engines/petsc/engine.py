@@ -1,20 +1,26 @@
-"""The engine that computes each step in PETSc and then asks a contact law."""
+"""The engine that computes steps in PETSc, divides them near contact, and asks a contact law."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
 
-from delam_fem.contact.decision import Setting
+import numpy as np
+
+from delam_fem.contact.decision import NO_PAIRS, Setting
 from delam_fem.contact.laws import ContactLaw
 from delam_fem.engines.petsc.newmark import Newmark
 from delam_fem.engines.petsc.theta import MoreauJean
 from delam_fem.model.distributed import DistributedOperators
 from delam_fem.model.operators import Operators
-from delam_fem.mpi import MPI
+from delam_fem.numerics.arrays import BoolArray, FloatArray, IntArray
 from delam_fem.numerics.schemes import Scheme
-from delam_fem.simulation.loop import StepByStep
-from delam_fem.simulation.refined import RefinedSteps
-from delam_fem.simulation.refinement import NOT_REFINED, Refinement
+from delam_fem.simulation.energy import add_rows
+from delam_fem.simulation.loop import Advancing, StepByStep
+from delam_fem.simulation.recorder import N_BASE, PeriodRecord
+from delam_fem.simulation.refinement import AHEAD, BACK, NOT_REFINED, SAFETY, Refinement, base_rows
+from delam_fem.system.mpi import MPI
 
 
 def petsc_engine(
@@ -65,3 +71,163 @@ def _stepper(
         spring=law.spring,
         comm=comm,
     )
+
+
+COARSE, MIDDLE, FINE = 0, 1, -1
+"""Levels of steps. Without middle steps, MIDDLE and FINE are the same level."""
+NOT_SOUGHT: BoolArray = np.zeros(0, dtype=np.bool_)
+
+N_ENDS = N_BASE + 4
+"""Numbers in a row of `add_rows`."""
+
+BaseState = Sequence[float]
+
+
+class Refinable(Advancing, Protocol):
+    """A stepper with several sizes of steps; see engines/petsc/dynamics.py."""
+
+    time_step: float
+
+    def use(self, level: int) -> None:
+        """Choose the size of the next steps by its number."""
+
+    def begin_step(self, before: BaseState, after: BaseState) -> None:
+        """Begin a single step, over which the base moves between two states (q, q', q'')."""
+
+    def keep(self) -> None:
+        """Keep the present state for `undo`."""
+
+    def undo(self) -> None:
+        """Return to the state of the last `keep`, after one step."""
+
+    def margins(self) -> tuple[FloatArray, FloatArray]:
+        """Return gaps and gap rates, both (n_pairs,); of pairs on springs the negative ones."""
+
+    def nearness(self, reach: float, slow: float) -> int:
+        """Return `refinement.nearness` of the present state."""
+
+
+@dataclass(frozen=True)
+class RefinedSteps(StepByStep):
+    """The engine that makes single steps, and smaller ones near contact.
+
+    Attributes:
+        stepper: its sizes of steps are those of the refinement.
+        supervisor: contact law, asked after every step.
+        refinement: how steps are divided.
+        time_step: Δt of a coarse step [s].
+    """
+
+    stepper: Refinable
+    refinement: Refinement
+    time_step: float
+
+    def run_period(self, record: PeriodRecord, floor: float) -> int:
+        """Compute the steps of a period and write them into its record; see `StepByStep`."""
+        s, factor = self.stepper, self.refinement.factor
+        rows = s.begin(record.base_states)
+        s.observe()
+        for step in range(1, len(rows)):
+            near = self._leap(COARSE, rows[step - 1], rows[step], record, step * factor)
+            if near is not None:
+                record.is_divided[step] = 1
+                ends: list[float] = []
+                is_bounded = self._divide(record, step, rows, near, floor, ends)
+                add_rows(record.flows, np.array(ends).reshape(-1, N_ENDS))
+                if not is_bounded:
+                    return step - 1
+            else:
+                record.effort[0] += 1
+            s.observe()
+            record.keep(step, s)
+        return len(rows) - 1
+
+    def _leap(
+        self, level: int, before: BaseState, after: BaseState, record: PeriodRecord, tick: int
+    ) -> BoolArray | None:
+        """Make a coarse or middle step that ends at a tick; undo it if a fast pair is near.
+
+        Returns:
+            None if the step was made. If not, the near pairs of a coarse step, shape (n_pairs,);
+            those of a middle step are not sought.
+        """
+        s, slow = self.stepper, self.refinement.slow
+        s.use(level)
+        reach = 0.5 * SAFETY * s.time_step
+        is_fast = s.nearness(reach, slow) & AHEAD
+        if is_fast and level != COARSE:
+            return NOT_SOUGHT
+        s.keep()
+        s.begin_step(before, after)
+        smallest_gap = s.advance()
+        if is_fast or s.nearness(reach, slow) & BACK:
+            near = self._near(-reach) if level == COARSE else NOT_SOUGHT
+            s.undo()
+            return near | self._near(reach) if level == COARSE else near
+        self._ask(record, tick, smallest_gap)
+        return None
+
+    def _near(self, ahead: float) -> BoolArray:
+        """Return which pairs may close within a time ahead, or back (F1), shape (n_pairs,)."""
+        gap, rate = self.stepper.margins()
+        return np.asarray(gap + np.minimum(ahead * rate, 0.0) <= 0.0)
+
+    def _divide(
+        self,
+        record: PeriodRecord,
+        step: int,
+        rows: Sequence[BaseState],
+        near: BoolArray,
+        floor: float,
+        ends: list[float],
+    ) -> bool:
+        """Make a coarse step in smaller steps; return False if the motion diverges.
+
+        Args:
+            record: record of the period.
+            step: number of the coarse step.
+            rows: (q, q', q'') of the base at the coarse steps.
+            near: pairs with a small gap according to the coarse step, shape (n_pairs,).
+            floor: gap below which the motion counts as diverged [m].
+            ends: list that gets the rows of `add_rows`, one after the other.
+        """
+        s, r, m = self.stepper, self.refinement.factor, self.refinement.middle
+        first, is_first = (step - 1) * r, True
+        within = base_rows(tuple(rows[step - 1]), tuple(rows[step]), r, self.time_step).tolist()
+        ends += [*s.seen_u[:N_BASE].tolist(), *within[0], 0.0]
+        for last in range(r // m, r + 1, r // m):
+            start = last - r // m
+            if m > 1:
+                if self._leap(MIDDLE, within[start], within[last], record, first + last) is None:
+                    record.effort[1] += 1
+                    self._observe(within[last], 1.0 / m, ends)
+                    continue
+            s.use(FINE)
+            for tick in range(start + 1, last + 1):
+                s.begin_step(within[tick - 1], within[tick])
+                smallest_gap = s.advance()
+                if smallest_gap < floor:
+                    return False
+                record.effort[2] += 1
+                hit = self._ask(record, first + tick, smallest_gap)
+                if hit.size and is_first:
+                    is_first = False
+                    record.effort[3] += 1
+                    record.effort[4] += not near[hit].all()
+                self._observe(within[tick], 1.0 / r, ends)
+        return True
+
+    def _ask(self, record: PeriodRecord, tick: int, smallest_gap: float) -> IntArray:
+        """Let the law examine the candidate; return the pairs that it hits."""
+        s = self.stepper
+        if smallest_gap <= 0.0 or s.is_resting:
+            decision = self.supervisor.examine(s)
+            if decision is not None:
+                record.jump(tick, decision, s.jump(decision))
+                return decision.hit
+        return NO_PAIRS
+
+    def _observe(self, base_state: BaseState, share: float, ends: list[float]) -> None:
+        """Note the end of a small step, a share of a coarse one, for the work of the base."""
+        self.stepper.observe()
+        ends += [*self.stepper.seen_u[:N_BASE].tolist(), *base_state, share]

@@ -1,4 +1,6 @@
-"""PETSc objects of a stepper: local matrices, products, factors that are kept, shared vectors.
+"""PETSc objects of a stepper: matrices, products, factors, and the compliance of contact pairs.
+
+PETSc objects of a stepper: local matrices, products, factors that are kept, shared vectors.
 
 All vectors of a stepper are the own shares of its rank, sequential PETSc vectors. If the ranks are
 not coupled, or there is only one, matrices and factors are sequential too. Otherwise products and
@@ -13,9 +15,9 @@ import numpy as np
 import scipy.sparse as sp
 from petsc4py import PETSc
 
-from delam_fem.model.distributed import matrix
-from delam_fem.mpi import MPI
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.model.distributed import DistributedOperators, matrix
+from delam_fem.numerics.arrays import FloatArray, IntArray
+from delam_fem.system.mpi import MPI
 
 LARGE = 20000
 """Entries up to which PETSc's LU factors are the fastest: 800 dofs in plane stress, 240 in 3D."""
@@ -276,3 +278,86 @@ class Shared:
 def added(values: list[float], comm: MPI.Intracomm) -> list[float]:
     """Return numbers summed over the ranks, in their order (collective); in serial as they are."""
     return values if comm.size == 1 else np.sum(comm.allgather(values), axis=0).tolist()
+
+
+ROOM = 100_000
+"""Number of entries up to which blocks of pairs are kept: contact returns to the same pairs."""
+
+
+class Responding(Protocol):
+    """An object that computes the response of all gaps to a load on one pair; see dynamics.py."""
+
+    operators: DistributedOperators
+
+    def response(self, factor: Factor, pair: int) -> FloatArray:
+        """Return H x, where x is the factor's solution for a unit load on a pair, (n_pairs,)."""
+
+
+class LazyCompliance:
+    """H B^-1 H^T of a factorised matrix B; each column is computed when it is first needed."""
+
+    def __init__(self, dynamics: Responding, factor: Factor) -> None:
+        """Prepare the computation of columns; compute none yet.
+
+        Args:
+            dynamics: object that owns H and computes responses.
+            factor: factor of B.
+        """
+        n = dynamics.operators.n_pairs
+        self._dynamics, self._factor = dynamics, factor
+        self._columns = np.empty((0, n))  # one below the other, in the order of their computation
+        self._place = np.full(n, -1)
+        self._n_known = 0
+        self._blocks: dict[bytes, FloatArray] = {}
+        self._room = ROOM
+
+    def _require(self, pairs: IntArray) -> None:
+        missing = pairs[self._place[pairs] < 0]
+        if not missing.size:
+            return
+        room = self._n_known + missing.size
+        if room > len(self._columns):
+            more = np.empty((max(room, 2 * self._n_known) - self._n_known, self._place.size))
+            self._columns = np.concatenate([self._columns[: self._n_known], more])
+        for k in missing.tolist():
+            response = self._dynamics.response(self._factor, k)
+            self._columns[self._n_known] = self._factor.scale * response
+            self._place[k] = self._n_known
+            self._n_known += 1
+
+    def diagonal(self, pairs: IntArray) -> FloatArray:
+        """Return the diagonal entries of some pairs, shape (k,)."""
+        self._require(pairs)
+        return self._columns[self._place[pairs], pairs]
+
+    def block(self, pairs: IntArray) -> FloatArray:
+        """Return the rows and columns of some pairs, shape (k, k)."""
+        key = pairs.tobytes()
+        found = self._blocks.get(key)
+        if found is None:
+            self._require(pairs)
+            found = self._columns[self._place[pairs], pairs[:, None]]
+            self._room -= pairs.size**2
+            if self._room < 0:
+                self._blocks, self._room = {}, ROOM
+            self._blocks[key] = found
+        return found
+
+
+class LumpedCompliance:
+    """H D^-1 H^T of the lumped mass D; pairs of different nodes do not influence one another."""
+
+    def __init__(self, operators: DistributedOperators) -> None:
+        """Compute the matrix, which is sparse (collective)."""
+        H, comm = operators.gap_matrix, operators.comm
+        own = (H @ sp.diags(1.0 / operators.require_lumped_mass()) @ H.T).tocsr()
+        self._W = own if comm.size == 1 else sum(comm.allgather(own), 0 * own)
+        self._diagonal = self._W.diagonal()
+
+    def diagonal(self, pairs: IntArray) -> FloatArray:
+        """Return the diagonal entries of some pairs, shape (k,) [1/kg]."""
+        return self._diagonal[pairs]
+
+    def block(self, pairs: IntArray) -> FloatArray:
+        """Return the rows and columns of some pairs, shape (k, k) [1/kg]."""
+        return np.asarray(self._W[pairs][:, pairs].toarray())

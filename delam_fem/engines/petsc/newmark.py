@@ -30,12 +30,12 @@ from petsc4py import PETSc
 
 from delam_fem.contact.decision import Compliance, Decision
 from delam_fem.engines.petsc import linear_algebra
-from delam_fem.engines.petsc.compliance import LazyCompliance, LumpedCompliance
 from delam_fem.engines.petsc.dynamics import Dynamics
+from delam_fem.engines.petsc.linear_algebra import LazyCompliance, LumpedCompliance
 from delam_fem.model.distributed import DistributedOperators
 from delam_fem.model.operators import Operators
-from delam_fem.mpi import MPI
 from delam_fem.numerics.arrays import BoolArray, FloatArray, IntArray
+from delam_fem.system.mpi import MPI
 
 DIRECT_PAIRS = 64
 """N2 is inverted as a dense matrix for up to this number of springs, else solved iteratively."""

@@ -1,4 +1,6 @@
-"""Bonded here, delaminated there: the segments of a stack, its unknowns, and how they follow.
+"""Beams in layers: laminae side by side, or bonded here and delaminated there.
+
+Bonded here, delaminated there: the segments of a stack, its unknowns, and how they follow.
 
 A junction is an edge of a delamination or an end of the structure. Between two junctions lies a
 segment, in which each group of bonded laminae is one Euler–Bernoulli beam about its neutral axis.
@@ -16,23 +18,64 @@ behind couples the slopes at the edges of a delamination.
 
 Source: P. M. Mujumdar, S. Suryanarayan, "Flexural vibrations of beams with delaminations", J. Sound
 Vib. 125 (1988), for one delamination in a homogeneous beam.
+
+The layout of the paper's structure: laminae side by side, clamped at x = 0, free at x = L.
+
+Both discretisations (closed_form.py and forms.py) number their dofs in the order of this layout:
+lamina by lamina, node by node from the clamp to the tip, displacement before slope. The clamped
+nodes are left out.
+
+Point masses on laminae: what they add to the mass of a structure.
+
+    m(w, v) = ∫ rho A w v dx + Σ m_j w(x_j) v(x_j)                                  (weak form)
+
+w and v are Hermite interpolants, so a mass m at x adds m N N^T, where N are the values of the cubic
+Hermite functions there. The lumped mass gets the share m (1 - X) and m X at the ends of the cell.
+The masses are part of M in the damping C = alpha M + beta K; their rotatory inertia is neglected.
+
+Operators and layout of a bonded stack, from the matrices of its unknowns.
+
+Both discretisations (closed_form.py and forms.py) give mass and stiffness in the unknowns of
+`network.py`; this module does the rest, which both share.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 import scipy.sparse as sp
 
 from delam_fem.case.definition import Case
-from delam_fem.case.sections import Lamina
-from delam_fem.model.layout import BASE, FIXED, Part
-from delam_fem.model.pairing import CURVATURE, cells_at, columns_of
-from delam_fem.model.sensors import StrainRows
+from delam_fem.case.gap import initial_gap, opening_at_rest
+from delam_fem.case.sections import EDGE_TOLERANCE, Delamination, Lamina, PointMass, open_ends
+from delam_fem.model.layout import (
+    BASE,
+    CURVATURE,
+    DISPLACEMENT,
+    FIXED,
+    Layout,
+    Part,
+    Probe,
+    Structure,
+    Support,
+    cells_at,
+    columns_of,
+    gap_matrix,
+    interpolation_rows,
+    neighbours,
+    place_of,
+    probe_rows,
+    tributary_lengths,
+)
+from delam_fem.model.linear import kept_closed, lowest
+from delam_fem.model.operators import BaseCoupling, Operators
+from delam_fem.model.sensors import StrainRows, with_sensors
+from delam_fem.numerics import oscillator
 from delam_fem.numerics.arrays import FloatArray, IntArray
+from delam_fem.system.errors import CaseError
 
 Group = tuple[int, ...]
 """Numbers of neighbouring laminae that are bonded, from bottom to top."""
@@ -311,3 +354,345 @@ def _segments(case: Case, x: FloatArray) -> tuple[Segment, ...]:
 def _node(x: FloatArray, place: float) -> int:
     """Return the node nearest to a place."""
     return int(np.argmin(np.abs(x - place)))
+
+
+CLAMP, TIP = 0, -1
+"""Numbers of the first and the last point of a lamina."""
+
+
+def clamped_laminae(
+    case: Case, x: FloatArray, flexural_rigidity: FloatArray, mass_per_length: FloatArray
+) -> Layout:
+    """Return the layout of the laminae of a case.
+
+    Args:
+        case: gives the names of the laminae.
+        x: positions of the nodes, clamp included, shape (n_nodes,) [m].
+        flexural_rigidity: EI of each cell of each lamina, shape (n_laminae, n_nodes - 1) [N m2].
+        mass_per_length: ρA of each cell of each lamina, shape (n_laminae, n_nodes - 1) [kg/m].
+    """
+    n = x.size - 1
+    parts = tuple(
+        Part(lamina.name, x, _dofs(i, n), flexural_rigidity[i], mass_per_length[i])
+        for i, lamina in enumerate(case.lamina)
+    )
+    interfaces = neighbours(parts, case.contact.points_per_element)
+    return Layout(
+        parts,
+        interfaces,
+        tuple(Probe("tip", i, n) for i in range(len(parts))),
+        tuple(Support(i, CLAMP) for i in range(len(parts))),
+    )
+
+
+def gap_at_rest(case: Case, layout: Layout) -> FloatArray:
+    """Return the gaps at rest of all pairs, shape (n_pairs,) [m].
+
+    Raises:
+        CaseError: see `initial_gap` and `opening_at_rest`.
+    """
+    gaps = []
+    for interface in layout.interfaces:
+        x = layout.parts[interface.parts[0]].positions(interface.places(0))
+        if case.gap is not None:
+            gaps.append(initial_gap(case.gap, x, case.length))
+        else:
+            names = (layout.names[interface.parts[0]], layout.names[interface.parts[1]])
+            gaps.append(_openings(case, names, x))
+    return np.concatenate(gaps)
+
+
+def _openings(case: Case, between: tuple[str, str], x: FloatArray) -> FloatArray:
+    """Return the gaps at rest between two laminae at places within their delaminations [m]."""
+    gap, margin = np.zeros(x.size), EDGE_TOLERANCE * case.length
+    for own in case.delamination:
+        if own.between == between:
+            inside = (x >= own.start - margin) & (x <= own.end + margin)
+            is_at_start = open_ends(own, case.length, case.support) == ("start",)
+            gap[inside] = opening_at_rest(own, x[inside], case.length, opens_at_start=is_at_start)
+    return gap
+
+
+def pair_weights(case: Case, layout: Layout) -> FloatArray | None:
+    """Return the factors of the springs of all pairs, shape (n_pairs,) [-].
+
+    With contact points inside the elements a spring's stiffness holds for a mean element, and each
+    pair has its share: its tributary length in lengths of the mean element. None: only the nodes
+    are pairs, and each has the whole stiffness, as in the paper.
+    """
+    if case.contact.points_per_element == 1:
+        return None
+    shares: list[FloatArray] = []
+    for interface in layout.interfaces:
+        lower = layout.parts[interface.parts[0]]
+        mean = (lower.x[TIP] - lower.x[CLAMP]) / lower.n_elements
+        shares.append(tributary_lengths(layout.parts, interface) / mean)
+    return np.concatenate(shares)
+
+
+def _dofs(lamina: int, n: int) -> IntArray:
+    """Return the dofs of the points of a lamina of n elements, shape (n + 1, 2)."""
+    dofs = np.empty((n + 1, 2), dtype=np.int64)
+    dofs[CLAMP] = BASE, FIXED
+    dofs[1:] = 2 * n * lamina + np.arange(2 * n).reshape(n, 2)
+    return dofs
+
+
+def completed(structure: Structure, case: Case, strain: StrainRows | None = None) -> Structure:
+    """Return the structure with the drive and the sensors of a case.
+
+    Args:
+        structure: of the case.
+        case: the case.
+        strain: gives the strain of surfaces, see `with_sensors`; None: laminae that are apart.
+    """
+    return with_sensors(driven(structure, case), case, strain)
+
+
+def driven(structure: Structure, case: Case) -> Structure:
+    """Return the structure with the drive of a case: its base, or a force at a point.
+
+    Raises:
+        CaseError: the point of the force is held, so that the force has no effect.
+    """
+    given = case.excitation
+    name, position = getattr(given, "lamina", None), getattr(given, "position", None)
+    if given.acts_on == "base" or name is None or position is None:
+        return structure
+    operators = structure.operators
+    load = point_load(structure.layout, name, position, operators.n_dofs)
+    if not load.any():
+        raise CaseError(
+            f"excitation.position: expected a point that can move, given {position!r} m, where "
+            f"lamina {name} is held"
+        )
+    return replace(structure, operators=replace(operators, base=BaseCoupling.force(load)))
+
+
+def point_load(layout: Layout, lamina: str, position: float, n_dofs: int) -> FloatArray:
+    """Return the loads of a unit force at a point of a lamina, shape (n_dofs,) [N/N].
+
+    They are the values of the cubic Hermite functions at the point, so that the work of the force
+    is the force times the displacement of the point.
+
+    Args:
+        layout: of the structure.
+        lamina: name of the part.
+        position: x of the point [m].
+        n_dofs: number of free dofs.
+    """
+    part = layout.parts[layout.names.index(lamina)]
+    place = np.interp([position], part.x, np.arange(part.x.size, dtype=np.float64))
+    row = interpolation_rows(part, place, layout.n_numbered(n_dofs))
+    return np.asarray(layout.of_dofs(row).toarray()[0])
+
+
+def added_mass(case: Case, layout: Layout, n: int) -> tuple[sp.csr_matrix, FloatArray]:
+    """Return what the point masses of a case add to the mass of free dofs and base.
+
+    Args:
+        case: gives the masses.
+        layout: of the structure.
+        n: number of free dofs; column n is the base.
+
+    Returns:
+        Matrix of shape (n + 1, n + 1), lumped if the case takes the lumped mass; the diagonal that
+        they add to the lumped mass, shape (n + 1,) [kg].
+    """
+    matrix, lumped = sp.csr_matrix((n + 1, n + 1)), np.zeros(n + 1)
+    for own in case.point_mass:
+        part = layout.parts[layout.names.index(own.lamina)]
+        place = place_of(part, _position(own, case))
+        row = columns_of(part, place, n)
+        matrix = matrix + own.mass * (row.T @ row)
+        point = min(int(place), part.n_elements - 1)
+        for node, share in ((point, 1.0 - (place - point)), (point + 1, place - point)):
+            dof = int(part.dofs[node, DISPLACEMENT])
+            if dof >= 0 or dof == BASE:
+                lumped[dof if dof >= 0 else n] += share * own.mass
+    return (sp.diags(lumped, format="csr") if case.time.mass == "lumped" else matrix), lumped
+
+
+def with_masses(structure: Structure, case: Case) -> Structure:
+    """Return laminae that are apart with the point masses of their case."""
+    if not case.point_mass:
+        return structure
+    o, layout = structure.operators, structure.layout
+    n = o.n_dofs
+    mass, damping, base = o.mass, o.damping, o.base
+    lumped = np.zeros(n + 1)
+    for i, lamina in enumerate(case.lamina):
+        own = tuple(point for point in case.point_mass if point.lamina == lamina.name)
+        added, diagonal = added_mass(case.model_copy(update={"point_mass": own}), layout, n)
+        alpha, _ = case.rayleigh(i)
+        column, corner = added[:n, n].toarray().ravel(), float(added[n, n])
+        mass, damping = mass + added[:n, :n], damping + alpha * added[:n, :n]
+        base = replace(
+            base,
+            mass=base.mass + column,
+            damping=base.damping + alpha * column,
+            corner=(base.corner[0] + corner, base.corner[1] + alpha * corner, base.corner[2]),
+        )
+        lumped += diagonal
+    operators = replace(
+        o,
+        mass=mass.tocsr(),
+        damping=damping.tocsr(),
+        base=base,
+        lumped_mass=None if o.lumped_mass is None else o.lumped_mass + lumped[:n],
+    )
+    return replace(structure, operators=operators)
+
+
+def _position(own: PointMass, case: Case) -> float:
+    """Return the place of a mass [m]; without one, the end x = L."""
+    return case.length if own.position is None else own.position
+
+
+_TWO_PI = 2.0 * np.pi
+
+
+def structure(
+    case: Case, network: Network, mass: sp.spmatrix, stiffness: sp.spmatrix, lumped: FloatArray
+) -> Structure:
+    """Return the discretised stack.
+
+    Args:
+        case: the case.
+        network: its unknowns.
+        mass: M in the columns of the network.
+        stiffness: K in the columns of the network.
+        lumped: diagonal of the lumped mass in the columns of the network.
+    """
+    n = network.n_free
+    layout = layout_of(case, network)
+    if case.time.mass == "lumped":
+        mass = sp.diags(lumped)
+    added, diagonal = added_mass(case, layout, n)
+    M = sp.csr_matrix(sp.csr_matrix(mass)[: n + 1, : n + 1] + added)
+    K = eliminated(stiffness, n + 1) + _springs(case, network)
+    alpha, beta = damping(case, layout, M[:n, :n], K[:n, :n])
+    C = sp.csr_matrix(alpha * M + beta * K)
+    m, c, k = (matrix[:n, n].toarray().ravel() for matrix in (M, C, K))
+    corner = tuple(float(matrix[n, n]) for matrix in (M, C, K))
+    operators = Operators(
+        mass=sp.csr_matrix(M[:n, :n]),
+        damping=sp.csr_matrix(C[:n, :n]),
+        stiffness=sp.csr_matrix(K[:n, :n]),
+        lumped_mass=lumped[:n] + diagonal[:n],
+        base=BaseCoupling(m, c, k, corner=(corner[0], corner[1], corner[2])),
+        gap_matrix=gap_matrix(layout.parts, layout.interfaces, n),
+        gap0=gap_at_rest(case, layout),
+        pair_weights=pair_weights(case, layout),
+        probes=probe_rows(layout, n),
+    )
+    return completed(Structure(operators, layout), case, surface_strain(network, stiffness))
+
+
+def _springs(case: Case, network: Network) -> sp.csr_matrix:
+    """Return the stiffness of the slopes at clamped ends that yield, with the base as last row."""
+    ends = ((0, case.support.start), (-1, case.support.end))
+    slopes = [network.dofs[:, node, 1] for node, kind in ends if kind == "clamped"]
+    diagonal = np.zeros(network.n_free + 1)
+    if slopes and case.support.rotational_stiffness is not None:
+        diagonal[np.concatenate(slopes)] = case.support.rotational_stiffness
+    return sp.csr_matrix(sp.diags(diagonal))
+
+
+def layout_of(case: Case, network: Network) -> Layout:
+    """Return the parts, interfaces, probes and supports of a stack."""
+    x = network.x
+    cells = x.size - 1
+    parts = tuple(
+        Part(
+            lamina.name,
+            x,
+            network.dofs[i],
+            np.full(cells, lamina.flexural_rigidity),
+            np.full(cells, lamina.mass_per_length),
+        )
+        for i, lamina in enumerate(case.lamina)
+    )
+    interfaces = neighbours(parts, case.contact.points_per_element)
+    held = ((0, case.support.start), (cells, case.support.end))
+    supports = tuple(
+        Support(i, node, kind) for i in range(len(parts)) for node, kind in held if kind != "free"
+    )
+    return Layout(parts, interfaces, probes_of(case, x), supports)
+
+
+def probes_of(case: Case, x: FloatArray) -> tuple[Probe, ...]:
+    """Return the probes: a reference probe on each lamina, and both sides of each delamination.
+
+    The reference probes are at the free end of the longest delamination, or at its middle.
+    """
+    node, name = _reference(case, x)
+    probes = [Probe(name, i, node) for i in range(len(case.lamina))]
+    names = [lamina.name for lamina in case.lamina]
+    for number, own in enumerate(case.delamination):
+        middle = _nearest(x, 0.5 * (own.start + own.end))
+        for side in own.between:
+            part = names.index(side)
+            if (part, middle) not in {(probe.part, probe.point) for probe in probes}:
+                probes.append(Probe(f"delamination-{number}-{side}", part, middle))
+    return tuple(probes)
+
+
+def _reference(case: Case, x: FloatArray) -> tuple[int, str]:
+    """Return node and name of the reference probes."""
+    L, kinds = case.length, (case.support.start, case.support.end)
+    ends = {"start": 0, "end": x.size - 1}
+    if not case.delamination:
+        free = [node for node, kind in zip(ends.values(), kinds, strict=True) if kind == "free"]
+        return (free[-1], "tip") if free else (_nearest(x, 0.5 * L), "middle")
+    longest: Delamination = max(case.delamination, key=lambda own: own.end - own.start)
+    free_ends = open_ends(longest, L, case.support)
+    if free_ends:
+        return ends[free_ends[-1]], "tip"
+    return _nearest(x, 0.5 * (longest.start + longest.end)), "middle"
+
+
+def _nearest(x: FloatArray, place: float) -> int:
+    """Return the inner node nearest to a place."""
+    return 1 + int(np.argmin(np.abs(x[1:-1] - place)))
+
+
+def damping(case: Case, layout: Layout, M: sp.csr_matrix, K: sp.csr_matrix) -> tuple[float, float]:
+    """Return alpha [1/s] and beta [s] of C = alpha M + beta K of a stack.
+
+    The damping ratio holds at the lowest modes of the structure with its delaminations kept closed.
+    Where laminae have different ratios, each counts with its share of the strain energy of the
+    bonded stack in bending.
+
+    Args:
+        case: damping ratios and model.
+        layout: of the structure.
+        M: mass of the free dofs.
+        K: stiffness of the free dofs.
+    """
+    S = kept_closed(layout, M.shape[0])
+    rigid = n_rigid(case)
+    found, _ = lowest(S.T @ K @ S, S.T @ M @ S, rigid + 2, is_floating=rigid > 0)
+    first, second = (_TWO_PI * found[rigid : rigid + 2]).tolist()
+    return oscillator.coefficients(_damping_ratio(case), first, second, case.damping.rayleigh)
+
+
+def n_rigid(case: Case) -> int:
+    """Return the number of rigid motions that the supports leave to a stack kept closed."""
+    kinds = (case.support.start, case.support.end)
+    if "clamped" in kinds:
+        return 0
+    return 2 - kinds.count("pinned")
+
+
+def _damping_ratio(case: Case) -> float:
+    """Return the damping ratio of the bonded stack: the mean, weighted by bending stiffness."""
+    EA = np.array([lamina.axial_rigidity for lamina in case.lamina])
+    thickness = np.array([lamina.thickness for lamina in case.lamina])
+    z = np.cumsum(thickness) - 0.5 * thickness
+    z = z - EA @ z / EA.sum()
+    weights = np.array([lamina.flexural_rigidity for lamina in case.lamina]) + EA * z**2
+    ratios = [lamina.damping_ratio for lamina in case.lamina]
+    if len(set(ratios)) == 1:
+        return ratios[0]
+    return float(weights @ ratios / weights.sum())

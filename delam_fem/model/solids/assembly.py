@@ -2,11 +2,11 @@
 
     M a + C v + K u = -(m_b q''_b + c_b q'_b + k_b q_b) + Hᵀ lambda
 
-M and K come from the weak forms of `elasticity.py`, restricted to the free dofs. The damping is
+M and K come from the weak forms of `forms.py`, restricted to the free dofs. The damping is
 Rayleigh's with the coefficients of the beam of the same case, so that models can be compared:
 C = alpha_i M + beta_i K on each lamina that is apart, one pair of coefficients for a bonded stack.
 
-What a beam has at its points, a solid reads from its middle lines (`readings.py`).
+What a beam has at its points, a solid reads from its middle lines (`body.py`).
 """
 
 from __future__ import annotations
@@ -16,34 +16,42 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from delam_fem.case.attachments import PointMass
 from delam_fem.case.definition import Case
-from delam_fem.case.sections import Mesh
-from delam_fem.case.toml import CaseError
+from delam_fem.case.sections import Mesh, PointMass
 from delam_fem.model import distributed
-from delam_fem.model.beams import bonded, closed_form
-from delam_fem.model.beams.bonded import probes_of
-from delam_fem.model.beams.laminae import completed
+from delam_fem.model.beams import closed_form, network
+from delam_fem.model.beams.network import completed, probes_of
 from delam_fem.model.distributed import DistributedOperators
-from delam_fem.model.layout import Layout, Part, Probe, Reading, Structure, Support
+from delam_fem.model.layout import (
+    Layout,
+    Part,
+    Probe,
+    Reading,
+    Structure,
+    Support,
+    columns_of,
+    place_of,
+    probe_rows,
+)
 from delam_fem.model.mesh import node_coordinates
 from delam_fem.model.operators import BaseCoupling, Operators
-from delam_fem.model.pairing import columns_of, place_of, probe_rows
 from delam_fem.model.sensors import StrainRows
-from delam_fem.model.solids import pairs
-from delam_fem.model.solids.body import Body, Touching
-from delam_fem.model.solids.cells import locate
-from delam_fem.model.solids.columns import Columns
-from delam_fem.model.solids.elasticity import Solid
-from delam_fem.model.solids.evaluation import evaluate, gathered
-from delam_fem.model.solids.lattice import lattice
-from delam_fem.model.solids.mesh import SolidMesh
-from delam_fem.model.solids.meshfile import solid_mesh
-from delam_fem.model.solids.readings import middle_line, parts, points_along, reading_rows
-from delam_fem.model.solids.supports import X, Y, held
-from delam_fem.model.solids.unknowns import Restricted, Unknowns
-from delam_fem.mpi import MPI
+from delam_fem.model.solids import facing
+from delam_fem.model.solids.body import (
+    Body,
+    Touching,
+    middle_line,
+    parts,
+    points_along,
+    reading_rows,
+)
+from delam_fem.model.solids.forms import Solid, evaluate, gathered
+from delam_fem.model.solids.mesh import SolidMesh, locate
+from delam_fem.model.solids.meshing import lattice, solid_mesh
+from delam_fem.model.solids.unknowns import Columns, Restricted, Unknowns, X, Y, held
 from delam_fem.numerics.arrays import FloatArray, IntArray
+from delam_fem.system.errors import CaseError
+from delam_fem.system.mpi import MPI
 
 _DAMPED_CELLS = 100
 """Cells of the beam that gives the damping of a bonded stack whose mesh is from a file."""
@@ -71,7 +79,7 @@ def assemble(case: Case, *, comm: MPI.Intracomm = MPI.COMM_SELF) -> Structure:
     is_plain = "lumped" in (case.time.mass, case.contact.impulse)
     columns = None if is_plain else Columns.of(solid, np.unique(ends.dofs // mesh.dim))
     unknowns = Unknowns.of(solid, ends, columns)
-    touching = pairs.touching(case, unknowns, x)
+    touching = facing.touching(case, unknowns, x)
     layout = _layout(case, unknowns, x, touching)
     M, K, lumped = _matrices(case, unknowns, E * _width(case, mesh))
     M, lumped = _with_masses(M, lumped, case, layout, comm)
@@ -139,7 +147,7 @@ def _operators(
     case: Case,
     unknowns: Unknowns,
     layout: Layout,
-    touching: tuple[pairs.Touching, ...],
+    touching: tuple[facing.Touching, ...],
     matrices: tuple[Restricted, Restricted, Restricted],
     lumped: FloatArray | None,
     rayleigh: tuple[FloatArray, FloatArray],
@@ -151,9 +159,9 @@ def _operators(
     further: dict[str, Any] = {
         "base": BaseCoupling(M.column, C.column, K.column, (M.corner, C.corner, K.corner)),
         "gap_matrix": sp.vstack(rows, format="csr"),
-        "gap0": pairs.gaps(case, layout, touching),
+        "gap0": facing.gaps(case, layout, touching),
         "lumped_mass": lumped,
-        "pair_weights": pairs.weights(case, layout.parts, touching, unknowns.solid.dim),
+        "pair_weights": facing.weights(case, layout.parts, touching, unknowns.solid.dim),
         "probes": probe_rows(layout, unknowns.n_own),
         "rayleigh": rayleigh,
     }
@@ -282,11 +290,11 @@ def _of_stack(case: Case) -> tuple[float, float]:
     mesh = case.mesh if case.mesh.file is None else Mesh(elements=_DAMPED_CELLS)
     beam = closed_form.assemble(case.model_copy(update={"mesh": mesh, "sensor": ()}))
     o = beam.operators
-    return bonded.damping(case, beam.layout, o.mass, o.stiffness)
+    return network.damping(case, beam.layout, o.mass, o.stiffness)
 
 
 def _layout(
-    case: Case, unknowns: Unknowns, x: FloatArray, touching: tuple[pairs.Touching, ...]
+    case: Case, unknowns: Unknowns, x: FloatArray, touching: tuple[facing.Touching, ...]
 ) -> Layout:
     """Return parts, interfaces, probes and supports, with the readings of the solid."""
     own_parts = parts(case, x)
@@ -303,7 +311,7 @@ def _layout(
     is_tips = case.is_apart
     return Layout(
         own_parts,
-        tuple(pairs.interfaces(own_parts, touching, case)),
+        tuple(facing.interfaces(own_parts, touching, case)),
         tuple(Probe("tip", i, x.size - 1) for i in count) if is_tips else probes_of(case, x),
         tuple(Support(i, node, kind) for i in count for node, kind in ends if kind != "free"),
         reading=reading,

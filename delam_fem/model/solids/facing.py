@@ -1,4 +1,4 @@
-"""Contact between the facing surfaces of two laminae: pairs by projection along the normal.
+"""Contact between the facing surfaces of laminae: pairs by projection, and their pressure.
 
 A pair is a point on the upper surface of the lower lamina, and the place where the normal there
 meets the lower surface of the upper lamina. The two meshes need not match. The gap of a pair is
@@ -7,6 +7,19 @@ the distance along the normal; its rate is
     n · (u̇(place on the upper lamina) − u̇(point on the lower lamina)),
 
 with n constant: the rotations of contact surfaces are small.
+
+Contact pressure: the forces of pairs, spread over the surfaces on which they act.
+
+A pair shares its force among the vertices of the facet on which it lies, by their linear functions
+N_v. The pressure at a vertex is its force over the integral of N_v, and linear between vertices.
+The integral of the pressure over the surface is therefore the sum of the forces.
+
+The contact pairs of a case: where they are, the gap matrix, their interfaces and weights.
+
+On the structured mesh of a case the pairs are where those of its beams are along x; in 3D each of
+them is a row of points across the width, at the vertices. On a mesh from a file they are the
+vertices of the lower sides; of tetrahedra the middles of the edges there, because a pressure on a
+quadratic triangle loads these alone.
 """
 
 from __future__ import annotations
@@ -18,11 +31,21 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
-from delam_fem.model.layout import Interface, Part
-from delam_fem.model.solids.cells import FACET_OF, INSIDE, Hits, meetings, shape_functions
-from delam_fem.model.solids.elasticity import Solid
-from delam_fem.model.solids.evaluation import evaluate
-from delam_fem.model.solids.mesh import Facing, SolidMesh
+from delam_fem.case.definition import Case
+from delam_fem.model.beams.network import gap_at_rest
+from delam_fem.model.layout import Interface, Layout, Part
+from delam_fem.model.solids.forms import Solid, evaluate, gathered
+from delam_fem.model.solids.mesh import (
+    FACET_OF,
+    INSIDE,
+    Facing,
+    Hits,
+    SolidMesh,
+    meetings,
+    shape_functions,
+)
+from delam_fem.model.solids.meshing import bonded_cells
+from delam_fem.model.solids.unknowns import Unknowns
 from delam_fem.numerics.arrays import BoolArray, FloatArray, IntArray
 
 MANY = 0.2
@@ -330,3 +353,244 @@ def _smooth(facets: IntArray, vectors: FloatArray) -> FloatArray:
     np.add.at(total, number, vectors)
     unit = total / np.linalg.norm(total, axis=1)[:, None]
     return np.asarray(unit[number])
+
+
+ON_FACET = 1e-9
+"""How much less than 1 the linear functions of a facet's vertices may sum up to on it."""
+
+
+@dataclass(frozen=True)
+class Side:
+    """One of the two surfaces of an interface.
+
+    Attributes:
+        facets: as vertices, shape (n, m).
+        cells: whose facets they are, shape (n,).
+        places: where the pairs lie on it, shape (n_pairs, dim) [m].
+    """
+
+    facets: IntArray
+    cells: IntArray
+    places: FloatArray
+
+
+def sides_of(mesh: SolidMesh, facing: Facing, pairs: Pairs) -> tuple[Side, Side]:
+    """Return the lower and the upper surface of an interface."""
+    lower, _ = mesh.cells_with(facing.lower)
+    upper, _ = mesh.cells_with(facing.upper)
+    return Side(facing.lower, lower, pairs.lower.x), Side(facing.upper, upper, pairs.upper)
+
+
+def pressure_at_vertices(
+    mesh: SolidMesh, side: Side, normals: FloatArray, width: float
+) -> tuple[IntArray, sp.csr_matrix]:
+    """Return the pressures at the vertices of a side by unit forces of the pairs.
+
+    Args:
+        mesh: the mesh.
+        side: the side.
+        normals: of the pairs, shape (n_pairs, dim).
+        width: of the surface in two dimensions [m]; 1 in three.
+
+    Returns:
+        The vertices, shape (n,), and CSR (n, n_pairs) [1/m2].
+
+    Raises:
+        ValueError: a pair is not on the side.
+    """
+    kind, corners = FACET_OF[mesh.cell], mesh.points[side.facets]
+    hits = meetings(corners, side.places, normals, kind)
+    order = np.lexsort([hits.facet, np.abs(hits.distance), hits.line])
+    lines, first = np.unique(hits.line[order], return_index=True)
+    if lines.size < len(side.places):
+        raise ValueError("solid: a contact pair lies on no facet of its surface")
+    chosen = order[first]
+    N, _ = shape_functions(kind, hits.local[chosen])
+    vertices, number = np.unique(side.facets, return_inverse=True)
+    number = number.reshape(side.facets.shape)
+    _, shares = corner_shares(mesh, side.facets, side.cells)
+    area = width * np.bincount(number.ravel(), shares.ravel())
+    columns = np.repeat(np.arange(lines.size), N.shape[1])
+    rows = number[hits.facet[chosen]].ravel()
+    forces = sp.csr_matrix((N.ravel(), (rows, columns)), (vertices.size, lines.size))
+    return vertices, sp.csr_matrix(sp.diags(1.0 / area) @ forces)
+
+
+def at_points(
+    mesh: SolidMesh, side: Side, vertices: IntArray, places: FloatArray, cells: IntArray, n: int
+) -> sp.csr_matrix:
+    """Return the values at the points of the side's cells from values at its vertices.
+
+    Args:
+        mesh: the mesh.
+        side: the side.
+        vertices: whose values are given, increasing, shape (k,).
+        places: reference coordinates of the points of a cell, shape (n_basis, dim).
+        cells: points of all cells of the mesh, shape (n_cells, n_basis).
+        n: number of points.
+
+    Returns:
+        CSR (n, k); rows of points beside the surface are empty.
+    """
+    N, _ = shape_functions(mesh.cell, places)
+    own = mesh.cells[side.cells]
+    is_of_facet = (own[:, :, None] == side.facets[:, None, :]).any(axis=2)
+    facet, point = np.nonzero(is_of_facet @ N.T > 1.0 - ON_FACET)
+    points, first = np.unique(cells[side.cells[facet], point], return_index=True)
+    facet, point = facet[first], point[first]
+    rows = np.repeat(np.arange(points.size), N.shape[1])
+    used = (N[point] * is_of_facet[facet]).ravel()
+    kept = np.abs(used) > ON_FACET
+    columns = np.searchsorted(vertices, own[facet].ravel()[kept])
+    return sp.csr_matrix((used[kept], (points[rows[kept]], columns)), shape=(n, vertices.size))
+
+
+_ROUND_OFF = 1e-9
+"""Values of basis functions below this are zero but for round-off."""
+
+_OPENINGS = frozenset({"opening", "shape", "file"})
+"""Keys of a delamination that say how far it is open at rest."""
+
+
+@dataclass(frozen=True)
+class Touching:
+    """The pairs of one interface that can move.
+
+    Attributes:
+        sides: the surfaces.
+        pairs: the pairs.
+        rows: their rows of the gap matrix, columns of the own free dofs, CSR (n_pairs, n_own).
+    """
+
+    sides: Facing
+    pairs: Pairs
+    rows: sp.csr_matrix
+
+
+def touching(case: Case, unknowns: Unknowns, x: FloatArray) -> tuple[Touching, ...]:
+    """Return the pairs of all interfaces (collective).
+
+    Args:
+        case: the case.
+        unknowns: the free dofs.
+        x: positions of the points of the parts, shape (n,) [m].
+    """
+    solid = unknowns.solid
+    result = []
+    for sides in solid.mesh.sides:
+        points = _points(case, solid.mesh, sides, x)
+        found = project(solid.mesh, sides, points)
+        of_all = gathered(gap_rows(solid, found), solid.comm)
+        of_all.data[np.abs(of_all.data) < _ROUND_OFF] = 0.0
+        rows = sp.csr_matrix(of_all @ unknowns.free)
+        rows.eliminate_zeros()
+        moves = _moves(solid, rows)
+        result.append(Touching(sides, found.chosen(moves), rows[moves]))
+    return tuple(result)
+
+
+def interfaces(parts: Sequence[Part], every: Sequence[Touching], case: Case) -> list[Interface]:
+    """Return the interfaces of all pairs, which follow one another.
+
+    Args:
+        parts: all parts.
+        every: the pairs of each interface.
+        case: the case.
+    """
+    result: list[Interface] = []
+    for own in every:
+        first = sum(len(other.points) for other in result)
+        is_file = case.mesh.file is not None
+        result.append(interface(parts, own.sides.parts, own.pairs.x, first, at_points=is_file))
+    return result
+
+
+def weights(
+    case: Case, parts: Sequence[Part], every: Sequence[Touching], dim: int
+) -> FloatArray | None:
+    """Return the factors of the springs of all pairs, shape (n_pairs,) [-].
+
+    As of beams a spring's stiffness holds for a mean element, and each pair has its share of the
+    length or, in 3D, of the area. If pairs are at the points of the parts alone, each point has the
+    whole stiffness, as in the paper, which its pairs across the width share. None: every pair has
+    the whole.
+    """
+    is_whole = case.contact.points_per_element == 1 and case.mesh.file is None
+    if is_whole and dim == 2:
+        return None
+    result: list[FloatArray] = [np.zeros(0)]
+    for own in every:
+        lower = parts[own.sides.parts[0]]
+        own_weights = own.pairs.weights
+        if is_whole:
+            _, row = np.unique(own.pairs.x, return_inverse=True)
+            result.append(own_weights / np.bincount(row, own_weights)[row])
+            continue
+        mean = (lower.x[-1] - lower.x[0]) / lower.n_elements
+        across = 1.0 if dim == 2 else min(case.lamina[i].width for i in own.sides.parts)
+        result.append(own_weights / (mean * across))
+    return np.concatenate(result)
+
+
+def gaps(case: Case, layout: Layout, every: Sequence[Touching]) -> FloatArray:
+    """Return the gaps at rest of all pairs, shape (n_pairs,) [m].
+
+    They are the case's. On a mesh from a file they are the mesh's own at delaminations of which the
+    case gives neither an opening nor a shape nor a table.
+
+    Args:
+        case: the case.
+        layout: with the interfaces of the pairs.
+        every: the pairs of each interface.
+    """
+    if not every:
+        return np.zeros(0)
+    result = gap_at_rest(case, layout)
+    if case.mesh.file is None or case.gap is not None:
+        return result
+    for own, interface in zip(every, layout.interfaces, strict=True):
+        between = tuple(layout.names[i] for i in interface.parts)
+        for open_place in case.delamination:
+            if open_place.between == between and not _OPENINGS & open_place.model_fields_set:
+                x = own.pairs.x
+                is_in = (x >= open_place.start) & (x <= open_place.end)
+                result[interface.pairs][is_in] = own.pairs.gap[is_in]
+    return result
+
+
+def _points(case: Case, mesh: SolidMesh, sides: Facing, x: FloatArray) -> Points:
+    """Return the points of the lower side at which pairs are sought."""
+    if case.mesh.file is not None:
+        is_tetrahedral = mesh.cell == "tetrahedron"
+        return (at_middles if is_tetrahedral else at_vertices)(mesh, sides)
+    lower, upper = (case.lamina[i] for i in sides.parts)
+    across = None
+    if mesh.dim == 3:
+        half = 0.5 * min(lower.width, upper.width)
+        across = np.linspace(-half, half, case.model.strips + 1)
+    bonded = bonded_cells(case, x)[sides.parts[0]]
+    return at_places(mesh, sides, _places(bonded, x, case.contact.points_per_element), across)
+
+
+def _places(bonded: BoolArray, x: FloatArray, per_element: int) -> FloatArray:
+    """Return the positions of the pairs of beams: within cells that are apart [m].
+
+    Args:
+        bonded: whether each cell is bonded, shape (n,).
+        x: nodes, shape (n + 1,) [m].
+        per_element: number of pairs per cell, at the local coordinates 1/p, 2/p, …, 1.
+    """
+    touches_bond = np.zeros(x.size, dtype=np.bool_)
+    touches_bond[1:] |= bonded
+    touches_bond[:-1] |= bonded
+    local = np.arange(1, per_element) / per_element
+    inside = x[:-1][~bonded, None] + np.diff(x)[~bonded, None] * local
+    return np.sort(np.concatenate([x[~touches_bond], inside.ravel()]))
+
+
+def _moves(solid: Solid, rows: sp.csr_matrix) -> BoolArray:
+    """Return which pairs any free dof moves (collective), shape (n_pairs,)."""
+    own = np.asarray(abs(rows).sum(axis=1)).ravel()
+    if solid.comm.size > 1:
+        own = np.sum(solid.comm.allgather(own), axis=0)
+    return np.asarray(own > 0.0)

@@ -9,10 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from delam_fem.numerics.arrays import FloatArray, IntArray
-from delam_fem.paper.claims import Claim, Criterion, judged
+from delam_fem.paper.claims import NOT_IN_JSON, Claim, Criterion, Numbers, Piece, judged
 from delam_fem.paper.figures.shapes import detailed_case
 from delam_fem.paper.lab import Laboratory
-from delam_fem.paper.piece import NOT_IN_JSON, Numbers, Piece
+from delam_fem.results.diagnostics import gap_field
 from delam_fem.results.figures.style import (
     BLACK,
     BLUE,
@@ -22,7 +22,6 @@ from delam_fem.results.figures.style import (
     WIDTH,
     legend_outside,
 )
-from delam_fem.results.gaps import gap_field
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,11 +9,9 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.paper.claims import Claim, Criterion, judged
-from delam_fem.paper.lab import LAWS, Laboratory, PaperMethod, motion_case
+from delam_fem.paper.claims import NOT_IN_JSON, Claim, Criterion, Numbers, Piece, judged
+from delam_fem.paper.lab import LAWS, RESONANT, Laboratory, PaperMethod, motion_case, strikes
 from delam_fem.paper.measures import CLEARLY, SMOOTH_HARMONICS, roughness, tip_positions
-from delam_fem.paper.motions import RESONANT, strikes
-from delam_fem.paper.piece import NOT_IN_JSON, Numbers, Piece
 from delam_fem.results import diagnostics
 from delam_fem.results.figures.style import (
     PORTRAIT_PERIODS,

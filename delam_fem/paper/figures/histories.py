@@ -7,11 +7,17 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.paper.claims import Claim, Criterion, judged
-from delam_fem.paper.lab import Laboratory, PaperMethod, both_methods
+from delam_fem.paper.claims import Claim, Criterion, Numbers, Piece, judged
+from delam_fem.paper.lab import (
+    BEATS,
+    FREQUENCIES,
+    RESONANT,
+    Laboratory,
+    PaperMethod,
+    both_methods,
+    strikes,
+)
 from delam_fem.paper.measures import MotionNumbers, motion_numbers, tip_positions
-from delam_fem.paper.motions import BEATS, FREQUENCIES, RESONANT, strikes
-from delam_fem.paper.piece import Numbers, Piece
 from delam_fem.results.figures.style import (
     GAP_COLOUR,
     HISTORY_PERIODS,

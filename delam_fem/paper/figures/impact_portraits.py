@@ -9,11 +9,9 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.paper.claims import Claim, Criterion, judged
-from delam_fem.paper.lab import Laboratory, motion_case
+from delam_fem.paper.claims import Claim, Criterion, Numbers, Piece, judged
+from delam_fem.paper.lab import FREQUENCIES, RESONANT, Laboratory, motion_case
 from delam_fem.paper.measures import MotionNumbers, motion_numbers, settling
-from delam_fem.paper.motions import FREQUENCIES, RESONANT
-from delam_fem.paper.piece import Numbers, Piece
 from delam_fem.results import diagnostics
 from delam_fem.results.figures.style import LAMINA_COLOURS, PORTRAIT_PERIODS, WIDTH, label_x
 

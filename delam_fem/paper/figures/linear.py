@@ -11,14 +11,14 @@ import numpy as np
 from delam_fem.case.definition import Case
 from delam_fem.case.sections import Lamina
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.numerics.cantilever import frequency_rise
-from delam_fem.paper.claims import Claim, Criterion, judged
-from delam_fem.paper.lab import Laboratory, motion_case
-from delam_fem.paper.motions import RESONANT
-from delam_fem.paper.piece import NOT_IN_JSON, Numbers, Piece
-from delam_fem.paper.swept_sine import (
+from delam_fem.numerics.beams import frequency_rise
+from delam_fem.paper.claims import NOT_IN_JSON, Claim, Criterion, Numbers, Piece, judged
+from delam_fem.paper.lab import (
     BAND,
+    RESONANT,
     SWEEP_SECONDS,
+    Laboratory,
+    motion_case,
     peak_frequency,
     swept_case,
     swept_envelope,

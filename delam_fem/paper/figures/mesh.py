@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.paper.claims import Claim, Criterion, judged
+from delam_fem.paper.claims import NOT_IN_JSON, Claim, Criterion, Numbers, Piece, judged
 from delam_fem.paper.figures.impact_portraits import Portrait, two_portraits
-from delam_fem.paper.lab import Laboratory, motion_case
+from delam_fem.paper.lab import RESONANT, Laboratory, motion_case
 from delam_fem.paper.measures import (
     CLEARLY,
     SMOOTH_HARMONICS,
@@ -21,8 +21,6 @@ from delam_fem.paper.measures import (
     rough_part,
     roughness,
 )
-from delam_fem.paper.motions import RESONANT
-from delam_fem.paper.piece import NOT_IN_JSON, Numbers, Piece
 from delam_fem.results import diagnostics
 from delam_fem.results.figures.style import BLACK, LAMINA_COLOURS, PORTRAIT_PERIODS, legend_above
 

@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from delam_fem.numerics import attractors
-from delam_fem.paper.claims import Claim, Criterion, judged
+from delam_fem.paper.claims import Claim, Criterion, Numbers, Piece, judged
 from delam_fem.paper.lab import Laboratory
-from delam_fem.paper.piece import Numbers, Piece
-from delam_fem.paper.plane_measures import KINDS, Decade, Plane, best_decade, plane_of
+from delam_fem.paper.measures import KINDS, Decade, Plane, best_decade, plane_of
 from delam_fem.results.diagnostics import LARGEST_PERIODICITY, PERIODIC_MARGIN, PERIODIC_SCATTER
 from delam_fem.results.figures.style import (
     BLACK,

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from delam_fem.paper.claims import Claim, Criterion, judged
+from delam_fem.paper.claims import Claim, Criterion, Numbers, Piece, judged
 from delam_fem.paper.figures.impact_portraits import Portrait
-from delam_fem.paper.lab import LAWS, Laboratory, PaperMethod, both_methods
+from delam_fem.paper.lab import FREQUENCIES, LAWS, Laboratory, PaperMethod, both_methods
 from delam_fem.paper.measures import (
     CLEARLY,
     SMOOTH_HARMONICS,
@@ -19,8 +19,6 @@ from delam_fem.paper.measures import (
     motion_numbers,
     roughness,
 )
-from delam_fem.paper.motions import FREQUENCIES
-from delam_fem.paper.piece import Numbers, Piece
 from delam_fem.results.diagnostics import PERIODIC_MARGIN, PERIODIC_SCATTER
 from delam_fem.results.figures.style import (
     BLACK,

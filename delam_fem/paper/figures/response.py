@@ -11,12 +11,17 @@ import numpy as np
 
 from delam_fem.case.definition import Case
 from delam_fem.numerics.arrays import BoolArray, FloatArray
-from delam_fem.paper.claims import Claim, Criterion, judged
-from delam_fem.paper.lab import Laboratory, motion_case
+from delam_fem.paper.claims import NOT_IN_JSON, Claim, Criterion, Numbers, Piece, judged
+from delam_fem.paper.lab import (
+    BAND,
+    FREQUENCIES,
+    RESONANT,
+    Laboratory,
+    motion_case,
+    swept_case,
+    swept_envelope,
+)
 from delam_fem.paper.measures import half_ranges
-from delam_fem.paper.motions import FREQUENCIES, RESONANT
-from delam_fem.paper.piece import NOT_IN_JSON, Numbers, Piece
-from delam_fem.paper.swept_sine import BAND, swept_case, swept_envelope
 from delam_fem.results.figures.style import (
     BASE_COLOUR,
     BLACK,

@@ -6,12 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Self
 
-from delam_fem.paper.claims import Claim, Criterion, judged
+from delam_fem.paper.claims import NOT_IN_JSON, Claim, Criterion, Numbers, Piece, judged
 from delam_fem.paper.figures.struck_tip import NO_REBOUND, struck_block
 from delam_fem.paper.lab import Laboratory
-from delam_fem.paper.lateral.rolling_figure import figure06
-from delam_fem.paper.lateral.studies import LONG, RollingStudy, TipBlock, rolling_study
-from delam_fem.paper.piece import NOT_IN_JSON, Numbers, Piece
+from delam_fem.paper.lateral.figures import LONG, RollingStudy, TipBlock, figure06, rolling_study
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

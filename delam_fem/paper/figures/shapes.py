@@ -10,13 +10,11 @@ import numpy as np
 
 from delam_fem.case.definition import Case
 from delam_fem.numerics.arrays import BoolArray, FloatArray, IntArray
-from delam_fem.paper.claims import Claim, Criterion, judged
-from delam_fem.paper.lab import Laboratory, motion_case
-from delam_fem.paper.motions import RESONANT
-from delam_fem.paper.piece import NOT_IN_JSON, Numbers, Piece
+from delam_fem.paper.claims import NOT_IN_JSON, Claim, Criterion, Numbers, Piece, judged
+from delam_fem.paper.lab import RESONANT, Laboratory, motion_case
 from delam_fem.results import diagnostics
+from delam_fem.results.diagnostics import gap_field, rest_positions
 from delam_fem.results.figures.style import BLACK, GAP_COLOUR, GREEN, WIDTH, lamina_colours
-from delam_fem.results.gaps import gap_field, rest_positions
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -14,11 +14,9 @@ from delam_fem.numerics.harmonics import (
     harmonic_amplitudes,
     total_harmonic_distortion,
 )
-from delam_fem.paper.claims import Claim, Criterion, judged
-from delam_fem.paper.lab import Laboratory, motion_case
+from delam_fem.paper.claims import NOT_IN_JSON, Claim, Criterion, Numbers, Piece, judged
+from delam_fem.paper.lab import RESONANT, Laboratory, motion_case
 from delam_fem.paper.measures import describe
-from delam_fem.paper.motions import RESONANT
-from delam_fem.paper.piece import NOT_IN_JSON, Numbers, Piece
 from delam_fem.results import diagnostics
 from delam_fem.results.figures.style import BASE_COLOUR, LAMINA_COLOURS, WIDTH, legend_above
 

@@ -9,10 +9,8 @@ import numpy as np
 
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.numerics.restitution import Strike, identify
-from delam_fem.paper.claims import Claim, Criterion, judged
-from delam_fem.paper.lab import Laboratory, motion_case
-from delam_fem.paper.motions import RESONANT
-from delam_fem.paper.piece import NOT_IN_JSON, Numbers, Piece
+from delam_fem.paper.claims import NOT_IN_JSON, Claim, Criterion, Numbers, Piece, judged
+from delam_fem.paper.lab import RESONANT, Laboratory, motion_case
 from delam_fem.results.figures.style import BLACK, WIDTH, lamina_colours, legend_above
 
 if TYPE_CHECKING:

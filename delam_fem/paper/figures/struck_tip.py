@@ -6,11 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from delam_fem.paper.claims import Claim, Criterion, judged
+from delam_fem.paper.claims import Claim, Criterion, Numbers, Piece, judged
 from delam_fem.paper.lab import Laboratory
-from delam_fem.paper.lateral.studies import TipBlock, tip_block
-from delam_fem.paper.lateral.tip_figure import figure07
-from delam_fem.paper.piece import Numbers, Piece
+from delam_fem.paper.lateral.figures import TipBlock, figure07, tip_block
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -12,10 +12,8 @@ from delam_fem.case.definition import Case
 from delam_fem.case.gap import initial_gap
 from delam_fem.case.sections import Gap
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.paper.claims import Claim, Criterion, judged
-from delam_fem.paper.lab import Laboratory, motion_case
-from delam_fem.paper.motions import RESONANT
-from delam_fem.paper.piece import NOT_IN_JSON, Numbers, Piece
+from delam_fem.paper.claims import NOT_IN_JSON, Claim, Criterion, Numbers, Piece, judged
+from delam_fem.paper.lab import RESONANT, Laboratory, motion_case
 from delam_fem.results.figures.style import (
     BASE_COLOUR,
     BLACK,

@@ -7,14 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from delam_fem.model import stability
+from delam_fem.model import linear
 from delam_fem.model.beams import closed_form
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.paper.claims import Claim, Criterion, judged
-from delam_fem.paper.lab import Laboratory, motion_case
+from delam_fem.paper.claims import NOT_IN_JSON, Claim, Criterion, Numbers, Piece, judged
+from delam_fem.paper.lab import FREQUENCIES, RESONANT, Laboratory, motion_case
 from delam_fem.paper.measures import half_ranges
-from delam_fem.paper.motions import FREQUENCIES, RESONANT
-from delam_fem.paper.piece import NOT_IN_JSON, Numbers, Piece
 from delam_fem.results.figures.style import (
     BASE_COLOUR,
     BLUE,
@@ -75,7 +73,7 @@ def measure(lab: Laboratory) -> Threshold:
     found = {f"{f:g}": _study(lab, f, gammas) for f in CLAPPING}
     (printed,) = lab.motions([motion_case(RESONANT, lab.plan)])
     rate, case = printed.history["tip_velocity"].to_numpy(), printed.case
-    limit = stability.largest_stable_time_step(closed_form.assemble(case).operators, 100.0)
+    limit = linear.largest_stable_time_step(closed_form.assemble(case).operators, 100.0)
 
     def over_gamma(name: str) -> dict[str, list[Any]]:
         return {f: [r.summary[name] for r in results] for f, results in found.items()}

@@ -13,13 +13,13 @@ import pyvista as pv
 import xarray as xr
 from imageio import v2 as imageio
 
-from delam_fem.case.atomic import atomic
 from delam_fem.case.definition import Case
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.results.fields import derived, ribbons
-from delam_fem.results.fields.snapshots import RIGHT, TO_CAMERA, magnification
+from delam_fem.results.fields.pictures import RIGHT, TO_CAMERA, magnification
 from delam_fem.results.figures.style import lamina_colours, title
 from delam_fem.simulation.recorder import HIT, RESTING
+from delam_fem.system.files import atomic
 
 Picture = npt.NDArray[np.uint8]
 

@@ -1,10 +1,23 @@
-"""Fields that follow from the dataset: gaps, impulses, contact forces and curvatures of laminae.
+"""Fields that follow from the dataset of a run, of beams and of solids.
+
+Fields that follow from the dataset: gaps, impulses, contact forces and curvatures of laminae.
 
 A lamina between two others has two interfaces: it shows the smaller of both gaps, and the sums of
 impulses and of forces.
+
+The fields of a solid at the frames of a run, and their file for ParaView.
+
+The dataset of a run keeps what the middle lines read; here is the whole body. fields/solid.vtkhdf
+has all frames on one mesh: the laminae at rest, each with points of its own, every cell divided
+into linear ones between its nodes. "Warp By Vector" with the displacement shows the motion.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -12,10 +25,17 @@ import xarray as xr
 
 from delam_fem.case.definition import Case
 from delam_fem.contact.laws import LAWS
-from delam_fem.numerics.arrays import FloatArray
-from delam_fem.results.gaps import gap_field
+from delam_fem.model.layout import Structure
+from delam_fem.numerics.arrays import FloatArray, IntArray
+from delam_fem.results.diagnostics import gap_field
+from delam_fem.results.fields import vtkhdf
+from delam_fem.results.fields.vtkhdf import subcells
+from delam_fem.results.folder import SOLID
 from delam_fem.results.schema import by_interface, event_interfaces
-from delam_fem.simulation.recorder import HIT, RESTING
+from delam_fem.simulation.recorder import HIT, RESTING, PeriodRecord, Recorder
+
+if TYPE_CHECKING:
+    from delam_fem.model.solids.body import Body, Shape
 
 
 def gap_of_laminae(history: xr.Dataset) -> FloatArray:
@@ -117,3 +137,212 @@ def _on_both_sides(values: FloatArray) -> FloatArray:
     none = np.zeros_like(values[:1])
     sums: FloatArray = np.concatenate([values, none]) + np.concatenate([none, values])
     return sums
+
+
+AT_ONCE = 2**22
+"""Numbers of the states that are sent to the first rank in one go."""
+
+Fields = dict[str, npt.NDArray[Any]]
+
+
+@dataclass(frozen=True)
+class Frames:
+    """The states of a solid at the frames of a run.
+
+    Attributes:
+        shape: the points of the laminae.
+        times: of the frames, shape (n_frames,) [s].
+        motion: displacements and velocities of all nodes at a frame, (2, n_nodes, dim) [m, m/s].
+        impulses: on the pairs since the frame before, shape (n_frames, n_pairs) [N s].
+        spans: time since the frame before, shape (n_frames,) [s].
+        forces: of the springs of the pairs at the frame, shape (n_frames, n_pairs) [N].
+        rise: how far the gap at rest lifts each point out of the mesh, shape (n_points,) [m].
+    """
+
+    shape: Shape
+    times: FloatArray
+    motion: Callable[[int], FloatArray]
+    impulses: FloatArray
+    spans: FloatArray
+    forces: FloatArray
+    rise: FloatArray
+
+    def fields(self, frame: int) -> Fields:
+        """Return the fields at the points; vectors have shape (n_points, 3), scalars (n_points,).
+
+        displacement [m] and velocity [m/s]; stress_xx, the stress along the laminae, and von_mises
+        [Pa]; contact_impulse, that since the frame before by area [N s/m2]; contact_pressure [Pa],
+        compression positive: the mean of the impulses since the frame before, and the springs.
+        """
+        from delam_fem.model.solids.forms import von_mises
+
+        u, v = self.motion(frame)
+        sigma = self.shape.recovery.stress(u)
+        impulse = self._spread(self.impulses[frame])
+        pressure = impulse / self.spans[frame] + self._spread(self.forces[frame])
+        found = {
+            "displacement": _vectors(u[self.shape.node]),
+            "velocity": _vectors(v[self.shape.node]),
+            "stress_xx": sigma[:, 0],
+            "von_mises": von_mises(sigma),
+            "contact_pressure": pressure,
+            "contact_impulse": impulse,
+        }
+        return {name: values.astype(np.float32) for name, values in found.items()}
+
+    def _spread(self, of_pairs: FloatArray) -> FloatArray:
+        """Return values of pairs per area at the points."""
+        result, first = np.zeros(self.shape.node.size), 0
+        for by_forces in self.shape.pressing:
+            last = first + by_forces.shape[1]
+            result += by_forces @ of_pairs[first:last]
+            first = last
+        return result
+
+    @property
+    def grid(self) -> vtkhdf.Grid:
+        """The laminae at rest; the field rise [m] is the height by which the gaps lift them."""
+        shape, mesh = self.shape, self.shape.mesh
+        points = _vectors(shape.points)
+        top = mesh.points[mesh.cells[mesh.lamina == 0], 1].max()  # at y = 0, as of beams
+        points[:, 1] += self.rise - top
+        own = subcells(mesh.cell, shape.degree, shape.reference_nodes)
+        cells = shape.cells[:, own].reshape(-1, own.shape[1])
+        lamina = np.repeat(mesh.lamina + 1, len(own)).astype(np.int8)
+        return vtkhdf.Grid(points, cells, mesh.cell, {"lamina": lamina}, {"rise": self.rise})
+
+
+def write_solid(frames: Frames, directory: Path) -> Path:
+    """Write solid.vtkhdf in a folder, which is made where it does not exist.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    directory.mkdir(parents=True, exist_ok=True)
+    return vtkhdf.write(frames.grid, frames.times, frames.fields, directory / SOLID)
+
+
+def collected(structure: Structure, recorder: Recorder, case: Case) -> Frames | None:
+    """Return the frames of a run (collective).
+
+    On several ranks the first one gets the displacements and velocities of all nodes.
+
+    Returns:
+        None: the structure has no body, no finite frame was kept, or this is not the first rank.
+    """
+    body = structure.body
+    kept = [state for record in recorder.window for state in record.frames]
+    if body is None or not kept:
+        return None
+    flags = body.solid.comm.allgather([bool(np.isfinite(state).all()) for state in kept])
+    finite = np.flatnonzero(np.all(flags, axis=0))  # a diverged run ends without numbers
+    if not finite.size:
+        return None
+    kept = [kept[k] for k in finite]
+    ticks, base, resting = _instants(recorder)
+    ticks, base, resting = ticks[finite], base[finite], resting[finite]
+    forces = _spring_forces(structure, case, kept, resting)
+    motion = _motion(body, kept, base)
+    shape = body.shape()
+    if motion is None:
+        return None
+    dt = recorder.time_step / recorder.refine
+    first = (recorder.n_closed - len(recorder.window)) * recorder.steps_per_period
+    return Frames(
+        shape,
+        dt * (first * recorder.refine + ticks),
+        motion,
+        _impulses(recorder, ticks, structure.operators.n_pairs),
+        dt * np.diff(ticks, prepend=0),
+        forces,
+        _rise(structure, shape),
+    )
+
+
+def _records(recorder: Recorder) -> Iterator[tuple[int, PeriodRecord]]:
+    """Yield the periods of the window, each with the tick at which it begins."""
+    for number, record in enumerate(recorder.window):
+        yield number * recorder.steps_per_period * recorder.refine, record
+
+
+def _instants(recorder: Recorder) -> tuple[IntArray, FloatArray, npt.NDArray[np.bool_]]:
+    """Return ticks of the frames from the window's start, (q, q') of the base, resting pairs."""
+    ticks, base, resting = [], [], []
+    for begin, record in _records(recorder):
+        steps = record.frame_steps[: len(record.frames)]
+        ticks.append(begin + steps * recorder.refine)
+        base.append(record.base_states[steps, :2])
+        resting += [contact == RESTING for contact in record.contact]
+    moving = 0.0 if recorder.is_forced else 1.0
+    return np.concatenate(ticks), moving * np.concatenate(base), np.array(resting)
+
+
+def _impulses(recorder: Recorder, ticks: IntArray, n_pairs: int) -> FloatArray:
+    """Return the impulses on all pairs since the frame before, shape (n_frames, n_pairs) [N s]."""
+    sums = np.zeros((ticks.size + 1, n_pairs))  # the last row: after the last frame
+    for begin, record in _records(recorder):
+        columns = record.jumps.columns()
+        row = np.searchsorted(ticks, begin + np.repeat(columns.ticks, columns.sizes))
+        np.add.at(sums, (row, columns.hit), columns.impulses)
+    return sums[:-1]
+
+
+def _spring_forces(
+    structure: Structure, case: Case, states: list[FloatArray], resting: npt.NDArray[np.bool_]
+) -> FloatArray:
+    """Return -(k U + c U') of resting pairs at the frames (collective), (n_frames, n_pairs) [N]."""
+    o, body, reads = structure.operators, structure.body, LAWS[case.contact.law].spring
+    if body is None or not reads:
+        return np.zeros(resting.shape)
+    both = np.array([(o.gap_matrix @ state.T).T for state in states])
+    both = np.sum(body.solid.comm.allgather(both), axis=0)
+    share = 1.0 if o.pair_weights is None else o.pair_weights
+    force = -case.contact.penalty_stiffness * share * (both[:, 0] + o.gap0)
+    if "penalty_damping" in reads:
+        force -= case.contact.penalty_damping * share * both[:, 1]
+    return np.where(resting, force, 0.0)
+
+
+def _motion(
+    body: Body, states: list[FloatArray], base: FloatArray
+) -> Callable[[int], FloatArray] | None:
+    """Return what gives displacements and velocities at a frame (collective); None: elsewhere."""
+    if body.solid.comm.size == 1:
+        return lambda frame: body.gathered(states[frame], base[frame])
+    size = 2 * body.free.shape[0]
+    step = max(1, AT_ONCE // size)
+    kept: list[FloatArray] = []
+    for start in range(0, len(states), step):
+        some = slice(start, start + step)
+        found = body.gathered(np.concatenate(states[some]), base[some].ravel())
+        kept.extend(found.reshape(len(found) // 2, 2, *found.shape[1:]))
+    return kept.__getitem__ if body.is_first else None
+
+
+def _rise(structure: Structure, shape: Shape) -> FloatArray:
+    """Return how far the gaps at rest lift each point out of the mesh, shape (n_points,) [m]."""
+    x, first = shape.points[:, 0], 0
+    lift: dict[tuple[int, int], FloatArray] = {}
+    for own in shape.touching:
+        places, one = np.unique(own.pairs.x, return_index=True)
+        gap0 = structure.operators.gap0[first : first + own.pairs.gap.size]
+        first += own.pairs.gap.size
+        beyond = (gap0 - own.pairs.gap)[one]
+        ends = shape.mesh.points[own.facing.lower.ravel(), 0]
+        if ends.min() < places[0]:  # held or bonded: no pair
+            places, beyond = np.append(ends.min(), places), np.append(0.0, beyond)
+        if ends.max() > places[-1]:
+            places, beyond = np.append(places, ends.max()), np.append(beyond, 0.0)
+        lift[own.facing.parts] = np.interp(x, places, beyond)
+    rise = np.zeros(x.size)
+    for lower in range(int(shape.lamina.max(initial=0))):
+        above = shape.lamina > lower
+        rise[above] += lift.get((lower, lower + 1), np.zeros(x.size))[above]
+    return rise
+
+
+def _vectors(values: FloatArray) -> FloatArray:
+    """Return vectors with three components, shape (n, 3)."""
+    result = np.zeros((len(values), 3))
+    result[:, : values.shape[1]] = values
+    return result

@@ -19,9 +19,9 @@ import xarray as xr
 
 from delam_fem.case.definition import Case
 from delam_fem.numerics.arrays import FloatArray, IntArray
+from delam_fem.results.diagnostics import of_laminae
 from delam_fem.results.fields import derived
 from delam_fem.results.fields.vtkhdf import Grid
-from delam_fem.results.gaps import of_laminae
 from delam_fem.results.schema import by_interface
 
 CORNERS = 4

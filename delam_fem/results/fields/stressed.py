@@ -18,16 +18,15 @@ import numpy.typing as npt
 import pyvista as pv
 import xarray as xr
 
-from delam_fem.case.atomic import atomic
 from delam_fem.case.definition import Case
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.results import diagnostics
-from delam_fem.results.fields import animation, snapshots
+from delam_fem.results.fields import animation, pictures
 from delam_fem.results.fields.derived import held_ends
 from delam_fem.results.fields.ribbons import drawable_frames
-from delam_fem.results.fields.series import Series
-from delam_fem.results.fields.vtkhdf import CELL_TYPES
+from delam_fem.results.fields.vtkhdf import CELL_TYPES, Series
 from delam_fem.results.figures.style import title
+from delam_fem.system.files import atomic
 
 SIZE = (1500, 800)
 FILM_SIZE = (1280, 608)
@@ -77,16 +76,16 @@ def render(path: Path, history: xr.Dataset, case: Case, target: Path) -> Path | 
 
 def _picture(series: Series, history: xr.Dataset, case: Case) -> pv.Plotter:
     """Return the scene of the picture: two stresses at the frame after the strike."""
-    strike = snapshots.strike_frame(history, case)
+    strike = pictures.strike_frame(history, case)
     frame = min(strike + 1, series.times.size - 1)
     thick = thickening(series)
-    factor = snapshots.magnification(history, [frame], case.length)
+    factor = pictures.magnification(history, [frame], case.length)
     points = series.drawn(series.field("displacement", frame), thick, factor)
     plotter = pv.Plotter(off_screen=True, window_size=list(SIZE), shape=(2, 1), border=False)
     plotter.set_background("white")
     panels = (
         ("von_mises", "von Mises stress", "viridis", False),
-        ("stress_xx", "stress along x", snapshots.COLOURS, True),
+        ("stress_xx", "stress along x", pictures.COLOURS, True),
     )
     for row, (name, words, colours, signed) in enumerate(panels):
         plotter.subplot(row, 0)
@@ -229,7 +228,7 @@ def _pictures(
 ) -> Iterator[animation.Picture]:
     """Yield the pictures of some frames, with the same colours and the same view."""
     thick = thickening(series)
-    factor = snapshots.magnification(history, frames.tolist(), case.length)
+    factor = pictures.magnification(history, frames.tolist(), case.length)
     every = [series.drawn(series.field("displacement", int(k)), thick, factor) for k in frames]
     stresses = [series.field("von_mises", int(k)) for k in frames]
     high, unit, size = _scaled(float(np.percentile(np.stack(stresses), HIGH)))

@@ -13,14 +13,13 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from delam_fem.case.atomic import atomic
 from delam_fem.model import _dolfinx
-from delam_fem.mpi import MPI
 from delam_fem.numerics.arrays import FloatArray, IntArray
-from delam_fem.results import gaps
-from delam_fem.results.fields.series import Series
-from delam_fem.results.fields.subcells import TENSOR_CELLS, VTK_ORDER
+from delam_fem.results import diagnostics
+from delam_fem.results.fields.vtkhdf import TENSOR_CELLS, VTK_ORDER, Series
 from delam_fem.results.schema import by_interface
+from delam_fem.system.files import atomic
+from delam_fem.system.mpi import MPI
 
 FIELDS = ("displacement", "velocity", "moment")
 
@@ -42,7 +41,7 @@ def write_lines(history: xr.Dataset, directory: str | Path) -> Path | None:
     mesh = _dolfinx.create_interval_mesh(MPI.COMM_SELF, *lines_at_rest(history))
     fields = {name: by_node(history[name].to_numpy()) for name in FIELDS}
     states = by_interface(history["contact_state"])
-    fields["contact_state"] = by_node(gaps.of_laminae(states).astype(np.float64))
+    fields["contact_state"] = by_node(diagnostics.of_laminae(states).astype(np.float64))
     path = Path(directory) / "fields.bp"
     with atomic(path) as temporary:
         _dolfinx.write_vtx(
@@ -104,7 +103,7 @@ def lines_at_rest(history: xr.Dataset) -> tuple[FloatArray, IntArray]:
     Returns:
         Nodes, shape (n_laminae n_nodes, 2) [m], and cells, shape (n_laminae (n_nodes - 1), 2).
     """
-    x, positions = history["x"].to_numpy(), gaps.rest_positions(history)
+    x, positions = history["x"].to_numpy(), diagnostics.rest_positions(history)
     points = np.vstack([np.column_stack([x, y]) for y in positions])
     line = np.column_stack([np.arange(x.size - 1), np.arange(1, x.size)])
     cells = np.vstack([line + i * x.size for i in range(len(positions))])

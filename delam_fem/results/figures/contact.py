@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from delam_fem.case.definition import Case
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.results import diagnostics, gaps
+from delam_fem.results import diagnostics
 from delam_fem.results.figures.style import (
     BLACK,
     BLUE,
@@ -93,7 +93,7 @@ def _gap_image(
     frames = history["frame"].to_numpy()
     shown = np.flatnonzero(frames >= start - 1e-9 * unit)
     t, x = frames[shown] / unit, 1e3 * history["x"].to_numpy()
-    gap = 1e3 * finite(gaps.gap_field(history)[interface, shown]).T
+    gap = 1e3 * finite(diagnostics.gap_field(history)[interface, shown]).T
     levels = _levels(float(np.nanmax(gap, initial=0.0)))
     shades = ListedColormap([str(s) for s in np.linspace(0.52, 0.97, levels.size - 1)])
     image = axes.pcolormesh(

@@ -1,29 +1,265 @@
-"""Draw and write the figures of a run; the other modules draw each of them."""
+"""Figures of the motion of a run: histories, portraits, spectra, sensors; all in one call."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterator
+from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 import xarray as xr
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 
-from delam_fem.case.atomic import atomic
 from delam_fem.case.definition import Case
-from delam_fem.results.figures import contact, motion, sensors
-from delam_fem.results.figures.style import styled
-from delam_fem.results.schema import sensors_of
+from delam_fem.numerics import harmonics
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.results import diagnostics
+from delam_fem.results.figures import contact
+from delam_fem.results.figures.style import (
+    BASE_COLOUR,
+    BLACK,
+    GAP_COLOUR,
+    HISTORY_PERIODS,
+    PORTRAIT_PERIODS,
+    WIDTH,
+    finite,
+    hertz_below,
+    label_x,
+    lamina_colours,
+    legend_above,
+    powers_of_ten,
+    seconds_below,
+    steps,
+    styled,
+    symbol,
+    time_axis,
+    title,
+)
+from delam_fem.results.schema import SENSOR, sensors_of
+from delam_fem.system.files import atomic
+
+SHOWN_HARMONICS = 20
+"""Harmonics that a spectrum shows: the amplitudes beyond are below a micrometre."""
+SPECTRUM_DECADES = 5.0
+"""Depth of a spectrum's axis below its largest amplitude."""
+PORTRAIT_COLUMNS = 2
+"""Phase portraits side by side."""
+
+
+def _drive(axes: Axes, t: FloatArray, last: xr.Dataset) -> None:
+    """Draw the motion of the base, or the force on an axis of its own."""
+    if "force" not in last:
+        base = 1e3 * finite(last["base_displacement"])
+        axes.plot(t, base, color=BASE_COLOUR, linewidth=0.9, linestyle="--", label="base")
+        return
+    beside = axes.twinx()
+    beside.plot(t, finite(last["force"]), color=BASE_COLOUR, linewidth=0.9, linestyle="--")
+    beside.set_ylabel("force [N]", color=BASE_COLOUR)
+    beside.tick_params(colors=BASE_COLOUR)
+    beside.grid(visible=False)
+    axes.plot([], [], color=BASE_COLOUR, linewidth=0.9, linestyle="--", label="force")
+
+
+def tip_histories(history: xr.Dataset, case: Case) -> Figure:
+    """Draw the positions y_i of all laminae at their probes over the last periods.
+
+    y_i is the displacement q_i plus the gaps at rest below lamina i.
+    """
+    last = diagnostics.last_periods(history, case, HISTORY_PERIODS)
+    unit, label = time_axis(case)
+    t = last["time"].to_numpy() / unit
+    y = 1e3 * finite(diagnostics.probe_positions(last))
+    figure = Figure(figsize=(WIDTH, 4.2), layout="constrained")
+    axes = figure.subplots()
+    _drive(axes, t, last)
+    for j, (low, high) in enumerate(pairwise(y)):
+        axes.fill_between(
+            t, low, high, where=high >= low, color=GAP_COLOUR, label=None if j else "gap"
+        )
+    for i, (name, colour) in enumerate(_laminae(history)):
+        axes.plot(t, y[i], color=colour, label=f"{name}  {symbol('y', i)}")
+    if case.contact.law != "none":
+        _closures(axes, t, y, last)
+    place = diagnostics.probe_place(history)
+    text = "position of the tip [mm]" if place == "the tip" else f"position at {place} [mm]"
+    axes.set(xlabel=label, ylabel=text)
+    seconds_below(axes, case)
+    axes.margins(x=0.0)
+    legend_above(axes)
+    figure.suptitle(title(case))
+    return figure
+
+
+def phase_portraits(history: xr.Dataset, case: Case) -> Figure:
+    """Draw velocity over displacement of each lamina, with the state at the end of each period."""
+    portrait = finite(diagnostics.phase_portrait(history, case, PORTRAIT_PERIODS))
+    n, N = len(portrait), case.steps_per_period
+    columns = min(n, PORTRAIT_COLUMNS)
+    rows = math.ceil(n / columns)
+    figure = Figure(figsize=(WIDTH, 4.6 * rows), layout="constrained")
+    panels = figure.subplots(rows, columns, squeeze=False).ravel()
+    for axes in panels[n:]:
+        axes.remove()
+    for i, (name, colour) in enumerate(_laminae(history)):
+        axes, q, v = panels[i], 1e3 * portrait[i, 0], portrait[i, 1]
+        axes.plot(q, v, color=colour, linewidth=0.8)
+        if case.is_periodic:
+            at_end = slice(N - 1, None, N)
+            axes.plot(q[at_end], v[at_end], "o", color=BLACK, markersize=4, label="ends of periods")
+            legend_above(axes)
+        axes.set_title(name, loc="left", color=colour)
+        axes.set(xlabel=f"displacement  {symbol('q', i)} [mm]", ylabel="velocity [m/s]")
+    count = portrait.shape[-1] / N
+    place = diagnostics.probe_place(history)
+    figure.suptitle(f"{title(case)}; {place}, {count:g} period{'s' if count != 1 else ''}")
+    return figure
+
+
+def spectra(history: xr.Dataset, case: Case) -> Figure:
+    """Draw the amplitude spectra of all displacements with the harmonics marked."""
+    whole = diagnostics.last_periods(history, case)
+    amplitudes = 1e3 * harmonics.amplitude_spectrum(finite(whole["tip_displacement"]))
+    n_periods = whole.sizes["time"] // case.steps_per_period
+    orders = np.arange(amplitudes.shape[1]) / n_periods
+    is_harmonic = case.is_periodic
+    found = diagnostics.window_harmonics(history, case) if is_harmonic else None
+    figure = Figure(figsize=(WIDTH, 3.0 * len(amplitudes)), layout="constrained")
+    unit = 1.0 if is_harmonic else 1.0 / case.period
+    panels = figure.subplots(len(amplitudes), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
+    for i, (name, colour) in enumerate(_laminae(history)):
+        axes, text = panels[i], name
+        axes.semilogy(unit * orders[1:], amplitudes[i, 1:], color=colour, linewidth=0.9)
+        if found is not None:
+            text += _mark_harmonics(axes, found[i])
+        axes.set_title(text, loc="left", color=colour)
+        axes.set_ylabel(f"amplitude of {symbol('q', i)} [mm]")
+        axes.yaxis.set_major_locator(LogLocator(numticks=12))
+        powers_of_ten(axes.yaxis)
+        axes.yaxis.set_minor_formatter(NullFormatter())
+        axes.set_xlim(0.0, unit * (SHOWN_HARMONICS + 0.5))
+    top = np.nanmax(amplitudes[:, 1:], initial=0.0)
+    if top > 0.0:
+        axes.set_ylim(top * 10.0**-SPECTRUM_DECADES, 2.0 * top)
+    if is_harmonic:
+        axes.set_xticks(np.arange(0, SHOWN_HARMONICS + 1, 2))
+    label_x(panels, "frequency / frequency of excitation [–]" if is_harmonic else "frequency [Hz]")
+    hertz_below(panels[-1], case)
+    figure.suptitle(f"{title(case)}; {n_periods} period{'s' if n_periods != 1 else ''}")
+    return figure
+
+
+def envelope(history: xr.Dataset, case: Case) -> Figure:
+    """Draw the range of the displacement of each lamina in every period of the run."""
+    unit, label = time_axis(case)
+    edges = np.arange(history.sizes["period"] + 1) * case.period / unit
+    n = history.sizes["lamina"]
+    figure = Figure(figsize=(WIDTH, 2.4 * n), layout="constrained")
+    panels = figure.subplots(n, 1, sharex=True, squeeze=False)[:, 0]
+    for i, (name, colour) in enumerate(_laminae(history)):
+        low, high, strobe = (
+            1e3 * finite(history[variable][i])
+            for variable in ("envelope_min", "envelope_max", "strobe_displacement")
+        )
+        axes = panels[i]
+        axes.use_sticky_edges = False
+        steps(axes, high, edges, low, color=colour, alpha=0.3, label="range")
+        axes.plot(
+            edges[1:], strobe, ".", color=BLACK, markersize=3, label="at the end of the period"
+        )
+        axes.set_title(name, loc="left", color=colour)
+        axes.set_ylabel(f"{symbol('q', i)} [mm]")
+    legend_above(axes)
+    axes.margins(x=0.01)
+    label_x(panels, label)
+    seconds_below(panels[-1], case)
+    figure.suptitle(
+        f"{title(case)}: displacements of {diagnostics.probe_place(history)} in each period"
+    )
+    return figure
+
+
+def _laminae(history: xr.Dataset) -> Iterator[tuple[str, str]]:
+    """Yield name and colour of each lamina."""
+    names = [str(name) for name in history["lamina"].to_numpy()]
+    yield from zip(names, lamina_colours(len(names)), strict=True)
+
+
+def _closures(axes: Axes, t: FloatArray, y: FloatArray, history: xr.Dataset) -> None:
+    """Mark the steps at which neighbours touch at their probes, midway between both."""
+    text = "tips in contact" if diagnostics.probe_place(history) == "the tip" else "in contact"
+    for j, closed in enumerate(diagnostics.ProbeMotion.of(history).is_closed):
+        middle = y[j : j + 2].mean(axis=0)[closed]
+        label = None if j else text
+        axes.plot(t[closed], middle, "o", color=BLACK, markersize=4.5, label=label)
+
+
+def _mark_harmonics(axes: Axes, amplitudes: FloatArray) -> str:
+    """Mark the harmonics in a spectrum; return the distortion of the signal in words."""
+    marked = 1e3 * amplitudes[:SHOWN_HARMONICS]
+    axes.plot(1 + np.arange(marked.size), marked, "o", color=BLACK, markersize=4.5)
+    d = 100.0 * float(harmonics.distortion_factor(amplitudes))
+    thd = 100.0 * float(harmonics.total_harmonic_distortion(amplitudes))
+    return f":  d = {d:.2f} %,  THD = {thd:.1f} %;  dots: harmonics of the excitation"
+
+
+_SCALES = {
+    "m": (1e3, "mm"),
+    "m/s": (1.0, "m/s"),
+    "m/s2": (1.0, "m/s²"),
+    "1": (1e6, "µm/m"),
+    "N": (1.0, "N"),
+}
+"""Factor and unit on the axis, by the unit of a signal."""
+_DOTS_BELOW = 400
+"""Samples up to which they are drawn as dots too."""
+
+
+def sensors(history: xr.Dataset, case: Case) -> Figure:
+    """Draw the signal of each sensor over the last periods, one below the other."""
+    names = sensors_of(history)
+    start = float(diagnostics.last_periods(history, case, HISTORY_PERIODS)["time"][0])
+    unit, label = time_axis(case)
+    height = max(4.2, 1.0 + 2.1 * len(names))
+    figure = Figure(figsize=(WIDTH, height), layout="constrained")
+    panels = figure.subplots(len(names), 1, squeeze=False)[:, 0]
+    for axes, name in zip(panels, names, strict=True):
+        values = history[name]
+        factor, shown = _SCALES[values.attrs["units"]]
+        time = values[str(values.dims[0])].to_numpy()
+        kept = time >= start
+        is_sparse = kept.sum() <= _DOTS_BELOW
+        axes.plot(
+            time[kept] / unit,
+            factor * finite(values)[kept],
+            color=BLACK,
+            linewidth=0.9,
+            marker="." if is_sparse and "sampling_rate" in values.attrs else None,
+            markersize=3.0,
+        )
+        axes.set_title(
+            f"{name.removeprefix(SENSOR)}: {values.attrs['long_name']}", fontsize=9, loc="left"
+        )
+        axes.set_ylabel(f"[{shown}]")
+        axes.margins(x=0.0)
+    label_x(panels, label)
+    seconds_below(panels[-1], case)
+    figure.suptitle(title(case))
+    return figure
+
 
 FIGURES: dict[str, Callable[[xr.Dataset, Case], Figure]] = {
-    "tip_histories": motion.tip_histories,
-    "phase_portraits": motion.phase_portraits,
-    "spectra": motion.spectra,
+    "tip_histories": tip_histories,
+    "phase_portraits": phase_portraits,
+    "spectra": spectra,
     "contact_line": contact.contact_line,
     "energy_ledger": contact.energy_ledger,
-    "envelope": motion.envelope,
+    "envelope": envelope,
 }
 """The figures of every run by the names of their files."""
-OF_SENSORS = {"sensors": sensors.sensors}
+OF_SENSORS = {"sensors": sensors}
 """The figures of runs with sensors."""
 KINDS = ("png", "svg")
 """Formats of each figure."""

@@ -1,17 +1,191 @@
-"""Name the columns of measurements, and make their values SI."""
+"""Columns of measurements: their names, their units, and those that are parts of responses."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from delam_fem.case.toml import CaseError, shown
+from delam_fem.case.toml import shown
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.results.measured.columns import Column, Sheet, Values, axis_of
-from delam_fem.results.measured.units import SI, Unit, of_quantity, unit_of
+from delam_fem.system.errors import CaseError
+
+Values = npt.NDArray[Any]
+"""Real or complex values, shape (n,)."""
+
+TIMES = {"t", "time", "zeit", "temps", "tempo", "seconds", "sekunden"}
+FREQUENCIES = {"f", "freq", "frequency", "frequenz", "frequencies"}
+POSITIONS = {"x", "position", "pos"}
+"""Names of columns that are axes of the others, in lower case."""
+HEADING = re.compile(r"^(?P<name>.*?)\s*(?:\[(?P<square>[^\]]*)\]|\((?P<round>[^)]*)\))?\s*$")
+"""A name with its unit behind it."""
+AXES = {"time": TIMES, "frequency": FREQUENCIES, "x": POSITIONS}
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column as a file has it.
+
+    Attributes:
+        name: in the file; of a table without headings colN.
+        values: in the unit of the file, real or complex, shape (n,).
+        unit: as the file names it; None: it names none.
+        quantity: where the file says so itself; empty: by the unit.
+        position: where it was measured [m]; None: not known.
+        lamina: on which it was measured; empty: not known.
+        kind: "signal", "response" (a frequency response), "coherence".
+    """
+
+    name: str
+    values: Values
+    unit: str | None = None
+    quantity: str = ""
+    position: float | None = None
+    lamina: str = ""
+    kind: str = "signal"
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """Columns of the same length that belong together.
+
+    Attributes:
+        label: file, and what in it, for messages.
+        columns: in the order of the file.
+        rate: samples per second, where the file says so; None: a column has the times.
+        notes: what was put right when the file was read.
+        alias: another name of its only signal, such as set3; empty: none.
+    """
+
+    label: str
+    columns: tuple[Column, ...]
+    rate: float | None = None
+    notes: tuple[str, ...] = ()
+    alias: str = ""
+
+
+def axis_of(name: str, unit: str | None) -> str:
+    """Return which axis a column is: "time", "frequency", "x", or "" for none.
+
+    Args:
+        name: of the column.
+        unit: that the file names.
+    """
+    word = name.strip().lower()
+    for axis, names in AXES.items():
+        if word in names:
+            return axis
+    if unit in ("s", "ms", "us", "µs", "min"):
+        return "time"
+    return "frequency" if unit in ("Hz", "kHz") and word.startswith("freq") else ""
+
+
+def heading(text: str) -> tuple[str, str | None]:
+    """Return name and unit of a heading such as "thick [mm]" or "thick (mm)"; None: no unit."""
+    found = HEADING.match(text.strip().strip('"'))
+    if found is None:
+        return text, None
+    unit = found["square"] if found["square"] is not None else found["round"]
+    return found["name"].strip(), unit if unit is None else unit.strip()
+
+
+def matrix_columns(name: str, values: Values, names: list[str] | None = None) -> list[Column]:
+    """Return the rows of a matrix, shape (n_columns, n), as columns.
+
+    Args:
+        name: of the matrix.
+        values: one row for each column.
+        names: of the columns; None: they are numbered.
+    """
+    rows = np.atleast_2d(values)
+    if names is None:
+        names = [name] if len(rows) == 1 else [f"{name}_{k}" for k in range(1, len(rows) + 1)]
+    return [Column(own, row) for own, row in zip(names, rows, strict=True)]
+
+
+QUANTITIES = {
+    "displacement": ("m", {"[length]": 1.0}),
+    "velocity": ("m/s", {"[length]": 1.0, "[time]": -1.0}),
+    "acceleration": ("m/s2", {"[length]": 1.0, "[time]": -2.0}),
+    "force": ("N", {"[mass]": 1.0, "[length]": 1.0, "[time]": -2.0}),
+    "impulse": ("N s", {"[mass]": 1.0, "[length]": 1.0, "[time]": -1.0}),
+    "moment": ("N m", {"[mass]": 1.0, "[length]": 2.0, "[time]": -2.0}),
+    "strain": ("1", {}),
+    "time": ("s", {"[time]": 1.0}),
+    "frequency": ("Hz", {"[time]": -1.0}),
+    "voltage": ("V", {"[mass]": 1.0, "[length]": 2.0, "[time]": -3.0, "[current]": -1.0}),
+    "receptance": ("m/N", {"[mass]": -1.0, "[time]": 2.0}),
+    "mobility": ("m/(N s)", {"[mass]": -1.0, "[time]": 1.0}),
+    "accelerance": ("m/(N s2)", {"[mass]": -1.0}),
+}
+"""Quantities with their SI unit and their dimensions."""
+SI = "SI"
+"""What names the SI unit of a quantity that is known otherwise."""
+GRAVITY = ("g", "G", "gn")
+"""How accelerometers name the standard gravity; a channel is not in grams."""
+POWER = re.compile(r"(?<=[A-Za-zµμ])(-?[23])(?!\w)")
+"""The exponent of a unit as in m/s2."""
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit as a factor.
+
+    Attributes:
+        factor: value in SI per value in the unit.
+        units: the SI unit.
+        quantity: one of `QUANTITIES`; empty for others.
+    """
+
+    factor: float
+    units: str
+    quantity: str
+
+
+def unit_of(text: str, label: str) -> Unit:
+    """Return what a unit is.
+
+    Args:
+        text: for example "mm", "m/s²", "µm/m", "g"; empty or "1": a pure number.
+        label: of what has the unit, for messages.
+
+    Raises:
+        CaseError: there is no such unit, or it has a zero of its own (°C).
+    """
+    name = "g_0" if text in GRAVITY else text
+    try:
+        parsed: Any = _registry().Quantity(1.0, POWER.sub(r"**\1", name.strip("[] ")) or "1")
+        base = parsed.to_base_units()
+    except Exception as error:  # pint raises its own, tokenize's and arithmetic errors
+        reason = "" if type(error).__name__ == "UndefinedUnitError" else f" ({error})"
+        raise CaseError(
+            f"{label}: expected a unit such as mm, m/s, m/s2, g, N or um/m, given "
+            f"{shown(text)}{reason[:80]}"
+        ) from None
+    dimensions = {str(key): float(power) for key, power in base.dimensionality.items()}
+    for quantity, (units, own) in QUANTITIES.items():
+        if own == dimensions:
+            return Unit(float(base.magnitude), units, quantity)
+    return Unit(float(base.magnitude), f"{base.units:~C}".replace("**", ""), "")
+
+
+def of_quantity(quantity: str) -> Unit:
+    """Return the SI unit of a quantity."""
+    return Unit(1.0, QUANTITIES[quantity][0], quantity)
+
+
+@cache
+def _registry() -> Any:
+    """Return pint's units; to read their definitions takes a third of a second."""
+    import pint
+
+    return pint.UnitRegistry()
+
 
 SPECIFICATION = re.compile(
     r"(?P<source>.+?)(?::(?P<unit>[^@]*))?(?:@(?P<place>[^/]+)(?:/(?P<lamina>.+))?)?"
@@ -244,3 +418,66 @@ def _si(column: Column, kind: str) -> Unit:
         if quantity in word:
             return of_quantity(quantity)
     return of_quantity("displacement" if kind != "frequency" else "receptance")
+
+
+PART = re.compile(
+    r"(?P<name>.+?)[\s_.-]+(?P<part>real|re|imaginary|imag|im|amplitude|magnitude|mag|phase|coherence"
+    r"|coh)",
+    re.IGNORECASE,
+)
+"""The name of a response with the part of it that a column is."""
+PARTS = {"real": "real", "re": "real", "imaginary": "imag", "imag": "imag", "im": "imag",
+         "amplitude": "size", "magnitude": "size", "mag": "size", "phase": "phase",
+         "coherence": "coherence", "coh": "coherence"}  # fmt: skip
+
+
+def joined(channels: Sequence[Channel]) -> list[Channel]:
+    """Return channels in which each frequency response is one complex channel.
+
+    Columns `NAME real` and `NAME imag`, or `NAME amplitude` and `NAME phase`, become the response
+    NAME; `NAME coherence` its coherence. A phase is in radians once its unit has been converted.
+    Other columns over the frequency are responses as they are.
+    """
+    kept = [channel for channel in channels if channel.axis != "frequency"]
+    parts: dict[str, dict[str, Channel]] = {}
+    for channel in channels:
+        if channel.axis != "frequency":
+            continue
+        found = PART.fullmatch(channel.name)
+        if channel.column.kind == "coherence":
+            name, part = channel.name, "coherence"
+        elif found is None:
+            name, part = channel.name, "whole"
+        else:
+            name, part = found["name"], PARTS[found["part"].lower()]
+        parts.setdefault(name, {})[part] = channel
+    for name, own in parts.items():
+        kept += _joined(name, own)
+    return kept
+
+
+def _joined(name: str, parts: dict[str, Channel]) -> list[Channel]:
+    """Return the response that parts make, and its coherence."""
+    found = []
+    if "real" in parts and "imag" in parts:
+        values = parts["real"].values + 1j * parts["imag"].values
+        found.append(_as_kind(parts["real"], name, "response", values))
+    elif "size" in parts and "phase" in parts:
+        values = parts["size"].values * np.exp(1j * parts["phase"].values)
+        found.append(_as_kind(parts["size"], name, "response", values))
+    else:
+        found += [
+            _as_kind(own, own.name, "response", own.values.astype(complex))
+            for part, own in parts.items()
+            if part != "coherence"
+        ]
+    if "coherence" in parts:
+        own = parts["coherence"]
+        found.append(_as_kind(own, name, "coherence", own.values))
+    return found
+
+
+def _as_kind(channel: Channel, name: str, kind: str, values: object) -> Channel:
+    """Return a channel with a name, a kind and values."""
+    column = replace(channel.column, name=name, kind=kind)
+    return replace(channel, name=name, column=column, values=np.asarray(values))

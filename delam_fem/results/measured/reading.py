@@ -1,38 +1,300 @@
-"""Read files of measurements of any known format into one dataset; write and read it as NetCDF."""
+"""Read measurements of any known format into one dataset whose names are those of a run.
+
+Put measured channels into one dataset whose names are those of a run's dataset.
+
+`tip_displacement(lamina, time)`, `tip_velocity`, `base_displacement(time)`, `force(time)`,
+`sensor_NAME(time)` and `gap0(node)` with `x(node)` mean what they mean there. Besides:
+
+    response(frequency, output)    frequency responses, complex
+    coherence(frequency, output)   their coherence, NaN where it was not measured
+    channel_…(channel)             of every channel: variable, units, quantity, position [m],
+                                   lamina, where it comes from
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 import xarray as xr
+from scipy.interpolate import CubicSpline
 
-from delam_fem.case.toml import CaseError
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.results.folder import write_dataset
-from delam_fem.results.measured import matlab, netcdf, text, universal
-from delam_fem.results.measured.assembly import SCHEMA, dataset
-from delam_fem.results.measured.channels import Assignment, channels_of
-from delam_fem.results.measured.columns import Sheet, Values
-from delam_fem.results.measured.responses import joined
+from delam_fem.results.measured import readers
+from delam_fem.results.measured.channels import (
+    Assignment,
+    Channel,
+    Sheet,
+    Values,
+    channels_of,
+    joined,
+)
+from delam_fem.results.schema import VARIABLES, add, by_interface
+from delam_fem.system.errors import CaseError
+from delam_fem.system.files import write_text
+
+SCHEMA = "delam_fem measurement"
+"""What the attribute `schema` of the dataset says."""
+TIP = re.compile(
+    r"tip[ _](?:(?:displacement|velocity|acceleration)[ _])?(?P<lamina>.+)", re.IGNORECASE
+)
+"""The name of a channel at the tip of a lamina."""
+OF_TIPS = {"displacement": "tip_displacement", "velocity": "tip_velocity"}
+OF_DRIVE = {("base", "displacement"): "base_displacement",
+            ("base_displacement", "displacement"): "base_displacement",
+            ("force", "force"): "force"}  # fmt: skip
+EQUAL = 1e-6
+"""Axes that differ by less of a step are the same."""
+SMALLEST_STEP, LARGEST_STEP = 1e-12, 1e9
+"""Bounds of the steps of an axis [s, Hz or m]."""
+TABLE = {
+    "variable": "variable that holds the channel",
+    "units": "unit",
+    "quantity": "what was measured",
+    "position": "where it was measured",
+    "lamina": "on which lamina it was measured",
+    "source": "file and column, with the unit there",
+}
+"""Variables `channel_…` with their meaning."""
+BESIDES = {
+    "frequency": "frequency",
+    "output": "name of a frequency response",
+    "response": "frequency response",
+    "response_real": "its real part, in a file",
+    "response_imag": "its imaginary part, in a file",
+    "response_units": "unit of each frequency response, where they differ",
+    "coherence": "coherence",
+    "channel": "name of a channel",
+    **{f"channel_{name}": meaning for name, meaning in TABLE.items()},
+}
+"""Variables and coordinates that a run's dataset does not have, with their meaning."""
+
+
+def dataset(channels: Sequence[Channel], notes: Sequence[str] = ()) -> xr.Dataset:
+    """Return channels as one dataset.
+
+    Histories over other times than the first are interpolated to the finest step over the time
+    that all have; a note says so.
+
+    Args:
+        channels: in SI.
+        notes: what was put right when the files were read.
+
+    Raises:
+        CaseError: two channels have the same name, or their times have nothing in common.
+    """
+    notes, data = list(notes), xr.Dataset()
+    if any(_is_gap(channel) for channel in channels):  # beside it may be what is no gap
+        channels = [own for own in channels if own.axis != "x" or _is_gap(own)]
+    _refuse_doubles(channels)
+    histories = [channel for channel in channels if channel.axis == "time"]
+    if histories:
+        time, values = _on_one_axis(histories, notes)
+        data = _with_histories(data, histories, time, values)
+    spectra = [channel for channel in channels if channel.axis == "frequency"]
+    if spectra:
+        data = _with_responses(data, spectra, notes)
+    gaps = [channel for channel in channels if channel.axis == "x"]
+    if gaps:
+        data = _with_gaps(data, gaps, notes)
+    data = _with_table(data, channels)
+    data.attrs = {"title": "measurement", "schema": SCHEMA, "notes": "\n".join(notes)}
+    return data
+
+
+def _is_gap(channel: Channel) -> bool:
+    """Return whether a channel says that it is a gap."""
+    return channel.axis == "x" and channel.name.lower().startswith("gap")
+
+
+def variable_of(channel: Channel) -> str:
+    """Return the name of the variable that holds a channel."""
+    if channel.axis == "frequency":
+        return "coherence" if channel.column.kind == "coherence" else "response"
+    if channel.axis == "x":
+        return "gap0"
+    found, quantity = TIP.fullmatch(channel.name), channel.unit.quantity
+    if found and quantity in OF_TIPS:
+        return OF_TIPS[quantity]
+    if own := OF_DRIVE.get((channel.name.lower(), quantity)):
+        return own
+    word = re.sub(r"[^\w.@-]+", "_", channel.name.strip())
+    return word if word.startswith("sensor_") else f"sensor_{word}"
+
+
+def _refuse_doubles(channels: Sequence[Channel]) -> None:
+    """Refuse two channels with one name."""
+    seen: dict[tuple[str, str], str] = {}
+    for channel in channels:
+        key = (channel.name, channel.column.kind)
+        if key in seen:
+            raise CaseError(
+                f"channel {channel.name!r}: expected different names, given it twice: "
+                f"{seen[key]} and {channel.source}; --channel NAME=… renames one"
+            )
+        seen[key] = channel.source
+
+
+def _on_one_axis(channels: Sequence[Channel], notes: list[str]) -> tuple[FloatArray, list[Values]]:
+    """Return a common axis and the values of all channels there."""
+    first = channels[0].points
+    step = min(float(np.median(np.diff(channel.points))) for channel in channels)
+    if not SMALLEST_STEP <= step <= LARGEST_STEP:
+        raise CaseError(
+            f"{channels[0].source}: expected steps of {channels[0].axis} between {SMALLEST_STEP:g} "
+            f"and {LARGEST_STEP:g} in SI units, given {step:g}; is the unit right?"
+        )
+    if all(_is_same(channel.points, first, step) for channel in channels):
+        return first, [channel.values for channel in channels]
+    start = max(float(channel.points[0]) for channel in channels)
+    end = min(float(channel.points[-1]) for channel in channels)
+    if end - start < step:
+        raise CaseError(
+            f"{channels[0].source} and other channels: expected a common range of "
+            f"{channels[0].axis}, given none"
+        )
+    finest = min(channels, key=lambda channel: float(np.median(np.diff(channel.points))))
+    margin = EQUAL * step
+    axis = finest.points[(finest.points >= start - margin) & (finest.points <= end + margin)]
+    values = []
+    for channel in channels:
+        inside = np.clip(axis, channel.points[0], channel.points[-1])
+        values.append(CubicSpline(channel.points, channel.values)(inside))
+    notes.append(
+        f"channels over different values of {channels[0].axis}: interpolated to a step of "
+        f"{step:.6g} from {start:.6g} to {end:.6g}"
+    )
+    return axis, values
+
+
+def _is_same(points: FloatArray, others: FloatArray, step: float) -> bool:
+    """Return whether two axes are the same."""
+    return points.size == others.size and bool(np.all(np.abs(points - others) <= EQUAL * step))
+
+
+def _with_histories(
+    data: xr.Dataset, channels: Sequence[Channel], time: FloatArray, values: Sequence[Values]
+) -> xr.Dataset:
+    """Return the dataset with tips by lamina, drive and sensors over the time."""
+    tips: dict[str, dict[str, Values]] = {}
+    add(data, "time", time)
+    rest = []
+    for channel, own in zip(channels, values, strict=True):
+        name, found = variable_of(channel), TIP.fullmatch(channel.name)
+        if found and name in OF_TIPS.values():
+            tips.setdefault(name, {})[found["lamina"]] = own
+        else:
+            rest.append((name, channel, own))
+    laminae = list(dict.fromkeys(lamina for own in tips.values() for lamina in own))
+    if laminae:
+        data = data.assign_coords(lamina=laminae)
+    none = np.full(time.size, np.nan)
+    sensors = {}
+    for name, of_laminae in tips.items():
+        add(data, name, [of_laminae.get(lamina, none) for lamina in laminae])
+    for name, channel, own in rest:
+        if name in VARIABLES:
+            add(data, name, own)
+        else:
+            quantity = channel.unit.quantity or "signal"
+            about = {"units": channel.unit.units, "long_name": f"{quantity}: {channel.name}"}
+            sensors[name] = (("time",), own, about)
+    return data.assign(sensors)  # at once: one by one, thousands take minutes
+
+
+def _with_responses(data: xr.Dataset, channels: Sequence[Channel], notes: list[str]) -> xr.Dataset:
+    """Return the dataset with frequency responses and coherences."""
+    frequency, values = _on_one_axis(channels, notes)
+    by_kind: dict[str, dict[str, Values]] = {"response": {}, "coherence": {}}
+    units: dict[str, str] = {}
+    for channel, own in zip(channels, values, strict=True):
+        by_kind[variable_of(channel)][channel.name] = own
+        if variable_of(channel) == "response":
+            units[channel.name] = channel.unit.units
+    names = list(dict.fromkeys([*by_kind["response"], *by_kind["coherence"]]))
+    data = data.assign_coords(
+        frequency=("frequency", frequency, {"units": "Hz", "long_name": BESIDES["frequency"]}),
+        output=names,
+    )
+    none = np.full(frequency.size, np.nan)
+    common = set(units.values())
+    about = {
+        "units": common.pop() if len(common) == 1 else "see channel_units",
+        "long_name": BESIDES["response"],
+    }
+    for kind, long in (
+        ("response", about),
+        ("coherence", {"units": "1", "long_name": BESIDES["coherence"]}),
+    ):
+        if by_kind[kind]:
+            table = np.array([by_kind[kind].get(name, none) for name in names]).T
+            data[kind] = (("frequency", "output"), table, long)
+    return data
+
+
+def _with_gaps(data: xr.Dataset, channels: Sequence[Channel], notes: list[str]) -> xr.Dataset:
+    """Return the dataset with the gaps at rest."""
+    wrong = [channel for channel in channels if channel.unit.quantity != "displacement"]
+    if wrong:
+        raise CaseError(
+            f"{wrong[0].source}: expected a gap in a unit of length over x, given a "
+            f"{wrong[0].unit.quantity or 'quantity in ' + wrong[0].unit.units}"
+        )
+    x, values = _on_one_axis(channels, notes)
+    if len(channels) > 1:
+        data = data.assign_coords(interface=[channel.name for channel in channels])
+    add(data, "x", x)
+    data = data.set_coords("x")
+    add(data, "gap0", values[0] if len(values) == 1 else np.array(values))
+    return data
+
+
+def _with_table(data: xr.Dataset, channels: Sequence[Channel]) -> xr.Dataset:
+    """Return the dataset with the table of the channels."""
+    rows = [channel for channel in channels if channel.column.kind != "coherence"]
+    columns = {
+        "variable": [variable_of(own) for own in rows],
+        "units": [own.unit.units for own in rows],
+        "quantity": [own.unit.quantity for own in rows],
+        "position": [
+            np.nan if own.column.position is None else own.column.position for own in rows
+        ],
+        "lamina": [own.column.lamina or _lamina_of(own) for own in rows],
+        "source": [own.source for own in rows],
+    }
+    data = data.assign_coords(channel=[own.name for own in rows])
+    for name, values in columns.items():
+        units = "m" if name == "position" else "1"
+        about = {"units": units, "long_name": TABLE[name]}
+        data[f"channel_{name}"] = (("channel",), np.array(values), about)
+    return data
+
+
+def _lamina_of(channel: Channel) -> str:
+    """Return the lamina that the name of a tip's channel says; empty for others."""
+    found = TIP.fullmatch(channel.name)
+    return found["lamina"] if found and channel.axis == "time" else ""
+
 
 MEASURED = "measured.nc"
 """Name of the file of a measurement."""
 READERS: dict[str, Callable[[Path], list[Sheet]]] = {
-    ".csv": text.read,
-    ".txt": text.read,
-    ".dat": text.read,
-    ".tsv": text.read,
-    ".asc": text.read,
-    ".mat": matlab.read,
-    ".uff": universal.read,
-    ".unv": universal.read,
-    ".uf": universal.read,
-    ".58b": universal.read,
-    ".nc": lambda path: netcdf.sheets(netcdf.load(path), path),
-    ".nc4": lambda path: netcdf.sheets(netcdf.load(path), path),
-    ".cdf": lambda path: netcdf.sheets(netcdf.load(path), path),
+    ".csv": readers.read_text,
+    ".txt": readers.read_text,
+    ".dat": readers.read_text,
+    ".tsv": readers.read_text,
+    ".asc": readers.read_text,
+    ".mat": readers.read_matlab,
+    ".uff": readers.read_universal,
+    ".unv": readers.read_universal,
+    ".uf": readers.read_universal,
+    ".58b": readers.read_universal,
+    ".nc": lambda path: readers.netcdf_sheets(readers.load_netcdf(path), path),
+    ".nc4": lambda path: readers.netcdf_sheets(readers.load_netcdf(path), path),
+    ".cdf": lambda path: readers.netcdf_sheets(readers.load_netcdf(path), path),
 }
 """Readers by the suffix of the file."""
 
@@ -71,7 +333,7 @@ def read_measured(
         and files[0].suffix in (".nc", ".nc4")
         and files[0].is_file()
     ):
-        data = netcdf.load(files[0])
+        data = readers.load_netcdf(files[0])
         if data.attrs.get("schema") == SCHEMA:
             return _with_complex(data)
     sheets = [sheet for path in files for sheet in sheets_of(path)]
@@ -189,3 +451,69 @@ def history_of(data: xr.Dataset, channel: int) -> Values:
         {dim: labels[str(dim)] for dim in own.dims if dim in labels}
     ).to_numpy()
     return values
+
+
+HEADING = ("channel", "in measured.nc", "quantity", "smallest", "largest")
+"""Heading of the table of `rows`."""
+
+
+def rows(data: xr.Dataset) -> Iterator[tuple[str, ...]]:
+    """Yield a table row for each channel; of complex responses the amplitudes are shown."""
+    for k, name in enumerate(data["channel"].to_numpy()):
+        values = np.abs(own) if np.iscomplexobj(own := history_of(data, k)) else own
+        position = float(data["channel_position"][k])
+        place = f" at {position:g} m" if np.isfinite(position) else ""
+        yield (
+            f"{name}{place}",
+            str(data["channel_variable"][k].item()),
+            f"{data['channel_quantity'][k].item() or 'value'} [{data['channel_units'][k].item()}]",
+            f"{values.min():.4g}",
+            f"{values.max():.4g}",
+        )
+
+
+def lines(data: xr.Dataset) -> Iterator[str]:
+    """Yield what holds for all channels: rate, duration, ranges, and what was put right."""
+    if "time" in data:
+        time: FloatArray = data["time"].to_numpy()
+        span = float(time[-1] - time[0])
+        rate = (time.size - 1) / span
+        yield f"time: {time.size} samples, {rate:.6g} per second, {span:.6g} s from {time[0]:.6g} s"
+    for name, unit in (("frequency", "Hz"), ("x", "m")):
+        if name in data.coords:
+            points: FloatArray = data[name].to_numpy()
+            yield f"{name}: {points.size} values, {points[0]:.6g} to {points[-1]:.6g} {unit}"
+    yield from (f"note: {note}" for note in data.attrs.get("notes", "").splitlines() if note)
+
+
+def write_all(data: xr.Dataset, directory: Path) -> list[Path]:
+    """Write measured.nc, and for each gap the table that `gap.file` of a case reads.
+
+    Args:
+        data: a measurement.
+        directory: an existing folder.
+
+    Returns:
+        The files.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    written = [write_measured(data, directory / MEASURED)]
+    if "response" in data:
+        from delam_fem.results.measured.responses import save_responses
+
+        written.append(save_responses(data, directory))
+    if "gap0" in data:
+        names = data["interface"].to_numpy() if "interface" in data.coords else [""]
+        for name, gap in zip(names, by_interface(data["gap0"]), strict=True):
+            text = gap_table(data["x"].to_numpy(), gap)
+            path = directory / (f"gap-{name}.csv".replace("/", "_") if name else "gap.csv")
+            written.append(write_text(path, text))
+    return written
+
+
+def gap_table(x: FloatArray, gap: FloatArray) -> str:
+    """Return a gap [m] over x [m] as the table that cases read, with all digits."""
+    body = (f"{a!r},{g!r}" for a, g in zip(x.tolist(), gap.tolist(), strict=True))
+    return "\n".join(["x [m],gap [m]", *body]) + "\n"

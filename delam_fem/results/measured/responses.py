@@ -1,73 +1,470 @@
-"""Join columns that are parts of frequency responses: real and imaginary, amplitude and phase."""
+"""Frequency responses from measured histories: blows of a hammer, coherence, poles, pictures.
+
+Find the blows of a hammer in a measured force, and cut the record into a segment for each.
+
+A segment reaches from before a blow to before the next. If the response decays in it, the ratio of
+the spectra needs no window. If not, force and response are multiplied by exp(-a t); their ratio is
+then H(iω + a), and `on_axis` leads it back to H(iω).
+"""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
+from scipy.signal import detrend, find_peaks
 
-from delam_fem.results.measured.channels import Channel
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.results.figures.style import WIDTH, lamina_colours, legend_above, styled
+from delam_fem.results.measured.channels import Values, unit_of
+from delam_fem.results.measured.reading import history_of
+from delam_fem.system.errors import CaseError
+from delam_fem.system.files import atomic
 
-PART = re.compile(
-    r"(?P<name>.+?)[\s_.-]+(?P<part>real|re|imaginary|imag|im|amplitude|magnitude|mag|phase|coherence"
-    r"|coh)",
-    re.IGNORECASE,
-)
-"""The name of a response with the part of it that a column is."""
-PARTS = {"real": "real", "re": "real", "imaginary": "imag", "imag": "imag", "im": "imag",
-         "amplitude": "size", "magnitude": "size", "mag": "size", "phase": "phase",
-         "coherence": "coherence", "coh": "coherence"}  # fmt: skip
+QUIET = 15.0
+"""Largest force over the deviation of its noise from which it is of blows; noise has 4 to 6."""
+MOST_LOUD = 0.1
+"""Largest share of the time in which blows act."""
+FEWEST = 6
+"""Samples of a blow below which the integral of the force is wrong by 2 % and more."""
+TRIGGER, CLEAR = 0.05, 6.0
+"""Where a blow begins: share of the largest force, and multiple of the deviation of its noise."""
+TOGETHER, SHORTEST = 0.1, 0.25
+"""Shares of the longest segment: until a double hit, and below which a blow is left out."""
+DECAYED, WINDOWED, FILLED = 0.005, 0.001, 4
+"""Share of the response that may be left at the end without a window, and with one; such segments
+are filled with zeros to that many times their length, to show peaks narrower than 1/length."""
+IN_NOISE, FAINT = 5.0, 1e-3
+"""Lines that tell what is left: above this multiple of the median and share of the largest."""
+RESONANT, DRIVEN, EXPLAINED = 0.3, 0.1, 0.99
+"""Peaks that are led back: decades of |H|^2, share of the largest force, size in the pole."""
 
 
-def joined(channels: Sequence[Channel]) -> list[Channel]:
-    """Return channels in which each frequency response is one complex channel.
+PASSES = 5
+"""Passes over the peaks; each leaves out what the others add to a peak."""
 
-    Columns `NAME real` and `NAME imag`, or `NAME amplitude` and `NAME phase`, become the response
-    NAME; `NAME coherence` its coherence. A phase is in radians once its unit has been converted.
-    Other columns over the frequency are responses as they are.
+
+def pulses(force: FloatArray) -> list[tuple[int, int]]:
+    """Return first and last sample, exclusive, of each pulse of a force that rests between them.
+
+    Returns:
+        In order of time; none: the force is not that of blows.
     """
-    kept = [channel for channel in channels if channel.axis != "frequency"]
-    parts: dict[str, dict[str, Channel]] = {}
-    for channel in channels:
-        if channel.axis != "frequency":
+    size = np.abs(force - np.median(force))
+    noise = 1.4826 * float(np.median(size))  # deviation of a normal number by its median
+    is_loud = size > max(TRIGGER * size.max(), CLEAR * noise)
+    if size.max() <= QUIET * noise or is_loud.mean() > MOST_LOUD:
+        return []
+    edges = np.flatnonzero(np.diff(np.r_[False, is_loud, False].astype(int))).reshape(-1, 2)
+    width = max(np.diff(edges))
+    starts = np.r_[True, edges[1:, 0] - edges[:-1, 1] > width]  # else noise at the edge of a pulse
+    return list(zip(edges[starts, 0].tolist(), edges[np.roll(starts, -1), 1].tolist(), strict=True))
+
+
+def cut(
+    time: FloatArray,
+    force: FloatArray,
+    response: FloatArray,
+    struck: Sequence[tuple[int, int]],
+    length: int | None = None,
+) -> tuple[FloatArray, FloatArray, float, list[str]]:
+    """Return the segments of a record of blows.
+
+    Args:
+        time: of the samples, at equal steps [s], shape (n,).
+        force: shape (n,).
+        response: shape (n_outputs, n).
+        struck: pulses of the force.
+        length: of the segments in samples; None: up to the next blow.
+
+    Returns:
+        Nothing of the force but its pulses, shape (n_blows, 1, m); responses without their means,
+        zero behind their ends, shape (n_blows, n_outputs, m); a of the window per sample, 0 where
+        there is none; what a user has to know.
+
+    Raises:
+        CaseError: the record holds no whole blow.
+    """
+    width = max(end - start for start, end in struck)
+    starts = np.array([start for start, _ in struck])
+    spaces = np.diff(np.r_[starts, time.size])
+    firsts = np.flatnonzero(np.r_[True, spaces[:-1] > TOGETHER * spaces.max()])
+    ends = [*np.maximum(starts[firsts] - width, 0).tolist(), time.size]
+    cuts, notes = [], []
+    for own, begin, stop in zip(np.split(struck, firsts[1:]), ends, ends[1:], strict=False):
+        at, quiet = f"blow at {time[own[0, 0]]:.6g} s", int(own[-1, 1]) + width
+        if own[0, 0] == 0 or stop <= max(begin + SHORTEST * spaces.max(), quiet):
+            notes.append(f"{at}: left out, the record begins in it or the decay is cut off")
             continue
-        found = PART.fullmatch(channel.name)
-        if channel.column.kind == "coherence":
-            name, part = channel.name, "coherence"
-        elif found is None:
-            name, part = channel.name, "whole"
-        else:
-            name, part = found["name"], PARTS[found["part"].lower()]
-        parts.setdefault(name, {})[part] = channel
-    for name, own in parts.items():
-        kept += _joined(name, own)
-    return kept
+        if len(own) > 1:
+            notes.append(f"{at}: a double hit, again {np.diff(time[own[:2, 0]])[0]:.3g} s later")
+        cuts.append((begin, quiet, max(min(stop, begin + (length or stop)), quiet)))
+    if not cuts:
+        raise CaseError(f"excitation: expected a whole blow, given none ({'; '.join(notes)})")
+    if width < FEWEST:
+        notes.append(f"a blow lasts {width} samples, its force is known roughly: sample faster")
+    lefts = np.array([_left(response[:, quiet:stop]) for _, quiet, stop in cuts])
+    sizes = np.array([stop - begin for begin, _, stop in cuts])
+    n, decay = max(length or 0, sizes.max()), 0.0
+    if lefts.max() > DECAYED:
+        n, decay = FILLED * n, float(np.max(np.log(lefts / WINDOWED + 1e-9) / sizes))
+        disturbing = " and disturbs the next" if len(cuts) > 1 else ""
+        notes.append(f"{100 * lefts.max():.2g} % of a response is left at its end{disturbing}")
+    forces, responses = np.zeros((len(cuts), 1, n)), np.zeros((len(cuts), len(response), n))
+    for k, (begin, quiet, stop) in enumerate(cuts):
+        forces[k, 0, : quiet - begin] = force[begin:quiet] - np.median(force)  # a sensor at rest
+        responses[k, :, : stop - begin] = detrend(response[:, begin:stop], type="constant")
+    window = np.exp(-decay * np.arange(n))
+    return forces * window, responses * window, decay, notes
 
 
-def _joined(name: str, parts: dict[str, Channel]) -> list[Channel]:
-    """Return the response that parts make, and its coherence."""
-    found = []
-    if "real" in parts and "imag" in parts:
-        values = parts["real"].values + 1j * parts["imag"].values
-        found.append(_renamed(parts["real"], name, "response", values))
-    elif "size" in parts and "phase" in parts:
-        values = parts["size"].values * np.exp(1j * parts["phase"].values)
-        found.append(_renamed(parts["size"], name, "response", values))
-    else:
-        found += [
-            _renamed(own, own.name, "response", own.values.astype(complex))
-            for part, own in parts.items()
-            if part != "coherence"
-        ]
-    if "coherence" in parts:
-        own = parts["coherence"]
-        found.append(_renamed(own, name, "coherence", own.values))
-    return found
+def _left(decaying: FloatArray) -> float:
+    """Return the share of a response that is left at its end, by its slowest clear line.
+
+    Lines of the last quarter are compared with those of the first, and led on to the whole.
+
+    Args:
+        decaying: shape (n_outputs, n).
+    """
+    n = decaying.shape[1] // 4
+    if n < 8:
+        return 1.0
+    parts = np.stack([decaying[:, :n], decaying[:, -n:]])
+    parts = np.hanning(n) * (parts - parts.mean(axis=2, keepdims=True))
+    early, late = np.abs(np.fft.rfft(parts))[:, :, 2:]
+    is_clear = late > IN_NOISE * np.median(late, axis=1, keepdims=True)
+    is_clear &= early > FAINT * early.max(axis=1, keepdims=True)
+    return float(np.minimum(np.max(late[is_clear] / early[is_clear], initial=0.0), 1.0) ** (4 / 3))
 
 
-def _renamed(channel: Channel, name: str, kind: str, values: object) -> Channel:
-    """Return a channel with a name, a kind and values."""
-    column = replace(channel.column, name=name, kind=kind)
-    return replace(channel, name=name, column=column, values=np.asarray(values))
+def on_axis(
+    frequency: FloatArray, response: Values, force: FloatArray, decay: float
+) -> tuple[Values, FloatArray]:
+    """Return responses H(iω) of those behind an exponential window, H(iω + a).
+
+    About each peak H is r / (s - λ) and a straight line. The pole λ follows by linear least
+    squares, which the window does not change; its term is exchanged for that at s = iω.
+
+    Args:
+        frequency: at equal steps [Hz], shape (n,).
+        response: H(iω + a), shape (n_outputs, n).
+        force: |F|, shape (n,).
+        decay: a [1/s].
+
+    Returns:
+        H(iω); the frequencies of the peaks that were led back [Hz].
+
+    Source: W. G. Halvorsen, D. L. Brown, "Impulse technique for structural frequency response
+    testing", Sound and Vibration 11 (1977), for the window.
+    """
+    size = (np.abs(response) ** 2).sum(axis=0)
+    peaks, _ = find_peaks(np.log10(size + np.finfo(float).tiny), prominence=RESONANT)
+    reach = max(3, int(np.ceil(0.5 * decay / frequency[1])))
+    s = 2j * np.pi * frequency + decay
+    peaks = peaks[(force[peaks] > DRIVEN * force.max()) & (peaks > reach)]
+    modes: dict[int, tuple[complex, Values]] = {k: (0.0, np.zeros(len(response))) for k in peaks}
+    for k in np.tile(peaks, PASSES):
+        near = slice(k - reach, k + reach + 1)
+        pole, residue = modes[k]
+        h = response[:, near] - sum(_terms(s[near], *mode) for mode in modes.values())
+        h = h + np.outer(residue, 1.0 / (s[near] - pole))
+        line, _ = np.linalg.qr(np.array([np.ones(s[near].size), s[near] - s[k]]).T)
+        h, sh = (v - (v @ line.conj()) @ line.T for v in (h, s[near] * h))
+        pole = complex(np.vdot(h, sh) / np.vdot(h, h))
+        term = 1.0 / (s[near] - pole)
+        term = term - (term @ line.conj()) @ line.T
+        residue = h @ term.conj() / np.vdot(term, term)
+        is_mode = pole.real < 0.0 and abs(pole.imag - s[k].imag) < reach * s[1].imag
+        is_mode &= np.linalg.norm(np.outer(residue, term)) > EXPLAINED * np.linalg.norm(h)
+        modes[k] = (pole, is_mode * residue)
+    found = response + sum(_terms(s - decay, *own) - _terms(s, *own) for own in modes.values())
+    return found, frequency[[k for k, (_, residue) in sorted(modes.items()) if residue.any()]]
+
+
+def _terms(s: Values, pole: complex, residue: Values) -> Values:
+    """Return what a mode adds to responses, r / (s - λ) + r* / (s - λ*), shape (n_outputs, n)."""
+    own, conjugate = np.outer(residue, 1.0 / (s - pole)), residue.conj()
+    return np.asarray(own + np.outer(conjugate, 1.0 / (s - pole.conjugate())))
+
+
+ESTIMATORS = ("H1", "H2", "Hv")
+"""Estimators: noise in the responses, in the excitation, in both."""
+SEGMENTS = 8
+"""Segments without overlap that a record is cut into where their length is not given."""
+UNEVEN = 0.5
+"""Deviation of a sample from equal steps that is refused, in steps."""
+
+
+def with_responses(
+    data: xr.Dataset,
+    excitation: str,
+    *,
+    segment: float | None = None,
+    estimator: str = "H1",
+) -> xr.Dataset:
+    """Return a measurement with the frequency responses of all channels to one of them.
+
+    sdypy-FRF averages over segments that overlap by half, each with a Hann window; where the
+    excitation is that of a hammer, over one segment for each blow (`blows`), without it.
+
+        H1 = S_fx / S_ff,  H2 = S_xx / S_xf,  coherence = |S_fx|^2 / (S_ff S_xx)
+
+    Args:
+        data: a measurement with at least two histories.
+        excitation: name of the channel of the excitation, such as "force".
+        segment: length of the segments [s], the reciprocal of the step of the frequency; None:
+            an eighth of the record, or up to the next blow.
+        estimator: one of `ESTIMATORS`.
+
+    Returns:
+        The measurement with `response(frequency, output)`, complex, and `coherence`, NaN of a
+        single blow; what was done with blows is in the notes.
+
+    Raises:
+        CaseError: there is no such channel or estimator, the samples are not evenly spaced, the
+            record is shorter than two segments, or it holds no whole blow.
+
+    Source: N. M. M. Maia, J. M. M. Silva, Theoretical and Experimental Modal Analysis, 1997.
+    """
+    from sdypy.FRF import FRF
+
+    if estimator not in ESTIMATORS:
+        raise CaseError(f"estimator: expected one of {', '.join(ESTIMATORS)}, given {estimator!r}")
+    first, outputs = _chosen(data, excitation)
+    time: FloatArray = data["time"].to_numpy()
+    step, n = _step(time), time.size
+    force, motions = history_of(data, first), np.array([history_of(data, k) for k in outputs])
+    if not np.ptp(force):
+        raise CaseError(f"excitation: expected a channel that moves, given {excitation!r} at rest")
+    struck = pulses(force)
+    longest, whole = (n, "the record") if struck else (n // 2, "half the record")
+    length = n // (1 if struck else SEGMENTS) if segment is None else round(segment / step)
+    if not 8 <= length <= longest:
+        raise CaseError(
+            f"segment: expected from {8 * step:.3g} s to {whole}, {longest * step:.3g} s, given "
+            f"{length * step:.3g} s"
+        )
+    exc, resp, decay, notes = force[None, None], motions[None], 0.0, list[str]()
+    if struck:
+        exc, resp, decay, notes = cut(time, force, motions, struck, length if segment else None)
+        length = exc.shape[2]
+    found = FRF(
+        1, exc=exc, resp=resp, exc_type="f", resp_type="d", window="none" if struck else "hann",
+        fft_len=length, nperseg=length, frf_estimator=estimator,
+    )  # fmt: skip
+    # in samples, and without conversions from velocity or acceleration: the ratio as it is
+    responses = np.nan_to_num(found.get_FRF()[:, 0, :])
+    coherence = np.nan_to_num(found.get_coherence()).real
+    frequency = np.fft.rfftfreq(length, step)
+    if struck:
+        responses[:, 0] = 0.0  # the library takes the mean out, so nothing is known of it
+        notes.insert(0, f"{len(exc)} blow(s), one segment of up to {length * step:.6g} s for each")
+        if len(exc) == 1:
+            coherence[:] = np.nan
+            notes.append("coherence: of one segment it means nothing (always 1), and is left out")
+    if decay:
+        size = np.sqrt(found.S_FF[0, 0].real)
+        responses, led = on_axis(frequency, responses, size, decay / step)
+        peaks = ", ".join(f"{f:.5g}" for f in led) or "none"
+        notes.append(f"exponential window, its damping taken out at the peaks: {peaks} Hz")
+    data = data.assign_attrs(notes="\n".join(filter(None, [data.attrs.get("notes"), *notes])))
+    return _with(data, frequency, (responses, coherence), (first, outputs))
+
+
+def _chosen(data: xr.Dataset, excitation: str) -> tuple[int, list[int]]:
+    """Return the numbers of the channels of the excitation and of the responses."""
+    names = [str(name) for name in data["channel"].to_numpy()]
+    variables = [str(name) for name in data["channel_variable"].to_numpy()]
+    histories = [k for k, v in enumerate(variables) if v in data and "time" in data[v].dims]
+    if excitation not in [names[k] for k in histories]:
+        held = ", ".join(names[k] for k in histories) or "none"
+        raise CaseError(f"excitation: expected one of the histories {held}, given {excitation!r}")
+    first = names.index(excitation)
+    outputs = [k for k in histories if k != first]
+    if not outputs:
+        raise CaseError("excitation: expected a response beside it, found none")
+    return first, outputs
+
+
+def _with(
+    data: xr.Dataset,
+    frequency: FloatArray,
+    found: tuple[Values, FloatArray],
+    channels: tuple[int, list[int]],
+) -> xr.Dataset:
+    """Return the measurement with responses and coherences, each of shape (outputs, n)."""
+    first, outputs = channels
+    names = [str(name) for name in data["channel"].to_numpy()]
+    units = [str(u) for u in data["channel_units"].to_numpy()]
+    ratios = [unit_of(f"({units[k]})/({units[first]})", names[k]).units for k in outputs]
+    about = {
+        "units": ratios[0] if len(set(ratios)) == 1 else "see response_units",
+        "long_name": f"frequency response to {names[first]}",
+    }
+    data = data.assign_coords(
+        frequency=("frequency", frequency, {"units": "Hz", "long_name": "frequency"}),
+        output=[names[k] for k in outputs],
+    )
+    dims, of_coherence = ("frequency", "output"), {"units": "1", "long_name": "coherence"}
+    data["response"] = (dims, found[0].T, about)
+    data["coherence"] = (dims, found[1].T, of_coherence)
+    data["response_units"] = (("output",), np.array(ratios), {"units": "1"})
+    return data
+
+
+def _step(time: FloatArray) -> float:
+    """Return the time between samples [s].
+
+    Raises:
+        CaseError: the samples are not evenly spaced.
+    """
+    step = float((time[-1] - time[0]) / (time.size - 1))
+    off = np.abs(time - time[0] - step * np.arange(time.size)) / step
+    if off.max() > UNEVEN:
+        raise CaseError(
+            f"time: expected samples at equal steps, given one that is {off.max():.2g} steps off"
+        )
+    return step
+
+
+ORDER = 20
+"""Highest order of the polynomials; poles of its upper half are compared."""
+NEAR = 0.05
+"""Relative distance from a peak within which a pole belongs to it."""
+LARGEST_DAMPING = 0.3
+PROMINENCE = 0.05
+"""Height of a peak above its surroundings, in decades of the summed amplitude squared."""
+AGREEING, STABLE = 0.7, 0.003
+"""Share of the orders that must have a pole, and its largest relative scatter of frequency."""
+
+
+@dataclass(frozen=True)
+class Pole:
+    """A natural frequency with its damping.
+
+    Attributes:
+        frequency: natural frequency [Hz].
+        damping: ratio of critical damping [-].
+        frequency_scatter: standard deviation over the orders [Hz].
+        damping_scatter: the same of the damping [-].
+    """
+
+    frequency: float
+    damping: float
+    frequency_scatter: float
+    damping_scatter: float
+
+
+def poles(data: xr.Dataset, lower: float, upper: float) -> list[Pole]:
+    """Return the poles between two frequencies, by the least-squares complex frequency method.
+
+    Each peak of the summed responses gets the median of the poles near it over the orders of the
+    polynomial, if enough orders have one.
+
+    Args:
+        data: a measurement with `response(frequency, output)`.
+        lower: least frequency [Hz].
+        upper: largest frequency [Hz].
+
+    Raises:
+        CaseError: sdypy-EMA is not installed, there are no responses, or the range holds none.
+    """
+    try:
+        ema: Any = import_module("sdypy.EMA")
+    except ImportError:
+        raise CaseError(
+            'poles: need the package sdypy-EMA; install it by pip install "delam_fem[ema]"'
+        ) from None
+    if "response" not in data:
+        raise CaseError("poles: expected frequency responses, found none; --excitation makes them")
+    frequency: FloatArray = data["frequency"].to_numpy()
+    if not 0.0 <= lower < upper or upper > frequency[-1] or upper - lower < 4 * frequency[1]:
+        raise CaseError(
+            f"poles: expected a range of frequencies from 0 to {frequency[-1]:.6g} Hz, given "
+            f"{lower:g} to {upper:g}"
+        )
+    values = np.nan_to_num(data["response"].to_numpy().T)
+    model = ema.Model(
+        frf=values, freq=frequency, lower=lower, upper=upper, pol_order_high=ORDER,
+        frf_form="receptance",
+    )  # fmt: skip
+    model.get_poles(method="lscf", show_progress=False)
+    found: list[Pole] = []
+    for peak in _peaks(frequency, values, lower, upper):
+        if all(abs(pole.frequency - peak) > NEAR * peak for pole in found):
+            found += filter(None, [_at_peak(model, peak)])
+    return sorted(found, key=lambda pole: pole.frequency)
+
+
+def _peaks(frequency: FloatArray, values: Any, lower: float, upper: float) -> FloatArray:
+    """Return the frequencies at which the summed responses have peaks, the highest first."""
+    size = (np.abs(values) ** 2).sum(axis=0)
+    level = np.log10(np.maximum(size, 1e-300))
+    found, _ = find_peaks(level, prominence=PROMINENCE)
+    peaks: FloatArray = frequency[found[np.argsort(-size[found])]]
+    return peaks[(peaks >= lower) & (peaks <= upper)]
+
+
+def _at_peak(model: Any, peak: float) -> Pole | None:
+    """Return the pole near a peak on which the orders agree; None: they do not."""
+    near = []
+    for frequencies, dampings in zip(
+        model.pole_freq[ORDER // 2 :], model.pole_xi[ORDER // 2 :], strict=True
+    ):
+        f, d = np.asarray(frequencies), np.asarray(dampings)
+        fits = (np.abs(f - peak) < NEAR * peak) & (d > 0.0) & (d < LARGEST_DAMPING)
+        if fits.any():
+            k = np.flatnonzero(fits)[np.argmin(np.abs(f[fits] - peak))]
+            near.append((float(f[k]), float(d[k])))
+    if len(near) < AGREEING * (len(model.pole_freq) - ORDER // 2):
+        return None
+    table = np.array(near)
+    f, d = np.median(table, axis=0)
+    scatter = 1.4826 * np.median(np.abs(table - [f, d]), axis=0)
+    if scatter[0] > STABLE * f:
+        return None
+    return Pole(float(f), float(d), float(scatter[0]), float(scatter[1]))
+
+
+FILE = "responses.png"
+
+
+def save_responses(data: xr.Dataset, directory: Path) -> Path:
+    """Write the figure of the responses of a measurement.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    path = directory / FILE
+    with styled(), atomic(path) as temporary:
+        responses(data).savefig(temporary)
+    return path
+
+
+def responses(data: xr.Dataset) -> Figure:
+    """Draw amplitudes, phases and, where there is one, the coherence over the frequency."""
+    names = [str(name) for name in data["output"].to_numpy()]
+    figure = Figure(figsize=(WIDTH, 7.5), layout="constrained")
+    panels = figure.subplots(3, 1, sharex=True, height_ratios=[2, 1, 1])
+    f = data["frequency"].to_numpy()[1:]
+    for k, (name, colour) in enumerate(zip(names, lamina_colours(len(names)), strict=True)):
+        h = data["response"].to_numpy()[1:, k]
+        panels[0].semilogy(f, np.where(h == 0.0, np.nan, np.abs(h)), color=colour, label=name)
+        panels[1].plot(f, np.degrees(np.angle(h)), ".", markersize=2, color=colour)
+        if "coherence" in data:
+            panels[2].plot(f, data["coherence"].to_numpy()[1:, k], color=colour)
+    panels[0].set_ylabel(f"amplitude [{data['response'].attrs.get('units', '')}]")
+    panels[1].set(ylabel="phase [°]", ylim=(-190, 190), yticks=[-180, -90, 0, 90, 180])
+    panels[2].set(ylabel="coherence", ylim=(0.0, 1.05))
+    for panel in panels:
+        panel.set_xlabel("frequency [Hz]")
+        panel.tick_params(labelbottom=True)
+    legend_above(panels[0])
+    figure.suptitle(str(data["response"].attrs.get("long_name", "frequency responses")))
+    return figure

@@ -1,17 +1,176 @@
-"""Numbers for each channel: how a measurement differs from a run once both are aligned."""
+"""How a measurement differs from a run once both are aligned, in numbers and sentences."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
+from scipy.optimize import minimize_scalar
 
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.results.overlay.alignment import COARSE, Alignment, aligned, gains
-from delam_fem.results.overlay.course import Course
-from delam_fem.results.overlay.harmonics import HarmonicFit, fitted
-from delam_fem.results.overlay.matching import Pairs
+from delam_fem.numerics.harmonics import total_harmonic_distortion
+from delam_fem.results.overlay.alignment import COARSE, Alignment, Course, Pairs, aligned, gains
+
+ComplexArray = npt.NDArray[np.complex128]
+
+MOST = 40
+"""Largest number of harmonics of the drive that is fitted."""
+SAMPLES_PER_UNKNOWN = 4
+"""Fewest samples for each fitted number."""
+BELOW_NYQUIST = 0.9
+"""Share of Nyquist's frequency up to which harmonics are fitted."""
+NEIGHBOURHOOD = 0.1
+"""Relative range about the drive's frequency in which the measured one is looked for."""
+CLEAR = 2.0
+"""Amplitudes of noise above which a harmonic is taken for one of the motion."""
+FEWEST_PERIODS = 3.0
+"""Periods of a record below which its frequency cannot be told from that of the drive."""
+
+
+@dataclass(frozen=True)
+class HarmonicFit:
+    """The periodic part of a history.
+
+    Attributes:
+        mean: of the history.
+        coefficients: complex amplitudes c_k of Re c_k exp(2 pi i k f t / p), k = 1, 2, …
+        frequency: f / p, the lowest frequency [Hz].
+        multiple: p, the periods of the drive after which the motion repeats.
+        noise: standard deviation of what does not repeat.
+        n_samples: number of samples of the fit.
+    """
+
+    mean: float
+    coefficients: ComplexArray
+    frequency: float
+    multiple: int
+    noise: float
+    n_samples: int
+
+    def at(self, time: FloatArray, derivative: int = 0) -> FloatArray:
+        """Return the periodic part, or a derivative of it, at instants."""
+        orders = 1j * 2.0 * np.pi * self.frequency * np.arange(1, self.coefficients.size + 1)
+        terms = self.coefficients * orders**derivative
+        value: FloatArray = np.real(np.exp(np.outer(time, orders)) @ terms)
+        value += 0.0 if derivative else self.mean
+        return value
+
+    def clear(self) -> HarmonicFit:
+        """Return the fit without the harmonics that noise may have made."""
+        is_clear = np.abs(self.coefficients) > CLEAR * self.floor
+        return replace(self, coefficients=np.where(is_clear, self.coefficients, 0.0))
+
+    @property
+    def amplitudes(self) -> FloatArray:
+        """Amplitudes A_1, A_2, … of the harmonics of the drive."""
+        sizes: FloatArray = np.abs(self.coefficients[self.multiple - 1 :: self.multiple])
+        return sizes
+
+    @property
+    def floor(self) -> float:
+        """Root mean square amplitude that the noise alone gives a harmonic: 2 sigma / sqrt(n)."""
+        return 2.0 * self.noise / float(np.sqrt(self.n_samples))
+
+    def distortion(self) -> tuple[float, float]:
+        """Return the distortion factor d without the noise's share, and its standard deviation.
+
+        d = sqrt(1 + THD^2) - 1. Noise adds (2 sigma)^2 / n to each squared amplitude.
+        """
+        a, extra = self.amplitudes, self.floor**2
+        if not a.size or a[0] <= 0.0:
+            return float("nan"), float("nan")
+        higher = np.sqrt(max(float((a[1:] ** 2).sum()) - extra * (a.size - 1), 0.0))
+        d = np.sqrt(1.0 + float(total_harmonic_distortion(np.array([a[0], higher]))) ** 2) - 1.0
+        spread = np.sqrt(2.0 * extra * higher**2 + extra**2 * (a.size - 1))
+        return float(d), float(spread / (2.0 * a[0] ** 2 * (1.0 + d)))
+
+
+def fitted(time: FloatArray, values: FloatArray, frequency: float, multiple: int) -> HarmonicFit:
+    """Return the periodic part of a history by least squares.
+
+    Args:
+        time: of the samples [s], shape (n,).
+        values: shape (n,).
+        frequency: of the drive [Hz].
+        multiple: periods of the drive after which the motion repeats.
+    """
+    lowest, n = frequency / multiple, time.size
+    rate = (n - 1) / (time[-1] - time[0])
+    n_orders = min(
+        MOST * multiple,
+        int(BELOW_NYQUIST * 0.5 * rate / lowest),
+        (n // SAMPLES_PER_UNKNOWN - 1) // 2,
+    )
+    phase = 2.0 * np.pi * lowest * np.outer(time, np.arange(1, max(n_orders, 1) + 1))
+    columns = np.hstack([np.ones((n, 1)), np.cos(phase), np.sin(phase)])
+    found = np.linalg.lstsq(columns, values, rcond=None)[0]
+    k = phase.shape[1]
+    rest = values - columns @ found
+    noise = float(np.sqrt((rest**2).sum() / max(n - 1 - 2 * k, 1)))
+    return HarmonicFit(
+        float(found[0]), found[1 : k + 1] - 1j * found[k + 1 :], lowest, multiple, noise, n
+    )
+
+
+def strongest_frequency(time: FloatArray, values: FloatArray, lowest: float) -> float | None:
+    """Return the frequency at which a measurement moves most.
+
+    Args:
+        time: of the samples [s], shape (n,).
+        values: histories in one unit, shape (n_channels, n).
+        lowest: frequency below which motions are not looked at [Hz].
+
+    Returns:
+        The frequency [Hz]; None: the record is too short to tell it.
+    """
+    even = np.linspace(time[0], time[-1], time.size)
+    rows = np.array([np.interp(even, time, row - row.mean()) for row in values])
+    power = (np.abs(np.fft.rfft(np.hanning(time.size) * rows)) ** 2).sum(axis=0)
+    frequency = np.fft.rfftfreq(time.size, even[1] - even[0])
+    strongest = float(frequency[np.argmax(np.where(frequency < lowest, 0.0, power))])
+    return drive_frequency(time, values, strongest, 2.0 * frequency[1])
+
+
+def drive_frequency(
+    time: FloatArray, values: FloatArray, expected: float, reach: float | None = None
+) -> float | None:
+    """Return the frequency near the drive's at which a measurement has its line.
+
+    Args:
+        time: of the samples [s], shape (n,).
+        values: histories, shape (n_channels, n).
+        expected: frequency of the drive [Hz].
+        reach: how far from it the line may be [Hz]; None: `NEIGHBOURHOOD`.
+
+    Returns:
+        The frequency [Hz]; None: the record is too short, or there is no line near the drive's.
+    """
+    duration = float(time[-1] - time[0])
+    if duration * expected < FEWEST_PERIODS:
+        return None
+    window = np.hanning(time.size)
+    scaled = window * (values - values.mean(axis=1, keepdims=True))
+    scaled /= np.maximum(np.abs(scaled).max(axis=1, keepdims=True), np.finfo(float).tiny)
+
+    def power(f: float) -> float:
+        return float((np.abs(scaled @ np.exp(-2j * np.pi * f * time)) ** 2).sum())
+
+    reach = reach or min(max(NEIGHBOURHOOD * expected, 2.0 / duration), 0.45 * expected)
+    grid = np.arange(expected - reach, expected + reach, 0.25 / duration)
+    powers = [power(float(f)) for f in grid]
+    k = int(np.argmax(powers))
+    if k in (0, len(grid) - 1):
+        return None
+    best = minimize_scalar(
+        lambda f: -power(f), bounds=(grid[k - 1], grid[k + 1]), method="bounded",
+        options={"xatol": 1e-7 * expected},
+    )  # fmt: skip
+    return float(best.x)
+
 
 SEVERAL = 3.0
 """Size of what is not explained over that of the noise from which it is no noise."""
@@ -122,3 +281,114 @@ def _correlation(a: FloatArray, b: FloatArray) -> float:
     a, b = a - a.mean(), b - b.mean()
     norm = float(np.sqrt((a @ a) * (b @ b)))
     return float(a @ b) / norm if norm > 0.0 else 0.0
+
+
+SIGNIFICANT = 3.0
+"""Standard deviations from which a difference is not the noise's."""
+SAME_GAIN, SAME_PHASE, SAME_RATE = 0.05, 5.0, 0.01
+"""Differences that are not worth a sentence: of amplitude, of phase [degrees], of frequency."""
+SAME_SHAPE = 0.1
+"""Share of a motion that the run may leave without a sentence."""
+FACTORS = {
+    1e3: "as if millimetres were read as metres",
+    1e-3: "as if metres were read as millimetres",
+    1e6: "as if micrometres were read as metres",
+    25.4: "as if inches were millimetres",
+    1 / 25.4: "as if millimetres were inches",
+    10.0: "as if centimetres were millimetres",
+    0.1: "as if millimetres were centimetres",
+    2.0: "as if peak-to-peak were an amplitude",
+    0.5: "as if an amplitude were peak-to-peak",
+    -1.0: "is its sign turned?",
+}
+"""Ratios that mistakes have, with what they look like."""
+NEAR_FACTOR = 0.05
+NO_NUMBERS = "not compared, as its gain, delay or correlation is no finite number"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One difference.
+
+    Attributes:
+        kind: "frequency", "amplitude", "phase", "shape" or "numbers".
+        channel: name; empty: of all channels.
+        text: a sentence.
+    """
+
+    kind: str
+    channel: str
+    text: str
+
+
+def findings(
+    channels: Sequence[Comparison],
+    *,
+    frequency: float | None,
+    measured_frequency: float | None,
+) -> list[Finding]:
+    """Return the differences between a measurement and a run that are worth a sentence.
+
+    Args:
+        channels: comparisons.
+        frequency: of the run's drive [Hz]; None: there is none.
+        measured_frequency: of the measurement [Hz]; None: not found.
+    """
+    found = list(_of_frequency(frequency, measured_frequency))
+    reference = next((own for own in channels if own.is_drive), None)
+    reference = reference or min(channels, key=lambda own: abs(own.delay))
+    for own in channels:
+        numbers = (own.gain, own.gain_error, own.delay, own.delay_error, own.unlike)
+        if not all(map(math.isfinite, numbers)):
+            found.append(Finding("numbers", own.name, f"{own.name}: {NO_NUMBERS}"))
+            continue
+        found += _of_shape(own)
+        if own is not reference and frequency is not None:
+            found += _of_phase(own, reference, frequency)
+    return found
+
+
+def _of_frequency(frequency: float | None, measured: float | None) -> Iterator[Finding]:
+    """Yield what the frequencies say."""
+    if frequency is None or measured is None:
+        return
+    ratio = measured / frequency
+    if abs(ratio - 1.0) > SAME_RATE:
+        yield Finding(
+            "frequency", "",
+            f"the measurement was driven at {measured:.4g} Hz, the run at {frequency:.4g} Hz; "
+            "phases are compared, which is not the same motion",
+        )  # fmt: skip
+
+
+def _of_shape(own: Comparison) -> Iterator[Finding]:
+    """Yield whether a channel moves alike, and whether by the same amplitude."""
+    is_found = abs(own.gain) > SIGNIFICANT * own.gain_error
+    if own.unlike > SAME_SHAPE or not is_found:
+        yield Finding(
+            "shape", own.name,
+            f"{own.name}: the measured motion is not that of the run (correlation "
+            f"{own.correlation:.2f}, {100 * own.unlike:.2g} % of it is left)",
+        )  # fmt: skip
+    if abs(own.gain - 1.0) > max(SAME_GAIN, SIGNIFICANT * own.gain_error):
+        factor = next((f for f in FACTORS if abs(own.gain / f - 1.0) < NEAR_FACTOR), None)
+        hint = f", {FACTORS[factor]}" if factor is not None else ""
+        yield Finding(
+            "amplitude", own.name,
+            f"{own.name}: measured {own.gain:.4g} ± {own.gain_error:.2g} times the amplitude of "
+            f"the run{hint}",
+        )  # fmt: skip
+
+
+def _of_phase(own: Comparison, reference: Comparison, frequency: float) -> Iterator[Finding]:
+    """Yield whether a channel has another phase than the drive or, without it, than a channel."""
+    turn = 360.0 * frequency
+    phase = (turn * (own.delay - reference.delay) + 180.0) % 360.0 - 180.0
+    error = turn * max(own.delay_error, reference.delay_error)
+    if abs(phase) > max(SAME_PHASE, SIGNIFICANT * error):
+        hint = "" if reference.is_drive else "; no drive was measured, so either may be wrong"
+        yield Finding(
+            "phase", own.name,
+            f"{own.name}: measured {abs(phase):.1f}° ± {error:.1g}° "
+            f"{'later' if phase > 0 else 'earlier'} than {reference.name}{hint}",
+        )  # fmt: skip

@@ -11,18 +11,28 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from delam_fem.case.atomic import write_text
 from delam_fem.case.definition import Case
 from delam_fem.results.diagnostics import summary as summary_of_run
 from delam_fem.results.folder import Result, json_ready, load_numbers, write_dataset
 from delam_fem.results.measured.reading import read_measured
-from delam_fem.results.overlay.alignment import COARSE, Alignment, aligned, best_start
-from delam_fem.results.overlay.comparison import Comparison, compared
-from delam_fem.results.overlay.course import Course
+from delam_fem.results.overlay.alignment import (
+    COARSE,
+    Alignment,
+    Course,
+    Pairs,
+    aligned,
+    best_start,
+    matched,
+)
+from delam_fem.results.overlay.comparison import (
+    Comparison,
+    Finding,
+    compared,
+    drive_frequency,
+    findings,
+)
 from delam_fem.results.overlay.figures import save_figures, shown_unit
-from delam_fem.results.overlay.findings import Finding, findings
-from delam_fem.results.overlay.harmonics import drive_frequency
-from delam_fem.results.overlay.matching import Pairs, matched
+from delam_fem.system.files import write_text
 
 SHOWN_HARMONICS = 10
 """Harmonics whose amplitudes overlay.json lists."""
@@ -181,7 +191,7 @@ class Overlay:
         Raises:
             OSError: a file cannot be written.
         """
-        from delam_fem.results.overlay.page import page
+        from delam_fem.results.overlay.figures import page
 
         directory = Path(directory)
         directory.mkdir(parents=True, exist_ok=True)

@@ -110,7 +110,7 @@ class Grid:
 
 
 @dataclass(frozen=True)
-class Figure:
+class Gallery:
     """Pictures with a common caption.
 
     Attributes:
@@ -146,7 +146,7 @@ class Preformatted:
     text: str
 
 
-Block: TypeAlias = Paragraph | Table | Grid | Figure | Film | Preformatted
+Block: TypeAlias = Paragraph | Table | Grid | Gallery | Film | Preformatted
 
 
 @dataclass(frozen=True)
@@ -234,7 +234,7 @@ def _resource(name: str) -> str:
 def _scripts(blocks: Iterable[Block]) -> list[str]:
     """Return the scripts that a page with these blocks needs."""
     kinds = {type(block) for block in blocks}
-    return [name for name, kind in (("page.js", Figure), ("film.js", Film)) if kind in kinds]
+    return [name for name, kind in (("page.js", Gallery), ("film.js", Film)) if kind in kinds]
 
 
 def _contents(sections: Iterable[Section]) -> str:
@@ -249,7 +249,7 @@ def _block(block: Block) -> str:
         return f"<p{_attribute('class', block.kind)}>{_text(block.text)}</p>"
     if isinstance(block, Preformatted):
         return f"<pre>{escape(block.text)}</pre>"
-    if isinstance(block, Figure):
+    if isinstance(block, Gallery):
         pictures = "".join(
             f'<div class="view"><img{_attribute("alt", block.description)}'
             f"{_attribute('src', address)}></div>"

@@ -12,13 +12,13 @@ import numpy as np
 import xarray as xr
 
 from delam_fem.case.definition import Case
-from delam_fem.case.toml import CaseError
 from delam_fem.results.provenance import provenance
 from delam_fem.results.schema import Variable
+from delam_fem.studies.branches.continuation import Point
 from delam_fem.studies.branches.events import Event
-from delam_fem.studies.branches.point import Point
-from delam_fem.studies.orbits.coarse import is_zero
+from delam_fem.studies.orbits.newton import is_zero
 from delam_fem.studies.sweeps.grid import unit_of
+from delam_fem.system.errors import CaseError
 
 _log = logging.getLogger(__name__)
 

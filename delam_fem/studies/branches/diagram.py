@@ -10,7 +10,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from delam_fem.case.definition import Case
-from delam_fem.case.toml import CaseError
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.results.figures.style import (
     BASE_COLOUR,
@@ -24,6 +23,7 @@ from delam_fem.results.figures.style import (
     WIDTH,
     label_x,
 )
+from delam_fem.system.errors import CaseError
 
 COLOURS = {"stable": BLUE, "unstable": VERMILLION, "undecided": ORANGE}
 MARKS = {"period doubling": "D", "fold": "s", "Neimark-Sacker": "o", "grazing": "x"}

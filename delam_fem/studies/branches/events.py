@@ -19,7 +19,7 @@ from typing import Literal
 import numpy as np
 
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.studies.branches.point import Point
+from delam_fem.studies.branches.continuation import Point
 from delam_fem.studies.orbits.multipliers import interval
 
 Kind = Literal["period doubling", "Neimark-Sacker", "fold", "grazing"]

@@ -1,4 +1,6 @@
-"""Follow the orbits of a case over one of its keys, with the branches that leave at doublings.
+"""Follow the orbits of a case over one of its keys; each accepted point survives a kill.
+
+Follow the orbits of a case over one of its keys, with the branches that leave at doublings.
 
 In Python:
 
@@ -9,8 +11,10 @@ In Python:
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import logging
+import shutil
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -21,26 +25,105 @@ import numpy as np
 
 from delam_fem.case.definition import Case
 from delam_fem.case.files import save_case
-from delam_fem.case.toml import CaseError
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.results.folder import write_dataset
 from delam_fem.simulation.interrupts import stop_signals
 from delam_fem.studies.branches import dataset
 from delam_fem.studies.branches.continuation import Path as Way
-from delam_fem.studies.branches.continuation import doubled_point, first_point, followed, why_lost
+from delam_fem.studies.branches.continuation import (
+    Point,
+    doubled_point,
+    first_point,
+    followed,
+    why_lost,
+)
 from delam_fem.studies.branches.dataset import Branch
 from delam_fem.studies.branches.events import events_of, turns
-from delam_fem.studies.branches.journal import PointJournal
-from delam_fem.studies.branches.point import Point
-from delam_fem.studies.orbits.ensemble import USUAL, Ensemble, Perturbations
-from delam_fem.studies.orbits.models import Model, map_of, usual
-from delam_fem.studies.orbits.protocol import PeriodMap
-from delam_fem.studies.orbits.search import SETTLE, mean_of_motion, settled_map
+from delam_fem.studies.orbits.maps import PeriodMap
+from delam_fem.studies.orbits.newton import USUAL, Ensemble, Perturbations
+from delam_fem.studies.orbits.search import (
+    SETTLE,
+    Model,
+    map_of,
+    mean_of_motion,
+    settled_map,
+    usual,
+)
+from delam_fem.system.errors import CaseError
+from delam_fem.system.files import read_arrays, write_arrays, write_text
 
 if TYPE_CHECKING:
     import xarray as xr
 
+FOLDER = "points"
+"""Name of the folder of the points in the folder of a continuation."""
+_ABOUT = "about.txt"
+_NUMBERS = ("parameter", "residual", "residual_error", "parameter_error", "step", "doubled")
+
 _log = logging.getLogger(__name__)
+
+
+class PointJournal:
+    """The points of all branches of a continuation, one file each.
+
+    Attributes:
+        folder: where they are.
+    """
+
+    def __init__(self, directory: Path, identity: str, *, resume: bool) -> None:
+        """Open the journal of a continuation, or begin one.
+
+        Args:
+            directory: folder of the continuation.
+            identity: text that is equal only for the same continuation.
+            resume: whether to go on with the points in the folder.
+
+        Raises:
+            CaseError: the points belong to another continuation.
+        """
+        self.folder = directory / FOLDER
+        if not resume and self.folder.exists():
+            shutil.rmtree(self.folder)
+        self.folder.mkdir(parents=True, exist_ok=True)
+        about = self.folder / _ABOUT
+        if not about.is_file():
+            write_text(about, identity)
+        elif about.read_text("utf-8") != identity:
+            raise CaseError(
+                f"resume: {self.folder} belongs to another continuation; run it with the settings "
+                "of the interrupted one, or choose another folder with -o DIR"
+            )
+
+    def points(self, branch: int) -> list[Point]:
+        """Return the points of a branch, up to the first that is missing or damaged."""
+        found: list[Point] = []
+        while (point := self._read(branch, len(found))) is not None:
+            found.append(point)
+        return found
+
+    def keep(self, branch: int, number: int, point: Point) -> None:
+        """Write a point and wait until it is on the disk.
+
+        Raises:
+            OSError: the file cannot be written.
+        """
+        write_arrays(self._path(branch, number), dataclasses.asdict(point))
+
+    def _path(self, branch: int, number: int) -> Path:
+        return self.folder / f"{branch:02d}-{number:04d}.npz"
+
+    def _read(self, branch: int, number: int) -> Point | None:
+        path = self._path(branch, number)
+        if not path.is_file():
+            return None
+        try:
+            values = read_arrays(path)
+            numbers = {name: float(values[name]) for name in _NUMBERS}
+            return Point(**{**values, **numbers, "iterations": int(values["iterations"])})
+        except (ValueError, KeyError, TypeError) as error:
+            _log.warning("%s: computed anew (%s)", path, error)
+            return None
+
 
 RESULT = "branch.nc"
 """Name of the dataset in the folder of a continuation."""

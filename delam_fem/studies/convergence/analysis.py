@@ -1,20 +1,29 @@
-"""Analyse the results of a ladder: statistics, errors against limits, extrapolations, costs."""
+"""Analyse the results of a ladder: errors, limits, costs, tables, one line that sums them up."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Literal
 
 import numpy as np
 
 from delam_fem.case.definition import Case
-from delam_fem.numerics import extrapolation
+from delam_fem.numerics import statistics
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.studies.convergence.ladder import Ladder, Rung
-from delam_fem.studies.convergence.rung import RungResult
-from delam_fem.studies.convergence.statistics import Statistic, extrema
+from delam_fem.numerics.statistics import Limit, orders_of_errors
+from delam_fem.studies.convergence.ladder import FREE, LIMIT, RIGID, Ladder, Method, Rung
+from delam_fem.studies.convergence.rung import (
+    WORK,
+    RungResult,
+    Statistic,
+    amplitudes,
+    converging,
+    extrema,
+    general,
+)
 from delam_fem.studies.linear import first_frequencies, linear_amplitudes
 
 NOISE = 2.0
@@ -61,12 +70,12 @@ class Convergence:
         blocks = self.value(rung, "blocks")
         return self.scatter(rung, name) / math.sqrt(blocks) if blocks > 0.0 else math.nan
 
-    def limit(self, rungs: Sequence[Rung], name: str, *, by: str = "steps") -> extrapolation.Limit:
+    def limit(self, rungs: Sequence[Rung], name: str, *, by: str = "steps") -> statistics.Limit:
         """Extrapolate a statistic along rungs that refine `by` "steps", "elements" or "points"."""
         sizes = [1.0 / getattr(rung, by) for rung in rungs]
         values = [self.value(rung, name) for rung in rungs]
         errors = [self.standard_error(rung, name) for rung in rungs]
-        return extrapolation.limit(sizes, values, errors)
+        return statistics.limit(sizes, values, errors)
 
     def error(self, rung: Rung, reference: Rung | None = None) -> float:
         """Return the distance of the tip extremes from the rigid limit.
@@ -113,8 +122,8 @@ class Convergence:
         at_first_order = first * (b - c) / (a - b)
         if second <= max(noise, at_first_order):  # a small difference may be chance
             return away, max(second, at_first_order) / (b / c - 1.0) + noise
-        order = extrapolation.observed_orders([a, b, c], [first + second, second, 0.0])[0]
-        is_shrinking = order >= extrapolation.LOWEST_ORDER
+        order = statistics.observed_orders([a, b, c], [first + second, second, 0.0])[0]
+        is_shrinking = order >= statistics.LOWEST_ORDER
         left = second / ((b / c) ** order - 1.0) if is_shrinking else math.inf
         return away, left + noise
 
@@ -159,3 +168,331 @@ def exact_free_motion(case: Case) -> tuple[list[float], list[float]]:
     """Return first frequencies [Hz] and tip amplitudes [m] of all laminae without contact."""
     amplitudes = linear_amplitudes(case, np.array([1.0 / case.period]))[:, 0]
     return [omega / (2.0 * math.pi) for omega in first_frequencies(case)], amplitudes.tolist()
+
+
+Direction = Literal["steps", "elements", "points"]
+NOTHING = "–"
+NO_LIMIT = "The ladder has no limit (0 steps): errors against the rigid limit are left out."
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of text.
+
+    Attributes:
+        title: title above the table.
+        heading: headings of the columns.
+        rows: rows with one entry per column.
+    """
+
+    title: str
+    heading: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+    def markdown(self) -> str:
+        """Return the table as Markdown, with its title in bold."""
+        lines = [self.heading, tuple("---" for _ in self.heading), *self.rows]
+        body = "\n".join(f"| {' | '.join(line)} |" for line in lines)
+        return f"**{self.title}**\n\n{body}\n"
+
+
+def page(found: Convergence, verdict: str) -> str:
+    """Return all tables of a ladder as a page of Markdown, below a verdict."""
+    parts = [f"# Convergence of case {found.ladder.case.name}\n", f"{verdict}\n"]
+    if not found.ladder.has_limit:
+        parts.append(f"{NO_LIMIT}\n")
+    return "\n".join([*parts, *(table.markdown() for table in tables(found))])
+
+
+def tables(found: Convergence) -> Iterator[Table]:
+    """Yield all tables of a ladder: without contact, then every line of rungs, then the limits."""
+    for direction, where, rungs in lines(found.ladder, (FREE,)):
+        yield free_table(found, rungs, direction, where)
+    shown = (*found.extrema, *general(found.n_laminae))
+    of_harmonics = amplitudes(found.n_laminae)
+    for direction, where, rungs in lines(found.ladder, found.ladder.methods):
+        title = f"{rungs[0].method}, {where}"
+        yield contact_table(found, rungs, direction, title, shown)
+        yield contact_table(found, rungs, direction, f"{title}: harmonics", of_harmonics)
+    if found.ladder.has_limit:
+        rungs = found.ladder.along_meshes(LIMIT, found.ladder.limit_steps)
+        steps = f"{found.ladder.limit_steps} steps per period"
+        title = f"rigid limit of each mesh: newton@moreau-jean with {steps}"
+        by = found.ladder.refines
+        yield contact_table(found, rungs, by, title, shown)
+        yield contact_table(found, rungs, by, f"{title}: harmonics", of_harmonics)
+    yield from limit_tables(found)
+
+
+def lines(ladder: Ladder, methods: Sequence[Method]) -> Iterator[tuple[Direction, str, list[Rung]]]:
+    """Yield each line of rungs: the direction of refinement, what stays fixed, and the rungs."""
+    for method in methods:
+        meshes = ladder.meshes_of(method)
+        if len(ladder.steps) > 1 or len(meshes) == 1:
+            for mesh in meshes:
+                rungs = ladder.along_steps(method, mesh)
+                yield "steps", rungs[0].mesh_text, rungs
+        if len(meshes) > 1:
+            for steps in ladder.steps:
+                yield (
+                    "elements" if method == FREE else ladder.refines,
+                    f"{steps} steps per period",
+                    ladder.along_meshes(method, steps),
+                )
+
+
+def free_table(found: Convergence, rungs: list[Rung], direction: Direction, where: str) -> Table:
+    """Return the table of errors and orders of frequencies and amplitudes without contact."""
+    sizes = [1.0 / getattr(rung, direction) for rung in rungs]
+    errors = [found.free_errors(rung) for rung in rungs]
+    numbers = range(1, found.n_laminae + 1)
+    names = [name for i in numbers for name in (f"f1 of {i}", f"amplitude {i}")]
+    orders = [orders_of_errors(sizes, [e[j] for e in errors]) for j in range(len(names))]
+    heading: list[str] = [direction]
+    for name in names:
+        heading += [name, "order"]
+    exact = "the exact cantilever" if found.ladder.case.is_apart else "the stack of a fine mesh"
+    rows = []
+    for k, rung in enumerate(rungs):
+        row = [str(getattr(rung, direction))]
+        for j in range(len(names)):
+            row += [number(errors[k][j], "+.1e"), number(orders[j][k - 1], ".2f") if k else ""]
+        rows.append((*row, cost(found, rung)))
+    return Table(
+        f"without contact, {where}: relative errors against {exact}",
+        (*heading, "µs/step"),
+        tuple(rows),
+    )
+
+
+def contact_table(
+    found: Convergence,
+    rungs: list[Rung],
+    direction: Direction,
+    title: str,
+    quantities: Sequence[Statistic],
+) -> Table:
+    """Return the table of statistics, errors (if the ladder has a limit) and costs of rungs."""
+    has_limit = found.ladder.has_limit
+    error = ["error [%]"] if has_limit else []
+    heading = (direction, *(q.heading for q in quantities), "P", *error, "µs/step", "ms/period")
+    rows = []
+    for rung in rungs:
+        result = found.results.get(rung.key)
+        if result is None or result.outcome != "completed":
+            said = "not computed" if result is None else result.error
+            rows.append((str(getattr(rung, direction)), said, *[""] * (len(heading) - 2)))
+            continue
+        period = found.value(rung, "periodicity")
+        rows.append(
+            (
+                str(getattr(rung, direction)),
+                *(mean_and_scatter(found, rung, q) for q in quantities),
+                f"{period:.0f}" if period else NOTHING,
+                *([number(100.0 * found.error(rung), ".1f")] if has_limit else []),
+                cost(found, rung),
+                number(1e3 * found.cost(rung), ".2f"),
+            )
+        )
+    return Table(title, heading, tuple(rows))
+
+
+def limit_tables(found: Convergence) -> Iterator[Table]:
+    """Yield tables of extrapolated limits, for each line of at least three rungs."""
+    ladder = found.ladder
+    for direction, where, rungs in lines(ladder, ladder.methods):
+        if len(rungs) > 2:
+            yield limit_table(found, rungs, direction, f"{rungs[0].method}, {where}")
+    if ladder.has_limit and len(ladder.meshes) > 2:
+        rungs = ladder.along_meshes(LIMIT, ladder.limit_steps)
+        yield limit_table(found, rungs, ladder.refines, "rigid limit over meshes")
+
+
+def limit_table(found: Convergence, rungs: list[Rung], direction: Direction, title: str) -> Table:
+    """Return the table of observed orders and extrapolated limits of a line of rungs."""
+    rows = []
+    for q in converging(found.n_laminae):
+        told = found.limit(rungs, q.name, by=direction)
+        last = number(q.factor * found.value(rungs[-1], q.name), ".4g")
+        orders = ", ".join(number(p, ".2f") for p in told.orders)
+        rows.append((q.heading, last, orders or NOTHING, limit_text(told, q), told.reason))
+    heading = ("quantity", "finest", "observed orders", "limit", "how")
+    return Table(f"{title}: what it tends to in {direction}", heading, tuple(rows))
+
+
+def limit_text(told: Limit, q: Statistic) -> str:
+    """Return a limit with its uncertainty as text."""
+    if math.isnan(told.value):
+        return NOTHING
+    return f"{q.factor * told.value:.4g} ± {q.factor * told.uncertainty:.2g}"
+
+
+def mean_and_scatter(found: Convergence, rung: Rung, q: Statistic) -> str:
+    """Return the mean and the scatter of a statistic as text."""
+    value, scatter = (
+        q.factor * x for x in (found.value(rung, q.name), found.scatter(rung, q.name))
+    )
+    return f"{value:.3f} ± {scatter:.2g}" if scatter else f"{value:.3f}"
+
+
+def cost(found: Convergence, rung: Rung) -> str:
+    """Return the processor time of a step as text [µs]."""
+    result = found.results.get(rung.key)
+    return NOTHING if result is None else number(result.microseconds_per_step, ".2f")
+
+
+def number(value: float, form: str) -> str:
+    """Return a number as text; a dash if it is not finite."""
+    return format(value, form) if math.isfinite(value) else NOTHING
+
+
+GOAL = 0.01
+"""Distance from the limit that the verdict asks for, in half peak-to-peak displacements."""
+
+
+def verdict(found: Convergence) -> str:
+    """Say which run is within `GOAL` of the limit and cheapest, or that none is, and why.
+
+    A run is judged in each direction that the ladder refines, beside two finer runs or more: in
+    steps on its own mesh, in meshes with the smallest steps; see `Convergence.interval`.
+    """
+    ladder = found.ladder
+    judged = [
+        (rung, *_judged(found, method, rung))
+        for method in ladder.methods
+        for mesh in ladder.meshes
+        for rung in ladder.along_steps(method, mesh)
+    ]
+    known = [own for own in judged if not math.isnan(own[1] + own[2])]
+    goal = f"{100.0 * GOAL:.2g} % of the limit of the tip extremes"
+    if not known:
+        return (
+            f"No run is known to be within {goal}: none that was completed has two finer ones "
+            "beside it in every direction that was refined."
+        )
+    best = min(known, key=lambda own: (own[1] + own[2], own[1]))
+    good = [own for own in known if own[1] + own[2] <= GOAL]
+    chosen, away, left = min(good, key=lambda own: found.cost(own[0])) if good else best
+    away, left = 100.0 * away, 100.0 * left
+    run = f"{chosen.method}, {chosen.mesh_text}, {chosen.steps} steps per period"
+    cost = f"{1e3 * found.cost(chosen):.3g} ms of processor time per period"
+    if good:
+        kept = (
+            "" if len(_directions(ladder)) == 2 else f"; only {_directions(ladder)[0]} were refined"
+        )
+        return f"Within {goal}, and cheapest: {run} ({cost}), {away:.2g} ± {left:.2g} %{kept}."
+    reason = f"the nearest that is judged, {run} ({cost}), is {away:.2g} ± {left:.2g} % away"
+    if math.isinf(left):
+        reason = f"errors do not shrink from rung to rung; {run}, is {away:.2g} % from the finest"
+    if ladder.case.contact.restitution == 1.0 and ladder.has_limit:
+        count = number(found.value(ladder.limit_of(chosen.mesh), "impacts"), ".0f")
+        reason += (
+            f"; with e = 1 contact takes nothing, so that pairs near one another are hit again and "
+            f"again, and the impulses per period ({count} at T/{ladder.limit_steps}) grow with 1/Δt"
+        )
+    return f"No run is known to be within {goal}: {reason}."
+
+
+def _directions(ladder: Ladder) -> list[Direction]:
+    """Return what a ladder refines: "steps", and "elements" or "points"."""
+    found: list[Direction] = ["steps"] if len(ladder.steps) > 1 else []
+    return [*found, ladder.refines] if len(ladder.meshes) > 1 else found or ["steps"]
+
+
+def _line(found: Convergence, method: Method, rung: Rung, direction: Direction) -> list[Rung]:
+    """Return the rungs that refine a rung in a direction, with the rigid limit if it is one."""
+    ladder = found.ladder
+    if direction != "steps":
+        return ladder.along_meshes(method, rung.steps)
+    rungs = ladder.along_steps(method, rung.mesh)
+    goes_on = ladder.limit_steps > rungs[-1].steps and dict(method.overrides) == RIGID
+    return [*rungs, ladder.limit_of(rung.mesh)] if goes_on else rungs
+
+
+def _judged(found: Convergence, method: Method, rung: Rung) -> tuple[float, float]:
+    """Return the distance of a rung from the limit, and its uncertainty, over all directions."""
+    away = left = 0.0
+    for direction in _directions(found.ladder):
+        own = rung
+        if direction != "steps":
+            own = found.ladder.rung(method, rung.mesh, found.ladder.steps[-1])
+        part = found.interval(own, _line(found, method, own, direction), direction)
+        away, left = away + part[0], left + part[1]
+    return away, left
+
+
+def overview(found: Convergence) -> Iterator[Table]:
+    """Yield the short tables: errors, y1 and contact work of all methods side by side."""
+    ladder = found.ladder
+    for direction, where, rungs in _shown(ladder, FREE):
+        yield _brief_free_table(found, rungs, direction, where)
+    for direction, where, rungs in _shown(ladder, ladder.methods[0]) if ladder.methods else ():
+        finest = f"the finest {direction} of each method"
+        if direction == "steps" and ladder.has_limit:
+            finest = "the rigid limit of the mesh"
+        text = f"distance of the tip extremes from {finest} ± what is left beyond [%], {where}"
+        yield _side_by_side(
+            found,
+            rungs,
+            direction,
+            text,
+            lambda rung, method, by=direction: _percent(found, rung, method, by),  # type: ignore[misc]
+        )
+        for q in (found.extrema[0], WORK):
+            yield _side_by_side(
+                found,
+                rungs,
+                direction,
+                f"{q.heading}, {where}",
+                lambda rung, _, q=q: number(q.factor * found.value(rung, q.name), ".2f"),  # type: ignore[misc]
+            )
+
+
+def _percent(found: Convergence, rung: Rung, method: Method, direction: Direction) -> str:
+    """Return the interval of a rung as text [%]; only the distance where no more is known."""
+    line = _line(found, method, rung, direction)
+    away, left = (100.0 * part for part in found.interval(rung, line, direction))
+    text = number(away, ".2f")
+    return f"{text} ± {left:.2g}" if math.isfinite(left) else text
+
+
+def _shown(ladder: Ladder, method: Method) -> Iterator[tuple[Direction, str, list[Rung]]]:
+    """Yield the lines of a method, over meshes only those with the smallest steps."""
+    for direction, where, rungs in lines(ladder, (method,)):
+        if direction == "steps" or rungs[0].steps == ladder.steps[-1]:
+            yield direction, where, rungs
+
+
+def _brief_free_table(
+    found: Convergence, rungs: list[Rung], direction: Direction, where: str
+) -> Table:
+    """Return the largest errors of all laminae without contact."""
+    rows = []
+    for rung in rungs:
+        errors = abs(found.free_errors(rung)).reshape(-1, 2).max(axis=0)
+        cells = (number(error, ".1e") for error in errors)
+        rows.append((str(getattr(rung, direction)), *cells, cost(found, rung)))
+    heading = (direction, "frequency", "amplitude", "µs/step")
+    return Table(f"relative errors without contact, {where}", heading, tuple(rows))
+
+
+def _side_by_side(
+    found: Convergence,
+    line: list[Rung],
+    direction: Direction,
+    title: str,
+    value: Callable[[Rung, Method], str],
+) -> Table:
+    """Return a table of one number, with a row for each rung and a column for each method."""
+    ladder = found.ladder
+    rows = []
+    for place in line:
+        row = [str(getattr(place, direction))]
+        for method in ladder.methods:
+            rung = ladder.rung(method, place.mesh, place.steps)
+            result = found.results.get(rung.key)
+            is_there = result is not None and result.outcome == "completed"
+            said = NOTHING if result is None else result.outcome
+            row.append(value(rung, method) if is_there else said)
+        rows.append(tuple(row))
+    return Table(title, (direction, *(method.name for method in ladder.methods)), tuple(rows))

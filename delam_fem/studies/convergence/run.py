@@ -22,11 +22,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from delam_fem.case.atomic import write_text
 from delam_fem.case.definition import Case
-from delam_fem.case.toml import CaseError
-from delam_fem.engines.choose import EngineName
 from delam_fem.engines.cost import FILE_BYTES, STUDY_SECONDS, WORKER_BYTES, Cost, run_cost
+from delam_fem.engines.session import EngineName
 from delam_fem.results.folder import json_ready
 from delam_fem.results.pages.progress import reporting
 from delam_fem.results.provenance import provenance
@@ -40,10 +38,12 @@ from delam_fem.studies.convergence.ladder import (
     Ladder,
     MeshChoice,
     method,
+    refinement_warnings,
 )
 from delam_fem.studies.convergence.rung import RungResult, compute, rung_hours
 from delam_fem.studies.executors import ExecutorName
-from delam_fem.studies.short_waves import refinement_warnings
+from delam_fem.system.errors import CaseError
+from delam_fem.system.files import write_text
 
 _log = logging.getLogger(__name__)
 

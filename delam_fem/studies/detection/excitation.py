@@ -17,26 +17,20 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from delam_fem.case.atomic import write_text
 from delam_fem.case.definition import Case
-from delam_fem.case.toml import CaseError
 from delam_fem.model import discretise
 from delam_fem.numerics.arrays import BoolArray, FloatArray
-from delam_fem.results.scan import surface_of
-from delam_fem.studies.detection.detect import per_shape
-from delam_fem.studies.detection.locate import SHARE, mark, repeated
-from delam_fem.studies.detection.measurement import (
-    drive_responses,
-    intact,
-    settling_periods,
-)
+from delam_fem.results.scan import Shapes, surface_of
+from delam_fem.studies.detection.detect import drive_responses, intact, per_shape, settling_periods
+from delam_fem.studies.detection.indices import SHARE, mark, repeated
 from delam_fem.studies.detection.population import PERIODS, SAMPLES, SETTLED, STEPS, scans
-from delam_fem.studies.detection.shapes import Shapes
 from delam_fem.studies.executors import ExecutorName
-from delam_fem.studies.structure_modes import structure_modes
+from delam_fem.studies.modes import structure_modes
 from delam_fem.studies.sweeps.file import Axis, ScanRecord
 from delam_fem.studies.sweeps.grid import Sweep
 from delam_fem.studies.sweeps.run import run_sweep
+from delam_fem.system.errors import CaseError
+from delam_fem.system.files import write_text
 
 RATIOS = (0.1, 0.3, 1.0, 3.0, 10.0)
 """Values of g₀/A, if there is an opening."""

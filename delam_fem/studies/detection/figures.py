@@ -1,13 +1,17 @@
-"""Draw what a detection found: the indices along the beam, and the shapes behind them."""
+"""Draw what studies of detection found, and save figures and pages."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
+from matplotlib.figure import Figure as Drawing
 
+from delam_fem.case.definition import Case
 from delam_fem.results.figures.style import (
     BASE_COLOUR,
     BLUE,
@@ -16,12 +20,66 @@ from delam_fem.results.figures.style import (
     VERMILLION,
     WIDTH,
     label_x,
+    legend_outside,
     styled,
 )
-from delam_fem.studies.detection.detect import Detection
-from delam_fem.studies.detection.locate import SHARE, Mark
+from delam_fem.results.pages import html
+from delam_fem.results.pages.html import (
+    Gallery,
+    Link,
+    Paragraph,
+    Preformatted,
+    Section,
+    Table,
+    embedded,
+)
+from delam_fem.studies.detection.detect import HEADING, RESULT, Detection
+from delam_fem.studies.detection.excitation import ExcitationMap
+from delam_fem.studies.detection.indices import CONFIDENCE, SHARE, Mark
 from delam_fem.studies.detection.modulation import Modulation
-from delam_fem.studies.detection.saving import save_drawings
+from delam_fem.system.files import atomic, write_text
+
+
+def save_drawings(drawings: Mapping[str, Drawing], directory: Path) -> list[Path]:
+    """Write figures as PNG by name into a folder, which is made where it is missing."""
+    directory.mkdir(parents=True, exist_ok=True)
+    paths = []
+    with styled():
+        for name, drawing in drawings.items():
+            path = directory / f"{name}.png"
+            with atomic(path) as temporary:
+                drawing.savefig(temporary)
+            paths.append(path)
+    return paths
+
+
+def save_page(
+    title: str,
+    text: str,
+    figures: Mapping[Path, str],
+    case: Case,
+    directory: Path,
+    more: tuple[Section, ...] = (),
+) -> Path:
+    """Write the page of a study.
+
+    Args:
+        title: of the page.
+        text: what was found, in words.
+        figures: captions of the PNG files.
+        case: that was studied.
+        directory: an existing folder.
+        more: further sections.
+    """
+    drawn = [Gallery([embedded(path)], caption, caption) for path, caption in figures.items()]
+    sections = [
+        Section("", [Paragraph(text, "verdict")]),
+        Section("Figures", drawn),
+        *more,
+        Section("Case", [Preformatted(case.to_toml())]),
+    ]
+    return write_text(directory / "report.html", html.page(title, sections, contents=True))
+
 
 _TITLES = {
     "curvature": "2f-curvature  |V₂″|",
@@ -141,3 +199,110 @@ def modulation_figure(found: Modulation) -> Figure:
     axes.set_title(f"{found.case.name}, {probe:g} Hz ± {found.pump:g} Hz", loc="left")
     axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
     return figure
+
+
+TOP = 100.0
+"""Index over its limit at which the colours end."""
+
+
+def excitation_figure(found: ExcitationMap) -> Figure:
+    """Draw the index over frequency and place, and contrast, visibility and calls below."""
+    best = found.recommended
+    row = best[0] if best is not None else int(found.visibility.max(axis=1).argmax())
+    figure = Figure(figsize=(WIDTH, 8.0), layout="constrained")
+    panels = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
+    _map(panels[0], found, row, figure)
+    _lines(panels[1], found, row)
+    label_x(panels, "frequency of the excitation [Hz]")
+    ratio = found.ratios[row]
+    more = f", g₀/A = {ratio:g}" if np.isfinite(ratio) else ""
+    figure.suptitle(f"{found.case.name}, {found.noise_db:g} dB{more}", x=0.01, ha="left")
+    return figure
+
+
+def ratio_figure(found: ExcitationMap) -> Figure:
+    """Draw the visibility over frequency and g₀/A."""
+    figure = Figure(figsize=(WIDTH, 4.0), layout="constrained")
+    axes = figure.subplots()
+    values = np.clip(found.visibility, 1.0, TOP)
+    rows = np.arange(found.ratios.size)
+    picture = axes.pcolormesh(
+        found.frequencies, rows, values, norm=LogNorm(1.0, TOP), shading="nearest"
+    )
+    axes.set_yticks(rows, [f"{ratio:g}" for ratio in found.ratios])
+    axes.set(xlabel="frequency of the excitation [Hz]", ylabel="g₀/A")
+    axes.grid(visible=False)
+    figure.colorbar(picture, ax=axes, label="largest index over its limit of noise")
+    return figure
+
+
+def _map(axes: Axes, found: ExcitationMap, row: int, figure: Figure) -> None:
+    """Draw the index over frequency and place."""
+    values = np.clip(found.index[row].T, 1.0, TOP)
+    picture = axes.pcolormesh(
+        found.frequencies, found.x, values, norm=LogNorm(1.0, TOP), shading="nearest"
+    )
+    for own in found.case.delamination:
+        for edge in (own.start, own.end):
+            axes.axhline(edge, color="white", linestyle="--", linewidth=1.0)
+    axes.set(ylabel="x [m]")
+    axes.grid(visible=False)
+    figure.colorbar(picture, ax=axes, label="2f-curvature over its limit of noise")
+
+
+def _lines(axes: Axes, found: ExcitationMap, row: int) -> None:
+    """Draw contrast, visibility and calls over frequency, and what is avoided."""
+    f = found.frequencies
+    half = 0.5 * (f[1] - f[0]) if f.size > 1 else 0.0
+    for number, avoided in enumerate(f[found.is_avoided]):
+        axes.axvspan(
+            avoided - half, avoided + half, color=BASE_COLOUR, alpha=0.3, linewidth=0.0,
+            label=None if number else "avoid",
+        )  # fmt: skip
+    axes.plot(f, found.visibility[row], color=BLUE, marker=".", label="index over limit")
+    axes.plot(f, found.contrast[row], color=GREEN, marker=".", label="contrast")
+    calls = np.maximum(found.calls[row], 1e-2)  # on a logarithmic axis
+    axes.plot(f, calls, color=VERMILLION, marker=".", label="rate of calls")
+    if found.recommended is not None:
+        axes.axvline(f[found.recommended[1]], color="black", linestyle=":", label="recommended")
+    axes.set(yscale="log", ylabel="[–]", xlim=(f[0], f[-1]))
+    figure = axes.figure
+    assert isinstance(figure, Figure)
+    legend_outside(figure, axes, ncols=5, loc="outside lower center")
+
+
+_CAPTIONS = {
+    "detection": "The index that calls, with its limit of noise and 30 % of its largest value. "
+    "Grey: the delamination of the case. Red bars above: bounds of the true ends.",
+    "indices": "All indices. The limit is what noise alone exceeds anywhere in 1 of 100 beams.",
+    "shapes": "Complex shapes at the excitation and at twice its frequency.",
+}
+
+
+def write_page(found: Detection, figures: Sequence[Path], directory: Path) -> Path:
+    """Write the page of a detection into its folder and return its path."""
+    more = (
+        Section("Indices", [Table(HEADING, found.rows())]),
+        Section("Files", [Table(("file", "content"), [(Link(RESULT, RESULT), "all numbers")])]),
+    )
+    captions = {path: _CAPTIONS[path.stem] for path in figures}
+    title = f"Detection in {found.case.name}"
+    return save_page(title, verdict(found), captions, found.case, directory, more)
+
+
+def verdict(found: Detection) -> str:
+    """Return in words what was called, where, and with what uncertainty."""
+    main, again = found.mark, found.repeated
+    at = f"At {found.shapes.frequency:g} Hz the index {found.name}"
+    if not main.is_detected:
+        return (
+            f"{at} calls nothing; it does so in {100.0 * (1.0 - again.calls):.0f} % of repetitions."
+        )
+    intact = "is called, too" if found.intact_marks[found.name].is_detected else "is not called"
+    return (
+        f"{at} marks {main.start:.4g} to {main.end:.4g} m. Over repeated noise it calls "
+        f"{100.0 * again.calls:.0f} %. With {100.0 * CONFIDENCE:.0f} % each, the true start lies "
+        f"within {again.start[0]:.4g}…{again.start[1]:.4g} m and the end within "
+        f"{again.end[0]:.4g}…{again.end[1]:.4g} m (noise and spacing of the points). "
+        f"The same structure without delamination {intact}."
+    )

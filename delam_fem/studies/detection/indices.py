@@ -1,4 +1,6 @@
-"""Damage indices along a beam: pure functions of the shapes of a motion, with limits of noise.
+"""Damage indices along a beam with limits of noise, and the interval that they mark.
+
+Damage indices along a beam: pure functions of the shapes of a motion, with limits of noise.
 
 Each index is one number per point. Its limit is the value that noise alone exceeds anywhere on the
 beam with a given probability, the false-call rate. `index_of` takes a field (time, point).
@@ -10,14 +12,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 from scipy.stats import f as f_distribution
 
-from delam_fem.numerics.arrays import FloatArray
-from delam_fem.studies.detection.shapes import Shapes, amplitudes, shapes_of
+from delam_fem.numerics.arrays import BoolArray, FloatArray
+from delam_fem.results.scan import Shapes, amplitudes, shapes_of
 
 FALSE_CALLS = 0.01
 """Rate of intact beams that noise may call damaged. Below the promised 5 %, to hold with a margin
@@ -205,3 +207,107 @@ def _largest_of_noise(
 def _per_point(false_calls: float, n: int) -> float:
     """Return the rate at each of n independent points that gives `false_calls` for all of them."""
     return -math.expm1(math.log1p(-false_calls) / n)
+
+
+SHARE = 0.3
+"""Share of its largest value above which an index is marked."""
+CONFIDENCE = 0.95
+"""Share of the true ends within their bounds (docs/calibration.md)."""
+_ROUND_OFF = 1e-9
+
+
+@dataclass(frozen=True)
+class Mark:
+    """What an index says of a beam.
+
+    Attributes:
+        name: name of the index.
+        index: its values and limits.
+        start, end: outermost marked points [m]; NaN: none.
+    """
+
+    name: str
+    index: IndexValues
+    start: float
+    end: float
+
+    @property
+    def is_detected(self) -> bool:
+        """Whether the index exceeds the limit of noise somewhere."""
+        return bool(np.isfinite(self.start))
+
+    @property
+    def is_marked(self) -> BoolArray:
+        """Which points are marked, shape (n,)."""
+        values = self.index.values
+        return np.asarray(values > np.maximum(SHARE * values.max(), self.index.limits))
+
+    def contrast(self, start: float, end: float) -> float:
+        """Return the largest value within a true interval over the largest outside it [-].
+
+        Points on the edges count as inside. NaN if there is no point outside or none inside.
+        """
+        x, values = self.index.x, self.index.values
+        slack = _ROUND_OFF * float(x[-1])
+        inside = (x >= start - slack) & (x <= end + slack)
+        if inside.all() or not inside.any():
+            return float("nan")
+        return float(values[inside].max() / values[~inside].max())
+
+
+@dataclass(frozen=True)
+class Repeated:
+    """Ends and calls over repeated noise.
+
+    Attributes:
+        calls: share of the repetitions that call the beam damaged [-].
+        start, end: bounds of the true ends, each of shape (2,) [m]: those of the marks, where it is
+            called, and a spacing more, since an edge lies between two points.
+        middle: medians of start and end, shape (2,) [m].
+    """
+
+    calls: float
+    start: FloatArray
+    end: FloatArray
+    middle: FloatArray
+
+
+def mark(name: str, shapes: Shapes, false_calls: float = FALSE_CALLS) -> Mark:
+    """Mark the points at which an index exceeds its limit and 30 % of its largest value.
+
+    The interval runs from the first marked point to the last: what lies between is filled.
+
+    Args:
+        name: an index of `INDICES`.
+        shapes: of the motion.
+        false_calls: rate of calls by noise alone.
+    """
+    index = INDICES[name](shapes, false_calls)
+    empty = Mark(name, index, float("nan"), float("nan"))
+    marked = index.x[empty.is_marked]
+    return empty if not marked.size else Mark(name, index, float(marked[0]), float(marked[-1]))
+
+
+def repeated(
+    name: str, shapes: Shapes, noise: float | FloatArray, *, repetitions: int = 200, seed: int = 1
+) -> Repeated:
+    """Mark shapes again and again with new noise.
+
+    Args:
+        name: an index of `INDICES`.
+        shapes: without noise; or measured, whose own noise then counts twice, so that the bounds
+            are rather too wide.
+        noise: root mean square of the noise of a shape, of all points or of each.
+        repetitions: number of repetitions.
+        seed: of the random numbers.
+    """
+    rng = np.random.default_rng(seed)
+    ends = []
+    for _ in range(repetitions):
+        found = mark(name, replace(shapes.noisy(noise, rng), noise=noise, n_lines=shapes.n_lines))
+        if found.is_detected:
+            ends.append((found.start, found.end))
+    shares = (0.5 * (1.0 - CONFIDENCE), 0.5, 0.5 * (1.0 + CONFIDENCE))
+    found_ends = np.quantile(ends, shares, axis=0) if ends else np.full((3, 2), np.nan)
+    bounds = found_ends[[0, 2]] + np.diff(shapes.x).max() * np.array([[-1.0], [1.0]])
+    return Repeated(len(ends) / repetitions, bounds[:, 0], bounds[:, 1], found_ends[1])

@@ -14,27 +14,25 @@ from pathlib import Path
 
 import numpy as np
 
-from delam_fem.case.atomic import write_text
 from delam_fem.case.definition import Case
-from delam_fem.case.motion.excitation import drive
-from delam_fem.case.toml import CaseError
-from delam_fem.engines.choose import law_of, scheme_of
-from delam_fem.engines.session import session
+from delam_fem.case.excitation import drive
+from delam_fem.engines.session import by_period, law_of, scheme_of, session, span_of
 from delam_fem.model import discretise
 from delam_fem.model.layout import Structure
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.results.scan import scan_field, scan_positions
 from delam_fem.simulation.loop import State
-from delam_fem.simulation.setup import by_period, span_of
-from delam_fem.studies.detection.indices import FALSE_CALLS, sideband_ratio
-from delam_fem.studies.detection.measurement import (
+from delam_fem.studies.detection.detect import (
     LEAST_STEPS,
     Measurement,
     Scan,
     intact,
     settling_periods,
 )
+from delam_fem.studies.detection.indices import FALSE_CALLS, sideband_ratio
 from delam_fem.studies.linear import closed_motion
+from delam_fem.system.errors import CaseError
+from delam_fem.system.files import write_text
 
 RESULT = "modulation.json"
 """Name of the file with the numbers."""

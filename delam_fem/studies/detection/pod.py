@@ -11,19 +11,19 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from delam_fem.case.atomic import write_text
 from delam_fem.case.definition import Case
 from delam_fem.numerics.arrays import BoolArray, FloatArray
 from delam_fem.results.figures.style import BASE_COLOUR, WIDTH, label_x, lamina_colours
-from delam_fem.studies.detection.population import Population
-from delam_fem.studies.detection.probability import (
+from delam_fem.studies.detection.population import (
     Curve,
+    Population,
     Trials,
     intact_scores,
     logistic,
     roc,
     trials,
 )
+from delam_fem.system.files import write_text
 
 NOISES = (40.0, 20.0)
 """Noises of the study [dB]."""

@@ -11,14 +11,9 @@ from matplotlib.colors import ListedColormap, TwoSlopeNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from delam_fem.case.toml import CaseError
 from delam_fem.numerics import attractors as at
 from delam_fem.numerics.arrays import FloatArray, IntArray
-from delam_fem.results.diagnostics import (
-    LARGEST_PERIODICITY,
-    PERIODIC_MARGIN,
-    PERIODIC_SCATTER,
-)
+from delam_fem.results.diagnostics import LARGEST_PERIODICITY, PERIODIC_MARGIN, PERIODIC_SCATTER
 from delam_fem.results.figures.style import (
     BLACK,
     BLUE,
@@ -30,7 +25,8 @@ from delam_fem.results.figures.style import (
     WIDTH,
     YELLOW,
 )
-from delam_fem.studies.diagrams.axes import DiagramAxis, axes_of, heading, is_unsettled, require
+from delam_fem.studies.diagrams.lines import DiagramAxis, axes_of, heading, is_unsettled, require
+from delam_fem.system.errors import CaseError
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -12,7 +12,7 @@ from delam_fem.results.figures.style import BLUE, GREEN, VERMILLION, styled
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from delam_fem.numerics.inference import Posterior
+    from delam_fem.numerics.statistics import Posterior
     from delam_fem.studies.identification.resonance import Resonance
     from delam_fem.studies.unknown import Unknown
 

@@ -19,7 +19,7 @@ from delam_fem.results.figures.style import (
 )
 
 if TYPE_CHECKING:
-    from delam_fem.studies.orbits.result import Orbit
+    from delam_fem.studies.orbits.run import Orbit
 
 LEAST_REACH = 1.15
 """Half the width of the plane of multipliers that is always shown."""

@@ -1,4 +1,13 @@
-"""The stroboscopic map of a case, stepped by the compiled engine.
+"""The stroboscopic map of a case, with one key as the parameter, and its values on disk.
+
+What a map of one period must offer, so that orbits of it can be found and followed.
+
+A state z at the beginning of a period of the drive is (u, v), shape (2 n,), or what else a map says
+of its `Nature`. The map Φ(z, λ) leads to the state one period later; λ is any number that the map
+depends on, such as a frequency.
+Nothing here knows what computes the map: an engine, a reduced model or a formula.
+
+The stroboscopic map of a case, stepped by the compiled engine.
 
 A state (u, v) says nothing of pairs at rest, which carry a spring in some laws. A pair counts as
 resting where its gap is closed at the section: that is what the laws leave behind.
@@ -6,21 +15,160 @@ resting where its gap is closed at the section: that is what the laws leave behi
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+import hashlib
+import logging
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Protocol
 
 import numpy as np
 
+from delam_fem.case.definition import Case
+from delam_fem.case.excitation import drive
 from delam_fem.contact.laws import Law
-from delam_fem.engines.choose import engine_of
+from delam_fem.engines.session import Prescribed, engine_of, law_of, scheme_of, span_of
+from delam_fem.model import discretise
+from delam_fem.model.layout import Structure
+from delam_fem.model.linear import lowest
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.numerics.schemes import Scheme
+from delam_fem.simulation.interrupts import CHECKPOINT_SECONDS
 from delam_fem.simulation.loop import Engine, State, one_period, set_initial
 from delam_fem.simulation.recorder import N_BASE, PeriodRecord, Recorder
-from delam_fem.simulation.setup import Prescribed
-from delam_fem.simulation.span import Span
-from delam_fem.studies.orbits.protocol import Nature, Passage, Slow
+from delam_fem.simulation.refinement import Span
+from delam_fem.studies.sweeps.point import assembly_key
+from delam_fem.system.errors import CaseError
+from delam_fem.system.files import read_arrays, write_arrays
+
+
+@dataclass(frozen=True)
+class Nature:
+    """What a map is of, for files, pictures and words.
+
+    Attributes:
+        name: of the model.
+        parts: name and number of the coordinates of a state, in order; those of a part have one
+            unit.
+        is_stepped: whether contact is seen at time steps only, so that an orbit depends on where
+            their grid lies.
+    """
+
+    name: str
+    parts: Mapping[str, int]
+    is_stepped: bool = False
+
+    def split(self, state: FloatArray) -> dict[str, FloatArray]:
+        """Return the coordinates of a state by part."""
+        ends = np.cumsum(list(self.parts.values()))[:-1]
+        return dict(zip(self.parts, np.split(state, ends), strict=True))
+
+    def scales(self, state: FloatArray) -> FloatArray:
+        """Return the largest size in the part of each coordinate, 1 in a part that is 0."""
+        largest = [float(np.abs(part).max(initial=0.0)) for part in self.split(state).values()]
+        return np.repeat([size or 1.0 for size in largest], list(self.parts.values()))
+
+
+@dataclass(frozen=True)
+class Slow:
+    """The few coordinates in which an orbit is solved by Newton's method, and the scale of kicks.
+
+        y = dual z,   z = basis y + rest,   dual basis = 1
+
+    Attributes:
+        basis: directions of the coordinates, shape (2 n, m).
+        dual: rows that read the coordinates of a state, shape (m, 2 n).
+    """
+
+    basis: FloatArray
+    dual: FloatArray
+
+    @property
+    def size(self) -> int:
+        """Number of coordinates."""
+        return int(self.basis.shape[1])
+
+    def of(self, states: FloatArray) -> FloatArray:
+        """Return the coordinates of states, shape (…, m)."""
+        return np.asarray(states @ self.dual.T)
+
+    def lifted(self, coordinates: FloatArray) -> FloatArray:
+        """Return the states with given coordinates and no rest, shape (…, 2 n)."""
+        return np.asarray(coordinates @ self.basis.T)
+
+
+@dataclass(frozen=True)
+class Passage:
+    """What is seen on the way through some periods.
+
+    Attributes:
+        states: state at the end of each period, shape (k, 2 n).
+        strobes: displacement of the observed points once in each period, where the drive begins
+            anew, shape (k, n_seen).
+        low, high: smallest and largest displacement of these points, shape (n_seen,) [m].
+        smallest_gap: smallest gap between the tips [m]; it reaches 0 where they touch.
+        gaps: the same in each period, shape (k,) [m]; empty: not known.
+        openings: gap between the tips at the end of each period, shape (k,) [m]; empty: not known.
+            Kicks are the less harmful the larger it is.
+        history: displacement of the observed points at each step, shape (n_steps, n_seen) [m];
+            empty: not kept.
+    """
+
+    states: FloatArray
+    strobes: FloatArray
+    low: FloatArray
+    high: FloatArray
+    smallest_gap: float
+    gaps: FloatArray = field(default_factory=lambda: np.zeros(0))
+    openings: FloatArray = field(default_factory=lambda: np.zeros(0))
+    history: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+
+
+class PeriodMap(Protocol):
+    """A map from one period to the next.
+
+    Attributes:
+        slow: coordinates for Newton's method. They are fixed: they do not depend on the parameter.
+        nature: what the map is of.
+    """
+
+    slow: Slow
+    nature: Nature
+
+    def after(
+        self, states: FloatArray, parameter: float, shifts: FloatArray | None = None
+    ) -> FloatArray:
+        """Return the states one period later.
+
+        Args:
+            states: shape (k, 2 n).
+            parameter: λ.
+            shifts: by which share of a time step the grid of each state is shifted, for maps that
+                are stepped in time and see contact only at steps, shape (k,); others ignore it.
+
+        Returns:
+            Shape (k, 2 n); NaN in the rows of motions that diverge.
+        """
+
+    def watched(self, state: FloatArray, parameter: float, periods: int) -> Passage:
+        """Return what is seen in some periods from a state."""
+
+
+class CaseMap(PeriodMap, Protocol):
+    """The map of a case, whose periods may begin elsewhere in those of the drive."""
+
+    def opened(self, state: FloatArray, parameter: float) -> tuple[PeriodMap, FloatArray]:
+        """Return the map whose periods begin where the tips are farthest apart, and the state.
+
+        A kick there violates no gap. A map without tips is returned as it is.
+
+        Args:
+            state: at the beginning of a period.
+            parameter: λ.
+        """
+
 
 KEPT = 4
 """Engines that are kept: continuation returns to neighbouring parameters."""
@@ -206,3 +354,151 @@ class _Ready:
             table[-1] = table[0]
             self._tables[shift] = table
         return self._tables[shift]
+
+
+MODES = 4
+"""Lowest modes of the structure whose displacements and velocities are the slow coordinates."""
+FREQUENCY = "excitation.frequency"
+
+
+class CaseFamily:
+    """The problems of a case for the values of one key.
+
+    Attributes:
+        case: the case.
+        key: the key, with dots.
+    """
+
+    def __init__(self, case: Case, key: str) -> None:
+        """Check the key and assemble the case.
+
+        Raises:
+            CaseError: the drive is not periodic, or the key is not one of numbers.
+        """
+        if not case.is_periodic:
+            raise CaseError(
+                "excitation.kind: expected a drive that repeats after each period, given "
+                f"{case.excitation.kind!r}"
+            )
+        self.case, self.key = case, key
+        self._structures: dict[str, Structure] = {}
+
+    def at(self, value: float) -> Case:
+        """Return the case for a value of the key."""
+        return self.case.with_overrides({self.key: value})
+
+    def problem(self, value: float) -> Problem:
+        """Return the problem for a value of the key."""
+        case = self.at(value)
+        structure = self.structure(case)
+        return Problem(
+            structure.operators,
+            law_of(case),
+            scheme_of(case),
+            drive(case),
+            span_of(case),
+            tip_of(structure),
+        )
+
+    def structure(self, case: Case) -> Structure:
+        """Return the discretised case; it is assembled again only if the key changes it."""
+        key = assembly_key(case)
+        if key not in self._structures:
+            self._structures = {key: discretise.assemble(case, needs_dolfinx=False)}
+        return self._structures[key]
+
+    def map(self) -> StrobeMap:
+        """Return the map of the family, with the modes of the case as its slow coordinates."""
+        return StrobeMap(self.problem, modal(self.structure(self.case).operators))
+
+
+def tip_of(structure: Structure) -> tuple[int, int, float] | None:
+    """Return the probes and the gap at rest [m] of the last pair of the first interface."""
+    layout, gap0 = structure.layout, structure.operators.gap0
+    for interface in layout.interfaces:
+        lower, upper = interface.parts
+        for pair, points in enumerate(interface.points.tolist()):
+            found = [
+                number
+                for part, point in zip((lower, upper), points, strict=True)
+                for number, probe in enumerate(layout.probes)
+                if (probe.part, probe.point) == (part, point)
+            ]
+            is_at_points = interface.local is None or bool(np.all(interface.local[pair] == 1.0))
+            if len(found) == 2 and is_at_points:
+                return found[0], found[1], float(gap0[interface.first_pair + pair])
+    return None
+
+
+def modal(operators: Operators, n_modes: int = MODES) -> Slow:
+    """Return the displacements and velocities of the lowest modes as slow coordinates.
+
+    The coordinates are ω_j a_j and b_j of u = Σ a_j φ_j, v = Σ b_j φ_j with φᵀ M φ = 1, so that
+    their squares are twice the strain and the kinetic energy of the mode [J^½].
+    """
+    n = operators.n_dofs
+    count = min(n_modes, n)
+    frequencies, vectors = lowest(operators.stiffness, operators.mass, count)
+    omega = 2.0 * np.pi * frequencies
+    masses = np.sqrt(np.einsum("ij,ij->j", vectors, operators.mass @ vectors))
+    phi: FloatArray = vectors / masses
+    reads = (operators.mass @ phi).T
+    basis, dual = np.zeros((2 * n, 2 * count)), np.zeros((2 * count, 2 * n))
+    basis[:n, :count], basis[n:, count:] = phi / omega, phi
+    dual[:count, :n], dual[count:, n:] = omega[:, None] * reads, reads
+    return Slow(basis, dual)
+
+
+_log = logging.getLogger(__name__)
+
+
+class KeptMap:
+    """A map whose results are kept; the search repeats its steps, and finds those that are known.
+
+    At most the results of `CHECKPOINT_SECONDS` are lost.
+    """
+
+    def __init__(self, map_: PeriodMap, folder: Path) -> None:
+        """Read what is known of a map.
+
+        Args:
+            map_: the map.
+            folder: of the files; everything in it is of this map.
+        """
+        folder.mkdir(exist_ok=True)
+        self._map, self._folder, self._last = map_, folder, time.monotonic()
+        self._new: dict[str, FloatArray] = {}
+        self._known: dict[str, FloatArray] = {}
+        for path in folder.glob("*.npz"):
+            try:
+                self._known |= read_arrays(path)
+            except ValueError as error:
+                _log.warning("%s: computed anew (%s)", path, error)
+
+    def __getattr__(self, name: str) -> Any:
+        """Return what else the map has."""
+        return getattr(self._map, name)
+
+    def after(
+        self, states: FloatArray, parameter: float, shifts: FloatArray | None = None
+    ) -> FloatArray:
+        """Return the states one period later; see `PeriodMap`."""
+        asked = [states, np.array(parameter), np.zeros(0) if shifts is None else shifts]
+        key = hashlib.sha256(b"".join(values.tobytes() for values in asked)).hexdigest()
+        if key not in self._known:
+            self._known[key] = self._new[key] = self._map.after(states, parameter, shifts)
+            if time.monotonic() - self._last > CHECKPOINT_SECONDS:
+                write_arrays(self._folder / f"{key}.npz", self._new)
+                self._new, self._last = {}, time.monotonic()
+        return self._known[key].copy()
+
+
+class KeptCaseMap(KeptMap):
+    """The same of the map of a case."""
+
+    _map: CaseMap
+
+    def opened(self, state: FloatArray, parameter: float) -> tuple[PeriodMap, FloatArray]:
+        """Return the map whose periods begin elsewhere, kept too; see `CaseMap`."""
+        map_, first = self._map.opened(state, parameter)
+        return KeptMap(map_, self._folder / "opened"), first

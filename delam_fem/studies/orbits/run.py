@@ -1,4 +1,6 @@
-"""Find the periodic orbit of a case.
+"""Find the periodic orbit of a case, and say what is known of it in numbers and in words.
+
+Find the periodic orbit of a case.
 
 In Python:
 
@@ -10,28 +12,229 @@ In Python:
 from __future__ import annotations
 
 import time
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from delam_fem.case.definition import Case
-from delam_fem.case.toml import CaseError
+from delam_fem.case.files import save_case
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.studies.orbits.ensemble import Perturbations
-from delam_fem.studies.orbits.family import FREQUENCY
-from delam_fem.studies.orbits.kept import KeptCaseMap
-from delam_fem.studies.orbits.models import Model, map_of, usual
-from delam_fem.studies.orbits.protocol import PeriodMap
-from delam_fem.studies.orbits.result import Orbit
+from delam_fem.results.provenance import versions
+from delam_fem.studies.findings import save_findings
+from delam_fem.studies.orbits.maps import FREQUENCY, KeptCaseMap, Nature, Passage, PeriodMap
+from delam_fem.studies.orbits.multipliers import Stability, stability_of
+from delam_fem.studies.orbits.newton import EXACT, Perturbations
 from delam_fem.studies.orbits.search import (
     RESETTLE,
     SETTLE,
+    Coarse,
+    Exact,
+    Model,
     coarse_orbit,
     exact_orbit,
+    map_of,
     mean_of_motion,
     settled,
     settled_map,
+    usual,
 )
+from delam_fem.system.errors import CaseError
+from delam_fem.system.files import atomic_file
+
+LEFT = 0.1
+"""Distance from an orbit, relative to the state, at which a motion has left it."""
+LISTED = 0.05
+"""Modulus below which multipliers of an exact orbit are not listed."""
+
+
+@dataclass(frozen=True)
+class Orbit:
+    """A periodic orbit of a case.
+
+    Attributes:
+        case: the case.
+        periods: P, number of periods of the drive in one of the orbit.
+        coarse: the orbit of the mean map.
+        exact: the orbit of the map itself; None: there is none.
+        best_residual: smallest residual of the exact search.
+        scatter: rms distance of the settled motion from its mean state, relative to it.
+        nature: of the map.
+        passage: the motion from the state of the orbit through its periods.
+        seconds: processor time of the search [s].
+        evaluations: periods that were computed.
+    """
+
+    case: Case
+    periods: int
+    coarse: Coarse
+    exact: Exact | None
+    best_residual: float
+    scatter: float
+    nature: Nature
+    passage: Passage
+    seconds: float
+    evaluations: int
+
+    @property
+    def kind(self) -> str:
+        """Whether the orbit is exact or coarse."""
+        return "coarse" if self.exact is None else "exact"
+
+    @property
+    def state(self) -> FloatArray:
+        """The state at the beginning of a period, see `nature.parts`."""
+        return self.coarse.solved.state if self.exact is None else self.exact.root.state
+
+    @property
+    def stability(self) -> Stability:
+        """What the decay of kicks says; a coarse orbit that is not solved is undecided.
+
+        The derivative of an exact orbit has to agree where the map is not stepped: that of a
+        stepped one sees no shift of an impact to another step. No orbit is stable that a motion
+        from beside it leaves, or from which it runs on to one of a multiple of P; what leaves an
+        orbit settles what kicks leave open.
+        """
+        coarse = self.coarse
+        if not coarse.solved.is_solved:
+            return "undecided"
+        votes = {coarse.multipliers.stability}
+        if self.exact is not None and not self.nature.is_stepped:
+            largest = float(abs(self.exact.values[0]))
+            votes.add(stability_of(largest, largest))
+        if coarse.away > LEFT:
+            return "undecided" if "stable" in votes else "unstable"
+        if len(votes) > 1 or (coarse.multiple is not None and votes == {"stable"}):
+            return "undecided"
+        return votes.pop()
+
+    @property
+    def numbers(self) -> dict[str, Any]:
+        """The content of orbit.json."""
+        found = self.coarse.solved
+        values, errors = self._leading()
+        gap = self.passage.smallest_gap
+        return {
+            "kind": self.kind,
+            "model": self.nature.name,
+            "residual": found.residual if self.exact is None else self.exact.root.residual,
+            "residual_error": found.residual_error if self.exact is None else 0.0,
+            "period": self.periods * self.case.period,
+            "drive_periods": self.periods,
+            "multipliers": _pairs(values),
+            "multipliers_error": errors.tolist(),
+            "stability": self.stability,
+            "largest_multiplier": list(self.coarse.multipliers.largest),
+            "coarse": {
+                "residual": found.residual,
+                "residual_error": found.residual_error,
+                "is_solved": found.is_solved,
+                "iterations": found.iterations,
+                "kick": self.coarse.kick,
+                "stability": self.coarse.multipliers.stability,
+            },
+            "exact_search": {
+                "smallest_residual": self.best_residual,
+                "needed": EXACT,
+                "grid_shift": None if self.exact is None else self.exact.root.shift,
+            },
+            "settled_scatter": self.scatter,
+            "runs_on_away": self.coarse.away,
+            "runs_on_to": None if self.coarse.multiple is None else asdict(self.coarse.multiple),
+            "smallest_tip_gap": gap if np.isfinite(gap) else None,
+            "tip_strobe": self.passage.strobes.tolist(),
+            "tip_min": self.passage.low.tolist(),
+            "tip_max": self.passage.high.tolist(),
+            "says": self.words,
+            "evaluations": self.evaluations,
+            "processor_seconds": self.seconds,
+            "versions": versions(),
+        }
+
+    @property
+    def words(self) -> list[str]:
+        """What the numbers mean, in sentences."""
+        found = self.coarse.solved
+        known = f"{found.residual:.2g} ± {found.residual_error:.2g} of the state"
+        if self.exact is not None:
+            grid = f" on a grid of time steps shifted by {self.exact.root.shift:g} of a step"
+            first = (
+                f"An exact orbit: it closes to {self.exact.root.residual:.1e}"
+                f"{grid * self.nature.is_stepped}."
+            )
+        elif found.is_solved:
+            first = (
+                f"A coarse orbit: the mean map closes within its error ({known}). The map itself "
+                f"has no orbit that was found; it closes to {self.best_residual:.1e} at best."
+            )
+        else:
+            first = (
+                f"No orbit: the mean map does not close within its error ({known}), and the map "
+                f"itself closes to {self.best_residual:.1e} at best."
+            )
+        return [first, *self._on_stability()]
+
+    def _on_stability(self) -> list[str]:
+        """Return sentences on what the kicks say."""
+        m = self.coarse.multipliers
+        low, high = m.largest
+        lines = [
+            f"Decay of kicks of {100.0 * self.coarse.kick:.3g} % of the state: largest multiplier "
+            f"{low:.3f} to {high:.3f} (95 %), {m.stability}."
+        ]
+        if self.exact is not None:
+            blind = " It sees no shift of an impact to another time step, and has no say."
+            lines.append(
+                f"Its derivative: largest multiplier {abs(self.exact.values[0]):.4f}."
+                f"{blind * self.nature.is_stepped}"
+            )
+        lines.append(
+            f"A motion from beside the orbit runs on to {100.0 * self.coarse.away:.2g} % of the "
+            "state away."
+        )
+        if (multiple := self.coarse.multiple) is not None:
+            lines.append(
+                f"The motion repeats after {multiple.times * self.periods} periods; its states "
+                f"{self.periods} apart differ by {100.0 * multiple.distance:.2g} % of the state, "
+                "so that this orbit is not called stable."
+            )
+        return [*lines, f"Together: {self.stability}."]
+
+    def _leading(self) -> tuple[Any, FloatArray]:
+        """Return the listed multipliers with their errors."""
+        if self.exact is None or self.nature.is_stepped:
+            m = self.coarse.multipliers
+            return m.values, m.errors
+        kept = np.abs(self.exact.values) > LISTED
+        return self.exact.values[kept], self.exact.errors[kept]
+
+    def save(self, directory: str | Path) -> list[Path]:
+        """Write case.toml, orbit.npz, orbit.json and orbit.png to a folder.
+
+        Raises:
+            OSError: the folder cannot be written.
+        """
+        from delam_fem.results.figures.style import styled
+        from delam_fem.studies.orbits.figures import orbit_figure
+
+        directory = Path(directory)
+        written = [save_case(self.case, directory)]
+        path = directory / "orbit.npz"
+        parts = self.nature.split(self.state)
+        with atomic_file(path) as temporary:
+            np.savez(temporary, tip_displacement=self.passage.history, **parts)
+        with styled():
+            return [
+                *written,
+                path,
+                *save_findings(directory, "orbit", self.numbers, lambda: orbit_figure(self)),
+            ]
+
+
+def _pairs(values: Any) -> list[list[float]]:
+    return [[float(mu.real), float(mu.imag)] for mu in values]
+
 
 MOST_PERIODS = 64
 """Largest period of an orbit, in periods of the drive."""

@@ -1,4 +1,6 @@
-"""Find a periodic orbit near where a motion settles: exactly if there is one, coarsely otherwise.
+"""Find a periodic orbit near where a motion settles, with the models whose orbits can be sought.
+
+Find a periodic orbit near where a motion settles: exactly if there is one, coarsely otherwise.
 
 The grid of time steps lies anywhere: a stepped motion may have an exact orbit on one grid and none
 on another. The exact search tries several, and the result says which one it is.
@@ -8,20 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Literal, get_args
 
 import numpy as np
 
+from delam_fem.case.definition import Case
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.numerics.settling import LEAVES, LONGEST
-from delam_fem.studies.orbits.coarse import Guess, Solved, solved
-from delam_fem.studies.orbits.ensemble import Ensemble, Perturbations
-from delam_fem.studies.orbits.exact import (
-    DIFFERENCE,
-    Powered,
-    Root,
-    derivative,
-    newton,
-)
+from delam_fem.studies.orbits.maps import CaseFamily, CaseMap, PeriodMap
 from delam_fem.studies.orbits.multipliers import (
     ComplexArray,
     Multipliers,
@@ -29,8 +25,78 @@ from delam_fem.studies.orbits.multipliers import (
     matched,
     multipliers,
 )
-from delam_fem.studies.orbits.protocol import CaseMap, PeriodMap
-from delam_fem.studies.orbits.shooting import shoot
+from delam_fem.studies.orbits.newton import (
+    DIFFERENCE,
+    USUAL,
+    Ensemble,
+    Guess,
+    Perturbations,
+    Powered,
+    Root,
+    Solved,
+    derivative,
+    newton,
+    shoot,
+    solved,
+)
+from delam_fem.system.errors import CaseError
+
+Model = Literal["full", "reduced"]
+"""All finite elements of the case, or a few modes of each part (`model.reduced`)."""
+
+SMOOTH = Perturbations(copies=16, size=1e-3, kick=0.03)
+"""What suits a reduced model, whose map has no jumps: few and small perturbations."""
+
+
+def map_of(
+    case: Case,
+    key: str,
+    model: Model = "full",
+    *,
+    modes: int | None = None,
+    refine: int | None = None,
+) -> CaseMap:
+    """Return the map of a model of a case from one period to the next.
+
+    Args:
+        case: the case; its drive must be periodic.
+        key: the parameter.
+        model: "full" or "reduced".
+        modes: modes of each part of a reduced model; None: that of `studies.reduced.motion`.
+        refine: its fine steps in a coarse one near contact; None: likewise.
+
+    Raises:
+        CaseError: there is no such model, or the case has none.
+    """
+    given = {k: v for k, v in (("modes", modes), ("refine", refine)) if v is not None}
+    check(model)
+    if model == "full":
+        for name, value in given.items():
+            raise CaseError(f"{name}: expected with model 'reduced' only, given {value}")
+        return CaseFamily(case, key).map()
+    for name, value in given.items():
+        if value < 1:
+            raise CaseError(f"{name}: expected at least 1, given {value}")
+    from delam_fem.studies.reduced import ReducedMap
+
+    return ReducedMap(case, key, **given)
+
+
+def usual(model: Model) -> Perturbations:
+    """Return the perturbations that suit the map of a model."""
+    check(model)
+    return USUAL if model == "full" else SMOOTH
+
+
+def check(model: str) -> None:
+    """Refuse a model that is not known.
+
+    Raises:
+        CaseError: there is no such model.
+    """
+    if model not in get_args(Model):
+        raise CaseError(f"model: expected {' or '.join(get_args(Model))}, given {model!r}")
+
 
 GRIDS = (0.0, 0.25, 0.5, 0.75)
 """Shifts of the grid of time steps, as shares of a step, on which an exact orbit is sought."""

@@ -1,28 +1,124 @@
-"""Write the points of a sweep's journal to one NetCDF file that xarray can plot directly.
+"""Write the result of a sweep from its journal to one dataset, and open it again.
+
+Write the points of a sweep's journal to one NetCDF file that xarray can plot directly.
 
 The file is written slab by slab, so that the memory does not grow with the number of points.
+
+Write the result of a sweep from its journal: of a run, or of many shards.
+
+However the points were computed, the same points give the same bytes.
 """
 
 from __future__ import annotations
 
+import json
+import logging
 import math
+import tomllib
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import h5netcdf
 import h5py
 import numpy as np
 import numpy.typing as npt
 
-from delam_fem.case.atomic import atomic_file
-from delam_fem.numerics.arrays import FloatArray
-from delam_fem.results.provenance import origin
-from delam_fem.results.scan import scan_positions
+from delam_fem.case.files import save_case
+from delam_fem.model.layout import Layout
+from delam_fem.numerics.arrays import FloatArray, IntArray
+from delam_fem.results.provenance import occasion, origin
+from delam_fem.results.scan import ORDERS, scan_positions
 from delam_fem.results.schema import Variable
-from delam_fem.studies.detection.shapes import ORDERS
 from delam_fem.studies.sweeps.grid import DIRECTIONS, Dimension, Sweep
-from delam_fem.studies.sweeps.joined import OUTCOMES, Block, Joined
-from delam_fem.studies.sweeps.quantities import VARIABLES, Quantity
+from delam_fem.studies.sweeps.journal import OUTCOMES, Block, Joined, Journal, remove_journal
+from delam_fem.studies.sweeps.point import PointRunner
+from delam_fem.studies.sweeps.quantities import VARIABLES, Quantity, quantities
+from delam_fem.studies.sweeps.schedule import owners
+from delam_fem.system.errors import CaseError
+from delam_fem.system.files import atomic_file, write_text
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+OCCASION = "sweep.json"
+"""Name of the file that says where and how long a sweep was computed.
+
+It is not in the dataset, so that equal sweeps have equal datasets.
+"""
+_COUNTED = ("points", "completed", "diverged", "failed", "missing")
+
+_log = logging.getLogger(__name__)
+
+
+def open_result(path: Path, *, is_loaded: bool = False) -> xr.Dataset:
+    """Open the dataset of a sweep.
+
+    Args:
+        path: the file.
+        is_loaded: whether to read all values at once; otherwise they are read when they are used.
+
+    Returns:
+        The dataset; the caller closes it. Its attributes include those in `OCCASION` beside it.
+
+    Raises:
+        CaseError: the file is damaged, or not the result of a sweep.
+    """
+    import xarray as xr
+
+    try:
+        data = xr.open_dataset(path, engine="h5netcdf")
+        try:
+            _require_sweep(data)
+            data.attrs |= _occasion(path.with_name(OCCASION))
+            return data.load() if is_loaded else data
+        except BaseException:
+            data.close()
+            raise
+    except Exception as error:  # HDF5, h5netcdf and xarray raise whatever they please
+        _log.debug("%s cannot be read", path, exc_info=True)
+        raise CaseError(
+            f"{path}: expected the result of a sweep, as delam-fem sweep writes it; this file is "
+            "damaged or another one"
+        ) from error
+
+
+def _occasion(path: Path) -> dict[str, str | int | float]:
+    """Return how a result was computed; empty where nothing says it."""
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def _require_sweep(data: xr.Dataset) -> None:
+    """Raise an error unless a dataset has what every result of a sweep has."""
+    from delam_fem.case.definition import Case
+    from delam_fem.results.schema import SENSOR
+    from delam_fem.studies.sweeps.file import SweepFile
+    from delam_fem.studies.sweeps.quantities import VARIABLES
+
+    Case.from_toml(data.attrs["case"])
+    file = SweepFile.model_validate(tomllib.loads(data.attrs["sweep"]))
+    n_points = 1
+    for name in data["outcome"].dims:
+        if name != "direction" and file.combine == "product":
+            assert data[name].dims == (name,) and data[name].attrs["key"]
+        n_points *= data.sizes[name]
+    assert (
+        n_points
+        == int(data.attrs["n_points"])
+        == sum(int(data.attrs[f"n_{what}"]) for what in _COUNTED[1:])
+    )
+    assert isinstance(data.attrs["outcome"], str)
+    for name in data.data_vars:
+        kind = data[name].dtype.kind
+        is_known = str(name) in VARIABLES or str(name).startswith(SENSOR)
+        assert is_known and kind in ("OUT" if name in ("outcome", "error") else "f")
+        assert data[name].dims[: data["outcome"].ndim] == data["outcome"].dims
+
 
 SLAB_NUMBERS = 1_000_000
 """Largest number of values in memory at a time (8 MB)."""
@@ -183,3 +279,168 @@ def _fill(
         column += quantity.size
     file["outcome"][slab] = outcome.reshape(lead)
     file["error"][slab] = error.reshape(lead)
+
+
+RESULT, JOURNAL = "sweep.nc", "sweep.journal"
+"""Names of the dataset and the journal in the folder of a sweep."""
+_SHOWN = 5
+"""Number of shards that a message names."""
+
+
+@dataclass(frozen=True)
+class Missing:
+    """The points that no shard has finished.
+
+    Attributes:
+        n_points: their number.
+        by_shard: number of missing points of each shard that misses some, by its name `k/n`;
+            empty if the journals are of different numbers of shards.
+    """
+
+    n_points: int
+    by_shard: dict[str, int]
+
+    def __str__(self) -> str:
+        """Return how many points are missing, and of which shards."""
+        most = sorted(self.by_shard.items(), key=lambda row: -row[1])
+        named = [f"{count} of shard {shard}" for shard, count in most[:_SHOWN]]
+        if len(most) > _SHOWN:
+            named.append(f"the others of {len(most) - _SHOWN} more shards")
+        return f"{self.n_points} points are missing" + (f": {', '.join(named)}" if named else "")
+
+
+def merge_sweep(sweep: Sweep, directory: str | Path, *, is_partial: bool = False) -> xr.Dataset:
+    """Join the journals of all shards of a sweep to its result.
+
+    The journal is removed when the result has all points. Part files of shards that were computed
+    elsewhere may be copied into the folder `sweep.journal` before.
+
+    Args:
+        sweep: the sweep.
+        directory: its folder.
+        is_partial: whether to write the result although points are missing; they are NaN.
+
+    Returns:
+        The dataset, opened lazily; the same as that of `run_sweep`.
+
+    Raises:
+        CaseError: there is no journal; it belongs to another sweep; another process computes the
+            sweep; or points are missing and `is_partial` is False.
+        OSError: a file cannot be read or written.
+    """
+    directory = Path(directory)
+    if is_complete(directory, sweep):
+        return open_result(directory / RESULT)
+    path = directory / JOURNAL
+    if not path.exists():
+        raise CaseError(
+            f"merge: {directory} has no journal of a sweep; delam-fem sweep FILE --shard K/N "
+            f"-o {directory} computes a shard"
+        )
+    layout = PointRunner(sweep).structure(sweep.case(0)).layout
+    with Journal(path, sweep.identity, resume=True) as journal, journal.joined() as joined:
+        left = missing(sweep, joined)
+        if left.n_points and not is_partial:
+            raise CaseError(
+                f"merge: {left}; --shard K/N --resume goes on with a shard, --resume alone "
+                "computes all that is missing, and --partial writes what is there"
+            )
+        if joined.n_disagreeing:
+            _log.warning(
+                "%d points were computed twice with different results, on different machines or "
+                "versions; the first is kept",
+                joined.n_disagreeing,
+            )
+        save_sweep(sweep, directory)
+        about = {"n_shards": len(joined.shards), "busy_seconds": joined.seconds}
+        write_result(sweep, directory, joined, layout, about)
+    if not left.n_points:
+        remove_journal(path)
+    return open_result(directory / RESULT)
+
+
+def missing(sweep: Sweep, joined: Joined) -> Missing:
+    """Return which points of a sweep are not in its journal."""
+    n_points = sweep.n_points - joined.numbers.size
+    numbers_of_shards = {shard.of for shard in joined.shards} - {1}
+    if not n_points or len(numbers_of_shards) != 1:
+        return Missing(n_points, {})
+    (of,) = numbers_of_shards
+    is_left = np.ones(sweep.n_points, dtype=np.bool_)
+    is_left[joined.numbers] = False
+    items: IntArray = np.flatnonzero(is_left)
+    if sweep.tracks:
+        track: IntArray = np.empty(sweep.n_points, dtype=np.int64)
+        for number, points in enumerate(sweep.tracks):
+            track[points] = number
+        items = track[items]
+    counts = np.bincount(owners(items, of))
+    return Missing(n_points, {f"{k}/{of}": int(counts[k]) for k in np.flatnonzero(counts)})
+
+
+def save_sweep(sweep: Sweep, directory: Path) -> None:
+    """Write the files from which a sweep can be repeated."""
+    save_case(sweep.base, directory)
+    write_text(directory / "sweep.toml", sweep.to_toml("case.toml"))
+
+
+def write_result(
+    sweep: Sweep,
+    directory: Path,
+    joined: Joined,
+    layout: Layout,
+    about: Mapping[str, str | int | float],
+) -> None:
+    """Write the dataset of a sweep, and how it was computed.
+
+    Args:
+        sweep: the sweep.
+        directory: its folder.
+        joined: the finished points.
+        layout: of the first point.
+        about: how the points were computed; it does not go into the dataset.
+    """
+    counts = joined.counts()
+    n_missing = sweep.n_points - joined.numbers.size
+    attributes = {
+        "n_points": sweep.n_points,
+        **{f"n_{outcome}": count for outcome, count in counts.items()},
+        "n_missing": n_missing,
+        "engine": sweep.file.engine,
+        "outcome": "interrupted" if n_missing else "completed",
+    }
+    hosts, processors = zip(*sorted(joined.machines), strict=True) if joined.machines else ((), ())
+    machines = {"hosts": ", ".join(hosts), "processors": ", ".join(sorted(set(processors)))}
+    text = json.dumps({**occasion(), **machines, **about}, indent=1)
+    write_text(directory / OCCASION, f"{text}\n")
+    wanted = quantities(sweep.file.record, layout)
+    write(directory / RESULT, sweep, joined, wanted, x=layout.x, attributes=attributes)
+
+
+def is_complete(directory: Path, sweep: Sweep) -> bool:
+    """Return whether a folder already has the complete result of a sweep.
+
+    Raises:
+        CaseError: the folder has the result of another sweep.
+    """
+    path = directory / RESULT
+    if not path.is_file():
+        return False
+    data = open_result(path)
+    about = dict(data.attrs)
+    data.close()
+    if about["outcome"] != "completed":
+        return False
+    if (about["sweep"], about["case"]) != (sweep.to_toml("case.toml"), sweep.base.to_toml()):
+        raise CaseError(
+            f"resume: {path} is the result of another sweep; choose another folder with -o DIR"
+        )
+    remove_journal(directory / JOURNAL)  # a process may have been killed before it did
+    return True
+
+
+def remove_results(directory: Path) -> None:
+    """Remove the result and the journal of a sweep, so that it is computed from the beginning."""
+    remove_journal(directory / JOURNAL)
+    for name in (RESULT, OCCASION):
+        (directory / name).unlink(missing_ok=True)

@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from delam_fem.case.fields import (
+from delam_fem.case.values import (
     CountOrNone,
     Label,
     NotNegative,

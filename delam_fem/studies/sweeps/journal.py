@@ -1,4 +1,17 @@
-"""Keep every finished point of a sweep on disk: the journal, a folder of part files.
+"""Keep every finished point of a sweep in part files that show whether they are whole.
+
+Write and read the part files of a journal: records that show whether they are whole.
+
+A part file is written by one process, which only appends to it. Each record has a mark, its length
+and a checksum. A record that was torn by a kill, or is damaged, is left out, and reading goes on at
+the next mark. The first record says to which sweep the file belongs; the others are chunks.
+
+Join the part files of a journal: each point once, in order, whoever computed it.
+
+Two processes may have computed the same point, because one was started twice or a killed one had
+more on the disk than was known. Both have the same numbers; if not, that is reported.
+
+Keep every finished point of a sweep on disk: the journal, a folder of part files.
 
 Each process writes a part file of its own, named by shard, machine and process, and only appends to
 it. Nothing depends on locks, which network file systems may not have: two processes that compute
@@ -9,23 +22,428 @@ from __future__ import annotations
 
 import fcntl
 import hashlib
+import json
 import logging
+import mmap
 import os
 import platform
 import re
 import shutil
+import struct
 import time
-from collections.abc import Iterable
+import zlib
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
-from delam_fem.case.toml import CaseError
+import numpy as np
+
+from delam_fem.numerics.arrays import BoolArray, FloatArray, IntArray
 from delam_fem.results.provenance import processor, versions
-from delam_fem.studies.sweeps.joined import Joined
+from delam_fem.simulation.loop import State
 from delam_fem.studies.sweeps.point import Done
-from delam_fem.studies.sweeps.records import PartFile, packed
-from delam_fem.studies.sweeps.shards import WHOLE, Shard
+from delam_fem.studies.sweeps.schedule import WHOLE, Shard, named
+from delam_fem.system.errors import CaseError
+
+MARK = b"\x89points\n"
+_FRAME = struct.Struct("<8sQII")
+"""Mark, length of the payload, its checksum, checksum of the fields before."""
+_ALIGNED = 8
+"""Numbers start at multiples of this many bytes of a payload."""
+
+
+@dataclass(frozen=True)
+class Kept:
+    """A chunk of points as a part file has it.
+
+    Attributes:
+        track: number of its track, -1 if the points are independent.
+        indices: of the points, in the order in which they were computed, shape (n,).
+        others: outcome and error of points that were not completed, by their place in `indices`.
+        rows: numbers of the completed points in order, shape (n - len(others), size). They lie in
+            the mapped file.
+        state: from which the track goes on; None: from its initial conditions.
+        seconds: computing time [s].
+    """
+
+    track: int
+    indices: IntArray
+    others: dict[int, tuple[str, str]]
+    rows: FloatArray
+    state: State | None
+    seconds: float
+
+
+class PartFile:
+    """A part file that this process writes.
+
+    Attributes:
+        path: path of the file; it is made with the first record.
+    """
+
+    def __init__(self, path: Path, about: dict[str, Any]) -> None:
+        """Store the path and the content of the first record."""
+        self.path = path
+        self._first = framed(json.dumps(about).encode())
+        self._handle: int | None = None
+
+    def add(self, data: bytes) -> None:
+        """Append records and wait until they are on the disk.
+
+        Raises:
+            OSError: the file cannot be written; what was there before stays readable.
+        """
+        try:
+            if self._handle is None:
+                flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND
+                self._handle = os.open(self.path, flags, 0o666)
+                data = self._first + data
+            view = memoryview(data)
+            while len(view):
+                view = view[os.write(self._handle, view) :]
+            os.fsync(self._handle)
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, str(self.path)) from None
+
+    def close(self) -> None:
+        """Close the file."""
+        if self._handle is not None:
+            os.close(self._handle)
+            self._handle = None
+
+
+class MappedPart:
+    """A part file that is read.
+
+    Attributes:
+        path: path of the file.
+        about: content of its first record; None if not even that is whole.
+        chunks: its whole chunks, in order.
+        lost: bytes between whole records; the torn end of a killed process is not counted [bytes].
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Read all records.
+
+        Raises:
+            OSError: the file cannot be read.
+        """
+        self.path = path
+        self.about: dict[str, Any] | None = None
+        self.chunks: list[Kept] = []
+        self.lost = 0
+        self._map: mmap.mmap | None = None
+        with path.open("rb") as file:
+            if os.fstat(file.fileno()).st_size == 0:
+                return
+            self._map = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+        after = 0
+        for start, stop in _payloads(self._map):
+            self.lost += start - _FRAME.size - after
+            after = stop
+            if start == _FRAME.size:
+                self.about = json.loads(self._map[start:stop])
+            elif self.about is None:
+                self.lost += stop - start  # nobody knows of which sweep
+            else:
+                self.chunks.append(_unpacked(self._map, start))
+
+    def close(self) -> None:
+        """Forget the chunks and unmap the file."""
+        self.chunks = []
+        if self._map is not None:
+            with suppress(BufferError):  # while an error is handled, its frames hold some rows
+                self._map.close()
+            self._map = None
+
+
+def framed(payload: bytes) -> bytes:
+    """Return a payload as a record."""
+    head = _FRAME.pack(MARK, len(payload), zlib.crc32(payload), 0)[:-4]
+    return head + struct.pack("<I", zlib.crc32(head)) + payload
+
+
+def packed(done: Done) -> bytes:
+    """Return a finished chunk as a record."""
+    points, state = done.points, done.state
+    rows = [point.row for point in points if point.row is not None]
+    about = {
+        "track": done.chunk.track,
+        "n": len(points),
+        "rows": [len(rows), rows[0].size if rows else 0],
+        "others": [[k, p.outcome, p.error] for k, p in enumerate(points) if p.row is None],
+        "seconds": round(done.seconds, 6),
+    }
+    indices: IntArray = np.array([point.index for point in points], dtype=np.int64)
+    arrays: list[Any] = [indices, *rows]
+    if state is not None:
+        internal = np.empty(0) if state.internal is None else state.internal
+        about["state"] = [state.motion.shape[1], state.resting.size]
+        about["internal"] = None if state.internal is None else list(state.internal.shape)
+        arrays += [state.motion, np.array(state.losses), internal, state.resting]
+    text = json.dumps(about).encode()
+    text += b" " * (-len(text) % _ALIGNED)
+    head = struct.pack("<Q", len(text)) + text
+    return framed(head + b"".join(np.ascontiguousarray(a).tobytes() for a in arrays))
+
+
+def _payloads(data: mmap.mmap) -> Iterator[tuple[int, int]]:
+    """Yield start and stop of the payloads of whole records."""
+    place, size = data.find(MARK), len(data)
+    while 0 <= place <= size - _FRAME.size:
+        head = data[place : place + _FRAME.size]
+        _, length, checksum, own = _FRAME.unpack(head)
+        start = place + _FRAME.size
+        is_whole = zlib.crc32(head[:-4]) == own and start + length <= size
+        if is_whole:
+            with memoryview(data) as view, view[start : start + length] as payload:
+                is_whole = zlib.crc32(payload) == checksum
+        if is_whole:
+            yield start, start + length
+        place = data.find(MARK, start + length if is_whole else place + 1)
+
+
+def _unpacked(data: mmap.mmap, start: int) -> Kept:
+    """Return the chunk whose payload begins at `start`."""
+    (length,) = struct.unpack_from("<Q", data, start)
+    place = start + 8 + length
+    about = json.loads(data[start + 8 : place])
+
+    def numbers(count: int, kind: type = np.float64) -> Any:
+        nonlocal place
+        found: Any = np.frombuffer(data, kind, count, place)
+        place += found.nbytes
+        return found
+
+    indices = numbers(about["n"], np.int64).copy()
+    n_rows, size = about["rows"]
+    rows = numbers(n_rows * size).reshape(n_rows, size)
+    state = None
+    if "state" in about:
+        n, n_resting = about["state"]
+        motion, losses = numbers(3 * n).reshape(3, n).copy(), numbers(2).tolist()
+        shape = about["internal"]
+        internal = numbers(int(np.prod(shape or [0]))).copy()
+        resting = numbers(n_resting, np.bool_).copy()
+        state = State(
+            motion,
+            resting,
+            (losses[0], losses[1]),
+            None if shape is None else internal.reshape(shape),
+        )
+    others = {int(k): (str(outcome), str(error)) for k, outcome, error in about["others"]}
+    return Kept(about["track"], indices, others, rows, state, about["seconds"])
+
+
+OUTCOMES = ("completed", "diverged", "failed")
+"""Outcomes of points, in the order in which one of two is preferred."""
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Block:
+    """Finished points of a range, in order.
+
+    Attributes:
+        numbers: indices of the points, shape (m,).
+        outcomes: places in `OUTCOMES`, shape (m,).
+        errors: reasons why points were not completed, by index.
+        rows: numbers of the points, NaN for those that were not completed, shape (m, size).
+    """
+
+    numbers: IntArray
+    outcomes: IntArray
+    errors: dict[int, str]
+    rows: FloatArray
+
+
+class Joined:
+    """The finished points in part files.
+
+    Attributes:
+        numbers: indices of the finished points; they increase, shape (m,).
+        n_disagreeing: number of points that two processes computed differently.
+        shards: the shards that have a part file.
+        seconds: computing time of all chunks [s].
+        machines: hosts and kinds of processors that have computed them.
+    """
+
+    def __init__(self, parts: Iterable[Path], identity: str, versions: str) -> None:
+        """Read part files.
+
+        Args:
+            parts: their paths.
+            identity: of the sweep.
+            versions: of this program and its libraries; points of others are kept with a warning.
+
+        Raises:
+            CaseError: a file belongs to another sweep.
+            OSError: a file cannot be read.
+        """
+        self._parts: list[MappedPart] = []
+        self._by_track: dict[int, list[Kept]] | None = None
+        self.shards: set[Shard] = set()
+        self.machines: set[tuple[str, str]] = set()
+        try:
+            for path in sorted(parts):
+                self._read(path, identity, versions)
+            self._chunks = [chunk for part in self._parts for chunk in part.chunks]
+            self._resolve()
+        except BaseException:
+            self.close()
+            raise
+        self.seconds = sum(chunk.seconds for chunk in self._chunks)
+
+    def _read(self, path: Path, identity: str, versions: str) -> None:
+        part = MappedPart(path)
+        self._parts.append(part)
+        shard = named(path.name)
+        if shard is not None:
+            self.shards.add(shard)
+        if part.lost:
+            _log.warning(
+                "%s: %d damaged bytes; the points in them are computed anew", path, part.lost
+            )
+        if part.about is None:
+            return  # its process was killed before it had written anything
+        if part.about.get("identity") != identity:
+            raise CaseError(
+                f"resume: {path} belongs to another sweep; run it with the settings of the "
+                "interrupted one, or choose another folder with -o DIR"
+            )
+        self.machines.add((str(part.about.get("host")), str(part.about.get("processor"))))
+        if part.about.get("versions") != versions:
+            _log.warning(
+                "%s was begun with %s; its points are kept", path, part.about.get("versions")
+            )
+
+    def _resolve(self) -> None:
+        """Find the chunk and the place in it of every point; of two results keep the better."""
+        lengths = [chunk.indices.size for chunk in self._chunks]
+        none: IntArray = np.empty(0, dtype=np.int64)
+        numbers = np.concatenate([none, *(chunk.indices for chunk in self._chunks)])
+        owner = np.repeat(np.arange(len(lengths)), lengths)
+        begins = np.cumsum([0, *lengths])[:-1]
+        place = np.arange(numbers.size) - np.repeat(begins, lengths)
+        outcome = np.zeros(numbers.size, dtype=np.int64)
+        for begin, chunk in zip(begins, self._chunks, strict=True):
+            for k, (word, _) in chunk.others.items():
+                outcome[begin + k] = OUTCOMES.index(word)
+        order = np.lexsort((owner, outcome, numbers))
+        is_first: BoolArray = np.ones(order.size, dtype=np.bool_)
+        is_first[1:] = np.diff(numbers[order]) > 0
+        kept = order[is_first]
+        self.numbers: IntArray = numbers[kept]
+        self._owner, self._place, self._outcome = owner[kept], place[kept], outcome[kept]
+        again = order[~is_first]
+        self.n_disagreeing = sum(
+            not self._is_same(int(numbers[k]), self._chunks[owner[k]], int(place[k])) for k in again
+        )
+
+    def _is_same(self, number: int, chunk: Kept, place: int) -> bool:
+        """Return whether a second result of a point equals the one that is kept, bit by bit."""
+        k = int(np.searchsorted(self.numbers, number))
+        kept, at = self._chunks[self._owner[k]], int(self._place[k])
+        if chunk.others.get(place) != kept.others.get(at):
+            return False
+        if place in chunk.others:
+            return True
+        mine = chunk.rows[_rows_before(chunk, np.array([place]))]
+        theirs = kept.rows[_rows_before(kept, np.array([at]))]
+        return bool(mine.tobytes() == theirs.tobytes())
+
+    def counts(self) -> dict[str, int]:
+        """Return the number of points by outcome."""
+        found = np.bincount(self._outcome, minlength=len(OUTCOMES))
+        return dict(zip(OUTCOMES, found.tolist(), strict=True))
+
+    def block(self, start: int, stop: int, size: int) -> Block:
+        """Return the finished points with indices from `start` to below `stop`.
+
+        Args:
+            start: first index.
+            stop: index after the last.
+            size: numbers in a row.
+        """
+        first, last = np.searchsorted(self.numbers, (start, stop))
+        numbers, owner = self.numbers[first:last], self._owner[first:last]
+        place, outcomes = self._place[first:last], self._outcome[first:last]
+        rows = np.full((numbers.size, size), np.nan)
+        errors: dict[int, str] = {}
+        order = np.argsort(owner, kind="stable")
+        bounds = np.flatnonzero(np.diff(owner[order], prepend=-1))
+        for own in np.split(order, bounds[1:]) if numbers.size else ():
+            chunk = self._chunks[owner[own[0]]]
+            good = own[outcomes[own] == 0] if chunk.others else own
+            if good.size:
+                rows[good] = chunk.rows[_rows_before(chunk, place[good])]
+            if chunk.others:
+                bad = own[outcomes[own] > 0]
+                errors |= {int(numbers[k]): chunk.others[int(place[k])][1] for k in bad}
+        return Block(numbers, outcomes, errors, rows)
+
+    def reached(self, points: IntArray, track: int) -> tuple[int, State | None]:
+        """Return how far a track has come.
+
+        Args:
+            points: of the track, in order.
+            track: its number.
+
+        Returns:
+            The number of its finished points from the first one on without a gap, and the state
+            from which the next starts (None: from the initial conditions).
+        """
+        end, state = 0, None
+        for first, chunk in sorted(self._of_track(points, track), key=lambda found: found[0]):
+            if first > end:
+                break  # damaged points; they and the later ones are computed anew
+            if first + chunk.indices.size > end:
+                end, state = first + chunk.indices.size, chunk.state
+        return end, state
+
+    def _of_track(self, points: IntArray, track: int) -> list[tuple[int, Kept]]:
+        """Return the chunks of a track with the place of their first point in it."""
+        if self._by_track is None:
+            self._by_track = {}
+            for chunk in self._chunks:
+                self._by_track.setdefault(chunk.track, []).append(chunk)
+        found = self._by_track.get(track, [])
+        if not found:
+            return []
+        order = np.argsort(points)
+        firsts = order[np.searchsorted(points[order], [chunk.indices[0] for chunk in found])]
+        return list(zip(firsts.tolist(), found, strict=True))
+
+    def close(self) -> None:
+        """Unmap the files."""
+        self._chunks = []
+        self._by_track = None
+        for part in self._parts:
+            part.close()
+
+    def __enter__(self) -> Self:
+        """Return the points."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Unmap the files."""
+        self.close()
+
+
+def _rows_before(chunk: Kept, places: IntArray) -> IntArray:
+    """Return the rows of points that were completed; the others of their chunk have none."""
+    if not chunk.others:
+        return places
+    return places - np.searchsorted(np.array(sorted(chunk.others)), places)
+
 
 PATIENCE = 5.0
 """Time to wait for the journal of another process that is about to end [s]."""
@@ -33,7 +451,6 @@ FORMAT = 1
 """Number of the format of part files."""
 _SUFFIX, _LOCK = ".points", "lock"
 _POLL = 0.1
-_log = logging.getLogger(__name__)
 
 
 class Journal:

@@ -35,16 +35,19 @@ from delam_fem.results.pages.progress import reporting
 from delam_fem.simulation.interrupts import stop_signals
 from delam_fem.studies import executors
 from delam_fem.studies.executors import ExecutorName
+from delam_fem.studies.sweeps.dataset import (
+    JOURNAL,
+    RESULT,
+    is_complete,
+    open_result,
+    save_sweep,
+    write_result,
+)
 from delam_fem.studies.sweeps.grid import Sweep
-from delam_fem.studies.sweeps.joined import Joined
-from delam_fem.studies.sweeps.journal import Journal, remove_journal
-from delam_fem.studies.sweeps.merge import JOURNAL, RESULT, is_complete, save_sweep, write_result
+from delam_fem.studies.sweeps.journal import Joined, Journal, remove_journal
 from delam_fem.studies.sweeps.point import Done, PointRunner
 from delam_fem.studies.sweeps.quantities import Quantity, quantities
-from delam_fem.studies.sweeps.reading import open_result
-from delam_fem.studies.sweeps.schedule import INDEPENDENT, Schedule, Track
-from delam_fem.studies.sweeps.shards import Shard
-from delam_fem.studies.sweeps.waiting import Waiting
+from delam_fem.studies.sweeps.schedule import INDEPENDENT, Schedule, Shard, Track, Waiting
 
 if TYPE_CHECKING:
     import xarray as xr

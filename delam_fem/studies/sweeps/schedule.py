@@ -1,4 +1,12 @@
-"""Submit points to an executor in chunks of about equal time, and collect the results.
+"""Share points among machines, and submit them to an executor in chunks of about equal time.
+
+Share the points of a sweep among machines that do not talk to each other.
+
+A share depends on the sweep, the number of shards and nothing else. Points (or whole tracks) are
+dealt in rounds: every round gives each shard one of n neighbours. A hash of the round says who
+begins, so that a shard does not get the same value of an axis again and again.
+
+Submit points to an executor in chunks of about equal time, and collect the results.
 
 Any `concurrent.futures.Executor` can be used. The points of a track are computed one after another;
 all other points go to any free worker.
@@ -7,15 +15,153 @@ all other points go to any free worker.
 from __future__ import annotations
 
 import math
+import re
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from dataclasses import dataclass, field
 
-from delam_fem.case.toml import CaseError
+import numpy as np
+import numpy.typing as npt
+
+from delam_fem.numerics.arrays import IntArray
 from delam_fem.simulation.loop import State
 from delam_fem.studies.sweeps.point import Chunk, Done, Point, compute
-from delam_fem.studies.sweeps.waiting import Waiting
+from delam_fem.system.errors import CaseError
+
+Segment = range | IntArray
+"""Indices of points in the order in which they are computed."""
+
+
+class Waiting:
+    """Indices of points that wait, in order: ranges, or arrays where the order is another one."""
+
+    def __init__(self, segments: Iterable[Segment]) -> None:
+        """Store segments, in order; empty ones are left out."""
+        self._segments = deque(segment for segment in segments if len(segment))
+        self._size = sum(len(segment) for segment in self._segments)
+
+    @classmethod
+    def all_but(cls, done: IntArray, items: Segment) -> Waiting:
+        """Return the items that are not done; both increase."""
+        if isinstance(items, range):
+            return cls(_gaps(done, len(items)))
+        return cls([items[~np.isin(items, done, assume_unique=True)]])
+
+    def __len__(self) -> int:
+        """Return the number of points that wait."""
+        return self._size
+
+    def take(self, count: int) -> tuple[int, ...]:
+        """Remove the first points and return them; at most `count`."""
+        taken: list[int] = []
+        while self._segments and len(taken) < count:
+            segment = self._segments.popleft()
+            n = count - len(taken)
+            first = segment[:n]
+            taken.extend(first if isinstance(first, range) else first.tolist())
+            if len(segment) > n:
+                self._segments.appendleft(segment[n:])
+        self._size -= len(taken)
+        return tuple(taken)
+
+    def put_back(self, indices: Sequence[int]) -> None:
+        """Put points that were taken back to the front."""
+        self._segments.appendleft(np.asarray(indices, dtype=np.int64))
+        self._size += len(indices)
+
+
+def _gaps(done: IntArray, count: int) -> Iterator[range]:
+    """Yield the ranges between finished points."""
+    starts = np.concatenate([np.zeros(1, dtype=np.int64), done + 1])
+    stops = np.append(done, count)
+    for k in np.flatnonzero(starts < stops).tolist():
+        yield range(int(starts[k]), int(stops[k]))
+
+
+MOST_SHARDS = 100_000
+_NAME = re.compile(r"(\d+)-of-(\d+)")
+# constants of the hash splitmix64, which change the shares for ever if they are changed
+_STEP, _FIRST, _SECOND = 0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB
+
+
+@dataclass(frozen=True)
+class Shard:
+    """A share of the points of a sweep.
+
+    Attributes:
+        number: of the shard, from 1.
+        of: number of shards.
+    """
+
+    number: int
+    of: int
+
+    @property
+    def name(self) -> str:
+        """Name of the shard in names of files."""
+        return f"{self.number}-of-{self.of}"
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether the share is the whole sweep."""
+        return self.of == 1
+
+    def __str__(self) -> str:
+        """Return the shard as the command line takes it."""
+        return f"{self.number}/{self.of}"
+
+    def items(self, count: int) -> IntArray | range:
+        """Return which of `count` points or tracks the shard has; they increase."""
+        if self.is_whole:
+            return range(count)
+        rounds: IntArray = np.arange(-(-count // self.of), dtype=np.int64)
+        items = rounds * self.of + (self.number - 1 + _beginners(rounds, self.of)) % self.of
+        return items[items < count]
+
+
+WHOLE = Shard(1, 1)
+
+
+def parse_shard(text: str) -> Shard:
+    """Return the shard `k/n`.
+
+    Raises:
+        CaseError: the text is something else, or k is not between 1 and n.
+    """
+    number, slash, of = text.partition("/")
+    if slash and number.strip().isdecimal() and of.strip().isdecimal():
+        shard = Shard(int(number), int(of))
+        if 1 <= shard.number <= shard.of <= MOST_SHARDS:
+            return shard
+    raise CaseError(
+        f"shard: expected K/N with K from 1 to N and N up to {MOST_SHARDS}, for example 3/16, "
+        f"given {text[:40]!r}"
+    )
+
+
+def named(text: str) -> Shard | None:
+    """Return the shard that a name of a file begins with; None without one."""
+    found = _NAME.match(text)
+    return Shard(int(found[1]), int(found[2])) if found else None
+
+
+def owners(items: IntArray, of: int) -> IntArray:
+    """Return the numbers of the shards that have the given points or tracks, shape (n,)."""
+    found = (items % of - _beginners(items // of, of)) % of + 1
+    return np.asarray(found, dtype=np.int64)
+
+
+def _beginners(rounds: IntArray, of: int) -> IntArray:
+    """Return the place of the first shard in each round, from 0: a hash of the round."""
+    x: npt.NDArray[np.uint64] = rounds.astype(np.uint64)
+    with np.errstate(over="ignore"):
+        x = (x + np.uint64(1)) * np.uint64(_STEP)
+        x = (x ^ (x >> np.uint64(30))) * np.uint64(_FIRST)
+        x = (x ^ (x >> np.uint64(27))) * np.uint64(_SECOND)
+    x = x ^ (x >> np.uint64(31))
+    return (x % np.uint64(of)).astype(np.int64)
+
 
 CHUNK_SECONDS = 0.5
 """Target time of a chunk [s]: a hundred times the cost of submitting one."""

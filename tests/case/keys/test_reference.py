@@ -3,7 +3,7 @@
 import pytest
 
 from delam_fem.case.files import PRESETS, preset
-from delam_fem.case.keys.reference import Table, tables
+from delam_fem.case.keys import Table, tables
 
 
 def table(name: str, kind: str = "") -> Table:

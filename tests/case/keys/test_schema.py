@@ -10,8 +10,7 @@ import pytest
 
 from delam_fem.case.definition import Case
 from delam_fem.case.files import PRESETS, preset, preset_text
-from delam_fem.case.keys.reference import tables
-from delam_fem.case.keys.schema import case_schema
+from delam_fem.case.keys import case_schema, tables
 
 
 @pytest.fixture(scope="module")

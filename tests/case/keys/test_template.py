@@ -8,8 +8,7 @@ import pytest
 
 from delam_fem.case.definition import Case
 from delam_fem.case.files import load_case, preset
-from delam_fem.case.keys.reference import tables
-from delam_fem.case.keys.template import KINDS, WIDTH, KindName, case_text
+from delam_fem.case.keys import KINDS, WIDTH, KindName, case_text, tables
 
 PRESETS = {"apart": "default", "paper": "paper", "layered": "embedded", "edge": "edge"}
 

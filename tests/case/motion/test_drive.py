@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 
 from delam_fem.case.definition import Case
+from delam_fem.case.excitation import HalfSine, HarmonicMotion, SweptMotion, TabulatedMotion, drive
 from delam_fem.case.files import preset, save_case
-from delam_fem.case.motion.excitation import HarmonicMotion, SweptMotion, TabulatedMotion, drive
-from delam_fem.case.motion.force import HalfSine
 from delam_fem.case.plausible import warnings
-from delam_fem.case.toml import CaseError
+from delam_fem.system.errors import CaseError
 
 FORCE = {"kind": "force", "lamina": "thin", "position": 0.3, "amplitude": 2.0, "frequency": 5.0}
 HAMMER = {

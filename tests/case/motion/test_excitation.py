@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
+from delam_fem.case.excitation import BaseMotion, HarmonicMotion, SweptMotion, base_motion
 from delam_fem.case.files import preset
-from delam_fem.case.motion.excitation import BaseMotion, HarmonicMotion, SweptMotion, base_motion
 
 A = 0.0025
 T = 10.0

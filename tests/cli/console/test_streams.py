@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from delam_fem.cli.console.streams import lasting_streams
+from delam_fem.cli.console import lasting_streams
 
 
 def test_a_stream_without_a_reader_drops_what_it_gets(

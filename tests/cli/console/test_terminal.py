@@ -2,7 +2,7 @@
 
 import pytest
 
-from delam_fem.cli.console.terminal import table
+from delam_fem.cli.console import table
 
 
 def test_units_in_brackets_are_shown(capsys: pytest.CaptureFixture[str]) -> None:

@@ -13,21 +13,27 @@ import scipy.sparse as sp
 
 from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
-from delam_fem.case.toml import CaseError
-from delam_fem.engines.choose import engine_of, law_of, scheme_of
-from delam_fem.engines.compiled import banded, contact, lane_kernels, lanes, loop, simd, system
+from delam_fem.engines.compiled import algebra, contact, lanes, steps, system
 from delam_fem.engines.compiled import engine as engine_module
 from delam_fem.engines.compiled.engine import Compiled, compiled_engine
-from delam_fem.engines.compiled.handle import packed, view_at
-from delam_fem.engines.compiled.state import IMPACTS, MOREAU, PENALTY, LawNumbers, Log
+from delam_fem.engines.compiled.state import (
+    IMPACTS,
+    MOREAU,
+    PENALTY,
+    LawNumbers,
+    Log,
+    packed,
+    view_at,
+)
 from delam_fem.engines.compiled.system import Problem, StepNumbers, build
+from delam_fem.engines.session import engine_of, law_of, motion_of, scheme_of, span_of
 from delam_fem.model.beams import closed_form
 from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.simulation.loop import State, set_initial, simulate
 from delam_fem.simulation.recorder import Recorder
-from delam_fem.simulation.setup import motion_of, span_of
-from delam_fem.simulation.span import Span
+from delam_fem.simulation.refinement import Span
+from delam_fem.system.errors import CaseError
 
 ROUND_OFF = 1e-11
 """Relative, of a few hundred operations on matrices of condition 1e6 and less."""
@@ -38,14 +44,14 @@ G = 9.81
 
 @numba.njit
 def vector_operations(x, out):  # type: ignore[no-untyped-def]
-    a, b = simd.load(x, 0), simd.load(x, 4)
-    simd.store(out, 0, simd.fma(a, b, simd.splat(1.0)))
-    simd.store(out, 4, a + b)
-    simd.store(out, 8, a - b * b)
-    simd.store(out, 12, simd.swap_neighbours(a))
-    simd.store(out, 16, simd.swap_halves(a))
-    simd.store(out, 20, simd.smaller(a, b))
-    return simd.lane(a, 2)
+    a, b = lanes.load(x, 0), lanes.load(x, 4)
+    lanes.store(out, 0, lanes.fma(a, b, lanes.splat(1.0)))
+    lanes.store(out, 4, a + b)
+    lanes.store(out, 8, a - b * b)
+    lanes.store(out, 12, lanes.swap_neighbours(a))
+    lanes.store(out, 16, lanes.swap_halves(a))
+    lanes.store(out, 20, lanes.smaller(a, b))
+    return lanes.lane(a, 2)
 
 
 KEPT: list[object] = []
@@ -67,7 +73,7 @@ class Two(NamedTuple):
 
 
 two_at = view_at(Two)
-rows_at, band_at = view_at(banded.Rows), view_at(banded.Band)
+rows_at, band_at = view_at(algebra.Rows), view_at(algebra.Band)
 problem_at, log_at = view_at(Problem), view_at(Log)
 
 
@@ -95,7 +101,7 @@ def test_smaller_passes_over_what_is_no_number() -> None:
 
 def test_aligned_zeros_begin_at_a_cache_line() -> None:
     for size in (1, 7, 80):
-        zeros = simd.aligned_zeros(size)
+        zeros = lanes.aligned_zeros(size)
         assert zeros.ctypes.data % 64 == 0
         assert zeros.shape == (size,) and not zeros.any()
 
@@ -114,13 +120,13 @@ def operators_of(n: int, mass: str = "consistent") -> Operators:
 @numba.njit
 def solve(arrays, size):  # type: ignore[no-untyped-def]
     bare = two_at(arrays)
-    lane_kernels.substitute(bare.value, size, bare.start, lane_kernels.R, lane_kernels.Z)
+    lanes.substitute(bare.value, size, bare.start, lanes.R, lanes.Z)
 
 
 @numba.njit
 def form(arrays, size):  # type: ignore[no-untyped-def]
     bare = two_at(arrays)
-    return lane_kernels.loss(bare.value, size, bare.start)
+    return lanes.loss(bare.value, size, bare.start)
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 6, 7])
@@ -132,14 +138,14 @@ def test_chains_solve_and_measure(n: int) -> None:
     chains = lanes.chains(A, order)
     assert chains is not None
     size = lanes.ROW * ((n + 1) // 2)
-    X = simd.aligned_zeros(lane_kernels.N_FIELDS * size)
+    X = lanes.aligned_zeros(lanes.N_FIELDS * size)
     fields = X.reshape(-1, size)
     rng = np.random.default_rng(n)
     right, p = rng.normal(size=(2, 4 * n))
-    fields[lane_kernels.R, order], fields[lane_kernels.P, order] = right, p
+    fields[lanes.R, order], fields[lanes.P, order] = right, p
     solve(address_of(Two(lanes.solution_tape(chains), X)), size)
     exact = sp.linalg.spsolve(A.tocsc(), right)
-    found = fields[lane_kernels.Z, order]
+    found = fields[lanes.Z, order]
     np.testing.assert_allclose(found, exact, rtol=0.0, atol=ROUND_OFF * np.abs(exact).max())
     value = form(address_of(Two(lanes.form_tape(chains), X)), size)
     assert value == pytest.approx(p @ (A @ p), rel=ROUND_OFF)
@@ -183,7 +189,7 @@ def test_the_right_path_is_taken() -> None:
 
 @numba.njit
 def solve_band(band, X, size):  # type: ignore[no-untyped-def]
-    banded.substitute(rows_at(X).value, size, band_at(band), 0, 1)
+    algebra.substitute(rows_at(X).value, size, band_at(band), 0, 1)
 
 
 def numbers_in(values: object) -> list[object]:
@@ -214,19 +220,19 @@ def test_band_solves() -> None:
     n = 30
     A = sp.random(n, n, density=0.1, random_state=4) + sp.diags(np.full(n, 5.0))
     A = sp.csr_matrix(A + A.T)
-    order = banded.band_order(A)
+    order = algebra.band_order(A)
     to = sp.csr_matrix((np.ones(n), (order, np.arange(n))), (n, n))
     right = rng.normal(size=n)
     X = np.concatenate([to @ right, np.zeros(n)])
     nothing = np.zeros(0, dtype=np.int64)
-    band = banded.factorise(to @ A @ to.T)
-    solve_band(address_of(band), address_of(banded.Rows(nothing, nothing, X)), n)
+    band = algebra.factorise(to @ A @ to.T)
+    solve_band(address_of(band), address_of(algebra.Rows(nothing, nothing, X)), n)
     np.testing.assert_allclose(A @ (to.T @ X[n:]), right, rtol=0.0, atol=1e-12)
 
 
 def test_singular_matrix_is_refused() -> None:
     with pytest.raises(ArithmeticError, match="singular at row 1"):
-        banded.factorise(sp.csr_matrix([[1.0, 1.0], [1.0, 1.0]]))
+        algebra.factorise(sp.csr_matrix([[1.0, 1.0], [1.0, 1.0]]))
 
 
 # -- small problems ---------------------------------------------------------------------------
@@ -414,8 +420,8 @@ def test_impacts_are_added_up_as_numpy_does() -> None:
     rng = np.random.default_rng(2)
     for n in (0, 1, 7, 8, 100, 129, 1000, 8192, 8259, 20691):
         x = rng.normal(size=n) ** 3
-        assert loop._sum(x, 0, n, -np.inf) == x.sum()
-        assert loop._sum(x, 0, n, 0.0) == np.maximum(x, 0.0).sum()
+        assert steps._sum(x, 0, n, -np.inf) == x.sum()
+        assert steps._sum(x, 0, n, 0.0) == np.maximum(x, 0.0).sum()
 
 
 def test_divergence_ends_the_period_early() -> None:

@@ -11,11 +11,11 @@ import scipy.sparse as sp
 import delam_fem as df
 from delam_fem.engines.compiled import modes
 from delam_fem.engines.compiled.engine import compiled_engine
+from delam_fem.engines.session import Solution
 from delam_fem.model.beams import closed_form
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.schemes import SCHEMES
 from delam_fem.simulation.loop import State
-from delam_fem.simulation.solution import Solution
 
 F, A = 63.7, 6.2e-7
 SAME = 1e-7

@@ -11,8 +11,7 @@ import pytest
 
 from delam_fem.case.files import preset
 from delam_fem.engines.compiled import points
-from delam_fem.engines.compiled.handle import packed, view_at
-from delam_fem.engines.compiled.state import Memory, memory
+from delam_fem.engines.compiled.state import Memory, memory, packed, view_at
 from delam_fem.engines.compiled.system import StepNumbers, System, build
 from delam_fem.model.beams import closed_form
 from delam_fem.model.operators import Operators

@@ -8,7 +8,7 @@ import scipy.sparse as sp
 from scipy.optimize import brentq
 
 from delam_fem.contact.complementarity import solve
-from delam_fem.engines.modal.periods import Periods
+from delam_fem.engines.modal import Periods
 from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.model.reduced import Reduced, reduce
 

@@ -13,14 +13,14 @@ from _pytest.mark import ParameterSet
 SCRIPT = """
 import sys
 import numpy as np
-from delam_fem.mpi import MPI
+from delam_fem.system.mpi import MPI
 from delam_fem.case.files import preset
-from delam_fem.engines.choose import law_of, scheme_of
+from delam_fem.engines.session import law_of, scheme_of
 from delam_fem.engines.session import solve
 from delam_fem.model.beams import closed_form
 from delam_fem.model.distributed import DistributedOperators, matrix
 from delam_fem.model.operators import BaseCoupling
-from delam_fem.case.motion.excitation import drive
+from delam_fem.case.excitation import drive
 from delam_fem.simulation.refinement import Refinement
 
 way, law, impulse, refine = sys.argv[1:]

@@ -9,7 +9,7 @@ import pytest
 
 from delam_fem.case.files import preset
 from delam_fem.contact.decision import NO_PAIRS, NO_VALUES, Decision
-from delam_fem.engines.petsc import compliance, newmark, theta
+from delam_fem.engines.petsc import linear_algebra, newmark, theta
 from delam_fem.engines.petsc.newmark import Newmark
 from delam_fem.engines.petsc.theta import MoreauJean
 from delam_fem.model.beams import closed_form
@@ -313,7 +313,7 @@ def test_a_table_that_may_change_is_read_in_every_period() -> None:
 def test_blocks_of_the_compliance_are_kept_and_their_number_is_bounded(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(compliance, "ROOM", 10)
+    monkeypatch.setattr(linear_algebra, "ROOM", 10)
     o = problem()
     stepper = Newmark(o, DT, coupled_impulses=True)
     W = o.gap_matrix @ np.linalg.solve(o.mass.toarray(), o.gap_matrix.T.toarray())

@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import eigh
 
 from delam_fem.case.files import preset
-from delam_fem.model.beams import bending
+from delam_fem.model.beams import forms
 
 WEDGE_ROOT = 5.3151
 """ω L² sqrt(ρA0/EI0) of the wedge whose thickness falls linearly to a point: Kirchhoff 1879."""
@@ -16,12 +16,12 @@ FOUR_DIGITS = 1e-4
 
 def test_constant_profiles_are_the_case_itself() -> None:
     case = preset("paper", {"mesh.elements": 4})
-    given = bending.assemble(
+    given = forms.assemble(
         case,
         flexural_rigidity=lambda i, x: np.full_like(x, (1.51, 0.16)[i]),
         mass_per_length=lambda i, x: case.lamina[i].mass_per_length,
     )
-    expected = bending.assemble(case)
+    expected = forms.assemble(case)
     for name in ("mass", "damping", "stiffness"):
         difference = getattr(given.operators, name) - getattr(expected.operators, name)
         assert abs(difference).max() <= 1e-14 * abs(getattr(expected.operators, name)).max()
@@ -34,7 +34,7 @@ def test_frequency_of_a_wedge() -> None:
     def thickness(x: np.ndarray) -> np.ndarray:
         return 1.0 - x / L
 
-    model = bending.assemble(
+    model = forms.assemble(
         case,
         flexural_rigidity=lambda i, x: thickness(x) ** 3,
         mass_per_length=lambda i, x: thickness(x),
@@ -52,8 +52,8 @@ def test_a_softer_stretch_lowers_one_lamina_only() -> None:
         inside = (x > 0.2) & (x < 0.4)
         return case.lamina[i].flexural_rigidity * np.where((i == 1) & inside, 0.5, 1.0)
 
-    given = bending.assemble(case, flexural_rigidity=damaged).operators.stiffness
-    sound = bending.assemble(case).operators.stiffness
+    given = forms.assemble(case, flexural_rigidity=damaged).operators.stiffness
+    sound = forms.assemble(case).operators.stiffness
     n = sound.shape[0] // 2
     assert abs(given - sound)[:n].max() == 0.0
     assert given.diagonal()[n:].sum() < sound.diagonal()[n:].sum()

@@ -8,7 +8,6 @@ from numpy.polynomial import Polynomial
 
 from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
-from delam_fem.case.toml import CaseError
 from delam_fem.model.beams.closed_form import (
     assemble,
     element_lumped_mass,
@@ -16,6 +15,7 @@ from delam_fem.model.beams.closed_form import (
     element_stiffness,
 )
 from delam_fem.model.layout import Structure
+from delam_fem.system.errors import CaseError
 
 ROUND_OFF = 1e-12  # relative to the largest entry
 H, EI, RHO_A = 0.37, 1.7, 0.23

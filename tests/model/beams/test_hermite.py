@@ -12,7 +12,7 @@ import pytest
 import ufl
 from mpi4py import MPI
 
-from delam_fem.model.beams.hermite import BENDING_DEGREE, MASS_DEGREE, Hermite
+from delam_fem.model.beams.forms import BENDING_DEGREE, MASS_DEGREE, Hermite
 
 ROUND_OFF = 1e-13
 """Relative: sums of a few dozen products."""

@@ -75,8 +75,8 @@ def test_the_judge_has_the_same_matrices_of_a_bonded_stack(mass: str) -> None:
 
 def test_the_weak_forms_have_the_same_matrices() -> None:
     pytest.importorskip("dolfinx")
-    from delam_fem.model.beams import bending
+    from delam_fem.model.beams import forms
 
     case: Case = preset("paper", {"point_mass": MASSES, "mesh.elements": 7})
-    found, expected = bending.assemble(case).operators, closed_form.assemble(case).operators
+    found, expected = forms.assemble(case).operators, closed_form.assemble(case).operators
     assert max(operator_differences(found, expected).values()) < ROUND_OFF

@@ -9,12 +9,12 @@ import pytest
 
 from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
-from delam_fem.case.toml import CaseError
-from delam_fem.model.beams import bending, closed_form
+from delam_fem.model.beams import closed_form, forms
 from delam_fem.model.beams.network import joined, network
 from delam_fem.model.layout import BASE, DISPLACEMENT, FIXED, Structure
+from delam_fem.model.linear import kept_closed, lowest
 from delam_fem.model.operators import Operators
-from delam_fem.model.vibration import kept_closed, lowest
+from delam_fem.system.errors import CaseError
 
 ROUND_OFF = 1e-11
 """Relative to the largest entry; assembled, transformed and condensed in another order."""
@@ -121,7 +121,7 @@ def test_weak_forms_by_laminae_equal_closed_forms_by_groups(
 ) -> None:
     start, end = supports.split()
     case = stack(delaminations, support__start=start, support__end=end, time__mass=mass)
-    a, b = closed_form.assemble(case), bending.assemble(case)
+    a, b = closed_form.assemble(case), forms.assemble(case)
     assert largest_difference(a.operators, b.operators) < ROUND_OFF
     assert [part.dofs.tolist() for part in a.layout.parts] == [
         part.dofs.tolist() for part in b.layout.parts
@@ -141,7 +141,7 @@ def test_an_intact_stack_of_three_materials_is_one_beam(supports: str, roots: li
     case = intact(support__start=start, support__end=end, mesh__elements=40)
     EI, rhoA = whole_section()
     exact = np.array(roots) ** 2 / 0.4**2 * math.sqrt(EI / rhoA) / (2.0 * math.pi)
-    for assemble in (closed_form.assemble, bending.assemble):
+    for assemble in (closed_form.assemble, forms.assemble):
         found = frequencies(assemble(case), 2) / exact - 1.0
         assert np.abs(found) == pytest.approx([0.0, 0.0], abs=2e-6)
         assert abs(found[0]) < 1e-6
@@ -150,7 +150,7 @@ def test_an_intact_stack_of_three_materials_is_one_beam(supports: str, roots: li
 def test_stiffness_of_an_intact_stack_is_exact_to_round_off() -> None:
     case = intact(support__end="free")
     EI, _ = whole_section()
-    for assemble in (closed_form.assemble, bending.assemble):
+    for assemble in (closed_form.assemble, forms.assemble):
         o = assemble(case).operators
         load = np.zeros(o.n_dofs)
         load[-2] = 1.0  # a force at the tip
@@ -222,7 +222,7 @@ def test_a_delamination_over_the_whole_length_is_the_paper_bit_for_bit() -> None
     }
     case = preset("paper", layered)
     assert case.is_apart
-    for assemble in (closed_form.assemble, bending.assemble):
+    for assemble in (closed_form.assemble, forms.assemble):
         a, b = assemble(paper), assemble(case)
         for name in ("mass", "damping", "stiffness", "gap_matrix", "probes"):
             A, B = getattr(a.operators, name), getattr(b.operators, name)

@@ -7,8 +7,8 @@ import pytest
 
 from delam_fem.case.files import preset
 from delam_fem.model.beams import closed_form
+from delam_fem.model.modal import basis_of
 from delam_fem.model.operators import Operators
-from delam_fem.model.reduction.basis import basis_of
 
 ROUND_OFF = 1e-9
 """Of static shapes, relative to stiffnesses that differ by the fourth power of the elements."""

@@ -6,10 +6,10 @@ import scipy.sparse as sp
 from scipy.linalg import eigh
 
 from delam_fem.case.files import preset
+from delam_fem.model import modal as module
 from delam_fem.model.beams import closed_form
+from delam_fem.model.modal import bodies
 from delam_fem.model.operators import BaseCoupling, Operators
-from delam_fem.model.reduction import bodies as module
-from delam_fem.model.reduction.bodies import bodies
 
 
 def chain(n: int, *, is_held: bool) -> Operators:

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from delam_fem.case.files import preset
-from delam_fem.model import fields
-from delam_fem.model.reduction.of_case import reduced_case
+from delam_fem.model import layout
+from delam_fem.model.reduction import reduced_case
 
 FREE = {"mesh.elements": 16, "support.start": "free", "support.end": "free"}
 ROUND_OFF = 3e-4
@@ -31,7 +31,7 @@ def test_a_solid_becomes_a_diagonal_system_of_its_middle_lines(kind: str) -> Non
         assert lowest == pytest.approx(lamina.angular_frequencies(1)[0], rel=5e-3)
     # a slow base carries the middle lines
     q = -o.base.stiffness / squares
-    u, slope = fields.nodal(found.structure.layout, q[None], np.ones(1))
+    u, slope = layout.nodal(found.structure.layout, q[None], np.ones(1))
     np.testing.assert_allclose(u, 1.0, atol=ROUND_OFF)
     np.testing.assert_allclose(slope, 0.0, atol=10.0 * ROUND_OFF)
 

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from delam_fem.case.files import preset
-from delam_fem.model import fields
+from delam_fem.model import layout
 from delam_fem.model.beams import closed_form
-from delam_fem.model.reduction.basis import basis_of
-from delam_fem.model.reduction.projection import projected
+from delam_fem.model.modal import basis_of, projected
 
 
 @pytest.mark.parametrize("name", ["default", "embedded"])
@@ -19,7 +18,7 @@ def test_the_points_of_the_parts_read_what_they_read_before(name: str) -> None:
     q, base = rng.normal(size=(3, basis.squares.size)), rng.normal(size=3)
     u = q @ basis.vectors.T
     np.testing.assert_allclose(
-        fields.nodal(reduced.layout, q, base), fields.nodal(full.layout, u, base), atol=1e-10
+        layout.nodal(reduced.layout, q, base), layout.nodal(full.layout, u, base), atol=1e-10
     )
     np.testing.assert_allclose(reduced.operators.probes @ q.T, full.operators.probes @ u.T)
     np.testing.assert_allclose(reduced.operators.gap_matrix @ q.T, full.operators.gap_matrix @ u.T)

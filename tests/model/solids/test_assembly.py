@@ -12,12 +12,12 @@ from bricks import two_bricks
 from scipy.sparse.linalg import spsolve
 
 from delam_fem.case.files import preset
-from delam_fem.case.toml import CaseError
 from delam_fem.model import discretise
 from delam_fem.model.beams import closed_form
 from delam_fem.model.layout import DISPLACEMENT, Structure
+from delam_fem.model.linear import lowest
 from delam_fem.model.solids.assembly import assemble, whole_bodies
-from delam_fem.model.vibration import lowest
+from delam_fem.system.errors import CaseError
 
 PLANE = {"model.kind": "plane-stress", "mesh.elements": 20}
 SOLID = {"model.kind": "solid", "model.strips": 2, "mesh.elements": 10}
@@ -248,7 +248,7 @@ import scipy.sparse as sp
 from delam_fem.case.files import preset
 from delam_fem.case.toml import CaseError
 from delam_fem.model.solids.assembly import assemble
-from delam_fem.mpi import MPI
+from delam_fem.system.mpi import MPI
 
 comm = MPI.COMM_WORLD
 
@@ -294,7 +294,7 @@ def compare(name, kind, degree, impulse="consistent"):
     assert (lumped is None) == (impulse == "consistent")
     found = answers(M, C, K, shares, lumped, base(d.base))
     for mine, theirs in zip(found, expected):
-        limit = 1e-8 if lumped is None else 1e-6  # round-off: see columns.py
+        limit = 1e-8 if lumped is None else 1e-6  # round-off: see unknowns.py
         assert np.abs(mine - theirs).max() < limit * np.abs(theirs).max(), (mine, theirs)
     np.testing.assert_allclose(d.base.corner, o.base.corner)
     np.testing.assert_array_equal(d.gap0, o.gap0)

@@ -5,8 +5,9 @@ import numpy.typing as npt
 import pytest
 from bricks import two_bricks
 
-from delam_fem.model.solids import cells
-from delam_fem.model.solids.cells import (
+from delam_fem.model.solids import mesh as cells
+from delam_fem.model.solids.mesh import (
+    SolidMesh,
     jacobians_of,
     locate,
     meetings,
@@ -14,7 +15,6 @@ from delam_fem.model.solids.cells import (
     shape_functions,
     volumes,
 )
-from delam_fem.model.solids.mesh import SolidMesh
 
 Array = npt.NDArray[np.float64]
 COUNTS = {

@@ -6,13 +6,13 @@ import scipy.sparse as sp
 from bricks import two_bricks
 
 from delam_fem.case.files import preset
-from delam_fem.model.solids import columns
+from delam_fem.model.solids import unknowns
 from delam_fem.model.solids.assembly import assemble
-from delam_fem.model.solids.columns import Columns
-from delam_fem.model.solids.elasticity import Solid
-from delam_fem.model.solids.lattice import lattice
+from delam_fem.model.solids.forms import Solid
 from delam_fem.model.solids.mesh import SolidMesh
-from delam_fem.mpi import MPI
+from delam_fem.model.solids.meshing import lattice
+from delam_fem.model.solids.unknowns import Columns
+from delam_fem.system.mpi import MPI
 
 COUNTS = {"quadrilateral": (3, 2), "hexahedron": (2, 2, 1)}
 ROUND_OFF = 1e-12
@@ -95,7 +95,7 @@ def test_skewed_and_split_cells() -> None:
 def test_many_cells_are_summed_in_portions(solid: Solid, monkeypatch: pytest.MonkeyPatch) -> None:
     own, E = Columns.of(solid, np.arange(1)), 1.0 + np.arange(len(solid.mesh.cells))
     whole = csr(own.stiffness(E, NU))
-    monkeypatch.setattr(columns, "_MOST_ENTRIES", 1)
+    monkeypatch.setattr(unknowns, "_MOST_ENTRIES", 1)
     assert abs(csr(own.stiffness(E, NU)) - whole).max() < ROUND_OFF * abs(whole).max()
 
 

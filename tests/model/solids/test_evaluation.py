@@ -10,11 +10,9 @@ import pytest
 from bricks import two_bricks
 from project import ROOT
 
-from delam_fem.model.solids.cells import locate
-from delam_fem.model.solids.elasticity import Solid
-from delam_fem.model.solids.evaluation import evaluate
-from delam_fem.model.solids.mesh import SolidMesh
-from delam_fem.mpi import MPI
+from delam_fem.model.solids.forms import Solid, evaluate
+from delam_fem.model.solids.mesh import SolidMesh, locate
+from delam_fem.system.mpi import MPI
 
 Array = npt.NDArray[np.float64]
 ROUND_OFF = 1e-11  # relative; derivatives of cubic polynomials in cells of size 0.1
@@ -73,11 +71,11 @@ def test_polynomials_of_the_degree_are_exact(cell: str, degree: int) -> None:
 SUM = """
 import numpy as np
 from bricks import two_bricks
-from delam_fem.model.solids.cells import locate
-from delam_fem.model.solids.cells import locate
-from delam_fem.model.solids.elasticity import Solid
-from delam_fem.model.solids.evaluation import evaluate, gathered
-from delam_fem.mpi import MPI
+from delam_fem.model.solids.mesh import locate
+from delam_fem.model.solids.mesh import locate
+from delam_fem.model.solids.forms import Solid
+from delam_fem.model.solids.forms import evaluate, gathered
+from delam_fem.system.mpi import MPI
 
 comm = MPI.COMM_WORLD
 mesh = two_bricks("quadrilateral", (6, 1), (5, 1))

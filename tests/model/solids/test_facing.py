@@ -11,7 +11,6 @@ from bricks import two_bricks
 from scipy.sparse.linalg import splu
 
 from delam_fem.model.layout import Part
-from delam_fem.model.solids.elasticity import Solid
 from delam_fem.model.solids.facing import (
     Pairs,
     Points,
@@ -22,8 +21,9 @@ from delam_fem.model.solids.facing import (
     interface,
     project,
 )
+from delam_fem.model.solids.forms import Solid
 from delam_fem.model.solids.mesh import Facing, SolidMesh
-from delam_fem.mpi import MPI
+from delam_fem.system.mpi import MPI
 
 Array = npt.NDArray[np.float64]
 ROUND_OFF = 1e-12

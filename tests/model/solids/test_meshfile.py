@@ -14,15 +14,14 @@ from project import ROOT
 
 from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
-from delam_fem.case.toml import CaseError
-from delam_fem.model import vibration
+from delam_fem.model import linear
 from delam_fem.model.discretise import assemble
-from delam_fem.model.solids import meshfile
-from delam_fem.model.solids.cells import volumes
+from delam_fem.model.solids import meshing
 from delam_fem.model.solids.facing import at_vertices, project
-from delam_fem.model.solids.mesh import SolidMesh
-from delam_fem.model.solids.meshfile import solid_mesh
+from delam_fem.model.solids.mesh import SolidMesh, volumes
+from delam_fem.model.solids.meshing import solid_mesh
 from delam_fem.pipeline import run
+from delam_fem.system.errors import CaseError
 
 Array = npt.NDArray[np.float64]
 
@@ -285,7 +284,7 @@ def test_too_many_unknowns_are_refused(
     name: str, dofs: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The estimate is of the size of what comes out (1,080 and 12,534)."""
-    monkeypatch.setattr(meshfile, "MOST_DOFS", 100)
+    monkeypatch.setattr(meshing, "MOST_DOFS", 100)
     with pytest.raises(CaseError, match=f"at most 100 unknowns, given about {dofs} from"):
         solid_mesh(case_of(name))
 
@@ -306,7 +305,7 @@ def test_other_thickness_is_told(caplog: pytest.LogCaptureFixture) -> None:
 def frequencies(case: Case) -> Array:
     """Return the two lowest natural frequencies without contact [Hz]."""
     operators = assemble(case).operators
-    found, _ = vibration.lowest(operators.stiffness, operators.mass, 2)
+    found, _ = linear.lowest(operators.stiffness, operators.mass, 2)
     return found
 
 
@@ -355,7 +354,7 @@ import sys
 import numpy as np
 from test_meshfile import case_of
 from delam_fem.model.discretise import assemble
-from delam_fem.mpi import MPI
+from delam_fem.system.mpi import MPI
 
 comm = MPI.COMM_WORLD
 assert comm.size == int(sys.argv[1])

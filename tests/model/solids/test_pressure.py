@@ -6,11 +6,11 @@ from bricks import two_bricks
 
 from delam_fem.model import _dolfinx
 from delam_fem.model.solids.body import Body, Shape, Touching
-from delam_fem.model.solids.elasticity import Solid
 from delam_fem.model.solids.facing import at_places, at_vertices, project
+from delam_fem.model.solids.forms import Solid
 from delam_fem.model.solids.mesh import FACETS
-from delam_fem.mpi import MPI
 from delam_fem.numerics.arrays import FloatArray
+from delam_fem.system.mpi import MPI
 
 COUNTS = {
     "triangle": ((5, 2), (7, 1)),

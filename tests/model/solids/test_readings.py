@@ -7,12 +7,12 @@ import scipy.sparse as sp
 from bricks import two_bricks
 
 from delam_fem.case.files import preset
-from delam_fem.case.toml import CaseError
 from delam_fem.model.layout import DISPLACEMENT, SLOPE
-from delam_fem.model.solids import readings
-from delam_fem.model.solids.elasticity import Solid
+from delam_fem.model.solids import body
+from delam_fem.model.solids.forms import Solid
 from delam_fem.model.solids.mesh import SolidMesh
-from delam_fem.mpi import MPI
+from delam_fem.system.errors import CaseError
+from delam_fem.system.mpi import MPI
 
 Array = npt.NDArray[np.float64]
 ROUND_OFF = 1e-11
@@ -27,8 +27,8 @@ X = np.array([0.0, 0.4, 0.53, 1.0, 2.0])
 
 def read(solid: Solid, u: Array) -> Array:
     """Return what the parts read of given displacements, shape (n_parts, n, 2)."""
-    values = readings.reading_rows(solid, X) @ u.ravel()
-    parts = readings.parts(preset("paper"), X)
+    values = body.reading_rows(solid, X) @ u.ravel()
+    parts = body.parts(preset("paper"), X)
     return np.stack([values[part.dofs] for part in parts])
 
 
@@ -66,14 +66,14 @@ def test_middle_line_follows_a_bent_lamina() -> None:
     points = mesh.points.copy()
     points[:, 1] += 0.2 * points[:, 0] ** 2
     bent = SolidMesh(points, mesh.cells, mesh.cell, mesh.lamina)
-    line = readings.middle_line(bent, 1, X)
+    line = body.middle_line(bent, 1, X)
     np.testing.assert_allclose(line[:, 1], 0.75 + 0.2 * X**2, atol=0.2 * 0.05**2)
 
 
 def test_lamina_that_is_too_short_is_refused() -> None:
     mesh = two_bricks("quadrilateral", (5, 1), (5, 1), ends=(0.0, 1.5))
     with pytest.raises(CaseError, match=r"lamina 1 .* from x = 0 m to 2 m, .* nothing .* at 2 m"):
-        readings.middle_line(mesh, 1, X)
+        body.middle_line(mesh, 1, X)
 
 
 def test_hole_in_the_middle_is_refused() -> None:
@@ -82,7 +82,7 @@ def test_hole_in_the_middle_is_refused() -> None:
     kept = (np.abs(at - np.array([1.0, 0.25])) > 1e-6).any(axis=1)
     holed = SolidMesh(mesh.points, mesh.cells[kept], mesh.cell, mesh.lamina[kept])
     with pytest.raises(CaseError, match=r"without holes .*; point .* is in no cell of lamina 0"):
-        readings.reading_rows(Solid.on(holed, MPI.COMM_SELF, 2), X)
+        body.reading_rows(Solid.on(holed, MPI.COMM_SELF, 2), X)
 
 
 def test_what_moves_with_the_base_is_read_through_it() -> None:
@@ -92,10 +92,10 @@ def test_what_moves_with_the_base_is_read_through_it() -> None:
     is_held = np.repeat(solid.coordinates[:, 0] < 1e-9, 2)
     free = sp.eye(is_held.size, format="csc")[:, ~is_held]
     base = np.where(is_held & (np.arange(is_held.size) % 2 == 1), 1.0, 0.0)
-    rows = readings.reading_rows(solid, X)
-    found = readings.reading(rows, free, base, np.zeros(free.shape[1], dtype=np.int64))
+    rows = body.reading_rows(solid, X)
+    found = body.reading(rows, free, base, np.zeros(free.shape[1], dtype=np.int64))
     u = np.zeros((1, free.shape[1]))
-    parts = readings.parts(preset("paper"), X)
+    parts = body.parts(preset("paper"), X)
     still = found.of(u, np.array([2.0]))[0]
     for part in parts:
         np.testing.assert_allclose(still[part.dofs[:, DISPLACEMENT]], [2, 0, 0, 0, 0], atol=1e-13)
@@ -106,12 +106,12 @@ def test_what_moves_with_the_base_is_read_through_it() -> None:
         np.testing.assert_allclose(whole[part.dofs[:, SLOPE]], 0.0, atol=ROUND_OFF)
 
 
-@pytest.mark.parametrize(("cells", "expected"), [(30, 30), (3, readings.FEWEST)])
+@pytest.mark.parametrize(("cells", "expected"), [(30, 30), (3, body.FEWEST)])
 def test_points_along_a_mesh_of_a_file_are_as_dense_as_its_cells(cells: int, expected: int) -> None:
     mesh = two_bricks(
         "quadrilateral", (cells, 1), (cells, 1), size=(0.4, 1e-3, 1.0), ends=(0.0, 0.4)
     )
-    x = readings.points_along(preset("embedded"), mesh)
+    x = body.points_along(preset("embedded"), mesh)
     assert x.size == expected + 1
     for edge in (0.0, 0.12, 0.28, 0.4):
         assert np.abs(x - edge).min() < 1e-12

@@ -5,10 +5,9 @@ import pytest
 from bricks import two_bricks
 
 from delam_fem.model.solids.body import Body, Shape
-from delam_fem.model.solids.elasticity import Solid
-from delam_fem.model.solids.stress import COMPONENTS, sampled, von_mises
-from delam_fem.mpi import MPI
+from delam_fem.model.solids.forms import COMPONENTS, Solid, sampled, von_mises
 from delam_fem.numerics.arrays import FloatArray
+from delam_fem.system.mpi import MPI
 
 YOUNG, NU = 3.0, 0.3
 COUNTS = {

@@ -5,13 +5,12 @@ import pytest
 from bricks import two_bricks
 
 from delam_fem.case.files import preset
-from delam_fem.case.toml import CaseError
-from delam_fem.model.solids.elasticity import Solid
-from delam_fem.model.solids.lattice import lattice
-from delam_fem.model.solids.readings import surface
-from delam_fem.model.solids.supports import Held, held, neutral_axis
-from delam_fem.model.solids.unknowns import Unknowns
-from delam_fem.mpi import MPI
+from delam_fem.model.solids.body import surface
+from delam_fem.model.solids.forms import Solid
+from delam_fem.model.solids.meshing import lattice
+from delam_fem.model.solids.unknowns import Held, Unknowns, held, neutral_axis
+from delam_fem.system.errors import CaseError
+from delam_fem.system.mpi import MPI
 
 EMBEDDED = {"model.kind": "plane-stress", "mesh.elements": 10}
 

@@ -5,11 +5,10 @@ import pytest
 import scipy.sparse as sp
 
 from delam_fem.case.files import preset
-from delam_fem.model.solids.elasticity import Solid
-from delam_fem.model.solids.lattice import lattice
-from delam_fem.model.solids.supports import held
-from delam_fem.model.solids.unknowns import SHARED, Unknowns
-from delam_fem.mpi import MPI
+from delam_fem.model.solids.forms import Solid
+from delam_fem.model.solids.meshing import lattice
+from delam_fem.model.solids.unknowns import SHARED, Unknowns, held
+from delam_fem.system.mpi import MPI
 
 CASES = {
     "apart": ("default", {}),
@@ -31,7 +30,7 @@ def unknowns(request: pytest.FixtureRequest) -> Unknowns:
 
 
 def test_restricted_matrices_are_those_of_the_transformation(unknowns: Unknowns) -> None:
-    """S1 of supports.py, in dense matrices; T written down anew from what is held."""
+    """S1 of unknowns.py, in dense matrices; T written down anew from what is held."""
     solid, own = unknowns.solid, unknowns.held
     matrix = solid.stiffness(np.ones(len(solid.mesh.cells)), 0.3)
     indptr, columns, values = matrix.getValuesCSR()

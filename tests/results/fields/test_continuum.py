@@ -17,8 +17,7 @@ from vtkmodules.vtkIOHDF import vtkHDFReader
 
 import delam_fem as df
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.results.fields.continuum import Frames, write_solid
-from delam_fem.results.fields.derived import contact_force_of_laminae
+from delam_fem.results.fields.derived import Frames, contact_force_of_laminae, write_solid
 from delam_fem.results.folder import Result
 
 KEYS = {
@@ -179,7 +178,7 @@ from pathlib import Path
 import delam_fem as df
 from delam_fem.engines.session import session_of
 from delam_fem.model import discretise
-from delam_fem.mpi import MPI
+from delam_fem.system.mpi import MPI
 from delam_fem.results.fields import continuum
 
 comm = MPI.COMM_WORLD

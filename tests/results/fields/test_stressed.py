@@ -10,8 +10,8 @@ from typer.testing import CliRunner
 
 import delam_fem as df
 from delam_fem.cli.app import app
-from delam_fem.results.fields import snapshots, stressed
-from delam_fem.results.fields.series import Series
+from delam_fem.results.fields import pictures, stressed
+from delam_fem.results.fields.vtkhdf import Series
 from delam_fem.results.folder import Result, load_numbers, save_views
 
 KEYS = {
@@ -115,7 +115,7 @@ def test_picture_and_page(folder: Path) -> None:
 
 def test_colours_show_the_stress_after_the_strike(folder: Path, result: Result) -> None:
     """The frame that the picture shows contains the strongest impulse."""
-    frame = snapshots.strike_frame(result.history, result.case) + 1
+    frame = pictures.strike_frame(result.history, result.case) + 1
     assert result.solid is not None
     sums = result.solid.impulses.sum(axis=1)
     assert sums[frame] > 0.5 * sums.max()

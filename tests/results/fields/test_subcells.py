@@ -5,8 +5,7 @@ import pytest
 import pyvista as pv
 
 from delam_fem.model._dolfinx import reference_nodes
-from delam_fem.results.fields.subcells import subcells
-from delam_fem.results.fields.vtkhdf import CELL_TYPES
+from delam_fem.results.fields.vtkhdf import CELL_TYPES, subcells
 
 VOLUME = {"triangle": 1 / 2, "quadrilateral": 1.0, "tetrahedron": 1 / 6, "hexahedron": 1.0}
 

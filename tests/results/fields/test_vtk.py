@@ -16,7 +16,7 @@ from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline
 from vtkmodules.vtkIOHDF import vtkHDFReader
 
 from delam_fem import Case
-from delam_fem.results.fields import ribbons, snapshots, vtk, vtkhdf
+from delam_fem.results.fields import pictures, ribbons, vtkhdf
 
 FRAME = 7
 """Some frame without symmetry."""
@@ -24,7 +24,7 @@ FRAME = 7
 
 def collection_of(history: xr.Dataset, case: Case, directory: Path) -> Path:
     """Write the fields and return the collection of .vtu files."""
-    series, collection = vtk.write_fields(history, case, directory)
+    series, collection = pictures.write_fields(history, case, directory)
     assert (series.name, collection.name) == ("fields.vtkhdf", "fields.pvd")
     return collection
 
@@ -73,7 +73,7 @@ def test_paraview_s_reader_knows_times_and_files(tmp_path: Path) -> None:
 def test_vtk_s_reader_gives_every_frame_of_the_series_back(tmp_path: Path) -> None:
     recorded = three_laminae()
     history, case = recorded.history(), recorded.case
-    series, _ = vtk.write_fields(history, case, tmp_path)
+    series, _ = pictures.write_fields(history, case, tmp_path)
     reader = vtkHDFReader()
     reader.SetFileName(str(series))
     reader.UpdateInformation()
@@ -95,10 +95,10 @@ def test_vtk_s_reader_gives_every_frame_of_the_series_back(tmp_path: Path) -> No
 def test_a_series_is_written_in_blocks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     case = small_case()
     history = synthetic_history(case)
-    whole = vtk.write_fields(history, case, tmp_path)[0].with_suffix(".whole")
+    whole = pictures.write_fields(history, case, tmp_path)[0].with_suffix(".whole")
     shutil.copyfile(tmp_path / "fields.vtkhdf", whole)
     monkeypatch.setattr(vtkhdf, "POINTS_AT_ONCE", 3 * 2 * NODES * ribbons.CORNERS)
-    in_blocks, _ = vtk.write_fields(history, case, tmp_path)
+    in_blocks, _ = pictures.write_fields(history, case, tmp_path)
     with h5py.File(whole) as one, h5py.File(in_blocks) as other:
         assert one["VTKHDF/PointData/velocity"].chunks != other["VTKHDF/PointData/velocity"].chunks
         for name, values in one["VTKHDF/PointData"].items():
@@ -132,15 +132,15 @@ def test_faces_are_the_gap_apart_and_touch_where_it_is_zero() -> None:
 def test_no_frames_give_no_files(tmp_path: Path) -> None:
     case = small_case()
     history = synthetic_history(case).isel(frame=slice(0, 0))
-    assert vtk.write_fields(history, case, tmp_path / "fields") == []
-    assert vtk.render(history, case, tmp_path / "laminae.png") is None
+    assert pictures.write_fields(history, case, tmp_path / "fields") == []
+    assert pictures.render(history, case, tmp_path / "laminae.png") is None
     assert not list(tmp_path.iterdir())
 
 
 def test_a_shorter_run_leaves_no_old_frames_and_skips_infinite_ones(tmp_path: Path) -> None:
     case = small_case()
     history = synthetic_history(case)
-    vtk.write_fields(history, case, tmp_path)
+    pictures.write_fields(history, case, tmp_path)
     assert len(list(tmp_path.glob("*.vtu"))) == FRAMES
     short = history.isel(frame=slice(0, 3))
     short["displacement"] = short["displacement"].copy()
@@ -158,11 +158,11 @@ def test_the_picture_is_taken_before_the_strongest_strike() -> None:
     history = synthetic_history(case)
     frames = history["frame"].to_numpy() / case.period
     # impulses grow, but the strike at 3.5 of 4 periods still has 0.3 periods after it
-    assert frames[snapshots.strike_frame(history, case)] == pytest.approx(
+    assert frames[pictures.strike_frame(history, case)] == pytest.approx(
         PERIODS - WINDOW + 3.5 - 1 / FRAMES
     )
     late = synthetic_history(case, tip_strikes=(0.5, 1.5, 2.5, 3.9))
-    assert frames[snapshots.strike_frame(late, case)] == pytest.approx(
+    assert frames[pictures.strike_frame(late, case)] == pytest.approx(
         PERIODS - WINDOW + 2.5 - 1 / FRAMES
     )
 
@@ -175,16 +175,16 @@ def test_the_colours_reach_the_speeds_of_the_strikes() -> None:
     strike = 2.0 * float(np.abs(history["velocity"]).max())
     history["tip_velocity"] = history["tip_velocity"].copy()
     history["tip_velocity"].to_numpy()[1, 7] = -strike
-    assert snapshots.largest_speed(history, frames) == strike > slow
+    assert pictures.largest_speed(history, frames) == strike > slow
     history["tip_velocity"].to_numpy()[:] = 0.0
     history["tip_velocity"].to_numpy()[0, 3] = np.nan
-    assert snapshots.largest_speed(history, frames) == slow
+    assert pictures.largest_speed(history, frames) == slow
 
 
 def test_without_strikes_the_picture_is_of_the_smallest_gap() -> None:
     case = small_case()
     history = synthetic_history(case).isel(event=slice(0, 0))
-    frame = snapshots.strike_frame(history, case)
+    frame = pictures.strike_frame(history, case)
     u = history["displacement"].to_numpy()[..., -1]
     gap = u[1] - u[0]
     period = slice(frame - FRAMES // 2, frame + FRAMES // 2)
@@ -195,13 +195,13 @@ def test_without_strikes_the_picture_is_of_the_smallest_gap() -> None:
 def test_rendered_picture_shows_the_laminae(tmp_path: Path, n_frames: int) -> None:
     case = small_case()
     history = synthetic_history(case).isel(frame=slice(0, n_frames))
-    path = vtk.render(history, case, tmp_path / "figures" / "laminae.png")
+    path = pictures.render(history, case, tmp_path / "figures" / "laminae.png")
     picture = imread(path)[..., :3]
-    assert picture.shape == (snapshots.SIZE[1], snapshots.SIZE[0], 3)
-    scene = picture[120:-120, : int(0.85 * snapshots.SIZE[0])]  # without title and scalar bar
+    assert picture.shape == (pictures.SIZE[1], pictures.SIZE[0], 3)
+    scene = picture[120:-120, : int(0.85 * pictures.SIZE[0])]  # without title and scalar bar
     drawn = (scene.min(axis=-1) < 0.95).mean()
     assert (0.005 if n_frames == 1 else 0.03) < drawn < 0.6
-    bar = picture[:, int(0.88 * snapshots.SIZE[0]) :]
+    bar = picture[:, int(0.88 * pictures.SIZE[0]) :]
     assert (np.ptp(bar, axis=-1) > 0.4).mean() > 0.02  # its ends are blue and red
     assert [p.name for p in path.parent.iterdir()] == ["laminae.png"]
 
@@ -251,11 +251,11 @@ def test_the_picture_of_three_laminae_is_taken_before_their_strongest_strike(
 ) -> None:
     recorded = three_laminae()
     history, case = recorded.history(), recorded.case
-    frame = snapshots.strike_frame(history, case)
+    frame = pictures.strike_frame(history, case)
     when = history["frame"].to_numpy()[frame] / case.period % 1.0
     assert when == pytest.approx(stack.STRIKES[1] - 1 / FRAMES)
-    picture = imread(vtk.render(history, case, tmp_path / "laminae.png"))[..., :3]
-    scene = picture[120:-120, : int(0.85 * snapshots.SIZE[0])]
+    picture = imread(pictures.render(history, case, tmp_path / "laminae.png"))[..., :3]
+    scene = picture[120:-120, : int(0.85 * pictures.SIZE[0])]
     assert 0.03 < (scene.min(axis=-1) < 0.95).mean() < 0.6
 
 
@@ -266,11 +266,11 @@ def test_names_of_laminae_stand_side_by_side_beyond_their_probes(
     history = recorded.history()
     labels = {}
     monkeypatch.setattr(
-        snapshots, "_label", lambda plotter, point, text: labels.update({text: point})
+        pictures, "_label", lambda plotter, point, text: labels.update({text: point})
     )
-    snapshots._name_laminae(None, history, FRAME, (0.0, 1.0))
+    pictures._name_laminae(None, history, FRAME, (0.0, 1.0))
     assert list(labels) == ["thick", "thin", "top"]
-    places = np.array(list(labels.values())) @ snapshots.RIGHT
+    places = np.array(list(labels.values())) @ pictures.RIGHT
     assert (np.diff(places) * np.sign(places[-1] - places[0]) > 0.0).all()
     x, length = history["x"].to_numpy()[stack.NODE], recorded.case.lamina[0].length
     assert labels["thin"][0] == pytest.approx(x + 0.03 * length)
@@ -282,10 +282,10 @@ def test_small_deflections_are_drawn_larger_by_a_round_factor() -> None:
     length = 0.685
     history["displacement"] = u * (1.7e-5 / float(np.abs(u).max()))
     frames = list(range(history.sizes["frame"]))
-    assert snapshots.magnification(history, frames, length) == 1.0  # the gap is 12 mm
+    assert pictures.magnification(history, frames, length) == 1.0  # the gap is 12 mm
     history["gap0"] = 0.0 * history["gap0"]
-    factor = snapshots.magnification(history, frames, length)
+    factor = pictures.magnification(history, frames, length)
     assert factor == 1000.0  # 0.04 * 0.685 / 1.7e-5 = 1612
     history["displacement"] = u * (0.02 * length / float(np.abs(u).max()))
-    assert snapshots.magnification(history, frames, length) == 1.0
-    assert snapshots.magnification(0.0 * history, frames, length) == 1.0
+    assert pictures.magnification(history, frames, length) == 1.0
+    assert pictures.magnification(0.0 * history, frames, length) == 1.0

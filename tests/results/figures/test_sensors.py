@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from synthetic import small_case, synthetic_history
 
-from delam_fem.case.attachments import Sensor
+from delam_fem.case.sections import Sensor
 from delam_fem.results.figures import run as figures
 from delam_fem.results.schema import with_sensor
 from delam_fem.simulation.signals import Signal

@@ -16,9 +16,15 @@ from synthetic import small_case, synthetic_history
 
 import delam_fem as df
 from delam_fem.case.gap import read_gap_table
-from delam_fem.case.toml import CaseError
-from delam_fem.results.measured.listing import lines, rows, write_all
-from delam_fem.results.measured.reading import read_measured, scan, write_measured
+from delam_fem.results.measured.reading import (
+    lines,
+    read_measured,
+    rows,
+    scan,
+    write_all,
+    write_measured,
+)
+from delam_fem.system.errors import CaseError
 
 RATE, N = 512.0, 301
 """Samples per second and samples: no multiple of 4 or 6, the numbers in a line of a UFF."""

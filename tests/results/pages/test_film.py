@@ -8,11 +8,11 @@ import pytest
 from stack import NODE, three_laminae
 from synthetic import FRAMES, NODES, PERIODS, WINDOW, small_case, synthetic_history
 
-from delam_fem.case.layers import Support
+from delam_fem.case.sections import Support
 from delam_fem.results.fields.derived import contact_lights
 from delam_fem.results.fields.ribbons import middle_lines
-from delam_fem.results.pages import film as films
-from delam_fem.results.pages.film import film
+from delam_fem.results.pages import report as films
+from delam_fem.results.pages.report import film
 
 
 def numbers(text: str, kind: str, *shape: int) -> np.ndarray:

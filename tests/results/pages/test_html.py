@@ -11,8 +11,8 @@ from delam_fem.results.pages import html
 from delam_fem.results.pages.html import (
     Cell,
     Code,
-    Figure,
     Film,
+    Gallery,
     Grid,
     Link,
     Paragraph,
@@ -62,7 +62,7 @@ def test_title_stands_in_the_head_and_above_the_content() -> None:
         Paragraph((NASTY, Link(NASTY, NASTY))),
         Preformatted(NASTY),
         Table([NASTY], [[NASTY], [Link(NASTY, NASTY)]]),
-        Figure([NASTY], NASTY, NASTY),
+        Gallery([NASTY], NASTY, NASTY),
         Film({"name": "</script><b>"}, NASTY, NASTY),
         Grid(NASTY, [NASTY], [(NASTY, [Cell(NASTY, NASTY, NASTY, NASTY)])]),
         Paragraph((NASTY, Code(NASTY))),
@@ -110,7 +110,7 @@ def test_scripts_are_on_the_page_once_and_only_where_they_are_needed() -> None:
     def count(*blocks: html.Block) -> int:
         return html.page("title", [Section("", list(blocks))]).count("<script>")
 
-    figure, film = Figure(["a.png"], "words", "caption"), Film({}, "words", "caption")
+    figure, film = Gallery(["a.png"], "words", "caption"), Film({}, "words", "caption")
     assert count(Paragraph("words")) == 0
     assert count(figure, figure) == 1
     assert count(figure, film, film) == 2
@@ -138,7 +138,9 @@ def test_a_kind_per_row_is_required() -> None:
 def test_links_and_pictures_keep_their_addresses(tmp_path: Path) -> None:
     picture = tmp_path / "picture.png"
     picture.write_bytes(b"\x89PNG")
-    figure = Figure([html.embedded(picture), "film.gif"], "words", ("see ", Link("it", "#it"), "."))
+    figure = Gallery(
+        [html.embedded(picture), "film.gif"], "words", ("see ", Link("it", "#it"), ".")
+    )
     tags = Tags(html.page("title", [Section("", [figure])]))
     embedded, film = (attributes for tag, attributes in tags.found if tag == "img")
     data = str(embedded["src"]).removeprefix("data:image/png;base64,")

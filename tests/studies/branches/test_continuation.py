@@ -9,14 +9,14 @@ from toys import DelayedLogistic, Henon, Toy
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.studies.branches.continuation import (
     Path,
+    Point,
     doubled_point,
     first_point,
     followed,
     why_lost,
 )
 from delam_fem.studies.branches.events import events_of
-from delam_fem.studies.branches.point import Point
-from delam_fem.studies.orbits.ensemble import Ensemble, Perturbations
+from delam_fem.studies.orbits.newton import Ensemble, Perturbations
 
 FINE = Perturbations(copies=8, size=1e-6, kick=1e-4)
 ROUGH = Perturbations(copies=48, size=0.01, kick=0.06)

@@ -12,7 +12,7 @@ from toys import Cubic, DelayedLogistic, Toy
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.studies.branches.continuation import Path, first_point, followed
 from delam_fem.studies.branches.events import Event, crossings, events_of, turns
-from delam_fem.studies.orbits.ensemble import Ensemble, Perturbations
+from delam_fem.studies.orbits.newton import Ensemble, Perturbations
 
 KICK = 0.1
 

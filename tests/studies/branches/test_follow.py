@@ -12,12 +12,11 @@ import pytest
 import xarray as xr
 
 import delam_fem as df
-from delam_fem.case.toml import CaseError
 from delam_fem.studies.branches import follow as following
 from delam_fem.studies.branches.dataset import read
-from delam_fem.studies.branches.follow import RESULT, follow
-from delam_fem.studies.branches.journal import FOLDER
-from delam_fem.studies.orbits.ensemble import Perturbations
+from delam_fem.studies.branches.follow import FOLDER, RESULT, follow
+from delam_fem.studies.orbits.newton import Perturbations
+from delam_fem.system.errors import CaseError
 
 SMALL = {"mesh.elements": 3, "time.steps_per_period": 60, "excitation.frequency": 3.8}
 FEW = Perturbations(copies=4)

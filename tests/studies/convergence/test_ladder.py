@@ -9,8 +9,7 @@ import pytest
 
 from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
-from delam_fem.case.toml import CaseError
-from delam_fem.numerics.extrapolation import orders_of_errors
+from delam_fem.numerics.statistics import orders_of_errors
 from delam_fem.studies.convergence.analysis import Convergence
 from delam_fem.studies.convergence.ladder import (
     FREE,
@@ -22,6 +21,7 @@ from delam_fem.studies.convergence.ladder import (
     whole_numbers,
 )
 from delam_fem.studies.convergence.rung import compute, fitted_frequency
+from delam_fem.system.errors import CaseError
 
 CASE = preset("default", {"damping.rayleigh": "stiffness"})
 DECAYING = preset("default", {f"lamina.{name}.damping_ratio": 0.05 for name in ("thick", "thin")})

@@ -11,16 +11,21 @@ import numpy as np
 import pytest
 
 from delam_fem.case.files import preset
-from delam_fem.case.toml import CaseError
 from delam_fem.studies.convergence import run as run_module
-from delam_fem.studies.convergence.analysis import Convergence, exact_free_motion
-from delam_fem.studies.convergence.figures import save_figures
+from delam_fem.studies.convergence.analysis import (
+    NO_LIMIT,
+    Convergence,
+    exact_free_motion,
+    overview,
+    page,
+    tables,
+    verdict,
+)
 from delam_fem.studies.convergence.ladder import FREE, LIMIT, EngineName, Ladder, Rung, method
-from delam_fem.studies.convergence.overview import overview, verdict
+from delam_fem.studies.convergence.report import save_figures
 from delam_fem.studies.convergence.run import RESULT, load_results, run_ladder
-from delam_fem.studies.convergence.rung import RungResult
-from delam_fem.studies.convergence.statistics import converging, extrema
-from delam_fem.studies.convergence.tables import NO_LIMIT, page, tables
+from delam_fem.studies.convergence.rung import RungResult, converging, extrema
+from delam_fem.system.errors import CaseError
 
 CASE, LAW = preset("default"), "newton@moreau-jean"
 STEPS, MESHES = (500, 1000, 2000, 4000), (5, 10, 20, 40)

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from delam_fem.contact.decision import Decision
-from delam_fem.simulation.impacts import Jumps
-from delam_fem.simulation.recorder import LEDGER, N_BASE
-from delam_fem.studies.convergence.statistics import PeriodRow, row_of, statistics
+from delam_fem.simulation.recorder import LEDGER, N_BASE, Jumps
+from delam_fem.studies.convergence.rung import PeriodRow, row_of, statistics
 
 
 def row(low: float, phase: float) -> PeriodRow:

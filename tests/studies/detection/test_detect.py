@@ -8,11 +8,17 @@ import pytest
 
 from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
-from delam_fem.case.toml import CaseError
-from delam_fem.studies.detection.detect import detect, per_sample, per_shape
-from delam_fem.studies.detection.locate import mark
-from delam_fem.studies.detection.measurement import Scan, intact, simulated
-from delam_fem.studies.detection.shapes import shapes_of
+from delam_fem.results.scan import shapes_of
+from delam_fem.studies.detection.detect import (
+    Scan,
+    detect,
+    intact,
+    per_sample,
+    per_shape,
+    simulated,
+)
+from delam_fem.studies.detection.indices import mark
+from delam_fem.system.errors import CaseError
 
 
 def embedded(frequency: float, **keys: object) -> Case:

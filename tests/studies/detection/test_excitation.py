@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from delam_fem.case.files import preset
-from delam_fem.case.toml import CaseError
-from delam_fem.studies.detection.detect import detect
+from delam_fem.studies.detection.detect import detect, intact
 from delam_fem.studies.detection.excitation import RATIOS, ExcitationMap, excitation_map
-from delam_fem.studies.detection.measurement import intact
+from delam_fem.system.errors import CaseError
 
 COARSE = {"mesh.elements": 20}
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
+from delam_fem.results.scan import Shapes, shapes_of
 from delam_fem.studies.detection.indices import (
     FALSE_CALLS,
     INDICES,
@@ -14,7 +15,6 @@ from delam_fem.studies.detection.indices import (
     index_of,
     sideband_ratio,
 )
-from delam_fem.studies.detection.shapes import Shapes, shapes_of
 
 F = 5.0
 X = np.linspace(0.0, 0.4, 41)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from delam_fem.numerics.inference import Posterior
-from delam_fem.studies.detection.inference import (
+from delam_fem.numerics.statistics import Posterior
+from delam_fem.studies.detection.infer import (
     Prior,
     Sensor,
     edge_posterior,

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from delam_fem.studies.detection.indices import IndexValues
-from delam_fem.studies.detection.locate import Mark, mark, repeated
-from delam_fem.studies.detection.shapes import Shapes
+from delam_fem.results.scan import Shapes
+from delam_fem.studies.detection.indices import IndexValues, Mark, mark, repeated
 
 X = np.linspace(0.0, 0.4, 41)
 

@@ -5,12 +5,11 @@ import pytest
 
 from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
-from delam_fem.case.toml import CaseError
 from delam_fem.model.beams import closed_form
-from delam_fem.results.scan import scan_positions
-from delam_fem.studies.detection.measurement import Scan, intact, settling_periods, simulated
-from delam_fem.studies.detection.shapes import shapes_of
+from delam_fem.results.scan import scan_positions, shapes_of
+from delam_fem.studies.detection.detect import Scan, intact, settling_periods, simulated
 from delam_fem.studies.linear import closed_motion, linear_amplitudes
+from delam_fem.system.errors import CaseError
 
 COARSE = {"mesh.elements": 20, "time.steps_per_period": 100}
 

@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 from delam_fem.case.files import preset
-from delam_fem.numerics.inference import Posterior
-from delam_fem.studies.detection.inference import Prior
-from delam_fem.studies.detection.posterior import Inferred, observed, truth_of
-from delam_fem.studies.detection.saving import save_drawings
+from delam_fem.numerics.statistics import Posterior
+from delam_fem.studies.detection.figures import save_drawings
+from delam_fem.studies.detection.infer import Inferred, Prior, observed, truth_of
 
 CASE = preset("embedded")
 

@@ -6,11 +6,18 @@ import numpy as np
 import pytest
 
 from delam_fem.case.files import preset
-from delam_fem.case.toml import CaseError
-from delam_fem.studies.detection.measurement import intact
+from delam_fem.studies.detection.detect import intact
 from delam_fem.studies.detection.pod import pod
-from delam_fem.studies.detection.population import Specimen, population
-from delam_fem.studies.detection.probability import grid, intact_scores, logistic, roc, trials
+from delam_fem.studies.detection.population import (
+    Specimen,
+    grid,
+    intact_scores,
+    logistic,
+    population,
+    roc,
+    trials,
+)
+from delam_fem.system.errors import CaseError
 
 
 def test_the_regression_finds_the_curve_that_made_the_hits() -> None:

@@ -12,11 +12,11 @@ from matplotlib.figure import Figure
 from typer.testing import CliRunner
 
 from delam_fem.case.files import preset
-from delam_fem.case.toml import CaseError
 from delam_fem.cli.app import app
 from delam_fem.numerics import attractors as at
-from delam_fem.studies.diagrams.drawing import DiagramName, diagram, save_diagram
 from delam_fem.studies.diagrams.lines import POINT_STYLE, UNSETTLED_COLOUR
+from delam_fem.studies.diagrams.page import DiagramName, diagram, save_diagram
+from delam_fem.system.errors import CaseError
 
 N_STROBES = 64
 FREQUENCIES = np.array([3.0, 3.2, 3.4, 3.6, 3.8])

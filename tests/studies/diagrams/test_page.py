@@ -11,7 +11,7 @@ import pytest
 import xarray as xr
 
 from delam_fem.case.files import preset
-from delam_fem.case.overrides import parse_override
+from delam_fem.case.toml import parse_override
 from delam_fem.results.figures.style import ORANGE, SKY
 from delam_fem.studies.diagrams import page
 from delam_fem.studies.diagrams.page import FAILED, IRREGULAR, points, sentence, write_page

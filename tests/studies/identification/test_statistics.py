@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from delam_fem.case.toml import CaseError
-from delam_fem.studies.identification import statistics
+from delam_fem.studies.identification import identify
+from delam_fem.system.errors import CaseError
 
 FREQUENCY = 3.25
 RNG = np.random.default_rng(7)
@@ -18,18 +18,18 @@ def history(time: np.ndarray, shift: float = 0.0) -> np.ndarray:
 
 def test_harmonics_of_a_history_are_found() -> None:
     time = np.arange(0.0, 4.0, 0.003)
-    found, scatter = statistics.of_history(time, history(time), FREQUENCY)
+    found, scatter = identify.of_history(time, history(time), FREQUENCY)
     np.testing.assert_allclose(found, HARMONICS, atol=1e-10)
     assert scatter < 1e-10
 
 
 def test_statistics_do_not_depend_on_the_origin_of_time() -> None:
     time = np.arange(0.0, 4.0, 0.003)
-    here, _ = statistics.of_history(time, history(time), FREQUENCY)
-    there, _ = statistics.of_history(time, history(time, shift=0.123), FREQUENCY)
+    here, _ = identify.of_history(time, history(time), FREQUENCY)
+    there, _ = identify.of_history(time, history(time, shift=0.123), FREQUENCY)
     assert not np.allclose(here, there, atol=0.1)
-    found = statistics.invariant(here)
-    np.testing.assert_allclose(statistics.invariant(there), found, atol=1e-10)
+    found = identify.invariant(here)
+    np.testing.assert_allclose(identify.invariant(there), found, atol=1e-10)
     assert found.shape == (19,)
     assert found[0] == pytest.approx(abs(HARMONICS[0, 0]))
 
@@ -39,7 +39,7 @@ def test_noise_is_found_as_scatter_and_harmonics_have_its_error() -> None:
     rng, deviations = np.random.default_rng(1), []
     for _ in range(20):
         noise = 0.1 * rng.standard_normal((2, time.size))
-        found, scatter = statistics.of_history(time, history(time) + noise, FREQUENCY)
+        found, scatter = identify.of_history(time, history(time) + noise, FREQUENCY)
         assert scatter == pytest.approx(0.1, rel=0.05)
         deviations.append(np.abs(found - HARMONICS))
     expected = 0.1 * np.sqrt(2.0 * 2.0 / time.size)  # both parts
@@ -50,7 +50,7 @@ def test_higher_harmonics_of_an_impact_are_no_noise() -> None:
     time = np.arange(0.0, 20.0, 0.003)
     cusp = np.abs(np.sin(np.pi * FREQUENCY * time))  # its harmonics fall as 1/k²
     noise = 2e-3 * np.random.default_rng(1).standard_normal((2, time.size))
-    found, scatter = statistics.of_history(time, cusp + noise, FREQUENCY)
+    found, scatter = identify.of_history(time, cusp + noise, FREQUENCY)
     assert scatter == pytest.approx(2e-3, rel=0.1)  # 0.013 with five harmonics
     k = np.arange(1, 6)
     np.testing.assert_allclose(np.abs(found[0]), 4.0 / np.pi / (4 * k**2 - 1), atol=2e-4)
@@ -61,11 +61,11 @@ def test_points_of_a_sweep_have_amplitude_and_phase() -> None:
     size, phase = RNG.uniform(1.0, 2.0, shape), RNG.uniform(-3.0, 3.0, shape)
     names = ("exponent", "lamina", "harmonic")
     sweep = xr.Dataset({"harmonic_amplitude": (names, size), "harmonic_phase": (names, phase)})
-    found = statistics.of_points(sweep)
+    found = identify.of_points(sweep)
     np.testing.assert_allclose(found, (size * np.exp(1j * phase))[..., :5])
 
 
 @pytest.mark.parametrize("time", [np.linspace(0.0, 4.0, 20), np.linspace(0.0, 0.4, 2000)])
 def test_short_histories_are_refused(time: np.ndarray) -> None:
     with pytest.raises(CaseError, match="at least 44 samples and two periods"):
-        statistics.of_history(time, np.zeros((2, time.size)), FREQUENCY)
+        identify.of_history(time, np.zeros((2, time.size)), FREQUENCY)

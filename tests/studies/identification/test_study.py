@@ -5,14 +5,12 @@ import numpy as np
 import pytest
 
 from delam_fem.case.files import preset
-from delam_fem.case.toml import CaseError
 from delam_fem.engines.session import session_of
 from delam_fem.model.beams import closed_form
-from delam_fem.studies.identification.contact import Experiment
-from delam_fem.studies.identification.study import identify
-from delam_fem.studies.identification.tips import tips_of
-from delam_fem.studies.sweeps.reduction import probe_motion
+from delam_fem.studies.identification.identify import Experiment, identify, tips_of
+from delam_fem.studies.sweeps.quantities import probe_motion
 from delam_fem.studies.unknown import Unknown, drawn, of_rig
+from delam_fem.system.errors import CaseError
 
 CASE = {
     "time.mass": "lumped",

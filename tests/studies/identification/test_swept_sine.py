@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from delam_fem.case.files import preset
-from delam_fem.case.toml import CaseError
-from delam_fem.studies.identification.swept_sine import HEADING, identified
+from delam_fem.studies.identification.resonance import HEADING, identified
+from delam_fem.system.errors import CaseError
 
 SWEEP = {
     "excitation.kind": "sweep",

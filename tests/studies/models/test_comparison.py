@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from delam_fem.case.files import preset
-from delam_fem.case.toml import CaseError
-from delam_fem.studies.models.comparison import ModelComparison, compare_models, difference_until
-from delam_fem.studies.models.measures import Motion
+from delam_fem.studies.models import ModelComparison, Motion, compare_models, difference_until
+from delam_fem.system.errors import CaseError
 
 CASE = preset("default", {"mesh.elements": 8, "time.steps_per_period": 500, "time.refine": 4})
 

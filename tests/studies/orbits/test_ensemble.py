@@ -7,7 +7,7 @@ import pytest
 from toys import Henon
 
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.studies.orbits.ensemble import Ensemble, Perturbations
+from delam_fem.studies.orbits.newton import Ensemble, Perturbations
 
 
 def test_perturbations_come_in_antithetic_pairs() -> None:

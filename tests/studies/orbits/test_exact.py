@@ -7,8 +7,8 @@ import pytest
 from toys import Henon
 
 import delam_fem as df
-from delam_fem.studies.orbits.exact import Powered, derivative, newton
-from delam_fem.studies.orbits.family import FREQUENCY, CaseFamily
+from delam_fem.studies.orbits.maps import FREQUENCY, CaseFamily
+from delam_fem.studies.orbits.newton import Powered, derivative, newton
 from delam_fem.studies.orbits.search import settled
 
 

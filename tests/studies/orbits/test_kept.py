@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import delam_fem as df
-from delam_fem.studies.orbits import kept
-from delam_fem.studies.orbits.ensemble import Perturbations
-from delam_fem.studies.orbits.kept import KeptCaseMap
+from delam_fem.studies.orbits import maps
+from delam_fem.studies.orbits.maps import KeptCaseMap
+from delam_fem.studies.orbits.newton import Perturbations
 
 
 class Counted:
@@ -43,7 +43,7 @@ def results(folder: Path) -> tuple[list[np.ndarray], int]:
 
 
 def test_a_second_search_computes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(kept, "CHECKPOINT_SECONDS", 0.0)
+    monkeypatch.setattr(maps, "CHECKPOINT_SECONDS", 0.0)
     (whole, n), (again, none) = results(tmp_path / "k"), results(tmp_path / "k")
     assert (n, none) == (4, 0)
     np.testing.assert_array_equal(again, whole)
@@ -57,7 +57,7 @@ def test_a_second_search_computes_nothing(tmp_path: Path, monkeypatch: pytest.Mo
 def test_an_orbit_goes_on_with_what_is_known(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(kept, "CHECKPOINT_SECONDS", 0.0)
+    monkeypatch.setattr(maps, "CHECKPOINT_SECONDS", 0.0)
     keys = {"mesh.elements": 8, "time.steps_per_period": 200, "excitation.frequency": 3.45}
     case, few = df.preset("default", keys), Perturbations(copies=4, size=1e-3, kick=0.03)
     options = {"model": "reduced", "modes": 3, "refine": 8, "settle": 50, "perturbations": few}

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import delam_fem as df
-from delam_fem.case.toml import CaseError
-from delam_fem.studies.orbits.ensemble import Perturbations
-from delam_fem.studies.orbits.models import map_of, usual
+from delam_fem.studies.orbits.newton import Perturbations
+from delam_fem.studies.orbits.search import map_of, usual
+from delam_fem.system.errors import CaseError
 
 SMALL = {"mesh.elements": 8, "time.steps_per_period": 200, "excitation.frequency": 3.45}
 REDUCED: dict[str, Any] = {"model": "reduced", "modes": 3, "refine": 8}

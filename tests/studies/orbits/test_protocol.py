@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from delam_fem.studies.orbits.protocol import Nature
+from delam_fem.studies.orbits.maps import Nature
 
 
 def test_a_state_is_split_and_scaled_by_parts_of_one_unit() -> None:

@@ -5,9 +5,9 @@ import pytest
 
 import delam_fem as df
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.studies.orbits.protocol import Nature, Passage, Slow
-from delam_fem.studies.orbits.shooting import shoot
-from delam_fem.studies.reduced.strobe import ReducedMap
+from delam_fem.studies.orbits.maps import Nature, Passage, Slow
+from delam_fem.studies.orbits.newton import shoot
+from delam_fem.studies.reduced import ReducedMap
 
 
 class Known:

@@ -6,8 +6,8 @@ import pytest
 import delam_fem as df
 from delam_fem.case.definition import Case
 from delam_fem.model.beams import closed_form
-from delam_fem.numerics.cantilever import transmissibility
-from delam_fem.studies.reduced.motion import reduced
+from delam_fem.numerics.beams import transmissibility
+from delam_fem.studies.reduced import reduced
 
 
 def short(**overrides: object) -> Case:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import delam_fem as df
-from delam_fem.studies.reduced.strobe import ReducedMap
+from delam_fem.studies.reduced import ReducedMap
 
 
 @pytest.fixture(scope="module")

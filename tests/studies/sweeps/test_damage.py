@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from delam_fem.case.toml import CaseError
 from delam_fem.simulation.loop import State
+from delam_fem.studies.sweeps.dataset import open_result
 from delam_fem.studies.sweeps.journal import Journal
 from delam_fem.studies.sweeps.point import Chunk, Done, Point
-from delam_fem.studies.sweeps.reading import open_result
 from delam_fem.studies.sweeps.run import run_sweep
-from delam_fem.studies.sweeps.waiting import Waiting
+from delam_fem.studies.sweeps.schedule import Waiting
+from delam_fem.system.errors import CaseError
 
 ROW = np.arange(3.0)
 STATE = State(np.ones((3, 2)), np.array([True]))
@@ -99,7 +99,7 @@ def test_the_part_of_another_sweep_is_refused(tmp_path: Path) -> None:
 @pytest.fixture(scope="module")
 def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The result of a small sweep."""
-    from delam_fem.studies.sweeps.load import sweep_of
+    from delam_fem.studies.sweeps.grid import sweep_of
 
     small = {"mesh.elements": 2, "time.steps_per_period": 40, "time.periods": 4}
     small["output.fields_per_period"] = 0

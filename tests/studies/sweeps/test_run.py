@@ -16,15 +16,13 @@ import pytest
 import xarray as xr
 
 import delam_fem as df
-from delam_fem.case.toml import CaseError
 from delam_fem.model.beams import closed_form
 from delam_fem.studies.executors import Serial
-from delam_fem.studies.sweeps.grid import Sweep
-from delam_fem.studies.sweeps.journal import Journal
-from delam_fem.studies.sweeps.load import sweep_of
-from delam_fem.studies.sweeps.reading import open_result
-from delam_fem.studies.sweeps.records import MappedPart
+from delam_fem.studies.sweeps.dataset import open_result
+from delam_fem.studies.sweeps.grid import Sweep, sweep_of
+from delam_fem.studies.sweeps.journal import Journal, MappedPart
 from delam_fem.studies.sweeps.run import run_sweep
+from delam_fem.system.errors import CaseError
 
 SMALL = {
     "mesh.elements": 3,

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 from delam_fem.case.files import preset
-from delam_fem.case.toml import CaseError
-from delam_fem.studies.detection.measurement import Scan, simulated
-from delam_fem.studies.detection.shapes import ORDERS, shapes_of
-from delam_fem.studies.sweeps.grid import Sweep
-from delam_fem.studies.sweeps.load import sweep_of
+from delam_fem.results.scan import ORDERS, shapes_of
+from delam_fem.studies.detection.detect import Scan, simulated
+from delam_fem.studies.sweeps.grid import Sweep, sweep_of
 from delam_fem.studies.sweeps.run import run_sweep
+from delam_fem.system.errors import CaseError
 
 SMALL = {"mesh.elements": 20, "time.steps_per_period": 100, "output.window_periods": 16}
 

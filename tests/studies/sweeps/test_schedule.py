@@ -8,10 +8,9 @@ from concurrent.futures import BrokenExecutor, Executor, Future
 
 import pytest
 
-from delam_fem.case.toml import CaseError
 from delam_fem.studies.sweeps.point import Chunk, Done, Point
-from delam_fem.studies.sweeps.schedule import CHUNK_SECONDS, INDEPENDENT, Schedule, Track
-from delam_fem.studies.sweeps.waiting import Waiting
+from delam_fem.studies.sweeps.schedule import CHUNK_SECONDS, INDEPENDENT, Schedule, Track, Waiting
+from delam_fem.system.errors import CaseError
 
 
 class Fake(Executor):

@@ -15,15 +15,14 @@ import pytest
 from project import ROOT
 from typer.testing import CliRunner
 
-from delam_fem.case.toml import CaseError
 from delam_fem.cli.app import app
-from delam_fem.studies.sweeps.grid import Sweep
+from delam_fem.studies.sweeps.dataset import merge_sweep
+from delam_fem.studies.sweeps.grid import Sweep, load_sweep, sweep_of
 from delam_fem.studies.sweeps.journal import Journal
-from delam_fem.studies.sweeps.load import load_sweep, sweep_of
-from delam_fem.studies.sweeps.merge import merge_sweep
 from delam_fem.studies.sweeps.point import Chunk, Done, Point
 from delam_fem.studies.sweeps.run import run_shard, run_sweep, share_size
-from delam_fem.studies.sweeps.shards import Shard, owners, parse_shard
+from delam_fem.studies.sweeps.schedule import Shard, owners, parse_shard
+from delam_fem.system.errors import CaseError
 
 TINY = """
 base = "paper"

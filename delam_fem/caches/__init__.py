@@ -1,1 +1,0 @@
-"""Compiled code on disk that survives kills, damage and folders that cannot be written."""

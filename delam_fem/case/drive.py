@@ -1,0 +1,395 @@
+"""Define the section `[excitation]` of a case, and read a course of values from a table.
+
+Define the section `[excitation]` of a case: what makes the laminae move.
+
+The base moves, or a force acts at a point of a lamina. Every kind has the properties `acts_on`,
+`is_periodic`, `top_frequency` and `length`, so that other code need not know the kinds.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal, Self, TypeAlias
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from delam_fem.case.tables import in_si_units, read_columns
+from delam_fem.case.values import (
+    FileName,
+    Label,
+    NotNegative,
+    Positive,
+    Section,
+    Unit,
+    inconsistent,
+)
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.system.errors import CaseError
+
+_UNITS = {"base": ("m", "m/s2"), "force": ("N",)}
+"""SI units of the values by what they act on."""
+
+
+@dataclass(frozen=True)
+class Series:
+    """Values in time.
+
+    Attributes:
+        time: times from 0, increasing, shape (rows,) [s].
+        value: values, shape (rows,).
+        unit: unit of the values: "m", "m/s2" or "N".
+    """
+
+    time: FloatArray
+    value: FloatArray
+    unit: str
+
+    @property
+    def length(self) -> float:
+        """Last time [s]."""
+        return float(self.time[-1])
+
+
+def read_series(path: Path, acts_on: str, least_rows: int = 6) -> Series:
+    """Read a table and check it.
+
+    Comments (#) are skipped. A heading gives units in brackets: `time [ms], force [kN]`. Without
+    units, times are in s, values in m (base) or N (force), and a warning says so.
+
+    Args:
+        path: table with the columns time and value; see `tables.read_columns`.
+        acts_on: "base" or "force".
+        least_rows: smallest number of rows.
+
+    Raises:
+        CaseError: the file is missing; a heading has another unit; a row is not a pair of finite
+            numbers; the times do not begin at 0 or do not increase; or there are too few rows.
+    """
+    name = f"excitation.file {path}"
+    table = read_columns(path, name, ("time", "value"))
+    (time, value), units = in_si_units(table, ("time", "value"), (("s",), _UNITS[acts_on]), name)
+    if time.size < least_rows:
+        raise CaseError(f"{name}: expected at least {least_rows} rows, given {time.size}")
+    _check_times(time, table.lines, name)
+    return Series(time, value, units[1])
+
+
+def _check_times(time: FloatArray, lines: Sequence[int], name: str) -> None:
+    """Check that times begin at 0 and increase."""
+    if time[0] != 0.0:
+        raise CaseError(
+            f"{name}, line {lines[0]}: expected times from 0, given {time[0]}; subtract the first "
+            "time"
+        )
+    for k in np.flatnonzero(~(np.diff(time) > 0.0)):
+        raise CaseError(
+            f"{name}, line {lines[k + 1]}: expected times to increase, given {time[k + 1]} after "
+            f"{time[k]}"
+        )
+
+
+Target = Literal["base", "force"]
+
+
+class _OfBase(Section):
+    """A motion of the base with a given amplitude of its displacement or of its acceleration.
+
+    Attributes:
+        amplitude: amplitude A of the displacement [m].
+        acceleration: amplitude of the acceleration [m/s2], as shakers are set.
+    """
+
+    amplitude: Annotated[NotNegative, Unit("m")] | None = None
+    acceleration: Annotated[NotNegative, Unit("m/s2")] | None = None
+
+    @model_validator(mode="after")
+    def _one_size(self) -> Self:
+        """Check that either the displacement or the acceleration is given."""
+        if self.amplitude is None and self.acceleration is None:
+            raise inconsistent(
+                "amplitude", "missing, but required unless excitation.acceleration is given"
+            )
+        if self.amplitude is not None and self.acceleration is not None:
+            raise inconsistent(
+                "acceleration", "expected either amplitude [m] or acceleration [m/s2], given both"
+            )
+        return self
+
+    @property
+    def acts_on(self) -> Target:
+        """Whether the base moves or a force acts."""
+        return "base"
+
+    @property
+    def size(self) -> str:
+        """The amplitude in words."""
+        if self.acceleration is not None:
+            return f"a = {self.acceleration:g} m/s²"
+        return f"A = {1e3 * (self.amplitude or 0.0):g} mm"
+
+    def displacement_amplitude(self, frequency: float) -> float:
+        """Return A: the given one, or acceleration / (2 pi f)^2 [m]."""
+        if self.acceleration is None:
+            return self.amplitude or 0.0
+        return self.acceleration / (2.0 * math.pi * frequency) ** 2
+
+
+class HarmonicExcitation(_OfBase):
+    """Base motion A sin(2 pi f t).
+
+    Attributes:
+        kind: "harmonic".
+        frequency: frequency f [Hz].
+    """
+
+    kind: Literal["harmonic"] = "harmonic"
+    frequency: Annotated[Positive, Unit("Hz")]
+
+    @property
+    def is_periodic(self) -> bool:
+        """Whether the excitation repeats after each period."""
+        return True
+
+    @property
+    def top_frequency(self) -> float:
+        """Frequency whose period is divided into steps [Hz]."""
+        return self.frequency
+
+    @property
+    def length(self) -> float | None:
+        """Time that a run must cover [s]; None: `time.periods` periods."""
+        return None
+
+    @property
+    def words(self) -> str:
+        """The excitation in words, for titles."""
+        return f"{self.frequency:g} Hz, {self.size}"
+
+
+class SweepExcitation(_OfBase):
+    """Base motion A sin(phi(t)) with a frequency that changes from a start to an end value.
+
+    Attributes:
+        kind: "sweep".
+        start_frequency: frequency at t = 0 [Hz].
+        end_frequency: frequency at t = duration [Hz].
+        duration: length of the sweep [s].
+        spacing: "linear" or "logarithmic" change of the frequency in time.
+    """
+
+    kind: Literal["sweep"] = "sweep"
+    start_frequency: Annotated[Positive, Unit("Hz")]
+    end_frequency: Annotated[Positive, Unit("Hz")]
+    duration: Annotated[Positive, Unit("s")]
+    spacing: Literal["linear", "logarithmic"] = "linear"
+
+    @property
+    def is_periodic(self) -> bool:
+        """Whether the excitation repeats after each period."""
+        return False
+
+    @property
+    def top_frequency(self) -> float:
+        """Frequency whose period is divided into steps: the highest one [Hz]."""
+        return max(self.start_frequency, self.end_frequency)
+
+    @property
+    def length(self) -> float | None:
+        """Time that a run must cover [s]."""
+        return self.duration
+
+    @property
+    def words(self) -> str:
+        """The excitation in words, for titles."""
+        return f"sweep {self.start_frequency:g}–{self.end_frequency:g} Hz, {self.size}"
+
+
+class _AtPoint(Section):
+    """A force at a point of a lamina, in the direction of the deflection.
+
+    Attributes:
+        lamina: name of the lamina.
+        position: x of the point [m].
+        amplitude: largest force [N]; positive acts upwards, from the first lamina to the last.
+    """
+
+    lamina: Label
+    position: Annotated[NotNegative, Unit("m")]
+    amplitude: Annotated[NotNegative, Unit("N")]
+
+    @property
+    def acts_on(self) -> Target:
+        """Whether the base moves or a force acts."""
+        return "force"
+
+    @property
+    def size(self) -> str:
+        """The amplitude in words."""
+        return f"{self.amplitude:g} N on {self.lamina} at {self.position:g} m"
+
+
+class ForceExcitation(_AtPoint):
+    """Force F sin(2 pi f t) at a point, or F sin(phi(t)) with a frequency that changes.
+
+    Attributes:
+        kind: "force".
+        frequency: frequency f of a harmonic force [Hz].
+        start_frequency: frequency of a swept force at t = 0 [Hz].
+        end_frequency: frequency of a swept force at t = duration [Hz].
+        duration: length of the sweep [s].
+        spacing: "linear" or "logarithmic" change of the frequency in time.
+    """
+
+    kind: Literal["force"] = "force"
+    frequency: Annotated[Positive, Unit("Hz")] | None = None
+    start_frequency: Annotated[Positive, Unit("Hz")] | None = None
+    end_frequency: Annotated[Positive, Unit("Hz")] | None = None
+    duration: Annotated[Positive, Unit("s")] | None = None
+    spacing: Literal["linear", "logarithmic"] = "linear"
+
+    @model_validator(mode="after")
+    def _one_course(self) -> Self:
+        """Check that either one frequency is given or all keys of a sweep."""
+        swept = {key: getattr(self, key) for key in _SWEPT}
+        if self.frequency is not None:
+            for key in _SWEPT:
+                if swept[key] is not None:
+                    raise inconsistent(
+                        key, "expected either frequency or the keys of a sweep, given both"
+                    )
+            return self
+        if all(value is None for value in swept.values()):
+            raise inconsistent(
+                "frequency", f"missing, but required; or {', '.join(_SWEPT)} of a sweep"
+            )
+        for key, value in swept.items():
+            if value is None:
+                raise inconsistent(key, "missing, but required for a swept force")
+        return self
+
+    @property
+    def is_periodic(self) -> bool:
+        """Whether the excitation repeats after each period."""
+        return self.frequency is not None
+
+    @property
+    def top_frequency(self) -> float:
+        """Frequency whose period is divided into steps; the highest one of a sweep [Hz]."""
+        return max(self.frequency or 0.0, self.start_frequency or 0.0, self.end_frequency or 0.0)
+
+    @property
+    def length(self) -> float | None:
+        """Time that a run must cover [s]; None: `time.periods` periods."""
+        return self.duration
+
+    @property
+    def words(self) -> str:
+        """The excitation in words, for titles."""
+        if self.frequency is not None:
+            return f"{self.frequency:g} Hz, {self.size}"
+        return f"sweep {self.start_frequency:g}–{self.end_frequency:g} Hz, {self.size}"
+
+
+_SWEPT = ("start_frequency", "end_frequency", "duration")
+"""Keys that a swept force needs."""
+
+
+class HammerExcitation(_AtPoint):
+    """A blow of an impulse hammer: a half sine of force at a point.
+
+    Attributes:
+        kind: "hammer".
+        duration: length of the blow [s].
+        start: time at which the blow begins [s].
+    """
+
+    kind: Literal["hammer"] = "hammer"
+    duration: Annotated[Positive, Unit("s")]
+    start: Annotated[NotNegative, Unit("s")] = 0.0
+
+    @property
+    def is_periodic(self) -> bool:
+        """Whether the excitation repeats after each period."""
+        return False
+
+    @property
+    def top_frequency(self) -> float:
+        """Frequency of the half sine [Hz]."""
+        return 0.5 / self.duration
+
+    @property
+    def length(self) -> float | None:
+        """Time that a run must cover [s]; None: `time.duration`."""
+        return None
+
+    @property
+    def words(self) -> str:
+        """The excitation in words, for titles."""
+        return f"hammer {1e3 * self.duration:g} ms, {self.size}"
+
+
+class TableExcitation(Section):
+    """A motion of the base or a force from a table.
+
+    Attributes:
+        kind: "table".
+        file: CSV table with the columns time [s] and value; a relative name counts from the
+            case file.
+        acts_on: "base" (displacement [m] or acceleration [m/s2]) or "force" [N].
+        lamina: name of the lamina on which a force acts.
+        position: x of the point at which a force acts [m].
+    """
+
+    kind: Literal["table"] = "table"
+    file: FileName
+    acts_on: Target
+    lamina: Label | None = None
+    position: Annotated[NotNegative, Unit("m")] | None = None
+
+    @model_validator(mode="after")
+    def _has_point(self) -> Self:
+        """Check that a force has its point, and a motion of the base none."""
+        for key in ("lamina", "position"):
+            is_given, needs = getattr(self, key) is not None, self.acts_on == "force"
+            if needs and not is_given:
+                raise inconsistent(key, 'missing, but required with acts_on = "force"')
+            if is_given and not needs:
+                raise inconsistent(key, 'expected none with acts_on = "base"')
+        return self
+
+    @property
+    def is_periodic(self) -> bool:
+        """Whether the excitation repeats after each period."""
+        return False
+
+    @property
+    def top_frequency(self) -> float:
+        """Frequency whose period is divided into steps [Hz]; a table has none."""
+        return math.nan
+
+    @property
+    def length(self) -> float | None:
+        """Time that a run must cover [s]; None: `time.duration`, by default that of the table."""
+        return None
+
+    @property
+    def size(self) -> str:
+        """The amplitude in words: the table's name."""
+        place = "base" if self.lamina is None else f"{self.lamina} at {self.position:g} m"
+        return f"{self.file.name} on {place}"
+
+    @property
+    def words(self) -> str:
+        """The excitation in words, for titles."""
+        return self.size
+
+
+Excitation: TypeAlias = Annotated[
+    HarmonicExcitation | SweepExcitation | ForceExcitation | HammerExcitation | TableExcitation,
+    Field(discriminator="kind"),
+]
+"""The section `[excitation]`; its key `kind` says which."""

@@ -1,0 +1,310 @@
+"""Compute the drive in time: the motion of the base with its derivatives, or a force at a point.
+
+Compute the force at a point of a lamina in time: the blow of a hammer, or a table.
+
+A sine or a swept sine has the course of a motion of the base; see `excitation.py`.
+
+Motions of the base start at t = 0 with the displacement 0 but not with the velocity 0: the base
+starts abruptly while the laminae are at rest, as in the paper.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import BSpline, PchipInterpolator, make_interp_spline
+
+from delam_fem.case.definition import Case
+from delam_fem.case.drive import (
+    ForceExcitation,
+    HammerExcitation,
+    HarmonicExcitation,
+    Series,
+    SweepExcitation,
+    TableExcitation,
+    read_series,
+)
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.system.errors import CaseError
+
+_LAST = 1e-9
+"""Share of a table's length by which round-off may move the last step of a run."""
+
+
+@dataclass(frozen=True)
+class HalfSine:
+    """The blow of a hammer: F sin(pi (t - start) / duration) while it lasts, 0 otherwise.
+
+    Attributes:
+        amplitude: F [N].
+        duration: length of the blow [s].
+        start: its beginning [s].
+    """
+
+    amplitude: float
+    duration: float
+    start: float = 0.0
+
+    def states(self, times: npt.ArrayLike) -> FloatArray:
+        """Return force, rate and second derivative, shape (k, 3) [N, N/s, N/s2]."""
+        since = np.asarray(times, dtype=np.float64) - self.start
+        lasts = (since >= 0.0) & (since < self.duration)
+        w = math.pi / self.duration
+        sin, cos = np.sin(w * since), np.cos(w * since)
+        course = self.amplitude * np.stack([sin, w * cos, -(w**2) * sin], axis=-1)
+        return np.where(lasts[:, None], course, 0.0)
+
+
+@dataclass(frozen=True)
+class TabulatedForce:
+    """A measured force: PCHIP, which does not overshoot between the rows.
+
+    Attributes:
+        interpolant: the force [N].
+        length: last time of the table [s]; the force is 0 afterwards.
+    """
+
+    interpolant: PchipInterpolator
+    length: float
+
+    @classmethod
+    def of(cls, series: Series) -> TabulatedForce:
+        """Return the force of a table [N]."""
+        return cls(PchipInterpolator(series.time, series.value), series.length)
+
+    def states(self, times: npt.ArrayLike) -> FloatArray:
+        """Return force, rate and second derivative, shape (k, 3) [N, N/s, N/s2]."""
+        t = np.asarray(times, dtype=np.float64)
+        inside = np.minimum(t, self.length)
+        course = np.stack([self.interpolant(inside, nu=order) for order in range(3)], axis=-1)
+        return np.where((t <= self.length * (1.0 + _LAST))[:, None], course, 0.0)
+
+
+class BaseMotion(Protocol):
+    """A motion of the base, which all clamped dofs share."""
+
+    def states(self, times: npt.ArrayLike) -> FloatArray:
+        """Return the motion at `times`, shape (k,) [s].
+
+        Returns:
+            Displacement [m], velocity [m/s] and acceleration [m/s2] as columns, shape (k, 3).
+        """
+        ...
+
+    def instantaneous_frequency(self, times: npt.ArrayLike) -> FloatArray:
+        """Return the frequency phi'(t) / (2 pi) at `times`, same shape as `times` [Hz]."""
+        ...
+
+
+@dataclass(frozen=True)
+class HarmonicMotion:
+    """The motion A sin(2 pi f t).
+
+    Attributes:
+        frequency: f [Hz].
+        amplitude: A [m].
+    """
+
+    frequency: float
+    amplitude: float
+
+    def states(self, times: npt.ArrayLike) -> FloatArray:
+        """Return displacement, velocity and acceleration, shape (k, 3); see `BaseMotion`."""
+        t = np.asarray(times, dtype=np.float64)
+        omega = 2.0 * math.pi * self.frequency
+        return _states(self.amplitude, omega * t, np.full_like(t, omega), np.zeros_like(t))
+
+    def instantaneous_frequency(self, times: npt.ArrayLike) -> FloatArray:
+        """Return the constant frequency, same shape as `times` [Hz]."""
+        return np.full_like(np.asarray(times, dtype=np.float64), self.frequency)
+
+
+@dataclass(frozen=True)
+class SweptMotion:
+    """The motion A sin(phi(t)) with the frequency f(t) = phi'(t) / (2 pi).
+
+        linear:       f(t) = f0 + (f1 - f0) t/T,  phi = 2 pi (f0 t + (f1 - f0) t^2 / (2 T))
+        logarithmic:  f(t) = f0 e^(r t/T),        phi = 2 pi f0 T (e^(r t/T) - 1) / r,  r = ln f1/f0
+
+    The frequency stays at f1 after t = T, because a run may end with a whole period after T.
+
+    Attributes:
+        start_frequency: f0 [Hz].
+        end_frequency: f1 [Hz].
+        duration: T [s].
+        amplitude: A [m].
+        logarithmic: whether the frequency changes logarithmically in time, not linearly.
+        acceleration: a [m/s2]; if given, A = a / (2 pi f(t))^2 instead of `amplitude`. The
+            acceleration then has the amplitude a but for terms of the order f'/f^2.
+    """
+
+    start_frequency: float
+    end_frequency: float
+    duration: float
+    amplitude: float
+    logarithmic: bool = False
+    acceleration: float | None = None
+
+    def states(self, times: npt.ArrayLike) -> FloatArray:
+        """Return displacement, velocity and acceleration, shape (k, 3); see `BaseMotion`."""
+        t = np.asarray(times, dtype=np.float64)
+        rate = np.where(t > self.duration, 0.0, self._law(np.minimum(t, self.duration))[1])
+        rotation = 2.0 * math.pi * self.instantaneous_frequency(t)
+        amplitude = self.amplitude if self.acceleration is None else 1.0
+        phi = 2.0 * math.pi * self.turns(t)
+        sine = _states(amplitude, phi, rotation, 2.0 * math.pi * rate)
+        if self.acceleration is None:
+            return sine
+        return _product(self._amplitudes(rotation, 2.0 * math.pi * rate), sine)
+
+    def _amplitudes(self, omega: FloatArray, rate: FloatArray) -> FloatArray:
+        """Return A = a / omega^2 with two derivatives in time, shape (k, 3)."""
+        r = math.log(self.end_frequency / self.start_frequency) / self.duration
+        bend = r * rate if self.logarithmic else np.zeros_like(rate)  # omega''
+        amplitude = (self.acceleration or 0.0) / omega**2
+        slope = -2.0 * amplitude * rate / omega
+        curvature = amplitude * (6.0 * (rate / omega) ** 2 - 2.0 * bend / omega)
+        return np.stack([amplitude, slope, curvature], axis=-1)
+
+    def turns(self, times: npt.ArrayLike) -> FloatArray:
+        """Return phi(t) / (2 pi), same shape as `times` [-]."""
+        t = np.asarray(times, dtype=np.float64)
+        beyond = np.maximum(t - self.duration, 0.0)
+        return self._law(np.minimum(t, self.duration))[0] + self.end_frequency * beyond
+
+    def instantaneous_frequency(self, times: npt.ArrayLike) -> FloatArray:
+        """Return f(t), same shape as `times` [Hz]."""
+        share = np.minimum(np.asarray(times, dtype=np.float64) / self.duration, 1.0)
+        f0, f1 = self.start_frequency, self.end_frequency
+        frequency: FloatArray = (
+            f0 * (f1 / f0) ** share if self.logarithmic else f0 + (f1 - f0) * share
+        )
+        return frequency
+
+    def _law(self, t: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return phi / (2 pi) [-] and f' [Hz/s] at times t up to T, same shapes as t."""
+        f0, f1, T = self.start_frequency, self.end_frequency, self.duration
+        if not self.logarithmic:
+            return t * (f0 + (f1 - f0) * t / (2.0 * T)), np.full_like(t, (f1 - f0) / T)
+        r = math.log(f1 / f0)
+        turns = f0 * T * np.expm1(r * t / T) / r if r else f0 * t
+        return turns, self.instantaneous_frequency(t) * r / T
+
+
+@dataclass(frozen=True)
+class TabulatedMotion:
+    """A measured motion of the base: a quintic spline of its displacement.
+
+    From accelerations, the displacement is their double integral that is 0 at both ends of the
+    table, so that a base that vibrates does not drift away. A displacement counts from its first
+    value.
+
+    Attributes:
+        spline: the displacement [m].
+    """
+
+    spline: BSpline
+
+    @classmethod
+    def of(cls, series: Series) -> TabulatedMotion:
+        """Return the motion of a table of displacements [m] or accelerations [m/s2]."""
+        if series.unit == "m":
+            return cls(make_interp_spline(series.time, series.value - series.value[0], k=5))
+        twice = make_interp_spline(series.time, series.value, k=3).antiderivative(2)
+        ends = np.array([0.0, series.length])
+        first, last = twice(ends).tolist()
+        line = make_interp_spline(ends, [first, last], k=1)
+        return cls(_difference(twice, line))
+
+    def states(self, times: npt.ArrayLike) -> FloatArray:
+        """Return displacement, velocity and acceleration, shape (k, 3); see `BaseMotion`."""
+        t = np.clip(np.asarray(times, dtype=np.float64), *self.spline.t[[0, -1]])
+        return np.stack([self.spline(t, nu=order) for order in range(3)], axis=-1)
+
+
+def _difference(spline: BSpline, line: BSpline) -> BSpline:
+    """Return a spline minus a straight line, as a spline of the same degree."""
+    k, t = spline.k, spline.t
+    greville = np.array([t[j + 1 : j + k + 1].mean() for j in range(len(t) - k - 1)])
+    return BSpline(t, spline.c[: greville.size] - line(greville), k)
+
+
+class Drive(Protocol):
+    """What makes the laminae move: a motion of the base, or a force at a point."""
+
+    def states(self, times: npt.ArrayLike) -> FloatArray:
+        """Return a value and its two derivatives at `times` of shape (k,) [s], shape (k, 3).
+
+        The value is the displacement of the base [m], or the force [N].
+        """
+        ...
+
+
+def drive(case: Case) -> Drive:
+    """Return the drive that a case describes.
+
+    Raises:
+        CaseError: the table of a tabulated drive cannot be used.
+    """
+    given = case.excitation
+    if isinstance(given, HarmonicExcitation | SweepExcitation):
+        return base_motion(case)
+    if isinstance(given, TableExcitation):
+        series = read_series(given.file, given.acts_on)
+        of = TabulatedMotion.of if given.acts_on == "base" else TabulatedForce.of
+        return of(series)
+    if isinstance(given, HammerExcitation):
+        return HalfSine(given.amplitude, given.duration, given.start)
+    if given.frequency is not None:
+        return HarmonicMotion(given.frequency, given.amplitude)
+    return swept_motion(given, given.amplitude)
+
+
+def base_motion(case: Case) -> BaseMotion:
+    """Return the harmonic or swept motion of the base that a case describes.
+
+    Raises:
+        CaseError: the case has another excitation.
+    """
+    given = case.excitation
+    if isinstance(given, HarmonicExcitation):
+        return HarmonicMotion(given.frequency, given.displacement_amplitude(given.frequency))
+    if isinstance(given, SweepExcitation):
+        return swept_motion(given, given.amplitude or 0.0, given.acceleration)
+    raise CaseError(
+        f"excitation.kind: expected 'harmonic' or 'sweep' of the base, given {given.kind!r}"
+    )
+
+
+def swept_motion(
+    given: SweepExcitation | ForceExcitation, amplitude: float, acceleration: float | None = None
+) -> SweptMotion:
+    """Return the course of a sweep."""
+    return SweptMotion(
+        given.start_frequency or 0.0,
+        given.end_frequency or 0.0,
+        given.duration or 0.0,
+        amplitude,
+        logarithmic=given.spacing == "logarithmic",
+        acceleration=acceleration,
+    )
+
+
+def _states(A: float, phi: FloatArray, rotation: FloatArray, change: FloatArray) -> FloatArray:
+    """Return A sin(phi) and its derivatives, shape (k, 3); phi' is `rotation`, phi'' `change`."""
+    sin, cos = np.sin(phi), np.cos(phi)
+    states: FloatArray = A * np.stack(
+        [sin, rotation * cos, change * cos - rotation**2 * sin], axis=-1
+    )
+    return states
+
+
+def _product(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return the product of two functions with its derivatives, shape (k, 3)."""
+    first = a[:, 1] * b[:, 0] + a[:, 0] * b[:, 1]
+    second = a[:, 2] * b[:, 0] + 2.0 * a[:, 1] * b[:, 1] + a[:, 0] * b[:, 2]
+    return np.stack([a[:, 0] * b[:, 0], first, second], axis=-1)

@@ -1,0 +1,372 @@
+"""List all keys of a case file: as a reference, as a JSON schema, as a commented template.
+
+List every key of a case file with its type, unit, default and meaning, read from the models.
+
+The models of `sections.py` and its neighbours are the only source: types and defaults are those of
+their fields, units and meanings those of the `Attributes` in their docstrings. Commented case files
+and pages of documentation are written from this list.
+
+Describe a case file by a JSON schema, with which editors check and complete it.
+
+The schema follows from the models. It is a little more lenient than they are: what several keys
+must fulfil together is checked when a case is read.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from textwrap import wrap
+from types import MappingProxyType, UnionType
+from typing import Annotated, Any, Literal, TypeAlias, Union, get_args, get_origin
+
+from pydantic_core import PydanticUndefined
+
+from delam_fem.case.definition import Case
+from delam_fem.case.files import preset_text
+from delam_fem.case.toml import Data, toml_value
+from delam_fem.case.values import Expected, Section
+
+_ROW = re.compile(r"^ {4}(\w+): (.*(?:\n {5,}.*)*)", re.MULTILINE)
+"""A row of `Attributes` in a docstring: name, and meaning with its further lines."""
+_UNIT = re.compile(r"\[([^\]]+)\]")
+_PLAIN = {str: "text", float: "a number", int: "a whole number", bool: "true or false"}
+
+
+@dataclass(frozen=True)
+class Key:
+    """One key of a table.
+
+    Attributes:
+        name: the key.
+        type: what it takes, in words: "a positive number".
+        choices: the words that it takes; () if it takes others.
+        unit: "m", "kg/m3", …; "-" of a pure number; "" of what is no number.
+        is_required: whether it must be given.
+        default: its value where it is not given; None: none.
+        meaning: what it is, with its unit in brackets as in "length of a lamina [m]".
+    """
+
+    name: str
+    type: str
+    choices: tuple[str, ...]
+    unit: str
+    is_required: bool
+    default: Any
+    meaning: str
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of a case file with its keys.
+
+    Attributes:
+        name: "gap" for `[gap]`; "" for the keys before the first table.
+        kind: value of the key `kind` of an excitation; "" of other tables.
+        is_array: whether it is written `[[name]]` and may be repeated.
+        is_required: whether a case must have it.
+        meaning: what it is, in a sentence.
+        keys: its keys in the order of the model.
+        model: the model that checks it.
+    """
+
+    name: str
+    kind: str
+    is_array: bool
+    is_required: bool
+    meaning: str
+    keys: tuple[Key, ...]
+    model: type[Section]
+
+    @property
+    def heading(self) -> str:
+        """The heading in a case file: `[gap]`, `[[lamina]]`; "" for the first keys."""
+        return f"[[{self.name}]]" if self.is_array else f"[{self.name}]" if self.name else ""
+
+
+def tables() -> tuple[Table, ...]:
+    """Return all tables of a case file in their order; the first has the keys before any table."""
+    fields = Case.model_fields
+    below = {name: tuple(_models(field.annotation)) for name, field in fields.items()}
+    plain = [name for name, models in below.items() if not models]
+    found = [_table(Case, "", plain, is_required=True)]
+    for name, models in below.items():
+        found += [
+            _table(
+                model,
+                name,
+                sorted([*model.model_fields, *model.also_written], key=lambda key: key != "kind"),
+                is_array=_is_array(fields[name].annotation),
+                is_required=fields[name].is_required(),
+            )
+            for model in models
+        ]
+    return tuple(found)
+
+
+def _table(
+    model: type[Section],
+    name: str,
+    keys: list[str],
+    *,
+    is_required: bool,
+    is_array: bool = False,
+) -> Table:
+    """Return a table with some keys of its model."""
+    kind = model.model_fields.get("kind")
+    own = tuple(_key(model, key, _meanings(model)) for key in keys)
+    meaning = " ".join((inspect.getdoc(model) or "").partition("\n")[0].split())
+    return Table(
+        name, "" if kind is None else kind.default, is_array, is_required, meaning, own, model
+    )
+
+
+def _key(model: type[Section], name: str, meanings: dict[str, str]) -> Key:
+    """Return a key of a model; one that is only written is a positive number."""
+    meaning = meanings.get(name, "")
+    found = _UNIT.search(meaning)
+    if name not in model.model_fields:
+        return Key(name, "a positive number", (), found[1] if found else "-", False, None, meaning)
+    field = model.model_fields[name]
+    annotation: Any = field.annotation
+    words = next((m.words for m in field.metadata if isinstance(m, Expected)), "")
+    is_required = field.is_required() or name == "kind"  # the kind says which table it is
+    default = None if is_required or field.default is PydanticUndefined else field.default
+    unit = (found[1] if found else "-") if _is_number(annotation) else ""
+    choices = tuple(_choices(annotation))
+    type_ = words or _type(annotation, choices)
+    return Key(name, type_, choices, unit, is_required, default, meaning)
+
+
+def _meanings(model: type[Section]) -> dict[str, str]:
+    """Return the rows of `Attributes` in the docstrings of a model and of those it extends."""
+    found: dict[str, str] = {}
+    for base in reversed(model.__mro__):
+        _, _, rows = (inspect.cleandoc(base.__doc__ or "")).partition("\nAttributes:\n")
+        found |= {name: " ".join(text.split()) for name, text in _ROW.findall(rows)}
+    return found
+
+
+def _parts(annotation: Any) -> Iterator[Any]:
+    """Yield the members of a union, of an array and of what is annotated; otherwise the type."""
+    origin = get_origin(annotation)
+    if origin is Annotated:
+        yield from _parts(get_args(annotation)[0])
+    elif origin in (Union, UnionType, tuple):
+        for part in get_args(annotation):
+            if part not in (type(None), Ellipsis):
+                yield from _parts(part)
+    else:
+        yield annotation
+
+
+def _models(annotation: Any) -> Iterator[type[Section]]:
+    """Yield the models of tables in the type of a field."""
+    for part in _parts(annotation):
+        if isinstance(part, type) and issubclass(part, Section):
+            yield part
+
+
+def _is_array(annotation: Any) -> bool:
+    """Return whether the type of a field is an array of tables."""
+    origin = get_origin(annotation)
+    return origin is tuple or (origin is Annotated and _is_array(get_args(annotation)[0]))
+
+
+def _is_number(annotation: Any) -> bool:
+    """Return whether a key takes numbers."""
+    return any(part in (int, float) for part in _parts(annotation))
+
+
+def _choices(annotation: Any) -> Iterator[str]:
+    """Yield the words of a `Literal` in the type of a field."""
+    for part in _parts(annotation):
+        if get_origin(part) is Literal:
+            yield from map(str, get_args(part))
+
+
+def _type(annotation: Any, choices: tuple[str, ...]) -> str:
+    """Return in words what a key takes."""
+    if choices:
+        *first, last = (f'"{choice}"' for choice in choices)
+        return f"{', '.join(first)} or {last}" if first else last
+    for part in (annotation, *get_args(annotation)):
+        for note in getattr(part, "__metadata__", ()):
+            if isinstance(note, Expected):
+                return note.words
+    return next((_PLAIN[part] for part in _parts(annotation) if part in _PLAIN), "a value")
+
+
+Schema: TypeAlias = dict[str, Any]
+
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+QUANTITY = r"^\s*[+-]?[0-9.].*[^0-9\s]\s*$"
+"""Pattern of a number with a unit, as "2 mm"."""
+_INSTEAD = {
+    "density": ("material", "mass_per_length"),
+    "young_modulus": ("material", "bending_stiffness"),
+}
+"""Keys of a case file that give a required number as well."""
+
+
+def case_schema() -> Schema:
+    """Return the JSON schema of a case file, draft 2020-12.
+
+    Returns:
+        A dictionary for `json.dumps`.
+    """
+    made = Case.model_json_schema()
+    listed = tables()
+    definitions = {own.model.__name__: own for own in listed if own.name}
+    for name, own in definitions.items():
+        made["$defs"][name] = _described(made["$defs"][name], own)
+    whole = _described(made, listed[0])
+    return {"$schema": DIALECT, "title": "A case of delam_fem", **whole}
+
+
+def _described(schema: Schema, table: Table) -> Schema:
+    """Return the schema of a table with the meanings of its keys, as TOML can write them."""
+    keys = {key.name: key for key in table.keys}
+    found = {name: _plain(own, keys.get(name)) for name, own in schema["properties"].items()}
+    found |= {
+        name: _plain({"type": "number", "exclusiveMinimum": 0.0}, keys[name])
+        for name in table.model.also_written
+    }
+    required = [name for name in schema.get("required", []) if name not in _INSTEAD]
+    if table.kind:
+        required.append("kind")
+    alternatives = [
+        {"anyOf": [{"required": [name]} for name in (key, *others)]}
+        for key, others in _INSTEAD.items()
+        if key in found
+    ]
+    return {
+        **schema,
+        "title": table.heading,
+        "description": table.meaning,
+        "properties": found,
+        "required": required,
+        **({"allOf": alternatives} if alternatives else {}),
+    }
+
+
+def _plain(schema: Schema, key: Key | None) -> Schema:
+    """Return the schema of a key with its meaning, and without null, which TOML has not."""
+    own = {name: value for name, value in schema.items() if name != "title"}
+    if own.get("default", ...) is None:
+        del own["default"]
+    choices = [choice for choice in own.get("anyOf", ()) if choice.get("type") != "null"]
+    if len(choices) == 1:
+        del own["anyOf"]
+        own |= choices[0]
+    elif choices:
+        own["anyOf"] = choices
+    if key is not None:
+        own["description"] = key.meaning
+        if key.unit not in ("", "-") and own.get("type") == "number":
+            own = _with_unit(own)
+    return own
+
+
+def _with_unit(schema: Schema) -> Schema:
+    """Return the schema of a number that may also be a text with its unit."""
+    about: Schema = {
+        name: schema.pop(name) for name in ("default", "description") if name in schema
+    }
+    return {**about, "anyOf": [schema, {"type": "string", "pattern": QUANTITY}]}
+
+
+KindName = Literal["apart", "paper", "layered", "edge"]
+KINDS: tuple[KindName, ...] = get_args(KindName)
+
+_PRESETS: Mapping[KindName, tuple[str, str]] = MappingProxyType(
+    {
+        "apart": ("default", "Two laminae, clamped together at one end and apart elsewhere."),
+        "paper": ("paper", "Two laminae as in the paper, with its literal contact law."),
+        "layered": ("embedded", "A bonded beam with a delamination in its middle."),
+        "edge": ("edge", "A bonded cantilever with a delamination that reaches its free end."),
+    }
+)
+"""Preset that each kind of case begins with, and what it is."""
+
+COLUMN, WIDTH = 32, 100
+"""Column at which comments begin, and width of a line."""
+
+
+def case_text(kind: KindName, name: str) -> str:
+    """Return a commented case file.
+
+    The values are those of a preset. A key that the preset does not set stands there as a comment
+    with its default, and so do tables that it does not have.
+
+    Args:
+        kind: what the case is like.
+        name: name of the case.
+    """
+    of, words = _PRESETS[kind]
+    data = tomllib.loads(preset_text(of)) | {"name": name}
+    lines = [
+        f"# {words}",
+        f"#   delam-fem validate {name}.toml    checks this file",
+        f"#   delam-fem run {name}.toml         computes it",
+        "#",
+        '# Numbers are in SI units; a text may carry another unit, as in "2 mm". A key behind # is',
+        "# not set; its default stands after it.",
+    ]
+    for table in tables():
+        lines += ["", *_table_lines(table, data)]
+    return "\n".join(lines) + "\n"
+
+
+def _table_lines(table: Table, data: Data) -> Iterator[str]:
+    """Yield the lines of a table: with values if the case has it, otherwise all as a comment."""
+    if not table.name:
+        yield from _key_lines(table, data)
+        return
+    found: Any = data.get(table.name)
+    entries = found if isinstance(found, list) else [found]
+    is_absent = entries == [None] or entries[0].get("kind", "") != table.kind
+    is_other = is_absent and table.kind
+    instead = f'{table.heading} of kind "{table.kind}" instead: ' if is_other else ""
+    yield from (f"# {line}" for line in _wrapped(instead + table.meaning, WIDTH - 2))
+    if is_absent:
+        if not instead:
+            yield f"# {table.heading}"
+        yield from _key_lines(table, {}, is_active=False)
+        return
+    yield table.heading
+    yield from _key_lines(table, entries[0])
+    for entry in entries[1:]:  # the comments stand beside the first
+        yield from ("", table.heading)
+        yield from (f"{key} = {toml_value(value)}" for key, value in entry.items())
+
+
+def _key_lines(table: Table, given: Mapping[str, Any], *, is_active: bool = True) -> Iterator[str]:
+    """Yield a line for each key of a table, with its comment, and further lines of the comment."""
+    for key in table.keys:
+        default = table.kind if key.name == "kind" else key.default
+        if key.name in given:
+            line = f"{key.name} = {toml_value(given[key.name])}"
+        else:
+            line = f"# {key.name} = " + ("" if default is None else toml_value(default))
+        is_needed = key.is_required and (key.name in given or not is_active)
+        first, *others = _wrapped(_comment(key, is_needed), WIDTH - COLUMN - 2)
+        yield f"{line:<{COLUMN - 1}} # {first}"
+        yield from (f"{'#' if line.startswith('#') else '':<{COLUMN}}# {text}" for text in others)
+
+
+def _wrapped(text: str, width: int) -> list[str]:
+    return wrap(text, width, break_on_hyphens=False)
+
+
+def _comment(key: Key, is_needed: bool) -> str:
+    """Return what stands beside a key: meaning, type, and whether it must be given."""
+    notes = [] if key.choices and all(word in key.meaning for word in key.choices) else [key.type]
+    if is_needed:
+        notes.append("required")
+    elif key.default is not None:
+        notes.append(f"default {toml_value(key.default)}")
+    return key.meaning.removesuffix(".") + (f" ({'; '.join(notes)})" if notes else "")

@@ -1,0 +1,391 @@
+"""The terminal: messages once each, tables, progress without readers, the exit status.
+
+Show the messages of the package on the terminal, once each, and keep them in a file.
+
+Every command has `-v` and `--log FILE`, which `with_messages` adds.
+
+Keep a command alive when nobody reads its output any more.
+
+A reader may go away (`… | head`), a terminal may be closed, a disk may be full. What cannot be
+written is dropped; the computation and its files go on.
+"""
+
+from __future__ import annotations
+
+import atexit
+import functools
+import inspect
+import io
+import logging
+import os
+import select
+import shlex
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn, TextIO, get_type_hints
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+PACKAGE = "delam_fem"
+PROGRESS = f"{PACKAGE}.cli.console.progress"
+"""Name of the log of progress, which a file keeps and a terminal sees as a bar."""
+COMMAND = f"{PACKAGE}.cli.console.command"
+"""Name of the log of begin and end, which a file keeps."""
+FORMAT = "%(asctime)s %(levelname)-7s %(message)s"
+
+Verbose = Annotated[
+    bool,
+    typer.Option("-v", "--verbose", help="Show more messages, e.g. keys that nothing reads."),
+]
+LogFile = Annotated[
+    Path | None,
+    typer.Option("--log", metavar="FILE", help="Add all messages, with their times, to a file."),
+]
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What a user wants to see.
+
+    Attributes:
+        verbose: whether to show messages of the level DEBUG.
+        log_file: file that gets all messages; None: none.
+    """
+
+    verbose: bool = False
+    log_file: Path | None = None
+
+
+class LogFileError(OSError):
+    """Report that the file of `--log` cannot be written."""
+
+
+_wanted: ContextVar[Wanted | None] = ContextVar("_wanted", default=None)
+
+
+def with_messages(command: Callable[..., None]) -> Callable[..., None]:
+    """Return a command with the options `-v` and `--log` besides its own."""
+    hints = get_type_hints(command, include_extras=True)
+    own = [
+        parameter.replace(annotation=hints[name])
+        for name, parameter in inspect.signature(command).parameters.items()
+    ]
+    kind = inspect.Parameter.KEYWORD_ONLY
+    added = [
+        inspect.Parameter("verbose", kind, default=False, annotation=Verbose),
+        inspect.Parameter("log_file", kind, default=None, annotation=LogFile),
+    ]
+
+    @functools.wraps(command)
+    def called(*args: Any, verbose: bool, log_file: Path | None, **options: Any) -> None:
+        token = _wanted.set(Wanted(verbose, log_file))
+        try:
+            command(*args, **options)
+        finally:
+            _wanted.reset(token)
+
+    del called.__wrapped__  # typer reads the parameters of the function below all wrappers
+    called.__annotations__ = hints | {"verbose": Verbose, "log_file": LogFile}
+    called.__signature__ = inspect.Signature([*own, *added])  # type: ignore[attr-defined]
+    return called
+
+
+@contextmanager
+def shown(*, quiet: bool, is_first: bool) -> Iterator[None]:
+    """Show messages on stderr, and add them to the file that the user wants.
+
+    Args:
+        quiet: whether only warnings are shown.
+        is_first: whether this is the first process of mpirun, which alone writes the file.
+
+    Raises:
+        LogFileError: the file cannot be written.
+    """
+    wanted, log = _wanted.get() or Wanted(), logging.getLogger(PACKAGE)
+    level = logging.DEBUG if wanted.verbose else logging.WARNING if quiet else logging.INFO
+    handlers: list[logging.Handler] = [_Screen(level)]
+    if wanted.log_file is not None and is_first:
+        handlers.append(_file(wanted.log_file))
+    before = log.level, log.propagate
+    log.propagate = False  # FFCx gives the root logger a handler
+    log.setLevel(logging.DEBUG if len(handlers) > 1 else level)
+    for handler in handlers:
+        log.addHandler(handler)
+    command, begin = command_log(), time.perf_counter()
+    command.debug("begin: %s", shlex.join(sys.argv))
+    try:
+        yield
+    finally:
+        command.debug("end after %.1f s", time.perf_counter() - begin)
+        log.propagate = before[1]
+        log.setLevel(before[0])
+        for handler in handlers:
+            log.removeHandler(handler)
+            handler.close()
+
+
+def command_log() -> logging.Logger:
+    """Return the log of begin and end of a command."""
+    return logging.getLogger(COMMAND)
+
+
+def tell(text: str) -> None:
+    """Write a line to stderr; above a progress bar if there is one, which replaces `sys.stderr`."""
+    sys.stderr.write(f"{text}\n")
+
+
+def _file(path: Path) -> logging.Handler:
+    """Return a handler that adds messages to a file."""
+    try:
+        handler = logging.FileHandler(path, "a", encoding="utf-8")
+    except OSError as error:
+        raise LogFileError(f"--log {path}: cannot be written ({error.strerror})") from None
+    handler.setFormatter(logging.Formatter(FORMAT))
+    return handler
+
+
+class _Screen(logging.Handler):
+    """Handler that writes to stderr, each text once, however many processes say it."""
+
+    def __init__(self, level: int) -> None:
+        """Store the least level."""
+        super().__init__(level)
+        self._said: set[str] = set()
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Return whether a record is for the terminal: neither progress nor begin and end."""
+        return record.name not in (PROGRESS, COMMAND)
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Write one record, unless it has been written."""
+        text = self.format(record)
+        if text not in self._said:
+            self._said.add(text)
+            tell(f"warning: {text}" if record.levelno == logging.WARNING else text)
+
+
+STANDARD = (0, 1, 2)
+"""Descriptors of stdin, stdout and stderr."""
+
+
+@contextmanager
+def lasting_streams() -> Iterator[None]:
+    """Replace stdout and stderr by unbuffered streams whose writes never fail."""
+    _fill_closed()
+    before = sys.stdout, sys.stderr
+    sys.stdout, sys.stderr = _lasting(sys.stdout, 1), _lasting(sys.stderr, 2)
+    try:
+        yield
+    finally:
+        colours = sys.modules.get("colorama.initialise")  # numba's, which would reset the terminal
+        if colours is not None:
+            atexit.unregister(colours.reset_all)
+        sys.stdout, sys.stderr = before[0] or sys.stdout, before[1] or sys.stderr
+
+
+def _fill_closed() -> None:
+    """Open the null device as each standard stream that is closed.
+
+    Otherwise the next file that is opened would get its number, and messages would go there.
+    """
+    for number in STANDARD:
+        try:
+            os.fstat(number)
+        except OSError:
+            opened = os.open(os.devnull, os.O_RDWR)
+            if opened != number:
+                os.dup2(opened, number)
+                os.close(opened)
+
+
+def _lasting(stream: TextIO | None, number: int) -> TextIO:
+    """Return a stream whose writes never fail; a stream that is no descriptor is left alone."""
+    if stream is not None:
+        try:
+            number = stream.fileno()
+        except (OSError, ValueError):  # captured in memory
+            return stream
+        with suppress(OSError):
+            stream.flush()
+    encoding = getattr(stream, "encoding", None) or "utf-8"
+    # a raw stream in the place of a buffer, as `python -u` has it
+    raw: Any = _Lasting(number)
+    return io.TextIOWrapper(raw, encoding, "backslashreplace", write_through=True)
+
+
+class _Lasting(io.RawIOBase):
+    """The raw stream of a descriptor; after a failure it writes to the null device."""
+
+    def __init__(self, number: int) -> None:
+        """Store the descriptor, which stays open."""
+        self._number = number
+
+    def writable(self) -> bool:
+        """Return True."""
+        return True
+
+    def isatty(self) -> bool:
+        """Return whether the stream is a terminal."""
+        return os.isatty(self._number)
+
+    def fileno(self) -> int:
+        """Return the descriptor."""
+        return self._number
+
+    def write(self, data: bytes) -> int:  # type: ignore[override]
+        """Write data; drop what cannot be written."""
+        view = memoryview(data).cast("B")
+        size = len(view)
+        while len(view):
+            try:
+                view = view[os.write(self._number, view) :]
+            except BlockingIOError:
+                select.select([], [self._number], [])
+            except OSError:
+                null = os.open(os.devnull, os.O_WRONLY)
+                os.dup2(null, self._number)
+                os.close(null)
+        return size
+
+
+DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+"""Exit statuses of the command."""
+
+PATIENCE = 3.0
+"""Time after which another process than the first tells its error [s]."""
+
+LONGEST = 1000
+"""Longest line of a message, in characters."""
+
+_log = logging.getLogger(__name__)
+
+
+@contextmanager
+def reported(quiet: bool = False) -> Iterator[None]:
+    """Show the log of the package, and turn errors into a message and an exit status.
+
+    Ctrl-C, SIGTERM and a closed terminal end the command; output that nobody reads does not.
+    """
+    from delam_fem.simulation.interrupts import interruptible
+
+    with lasting_streams(), _messages(quiet):
+        try:
+            with interruptible():
+                yield
+        except typer.Exit:
+            raise
+        except (Exception, KeyboardInterrupt) as error:
+            found = explained(error)
+            if found is None:
+                _log.exception("this is a defect of the program")
+                raise
+            if isinstance(error, OSError):
+                _log.debug("an input or output failed here", exc_info=True)
+            fail(*found)
+
+
+@contextmanager
+def _messages(quiet: bool) -> Iterator[None]:
+    """Show messages; exit if the file for them cannot be written."""
+    try:
+        with shown(quiet=quiet, is_first=_rank() == 0):
+            yield
+    except LogFileError as error:
+        fail(str(error), BAD_INPUT)
+
+
+def explained(error: BaseException) -> tuple[str, int] | None:
+    """Return the message and the exit status for an error; None for a defect of the program."""
+    from delam_fem.system.errors import CaseError
+
+    if isinstance(error, CaseError):
+        return str(error), BAD_INPUT
+    if isinstance(error, MemoryError):
+        return f"not enough memory ({error or 'no more is to be had'})", FAILED
+    if isinstance(error, OSError):
+        reason = error.strerror or str(error)
+        return f"{error.filename or 'input or output'}: {reason}", FAILED
+    return ("interrupted", INTERRUPTED) if isinstance(error, KeyboardInterrupt) else None
+
+
+def fail(text: str, status: int) -> NoReturn:
+    """Print a message to stderr and exit with a status."""
+    let_the_first_speak()
+    lines = [_shortened(line) for line in f"delam-fem: {text}".splitlines()]
+    tell("\n".join(lines))
+    command_log().info("exit status %d: %s", status, " ".join(lines))
+    raise typer.Exit(status)
+
+
+def _shortened(line: str) -> str:
+    """Return a line without the middle if it is very long, and without control characters."""
+    shown = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in line)
+    half = LONGEST // 2
+    return shown if len(shown) <= LONGEST else f"{shown[:half]} … {shown[-half:]}"
+
+
+def let_the_first_speak() -> None:
+    """Wait a moment unless this is the first process of mpirun, which ends all after an error.
+
+    An error that all processes have is therefore told once.
+    """
+    if _rank():
+        time.sleep(PATIENCE)
+
+
+def _rank() -> int:
+    """Return the number of this process under mpirun; 0 without."""
+    return int(os.environ.get("OMPI_COMM_WORLD_RANK", os.environ.get("PMI_RANK", "0")))
+
+
+def error_console(quiet: bool) -> Console:
+    """Return the console of stderr, for progress."""
+    from rich.console import Console
+
+    return Console(stderr=True, quiet=quiet)
+
+
+def table(title: str, heading: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Print a table to stdout."""
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(title=title, title_justify="left")
+    for column in heading:
+        table.add_column(column)
+    for row in rows:
+        table.add_row(*row)
+    Console(markup=False).print(table)  # units stand in brackets
+
+
+def summary_rows(summary: Mapping[str, object]) -> list[tuple[str, str]]:
+    """Return the summary of a run as rows of a table."""
+    told = ("warnings", "message")  # on stderr
+    return [
+        (key.replace("_", " "), _shown(value)) for key, value in summary.items() if key not in told
+    ]
+
+
+def _shown(value: object) -> str:
+    """Return a value of the summary as text."""
+    if isinstance(value, Mapping):
+        return ", ".join(f"{key} {_shown(entry)}" for key, entry in value.items())
+    if isinstance(value, list | tuple):
+        return ", ".join(_shown(entry) for entry in value)
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    return "none" if value is None else str(value)
+
+
+def say_files(paths: Sequence[Path]) -> None:
+    """Print the paths of written files."""
+    for path in paths:
+        typer.echo(path)

@@ -1,1 +1,0 @@
-"""What the command shows: tables, messages, progress, and streams that may close."""

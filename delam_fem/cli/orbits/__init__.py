@@ -1,1 +1,0 @@
-"""The commands `delam-fem orbit` and `delam-fem continue`."""

@@ -1,0 +1,734 @@
+"""Steps and periods in compiled code: candidate, contact law, ledger, record, divided steps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numba import carray, types
+
+from delam_fem.engines.compiled import algebra, modes
+from delam_fem.engines.compiled import contact as contact
+from delam_fem.engines.compiled import contact as springs
+from delam_fem.engines.compiled import lanes as lk
+from delam_fem.engines.compiled import points as points
+from delam_fem.engines.compiled.algebra import both_products, measure, row_product
+from delam_fem.engines.compiled.state import (
+    COMPLETED,
+    CONTACT_DAMPED,
+    DISSIPATED,
+    DIVERGED,
+    FULL,
+    IMPACT,
+    IS_SEEN,
+    MOREAU,
+    N_EVENTS,
+    N_FRAMES,
+    N_HITS,
+    N_RESTING,
+    N_SPRINGS,
+    NONE,
+    OLD_EVENTS,
+    OLD_HITS,
+    RELEASED,
+    SLOT,
+    Log,
+    view_at,
+)
+from delam_fem.engines.compiled.system import Problem
+from delam_fem.simulation.energy import add_flows
+from delam_fem.simulation.recorder import N_BASE, write_period
+from delam_fem.simulation.refinement import SAFETY, base_within
+from delam_fem.system.kernels import kept, njit
+
+OPEN, HIT, RESTING = (np.int8(k) for k in range(3))
+"""Contact states of a pair in a frame; see simulation/recorder.py."""
+
+
+@njit
+def advance_banded(system, memory, base_state):  # type: ignore[no-untyped-def]
+    """Compute the candidate state in band order; return zᵀ C z and the smallest gap."""
+    X, size, column, scheme = memory.X, system.size, system.base, system.scheme
+    q, dq, ddq = base_state
+    for i in range(size):
+        v, a = X[size + i], X[lk.A * size + i]
+        X[i] += scheme.time_step * v + scheme.c2 * a
+        X[size + i] += scheme.c3 * a
+        X[lk.Y * size + i] = X[i] + scheme.g * X[size + i]
+        X[lk.P * size + i] = X[size + i] + scheme.rho * v
+    for i in range(size):
+        load = column[i] * ddq + column[size + i] * dq + column[2 * size + i] * q
+        load += row_product(system.stiffness, i, X, lk.Y * size)
+        load += row_product(system.damping, i, X, size)
+        X[lk.R * size + i] = -load
+    algebra.substitute(X, size, system.band, lk.R, lk.A)
+    for i in range(size):
+        a = X[lk.A * size + i]
+        X[i] += scheme.d1 * a
+        X[size + i] += scheme.d2 * a
+        X[lk.P * size + i] += scheme.d2 * a
+    return loss(system, X), smallest_gap(system, X, 0.0)
+
+
+@njit
+def loss(system, X):  # type: ignore[no-untyped-def]
+    """Return zᵀ C z, where z is the field P."""
+    if system.is_chained:
+        return lk.loss(X, system.size, system.form)
+    if system.is_modal:
+        return modes.loss(system, X)
+    return algebra.form(system.damping, system.size, X, lk.P * system.size)
+
+
+@njit
+def smallest_gap(system, X, ahead):  # type: ignore[no-untyped-def]
+    """Return the smallest gap at the displacements u + ahead v."""
+    if system.is_chained and not system.is_within:
+        return lk.smallest_gap(X, system.size, system.rest, ahead)
+    smallest = np.inf
+    for k in range(system.n_pairs):
+        gap = system.gap0[k] + row_product(system.gap_rows, k, X, 0)
+        if ahead != 0.0:
+            gap += ahead * row_product(system.gap_rows, k, X, system.size)
+        smallest = min(smallest, gap)
+    return smallest
+
+
+@njit(forceinline=True)
+def look_ahead(system, law, memory, is_clear):  # type: ignore[no-untyped-def]
+    """Return the smallest predicted gap (theta.py, J2); store gaps and rates if one is closed.
+
+    Return infinity for laws that look at the gaps at the end of the step, and if the state is clear
+    (`refined._is_clear`): then no predicted gap is closed.
+    """
+    if memory.counts[N_RESTING]:
+        forget_resting(system, memory)
+    if law.kind != MOREAU or is_clear:
+        return np.inf
+    ahead = system.scheme.gap_ahead
+    if system.is_modal:
+        return modes.measure(system, memory, ahead)
+    if system.is_within:
+        return points.see(system, memory, ahead, 0.0)
+    smallest = smallest_gap(system, memory.X, ahead)
+    if smallest <= 0.0 or system.is_touching:
+        measure(system, memory.X, ahead, memory.gap, memory.rate)
+    return smallest
+
+
+@njit
+def forget_resting(system, memory):  # type: ignore[no-untyped-def]
+    """Report no pair as resting; only for the θ-scheme, where resting pairs carry no spring."""
+    memory.counts[N_RESTING] = 0
+    for k in range(system.n_pairs):
+        memory.resting[k] = 0
+
+
+@njit(forceinline=True)
+def base_at(states, step):  # type: ignore[no-untyped-def]
+    """Return (q, q', q'') of the base at the end of a step."""
+    k = 3 * step
+    return states[k], states[k + 1], states[k + 2]
+
+
+@njit(forceinline=True)
+def mix_base(system, base, new):  # type: ignore[no-untyped-def]
+    """Return the base state at θ within a step, and store the new base state at its end."""
+    after = system.scheme.theta
+    before = 1.0 - after
+    q = after * new[0] + before * base[0]
+    dq = after * new[1] + before * base[1]
+    ddq = after * new[2] + before * base[2]
+    base[0], base[1], base[2] = new
+    return q, dq, ddq
+
+
+@njit(forceinline=True)
+def _base_rows(system, X, out, first):  # type: ignore[no-untyped-def]
+    """Write m_b·u, c_b·u, k_b·u to out[first:]."""
+    if system.is_chained:
+        lk.base_rows(system, X, out, first)
+    else:
+        for j in range(3):
+            out[first + j] = row_product(system.base_rows, j, X, 0)
+
+
+@njit(forceinline=True)
+def see_base(system, memory):  # type: ignore[no-untyped-def]
+    """Write m_b·u, c_b·u, k_b·u to `seen`; return the values before."""
+    seen = memory.seen
+    before = seen[0], seen[1], seen[2]
+    _base_rows(system, memory.X, seen, 0)
+    return before
+
+
+@njit(forceinline=True)
+def observe(system, memory, log, step):  # type: ignore[no-untyped-def]
+    """Record what `observe_into` sees at the end of a step."""
+    row = memory.counts[SLOT] * (log.n_steps + 1) + step
+    observe_into(system, memory.X, log.u, log.v, row)
+
+
+@njit(forceinline=True)
+def observe_into(system, X, u, v, row):  # type: ignore[no-untyped-def]
+    """Write the recorded quantities into row `row` of u and v.
+
+    u gets m_b·u, c_b·u, k_b·u and the probes of u; v gets the probes of v.
+    """
+    n = system.n_probes
+    first_u, first_v = row * (3 + n), row * n
+    _base_rows(system, X, u, first_u)
+    if system.is_selecting:
+        for k in range(n):
+            place = system.selected[k]
+            u[first_u + 3 + k], v[first_v + k] = X[place], X[system.size + place]
+    else:
+        for k in range(n):
+            u[first_u + 3 + k] = row_product(system.probe_rows, k, X, 0)
+            v[first_v + k] = row_product(system.probe_rows, k, X, system.size)
+
+
+@njit
+def advance(system, law, memory, new_base, is_clear):  # type: ignore[no-untyped-def]
+    """Compute one candidate, with springs if any; return zᵀ C z and the smallest gap.
+
+    For `is_clear` see `look_ahead`.
+    """
+    X, predicted = memory.X, look_ahead(system, law, memory, is_clear)
+    base_state = mix_base(system, memory.base, new_base)
+    if system.is_chained:
+        flow, smallest = lk.step(system, X, base_state, True)
+    elif system.is_modal:
+        flow, smallest = modes.advance(system, X, base_state), np.inf
+        memory.counts[IS_SEEN] = 0
+        if law.kind != MOREAU:
+            smallest = smallest_gap(system, X, 0.0)
+    else:
+        flow, smallest = advance_banded(system, memory, base_state)
+    if memory.counts[N_SPRINGS]:
+        springs.push_springs(system, law, memory)
+        return loss(system, X), smallest_gap(system, X, 0.0)
+    if law.kind == MOREAU:
+        return flow, contact.widen_contact(system, memory) if system.is_touching else predicted
+    if system.is_within:
+        return flow, points.see(system, memory, 0.0, 0.0)
+    return flow, smallest
+
+
+@njit
+def keep_frame(system, memory, log, step):  # type: ignore[no-untyped-def]
+    """Store the whole state of a step and the contact state of each pair."""
+    size, counts = system.size, memory.counts
+    n = counts[SLOT] * log.n_frames + counts[N_FRAMES]
+    for i in range(size):
+        log.frames[2 * n * size + i] = memory.X[i]
+        log.frames[(2 * n + 1) * size + i] = memory.X[size + i]
+    first = n * system.n_pairs
+    for k in range(system.n_pairs):
+        log.contact[first + k] = RESTING if memory.resting[k] else OPEN
+    event, last = counts[N_EVENTS] - 1, counts[N_HITS]
+    while event >= counts[OLD_EVENTS] and log.event_tick[event] > (step - 1) * log.refine:
+        for j in range(last - log.event_size[event], last):
+            if not memory.resting[log.hit[j]]:
+                log.contact[first + log.hit[j]] = HIT
+        last -= log.event_size[event]
+        event -= 1
+    counts[N_FRAMES] += 1
+
+
+@njit(inline="always")
+def end_step(system, law, memory, log, tick, flow, smallest):  # type: ignore[no-untyped-def]
+    """Apply the law to a candidate that touches, and account for damping.
+
+    Args:
+        system: of the step.
+        law: contact law.
+        memory: state.
+        log: record of the period.
+        tick: instant of the end of the step.
+        flow: zᵀ C z of the candidate.
+        smallest: its smallest gap [m].
+
+    Returns:
+        COMPLETED, or a failure of the law, see contact.py.
+    """
+    status = COMPLETED
+    if smallest <= 0.0 or memory.counts[N_SPRINGS] > 0:
+        status = contact.examine(system, law, memory, log, tick)
+        if law.kind >= MOREAU:
+            flow = loss(system, memory.X)
+    memory.totals[DISSIPATED] += system.scheme.weight * flow
+    return status
+
+
+COARSE, MIDDLE = 0, 1
+"""Sizes of steps that may be undone."""
+NEAR = 3
+"""Result of a step that was undone, besides those of a loop."""
+N_COARSE, N_MIDDLE, N_FINE, N_CONTACTS, N_UNFORESEEN = range(5)
+"""Indices into `Memory.effort`."""
+
+
+@njit
+def _is_clear(system, memory, reach):  # type: ignore[no-untyped-def]
+    """Return whether surely no gap is small up to a time ahead or back (F1).
+
+    One pass over the state after a step answers for this step and for the next. Where gaps take
+    longer to see, or pairs rest on springs or touch at rest, the answer is no.
+    """
+    if not system.is_chained or system.is_within or system.is_touching:
+        return False
+    if memory.counts[N_SPRINGS] > 0:
+        return False
+    return lk.smallest_margin(memory.X, system.size, system.rest, reach) > 0.0
+
+
+@njit
+def _mark_near(system, memory, ahead, level, slow):  # type: ignore[no-untyped-def]
+    """Return whether a pair faster than `slow` has a small gap up to a time ahead (F1).
+
+    For a coarse step mark the pairs with a small gap.
+    """
+    if system.is_within:
+        return _mark_points(system, memory, ahead, level, slow)
+    X, has_springs = memory.X, memory.counts[N_SPRINGS] > 0
+    if system.is_chained and not has_springs:
+        if lk.smallest_approach(X, system.size, system.rest, ahead) > 0.0:
+            return False
+    found = False
+    if system.is_modal:
+        modes.see(system, memory)
+    for k in range(system.n_pairs):
+        if system.is_modal:
+            gap, rate = memory.present_gap[k], memory.present_rate[k]
+        else:
+            gap, rate = both_products(system.gap_rows, k, X, system.size)
+            gap = system.gap0[k] + gap
+        if has_springs and memory.resting[k]:
+            gap, rate = -gap, -rate
+        if gap + min(ahead * rate, 0.0) <= 0.0:
+            found |= abs(rate) > slow
+            if level == COARSE:
+                memory.near[k] = 1
+            elif found:
+                return True
+    return found
+
+
+@njit
+def _mark_points(system, memory, ahead, level, slow):  # type: ignore[no-untyped-def]
+    """Do the same as `_mark_near` for pairs inside the elements."""
+    X, found = memory.X, False
+    n_springs = memory.counts[N_SPRINGS]
+    if points.see_approach(system, memory, ahead) <= 0.0:
+        for k in range(system.n_pairs):
+            if memory.present_gap[k] <= 0.0 and not (n_springs and memory.resting[k]):
+                found |= abs(row_product(system.gap_rows, k, X, system.size)) > slow
+                if level == COARSE:
+                    memory.near[k] = 1
+                elif found:
+                    return True
+    for j in range(n_springs):
+        k = memory.pairs[j]
+        gap, rate = both_products(system.gap_rows, k, X, system.size)
+        if system.gap0[k] + gap + max(ahead * rate, 0.0) >= 0.0:
+            found |= abs(rate) > slow
+            if level == COARSE:
+                memory.near[k] = 1
+    return found
+
+
+@njit
+def _leap(system, law, memory, log, new_base, level, tick, was_clear):  # type: ignore[no-untyped-def]
+    """Make a coarse or middle step that ends at a tick; undo it if a gap is small.
+
+    `near` tells the pairs whose gap is small in a coarse step. `was_clear` tells whether the state
+    is known to be clear (`_is_clear`) for steps of this size.
+
+    Returns:
+        COMPLETED, NEAR if the step was undone, or a failure of the law; whether the new state is
+        clear.
+    """
+    X, base, totals = memory.X, memory.base, memory.totals
+    reach, is_near = 0.5 * SAFETY * system.scheme.time_step, False
+    for k in range(system.n_pairs if level == COARSE else 0):
+        memory.near[k] = 0
+    if not was_clear:
+        is_near = _mark_near(system, memory, reach, level, log.slow)
+        if is_near and level != COARSE:
+            return NEAR, False
+    n_kept = (2 if system.is_chained or system.is_modal else 3) * system.size
+    for i in range(n_kept):
+        memory.kept[i] = X[i]
+    old_base, damped = (base[0], base[1], base[2]), totals[CONTACT_DAMPED]
+    flow, smallest = advance(system, law, memory, new_base, was_clear)
+    is_clear = _is_clear(system, memory, reach)
+    if (not is_clear and _mark_near(system, memory, -reach, level, log.slow)) or is_near:
+        for i in range(n_kept):
+            X[i] = memory.kept[i]
+        memory.counts[IS_SEEN] = 0
+        base[0], base[1], base[2] = old_base
+        totals[CONTACT_DAMPED] = damped
+        return NEAR, False
+    return end_step(system, law, memory, log, tick, flow, smallest), is_clear
+
+
+@njit(inline="always")
+def _fine_step(system, law, memory, log, new_base, tick, floor):  # type: ignore[no-untyped-def]
+    """Make a fine step and ask the law; return COMPLETED, DIVERGED or a failure of the law."""
+    flow, smallest = advance(system, law, memory, new_base, False)
+    if smallest < floor:
+        return DIVERGED
+    return end_step(system, law, memory, log, tick, flow, smallest)
+
+
+@njit(inline="always")
+def _account(system, memory, before, after, share):  # type: ignore[no-untyped-def]
+    """Add the work of the base over a small step to `flows`."""
+    seen_before = see_base(system, memory)
+    add_flows(memory.flows, seen_before, memory.seen, before, after, share)
+
+
+@njit
+def _was_unforeseen(memory, log, event):  # type: ignore[no-untyped-def]
+    """Return whether the last event hit a pair that the coarse step did not see approach."""
+    last = memory.counts[N_HITS]
+    for j in range(last - log.event_size[event], last):
+        if not memory.near[log.hit[j]]:
+            return True
+    return False
+
+
+@njit(inline="always")
+def _base_in(states, step, share, time_step):  # type: ignore[no-untyped-def]
+    """Return (q, q', q'') of the base within a step; share 1 is its end."""
+    if share == 1.0:
+        return base_at(states, step)
+    before, after = base_at(states, step - 1), base_at(states, step)
+    return base_within(before, after, share, time_step)
+
+
+@njit(inline="always")
+def _divide(middle, fine, law, memory, log, step, floor):  # type: ignore[no-untyped-def]
+    """Make a coarse step in smaller ones; return COMPLETED, DIVERGED or a failure of the law."""
+    effort, counts, r, m = memory.effort, memory.counts, log.refine, log.middle
+    dt = r * fine.scheme.time_step
+    before, is_first, is_clear = base_at(log.base_states, step - 1), True, False
+    see_base(fine, memory)
+    for j in range(1, m + 1):
+        after = _base_in(log.base_states, step, j / m, dt)
+        if m > 1:
+            ticks = (step - 1) * r + j * (r // m)
+            status, is_clear = _leap(middle, law, memory, log, after, MIDDLE, ticks, is_clear)
+            if status == COMPLETED:
+                effort[N_MIDDLE] += 1
+                _account(fine, memory, before, after, 1.0 / m)
+                before = after
+                continue
+            if status != NEAR:
+                return status
+        for tick in range((j - 1) * (r // m) + 1, j * (r // m) + 1):
+            after = _base_in(log.base_states, step, tick / r, dt)
+            event = counts[N_EVENTS]
+            status = _fine_step(fine, law, memory, log, after, (step - 1) * r + tick, floor)
+            if status != COMPLETED:
+                return status
+            effort[N_FINE] += 1
+            if is_first and counts[N_EVENTS] > event:
+                is_first = False
+                effort[N_CONTACTS] += 1
+                effort[N_UNFORESEEN] += _was_unforeseen(memory, log, event)
+            _account(fine, memory, before, after, 1.0 / r)
+            before = after
+    return COMPLETED
+
+
+@njit(inline="always")
+def run_refined(coarse, middle, fine, law, memory, log, first):  # type: ignore[no-untyped-def]
+    """Compute steps, and divide those near contact; see `loop.run_plain`."""
+    counts, r, floor, is_clear = memory.counts, log.refine, -log.limit, False
+    for step in range(first, log.n_steps + 1):
+        if counts[N_EVENTS] + r > log.n_events or counts[N_HITS] + r * fine.n_pairs > log.n_hits:
+            return step - 1, FULL
+        new_base = base_at(log.base_states, step)
+        status, is_clear = _leap(coarse, law, memory, log, new_base, COARSE, step * r, is_clear)
+        if status == COMPLETED:
+            memory.effort[N_COARSE] += 1
+        elif status == NEAR:
+            log.is_divided[counts[SLOT] * (log.n_steps + 1) + step] = 1
+            status = _divide(middle, fine, law, memory, log, step, floor)
+        if status != COMPLETED:
+            return step - 1, status
+        observe(fine, memory, log, step)
+        n_frames = counts[N_FRAMES]
+        if n_frames < log.n_frames and log.frame_steps[n_frames] == step:
+            keep_frame(fine, memory, log, step)
+    return log.n_steps, COMPLETED
+
+
+@njit
+def _glide(system, law, memory, log, span, touch):  # type: ignore[no-untyped-def]
+    """Compute steps in lane order while all gaps are larger than `touch`, without springs.
+
+    Returns:
+        The first step whose candidate touches, which is not yet recorded, with its zᵀ C z and
+        smallest gap. If no candidate touches: the step after the last one, 0 and infinity.
+    """
+    X, totals, weight = memory.X, memory.totals, system.scheme.weight
+    first, last = span
+    for step in range(first, last + 1):
+        predicted = look_ahead(system, law, memory, False)
+        base_state = mix_base(system, memory.base, base_at(log.base_states, step))
+        flow, smallest = lk.step(system, X, base_state, predicted <= touch)
+        if law.kind == MOREAU:
+            smallest = predicted
+        elif system.is_within:
+            smallest = points.see(system, memory, 0.0, touch)
+        if smallest <= touch:
+            return step, flow, smallest
+        totals[DISSIPATED] += weight * flow
+        observe(system, memory, log, step)
+    return last + 1, 0.0, np.inf
+
+
+@njit
+def _plain_steps(p, log, first):  # type: ignore[no-untyped-def]
+    """Compute the steps of a period from the first; see `run_plain`."""
+    system, law, memory, floor = p.fine, p.law, p.memory, -log.limit
+    counts, step, touch = memory.counts, first, floor if law.kind == NONE else 0.0
+    while step <= log.n_steps:
+        if counts[N_EVENTS] == log.n_events or counts[N_HITS] + system.n_pairs > log.n_hits:
+            return step - 1, FULL
+        n_frames, last = counts[N_FRAMES], log.n_steps
+        if n_frames < log.n_frames and log.frame_steps[n_frames] >= step:
+            last = log.frame_steps[n_frames]
+        if system.is_chained and counts[N_SPRINGS] == 0:
+            step, flow, smallest = _glide(system, law, memory, log, (step, last), touch)
+        else:
+            new_base = base_at(log.base_states, step)
+            flow, smallest = advance(system, law, memory, new_base, False)
+        if step <= last:
+            if smallest < floor:
+                return step - 1, DIVERGED
+            status = end_step(system, law, memory, log, step, flow, smallest)
+            if status != COMPLETED:
+                return step - 1, status
+            observe(system, memory, log, step)
+            step += 1
+        if step > last and n_frames < log.n_frames and log.frame_steps[n_frames] == last:
+            keep_frame(system, memory, log, last)
+    return log.n_steps, COMPLETED
+
+
+@njit
+def _divided_steps(p, log, first):  # type: ignore[no-untyped-def]
+    """Do the same where steps near contact are divided."""
+    return run_refined(p.coarse, p.middle, p.fine, p.law, p.memory, log, first)
+
+
+@njit
+def _store_energies(p):  # type: ignore[no-untyped-def]
+    """Store the energies of the whole system, base included, in the fixed frame, and m_b·v."""
+    system, memory, mass, stiffness = p.fine, p.memory, p.corner[0], p.corner[2]
+    X, size, stored, q, dq = memory.X, system.size, memory.stored, memory.base[0], memory.base[1]
+    momentum = attachment = 0.0
+    for i in range(size):
+        momentum += system.base[i] * X[size + i]
+        attachment += system.base[2 * size + i] * X[i]
+    kinetic = 0.5 * algebra.form(system.mass, size, X, size)
+    strain = 0.5 * algebra.form(system.stiffness, size, X, 0)
+    stored[0] = kinetic + dq * momentum + 0.5 * mass * dq * dq
+    stored[1] = strain + q * attachment + 0.5 * stiffness * q * q
+    stored[2] = springs.spring_energy(system, p.law, memory)
+    stored[3] = momentum
+
+
+@njit
+def _store_level(p, log, j):  # type: ignore[no-untyped-def]
+    """Write the energies stored now and lost so far as the level number j of a block."""
+    _store_energies(p)
+    for i in range(4):
+        log.levels[6 * j + i] = p.memory.stored[i]
+    log.levels[6 * j + 4] = p.memory.totals[DISSIPATED]
+    log.levels[6 * j + 5] = p.memory.totals[CONTACT_DAMPED]
+
+
+@njit
+def _begin_period(p, log, j):  # type: ignore[no-untyped-def]
+    """Set what is counted within a period to zero, and record its start."""
+    memory, width, width_v = p.memory, 3 + p.fine.n_probes, p.fine.n_probes
+    counts, totals, n_rows, n_pairs = memory.counts, memory.totals, log.n_steps + 1, p.fine.n_pairs
+    slot, before = j % log.n_slots, (j - 1) % log.n_slots
+    counts[SLOT], counts[N_FRAMES], counts[IS_SEEN] = slot, 0, 0
+    counts[OLD_EVENTS], counts[OLD_HITS] = counts[N_EVENTS], counts[N_HITS]
+    if j == 0:
+        _store_level(p, log, 0)
+        observe(p.fine, memory, log, 0)
+    else:
+        first, last = slot * n_rows, (before + 1) * n_rows - 1
+        for i in range(width):
+            log.u[first * width + i] = log.u[last * width + i]
+        for i in range(width_v):
+            log.v[first * width_v + i] = log.v[last * width_v + i]
+    totals[IMPACT] = totals[RELEASED] = 0.0
+    for i in range(4):
+        memory.flows[i] = 0.0
+    for i in range(5):
+        memory.effort[i] = 0
+    for i in range(3):
+        memory.base[i] = log.base_states[i]
+    for k in range(n_pairs):
+        log.resting[slot * n_pairs + k] = memory.resting[k]
+    if log.refine > 1:
+        for i in range(slot * n_rows, (slot + 1) * n_rows):
+            log.is_divided[i] = 0
+
+
+@njit
+def _pairwise(x, first, n, least):  # type: ignore[no-untyped-def]
+    """Return the sum of n numbers, smaller ones raised to the least, added in pairs of halves."""
+    if n > 128:
+        half = n // 16 * 8
+        return _pairwise(x, first, half, least) + _pairwise(x, first + half, n - half, least)
+    total, whole = 0.0, n // 8 * 8
+    if whole:
+        r = np.zeros(8)
+        for i in range(whole):
+            value = x[first + i]
+            r[i % 8] += least if value < least else value
+        total = ((r[0] + r[1]) + (r[2] + r[3])) + ((r[4] + r[5]) + (r[6] + r[7]))
+    for i in range(first + whole, first + n):
+        total += least if x[i] < least else x[i]
+    return total
+
+
+@njit
+def _sum(x, first, n, least):  # type: ignore[no-untyped-def]
+    """Return the sum as NumPy forms it, bit for bit, so that both engines count impacts alike."""
+    total = 0.0
+    for start in range(0, n, 8192):  # the size of NumPy's buffers
+        total += _pairwise(x, first + start, min(n - start, 8192), least)
+    return total
+
+
+@njit
+def _end_period(p, log, first_period, j, n_steps):  # type: ignore[no-untyped-def]
+    """Write the rows of a period; return whether the motion stayed within bounds."""
+    memory, counts, k, slot = p.memory, p.memory.counts, first_period + j, p.memory.counts[SLOT]
+    n_rows, width = log.n_steps + 1, p.fine.n_probes
+    _store_level(p, log, j + 1)
+    ends = n_steps, counts[N_EVENTS], counts[N_HITS]
+    for i in range(3):
+        log.ends[3 * j + i] = ends[i]
+    for i in range(5):
+        log.effort[5 * k + i] = memory.effort[i]
+    if log.refine == 1:
+        log.effort[5 * k] = n_steps
+    n_events, n_hits = counts[N_EVENTS] - counts[OLD_EVENTS], counts[N_HITS] - counts[OLD_HITS]
+    log.impulses[3 * k] = _sum(log.impulse, counts[OLD_HITS], n_hits, -np.inf)
+    log.impulses[3 * k + 1] = n_hits
+    log.impulses[3 * k + 2] = _sum(log.event_energy, counts[OLD_EVENTS], n_events, 0.0)
+    u = carray(log.u, (log.n_slots, n_rows, N_BASE + width))[slot, : n_steps + 1]
+    v = carray(log.v, (log.n_slots, n_rows, width))[slot, : n_steps + 1]
+    base_states = carray(log.base_states, (n_rows, 3))
+    is_divided = carray(log.is_divided, (log.n_slots, n_rows))[slot]
+    coupling, flows = carray(log.coupling, (4,)), carray(memory.flows, (4,))
+    rows = (
+        carray(log.strobe, (k + 1, 2, log.n_probes))[k],
+        carray(log.envelope, (k + 1, 2, log.n_probes))[k],
+        carray(log.ledger, (k + 1, 10))[k],
+    )
+    gained = memory.totals[IMPACT], memory.totals[RELEASED]
+    of_base = base_states, coupling, log.time_step, is_divided, flows
+    levels = carray(log.levels, (j + 2, 6))[j:]
+    return write_period(u, v, levels, of_base, gained, rows, log.limit)
+
+
+def _block_of(run_steps: Any) -> Any:
+    """Return the function that computes a block; see `run_plain`.
+
+    Args:
+        run_steps: `_plain_steps` or `_divided_steps`.
+    """
+
+    @njit
+    def run_block(p, log, first_period, begin, n_periods):  # type: ignore[no-untyped-def]
+        first, step = begin
+        for j in range(first, n_periods):
+            if step == 0:
+                _begin_period(p, log, j)
+            step, ending = run_steps(p, log, step + 1)
+            if ending == FULL or ending < 0:
+                return j, step, ending
+            if not _end_period(p, log, first_period, j, step) or ending == DIVERGED:
+                return j + 1, 0, DIVERGED
+            step = 0
+        return n_periods, 0, COMPLETED
+
+    return run_block
+
+
+# -- called from Python -----------------------------------------------------------------------
+
+_problem, _log = view_at(Problem), view_at(Log)
+_plain_block, _divided_block = _block_of(_plain_steps), _block_of(_divided_steps)
+
+
+@kept(nogil=True, what="steps of one size, for all laws and schemes, about 20 s")
+def run_plain(problem_at, log_at, first_period, begin, n_periods):  # type: ignore[no-untyped-def]
+    """Compute a block of periods; write their records and rows.
+
+    Args:
+        problem_at: address of the table of a `Problem`.
+        log_at: address of the table of a `Log`.
+        first_period: number of the first period of the block.
+        begin: place in the block to go on from: number of periods and of steps that are done.
+        n_periods: number of periods of the block.
+
+    Returns:
+        Number of finished periods, of steps of the next, and the result of the loop: COMPLETED,
+        DIVERGED (in the last of these periods), FULL (enlarge the event buffers and call again), or
+        a failure that contact.py defines.
+    """
+    return _plain_block(_problem(problem_at), _log(log_at), first_period, begin, n_periods)
+
+
+@kept(nogil=True, what="steps divided near contact, for all laws and schemes, about 25 s")
+def run_divided(problem_at, log_at, first_period, begin, n_periods):  # type: ignore[no-untyped-def]
+    """Do the same as `run_plain` where steps near contact are divided."""
+    return _divided_block(_problem(problem_at), _log(log_at), first_period, begin, n_periods)
+
+
+def prepared(is_divided: bool) -> Callable[..., tuple[int, int, int]]:
+    """Return `run_plain` or `run_divided`, compiled or loaded."""
+    run, number = run_divided if is_divided else run_plain, types.int64
+    run.compile((number, number, number, types.UniTuple(number, 2), number))
+    return run  # type: ignore[no-any-return]
+
+
+@kept
+def observe_now(problem_at):  # type: ignore[no-untyped-def]
+    """Write m_b·u, c_b·u, k_b·u and the probes into `Memory.seen_u` and `seen_v`."""
+    p = _problem(problem_at)
+    observe_into(p.fine, p.memory.X, p.memory.seen_u, p.memory.seen_v, 0)
+
+
+@kept
+def renew(problem_at):  # type: ignore[no-untyped-def]
+    """Compute the accelerations from the equation of motion."""
+    p = _problem(problem_at)
+    springs.renew_acceleration(p.fine, p.law, p.memory)
+
+
+@kept
+def list_springs(problem_at):  # type: ignore[no-untyped-def]
+    """Update the list of spring pairs from `resting`."""
+    p = _problem(problem_at)
+    springs.list_springs(p.fine, p.memory)
+
+
+@kept
+def store_energies(problem_at):  # type: ignore[no-untyped-def]
+    """Update `Memory.stored`."""
+    _store_energies(_problem(problem_at))

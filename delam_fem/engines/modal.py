@@ -1,0 +1,615 @@
+"""March a reduced problem through its periods: exact modes, rigid contact, fine steps near contact.
+
+The exact motion of modes in a step, as numbers that compiled code needs.
+
+A mode q'' + c q' + ω² q = F has the load F = F0 + ΔF τ/h in a step of length h. Then exactly
+
+    q1 = a11 q0 + a12 v0 + b1 F0 + d1 ΔF,   v1 = a21 q0 + a22 v0 + b2 F0 + d2 ΔF              (P1)
+    c ∫ v² dτ = xᵀ Q x,   x = (q0, v0, F0, ΔF)                                                 (P2)
+
+In units of the step x' = A x is a linear system of four equations. Its exponential E and Q follow
+from those of a small part of the step by doubling, E(2h) = E(h)², Q(2h) = Q(h) + E(h)ᵀ Q(h) E(h),
+which holds for any damping and loses no digits.
+
+In a step of length h the contact forces λ are constant. Modes then move exactly (P1), the omitted
+flexibility creeps exactly, s1 = s0 exp(-h/β) + (1 - exp(-h/β)) λ, and the gaps at the end are
+linear in λ. Rigid contact is asked at the end of the step:
+
+    0 <= λ  ⊥  gap1 = gap_free + A λ >= 0,   A = G b1 Gᵀ + Σ (1 - exp(-h/β)) W                 (M1)
+
+A is positive definite, so λ is unique and continuous in the state. The energy changes by
+
+    Δ(½ v² + ½ ω² q² + ½ Σ sᵀ W s) = drive work - Σ c ∫ v² - Σ creep - Σ λ gap0                (M2)
+
+    creep = ½ (1 - exp(-2h/β)) (s0 - λ)ᵀ W (s0 - λ)
+
+exactly. The last term is the loss at the instant of closing (gap0: at the start of the step). It
+tends to 0 with h; contact itself takes no energy.
+
+A coarse step is made where no gap is small (`refinement.SAFETY`); others are divided into r fine
+ones. The drive is linear within coarse steps, so that both sizes give the same motion without
+contact, bit for bit but for round-off.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import roots_legendre
+
+from delam_fem.contact.complementarity import solve_again, solve_into
+from delam_fem.model.reduced import Reduced
+from delam_fem.numerics.arrays import FloatArray, IntArray
+from delam_fem.simulation.refinement import SAFETY
+from delam_fem.system.kernels import kept, njit
+
+DRIVE_WORK, MODAL_LOSS, CREEP_LOSS, CONTACT_LOSS = range(4)
+"""Indices into `Memory.totals`."""
+N_COARSE, N_FINE = range(2)
+"""Indices into `Memory.effort`."""
+COMPLETED, DIVERGED, UNSOLVED = range(3)
+"""How a period ends."""
+
+
+class Problem(NamedTuple):
+    """A reduced problem, see `model.reduced`; m modes, n pairs, c parts.
+
+    Attributes:
+        squares: ω², shape (m,).
+        damping: shape (m,).
+        creep: β, shape (c,).
+        gap_columns: Gᵀ, shape (m, n).
+        compliance: W of each part, shape (c, n, n).
+        gap0: shape (n,).
+        gap_drive: h, shape (n,).
+    """
+
+    squares: FloatArray
+    damping: FloatArray
+    creep: FloatArray
+    gap_columns: FloatArray
+    compliance: FloatArray
+    gap0: FloatArray
+    gap_drive: FloatArray
+
+
+class Memory(NamedTuple):
+    """The state and the work space.
+
+    Attributes:
+        q, v: amplitudes and velocities of the modes, shape (m,).
+        s: late contact forces of each part, shape (c, n) [N].
+        r: W s, shape (c, n) [m].
+        force: contact forces of the last step, shape (n,) [N].
+        gap, rate: gaps [m] and their rates [m/s] at the present instant, shape (n,).
+        next_q, next_v: amplitudes at the end of a step without contact, shape (m,).
+        push: modal contact loads, shape (m,).
+        next_gap: gaps at the end of a step, shape (n,).
+        bent: W λ of a part, shape (n,).
+        totals: energies of the period [J]; shape (4,).
+        effort: numbers of coarse and fine steps, shape (2,).
+        lowest: smallest gap of each pair, shape (n,) [m].
+        pairs, was_active, factor, members, active, trial, is_wrong: memory of the complementarity
+            problem; see `complementarity.solve_again`.
+    """
+
+    q: FloatArray
+    v: FloatArray
+    s: FloatArray
+    r: FloatArray
+    force: FloatArray
+    gap: FloatArray
+    rate: FloatArray
+    next_q: FloatArray
+    next_v: FloatArray
+    push: FloatArray
+    next_gap: FloatArray
+    bent: FloatArray
+    totals: FloatArray
+    effort: IntArray
+    lowest: FloatArray
+    pairs: IntArray
+    was_active: npt.NDArray[np.uint8]
+    factor: FloatArray
+    members: IntArray
+    active: IntArray
+    trial: FloatArray
+    is_wrong: npt.NDArray[np.uint8]
+
+
+class Drive(NamedTuple):
+    """The drive in a period of N steps.
+
+    Attributes:
+        loads: modal loads at each step, shape (N + 1, m).
+        motion: q of the drive at each step, shape (N + 1,).
+        refine: r, the number of fine steps in a coarse one; 1: contact in coarse steps.
+    """
+
+    loads: FloatArray
+    motion: FloatArray
+    refine: int
+
+
+class Trace(NamedTuple):
+    """What is kept of a period.
+
+    Attributes:
+        q, v: amplitudes and velocities of the modes at each step, shape (N + 1, m).
+        s: late contact forces at each step, shape (N + 1, c, n) [N].
+        impulse: integral of the contact forces over each step, 0 at the start, shape (N + 1, n)
+            [N s].
+    """
+
+    q: FloatArray
+    v: FloatArray
+    s: FloatArray
+    impulse: FloatArray
+
+
+def problem_of(reduced: Reduced) -> Problem:
+    """Return a reduced problem as arrays of compiled code."""
+    return Problem(
+        reduced.squares,
+        reduced.damping,
+        reduced.creep,
+        np.ascontiguousarray(reduced.gap_modes.T),
+        np.ascontiguousarray(reduced.compliance),
+        reduced.gap0,
+        reduced.gap_drive,
+    )
+
+
+def new_memory(m: int, n: int, c: int) -> Memory:
+    """Allocate the memory of a problem, at rest."""
+    return Memory(
+        q=np.zeros(m),
+        v=np.zeros(m),
+        s=np.zeros((c, n)),
+        r=np.zeros((c, n)),
+        force=np.zeros(n),
+        gap=np.zeros(n),
+        rate=np.zeros(n),
+        next_q=np.zeros(m),
+        next_v=np.zeros(m),
+        push=np.zeros(m),
+        next_gap=np.zeros(n),
+        bent=np.zeros(n),
+        totals=np.zeros(4),
+        effort=np.zeros(2, dtype=np.int64),
+        lowest=np.zeros(n),
+        pairs=np.arange(n),
+        was_active=np.zeros(n, dtype=np.uint8),
+        factor=np.zeros(n**2),
+        members=np.full(n + 1, -1),
+        active=np.zeros(n, dtype=np.int64),
+        trial=np.zeros(n),
+        is_wrong=np.zeros(n, dtype=np.uint8),
+    )
+
+
+def new_trace(n_steps: int, m: int, n: int, c: int) -> Trace:
+    """Allocate the record of a period."""
+    rows = n_steps + 1
+    return Trace(
+        np.zeros((rows, m)), np.zeros((rows, m)), np.zeros((rows, c, n)), np.zeros((rows, n))
+    )
+
+
+SMALL = 0.5
+"""Norm of A times the small part of a step."""
+TERMS, NODES = 16, 8
+"""Terms of the exponential series and Gauss points in the small part: round-off is reached."""
+
+
+class Step(NamedTuple):
+    """Numbers of steps of one size.
+
+    Attributes:
+        length: h [s].
+        move: a11, a12, a21, a22, b1, b2, d1, d2 of P1, shape (8, m).
+        loss: the upper triangle of Q of P2 row by row, off-diagonal entries doubled, shape (10, m).
+        decay: exp(-h/β) of each part, 0 where β = 0, shape (c,).
+        compliance: gaps at the end of the step by contact forces that are constant in it, flat,
+            shape (n²,) [m/N].
+    """
+
+    length: float
+    move: FloatArray
+    loss: FloatArray
+    decay: FloatArray
+    compliance: FloatArray
+
+
+def step_of(reduced: Reduced, length: float) -> Step:
+    """Return the numbers of steps of a length [s]."""
+    move, loss = exact_step(reduced.squares, reduced.damping, length)
+    creep = reduced.creep
+    decay = np.exp(-length / np.where(creep > 0.0, creep, np.inf), where=creep > 0.0, out=0 * creep)
+    G = reduced.gap_modes
+    A = (G * move[4]) @ G.T + np.einsum("c,cij->ij", 1.0 - decay, reduced.compliance)
+    return Step(length, move, loss, decay, np.ascontiguousarray(0.5 * (A + A.T)).ravel())
+
+
+def exact_step(
+    squares: FloatArray, damping: FloatArray, length: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return P1 and P2 of modes, shapes (8, m) and (10, m).
+
+    Args:
+        squares: ω², shape (m,) [1/s2].
+        damping: c, shape (m,) [1/s].
+        length: h [s].
+    """
+    h, A = length, np.zeros((squares.size, 4, 4))
+    A[:, 0, 1] = A[:, 1, 2] = A[:, 2, 3] = 1.0
+    A[:, 1, 0], A[:, 1, 1] = -squares * h * h, -damping * h
+    halvings = np.ceil(np.log2(np.abs(A).sum(axis=2).max(axis=1) / SMALL)).astype(int).clip(0)
+    parts = 0.5**halvings
+    E = _exponential(A * parts[:, None, None])
+    places, weights = roots_legendre(NODES)
+    Q = np.zeros_like(A)
+    for place, weight in zip(0.5 * (1.0 + places), 0.5 * weights, strict=True):
+        row = _exponential(A * (place * parts)[:, None, None])[:, 1]
+        Q += (weight * parts)[:, None, None] * row[:, :, None] * row[:, None, :]
+    for k in range(int(halvings.max(initial=0))):
+        still = halvings > k
+        own = E[still]
+        Q[still] += own.transpose(0, 2, 1) @ Q[still] @ own
+        E[still] = own @ own
+    units = np.array([1.0, h, h * h, h * h])
+    E[:, :2] *= units / units[:2, None]
+    Q *= (damping / h)[:, None, None] * units[:, None] * units
+    entries = [(0, 0), (0, 1), (1, 0), (1, 1), (0, 2), (1, 2), (0, 3), (1, 3)]
+    rows = [Q[:, a, b] * (1.0 if a == b else 2.0) for a in range(4) for b in range(a, 4)]
+    return np.stack([E[:, i, j] for i, j in entries]), np.stack(rows)
+
+
+def _exponential(A: FloatArray) -> FloatArray:
+    """Return exp(A) of small matrices, shape (m, 4, 4)."""
+    term = np.broadcast_to(np.eye(4), A.shape).copy()
+    total = term.copy()
+    for k in range(1, TERMS):
+        term = term @ A / k
+        total += term
+    return total
+
+
+@njit
+def _move(step, memory, load, rise, share):  # type: ignore[no-untyped-def]
+    """Compute the amplitudes at the end of a step without contact (P1)."""
+    a, q, v = step.move, memory.q, memory.v
+    next_q, next_v = memory.next_q, memory.next_v
+    for j in range(q.size):
+        F, dF = load[j] + share * rise[j], rise[j]
+        next_q[j] = a[0, j] * q[j] + a[1, j] * v[j] + a[4, j] * F + a[6, j] * dF
+        next_v[j] = a[2, j] * q[j] + a[3, j] * v[j] + a[5, j] * F + a[7, j] * dF
+
+
+@njit
+def _gaps(problem, q, base, out):  # type: ignore[no-untyped-def]
+    """Write the gaps without the omitted flexibility into `out`."""
+    columns, n = problem.gap_columns, out.size
+    for k in range(n):
+        out[k] = problem.gap0[k] + problem.gap_drive[k] * base
+    for j in range(q.size):
+        amplitude = q[j]
+        for k in range(n):
+            out[k] += columns[j, k] * amplitude
+
+
+@njit
+def _rates(problem, memory, base_rate):  # type: ignore[no-untyped-def]
+    """Write the gap rates of the present state without contact forces into `memory.rate`."""
+    columns, rate, v = problem.gap_columns, memory.rate, memory.v
+    n = rate.size
+    for k in range(n):
+        rate[k] = problem.gap_drive[k] * base_rate
+    for j in range(v.size):
+        for k in range(n):
+            rate[k] += columns[j, k] * v[j]
+    for c in range(problem.creep.size):
+        if problem.creep[c] > 0.0:
+            for k in range(n):
+                rate[k] -= memory.r[c, k] / problem.creep[c]
+
+
+@njit
+def _is_near(memory, ahead):  # type: ignore[no-untyped-def]
+    """Return whether a gap is small up to a time ahead (F1 of simulation/refinement.py)."""
+    for k in range(memory.gap.size):
+        if memory.gap[k] + min(ahead * memory.rate[k], 0.0) <= 0.0:
+            return True
+    return False
+
+
+@njit
+def _solve(step, memory):  # type: ignore[no-untyped-def]
+    """Find the contact forces of M1 from the free gaps in `next_gap`; return the success."""
+    n = memory.gap.size
+    if solve_again(step.compliance, n, memory.pairs, n, memory.next_gap, memory.force, memory):
+        return True
+    return solve_into(step.compliance.reshape(n, n), memory.next_gap, memory.force)
+
+
+@njit
+def _push(problem, step, memory):  # type: ignore[no-untyped-def]
+    """Add the contact forces to the end of the step: to gaps, amplitudes and modal loads."""
+    n, force, gap, A = memory.gap.size, memory.force, memory.next_gap, step.compliance
+    for i in range(n):
+        if force[i] > 0.0:
+            for k in range(n):
+                gap[k] += A[i * n + k] * force[i]
+    for j in range(memory.q.size):
+        push = 0.0
+        for k in range(n):
+            push += problem.gap_columns[j, k] * force[k]
+        memory.push[j] = push
+        memory.next_q[j] += step.move[4, j] * push
+        memory.next_v[j] += step.move[5, j] * push
+
+
+@njit
+def _creep(problem, step, memory, is_pushed):  # type: ignore[no-untyped-def]
+    """Advance s and r of all parts; return the energy lost in creep."""
+    n, force, bent, loss = memory.gap.size, memory.force, memory.bent, 0.0
+    for c in range(problem.creep.size):
+        e, s, r = step.decay[c], memory.s[c], memory.r[c]
+        for k in range(n):
+            bent[k] = 0.0
+        if is_pushed:
+            for i in range(n):
+                if force[i] > 0.0:
+                    for k in range(n):
+                        bent[k] += problem.compliance[c, i, k] * force[i]
+        lost = 0.0
+        for k in range(n):
+            lost += (s[k] - force[k]) * (r[k] - bent[k])
+            s[k] = e * s[k] + (1.0 - e) * force[k]
+            r[k] = e * r[k] + (1.0 - e) * bent[k]
+        loss += 0.5 * (1.0 - e * e) * lost
+    return loss
+
+
+@njit
+def _account(problem, step, memory, load, rise, share):  # type: ignore[no-untyped-def]
+    """Take over the amplitudes at the end of a step; add up work and losses (P2, M2)."""
+    q, v, h, Q, loss, work = memory.q, memory.v, step.length, step.loss, 0.0, 0.0
+    for j in range(q.size):
+        own, dF = load[j] + share * rise[j], rise[j]
+        F, q0, v0 = own + memory.push[j], q[j], v[j]
+        loss += q0 * (Q[0, j] * q0 + Q[1, j] * v0 + Q[2, j] * F + Q[3, j] * dF)
+        loss += v0 * (Q[4, j] * v0 + Q[5, j] * F + Q[6, j] * dF)
+        loss += F * (Q[7, j] * F + Q[8, j] * dF) + Q[9, j] * dF * dF
+        q[j], v[j] = memory.next_q[j], memory.next_v[j]
+        dq, dv = q[j] - q0, v[j] - v0
+        mean = (F + 0.5 * dF - (dv + problem.damping[j] * dq) / h) / problem.squares[j]
+        work += (own + dF) * q[j] - own * q0 - dF * mean
+    memory.totals[MODAL_LOSS] += loss
+    memory.totals[DRIVE_WORK] += work
+
+
+@njit
+def _finish(problem, step, memory, move):  # type: ignore[no-untyped-def]
+    """Take over the gaps at the end of a step, and add up what contact exchanged."""
+    held = moved = 0.0
+    for k in range(memory.gap.size):
+        held += memory.force[k] * (memory.gap[k] - memory.next_gap[k])
+        moved += memory.force[k] * problem.gap_drive[k] * move
+        memory.gap[k] = memory.next_gap[k]
+        memory.lowest[k] = min(memory.lowest[k], memory.gap[k])
+    memory.totals[CONTACT_LOSS] += held
+    memory.totals[DRIVE_WORK] -= moved
+
+
+@njit
+def _advance(problem, step, memory, load, rise, share, base, impulse):  # type: ignore[no-untyped-def]
+    """Make one step; `share` of the loads' rises lies before it, base is (q, Δq) of the drive.
+
+    Return whether the contact forces were found.
+    """
+    n, is_pushed = memory.gap.size, False
+    _move(step, memory, load, rise, share)
+    _gaps(problem, memory.next_q, base[0] + base[1], memory.next_gap)
+    for c in range(problem.creep.size):
+        for k in range(n):
+            memory.next_gap[k] += step.decay[c] * memory.r[c, k]
+    for k in range(n):
+        memory.force[k] = 0.0
+        is_pushed |= memory.next_gap[k] < 0.0
+    for j in range(memory.push.size):
+        memory.push[j] = 0.0
+    if is_pushed:
+        if not _solve(step, memory):
+            return False
+        _push(problem, step, memory)
+        for k in range(n):
+            impulse[k] += step.length * memory.force[k]
+    memory.totals[CREEP_LOSS] += _creep(problem, step, memory, is_pushed)
+    _account(problem, step, memory, load, rise, share)
+    _finish(problem, step, memory, base[1])
+    return True
+
+
+@njit
+def _is_free(problem, coarse, memory, load, rise, base, base_rate, is_near):  # type: ignore[no-untyped-def]
+    """Return whether a coarse step from the present state meets no contact; do not make it."""
+    if is_near:
+        return False
+    reach = 0.5 * SAFETY * coarse.length
+    _move(coarse, memory, load, rise, 0.0)
+    _gaps(problem, memory.next_q, base[0] + base[1], memory.next_gap)
+    columns, n = problem.gap_columns, memory.gap.size
+    for c in range(problem.creep.size):
+        for k in range(n):
+            memory.next_gap[k] += coarse.decay[c] * memory.r[c, k]
+    for k in range(n):
+        memory.bent[k] = problem.gap_drive[k] * base_rate
+    for j in range(memory.q.size):
+        for k in range(n):
+            memory.bent[k] += columns[j, k] * memory.next_v[j]
+    for k in range(n):
+        if memory.next_gap[k] - max(reach * memory.bent[k], 0.0) <= 0.0:
+            return False
+    return True
+
+
+@njit
+def _divide(problem, fine, memory, load, rise, drive, step, impulse):  # type: ignore[no-untyped-def]
+    """Make a coarse step in fine ones; return whether all contact forces were found."""
+    r = drive.refine
+    start, move = drive.motion[step - 1], drive.motion[step] - drive.motion[step - 1]
+    for i in range(r):
+        base = (start + move * (i / r), move / r)
+        if not _advance(problem, fine, memory, load, rise, float(i), base, impulse):
+            return False
+    return True
+
+
+@njit
+def _keep(memory, trace, step):  # type: ignore[no-untyped-def]
+    """Write the present state into the record."""
+    trace.q[step], trace.v[step], trace.s[step] = memory.q, memory.v, memory.s
+
+
+@kept(nogil=True, what="steps of modes, about 10 s")
+def run_period(problem, coarse, fine, memory, drive, trace):  # type: ignore[no-untyped-def]
+    """March through the steps of a period; return COMPLETED, DIVERGED or UNSOLVED."""
+    n_steps, r, reach = len(drive.motion) - 1, drive.refine, 0.5 * SAFETY * coarse.length
+    rise, small = np.empty(memory.q.size), np.empty(memory.q.size)
+    for c in range(problem.creep.size):
+        memory.r[c] = problem.compliance[c] @ memory.s[c]
+    _gaps(problem, memory.q, drive.motion[0], memory.gap)
+    for c in range(problem.creep.size):
+        memory.gap[:] += memory.r[c]
+    memory.lowest[:] = memory.gap
+    memory.totals[:], memory.effort[:] = 0.0, 0
+    _keep(memory, trace, 0)
+    for step in range(1, n_steps + 1):
+        load, base_rate = drive.loads[step - 1], 0.0
+        for j in range(rise.size):
+            rise[j] = drive.loads[step, j] - load[j]
+            small[j] = rise[j] / r
+        base = (drive.motion[step - 1], drive.motion[step] - drive.motion[step - 1])
+        base_rate = base[1] / coarse.length
+        _rates(problem, memory, base_rate)
+        is_near = r > 1 and _is_near(memory, reach)
+        impulse = trace.impulse[step]
+        impulse[:] = 0.0
+        if r == 1 or _is_free(problem, coarse, memory, load, rise, base, base_rate, is_near):
+            found = _advance(problem, coarse, memory, load, rise, 0.0, base, impulse)
+            memory.effort[N_COARSE] += 1
+        else:
+            found = _divide(problem, fine, memory, load, small, drive, step, impulse)
+            memory.effort[N_FINE] += r
+        if not found:
+            return UNSOLVED
+        if not (np.isfinite(memory.q).all() and np.isfinite(memory.gap).all()):
+            return DIVERGED
+        _keep(memory, trace, step)
+    return COMPLETED
+
+
+@dataclass(frozen=True)
+class Period:
+    """A computed period.
+
+    Attributes:
+        end: state at its end, shape (n_state,).
+        trace: what is kept of each step.
+        lowest: smallest gap of each pair, shape (n_pairs,) [m].
+        exchanged: work of the drive, losses in modal damping, in the creep of the omitted modes and
+            at the instants of closing (M2 of modal.py), shape (4,) [J].
+        effort: numbers of coarse and of fine steps, shape (2,).
+    """
+
+    end: FloatArray
+    trace: Trace
+    lowest: FloatArray
+    exchanged: FloatArray
+    effort: IntArray
+
+
+class Periods:
+    """Computes periods of a reduced problem under one periodic or prescribed drive.
+
+    A state is (q, q', s of each part), shape (n_state,).
+
+    Attributes:
+        reduced: the reduced problem.
+        time_step: Δt, the length of a coarse step [s].
+        refine: number of fine steps in a coarse step near contact; 1: contact in coarse steps.
+    """
+
+    def __init__(self, reduced: Reduced, time_step: float, refine: int) -> None:
+        """Compute the numbers of both sizes of steps.
+
+        Raises:
+            ValueError: there is no time step, or it is divided into less than one step.
+        """
+        if not (time_step > 0.0 and refine >= 1):
+            raise ValueError(
+                f"expected a time step above 0 and refine of at least 1, given {time_step} s, "
+                f"{refine}"
+            )
+        self.reduced, self.time_step, self.refine = reduced, time_step, refine
+        self._problem = problem_of(reduced)
+        self._coarse = step_of(reduced, time_step)
+        self._fine = step_of(reduced, time_step / refine)
+        self._sizes = reduced.n_modes, reduced.n_pairs, reduced.n_parts
+        self._memory, self._trace = new_memory(*self._sizes), new_trace(0, *self._sizes)
+
+    def drive(self, base_states: FloatArray) -> Drive:
+        """Return the drive of a period.
+
+        Args:
+            base_states: (q, q', q'') of the base, or a force and its derivatives, at the N + 1
+                steps, shape (N + 1, 3).
+        """
+        loads = -base_states[:, ::-1] @ self.reduced.loads
+        return Drive(np.ascontiguousarray(loads), base_states[:, 0].copy(), self.refine)
+
+    def advance(self, start: FloatArray, drive: Drive) -> FloatArray:
+        """Return the state one period later; NaN if the motion diverges.
+
+        Args:
+            start: state, shape (n_state,).
+            drive: of the period; see `drive`.
+
+        Raises:
+            ArithmeticError: no contact forces were found.
+        """
+        if len(self._trace.q) != len(drive.motion):
+            self._trace = new_trace(len(drive.motion) - 1, *self._sizes)
+        return self._run(start, drive, self._trace)
+
+    def record(self, start: FloatArray, drive: Drive) -> Period:
+        """Compute a period and keep every step of it; see `advance`."""
+        trace = new_trace(len(drive.motion) - 1, *self._sizes)
+        end, memory = self._run(start, drive, trace), self._memory
+        return Period(end, trace, memory.lowest.copy(), memory.totals.copy(), memory.effort.copy())
+
+    def energies(self, at: FloatArray) -> tuple[float, float]:
+        """Return kinetic and strain energy of a state [J]; the strain energy is that of M2."""
+        q, v, s = self.split(at)
+        strain = 0.5 * float(self.reduced.squares @ q**2)
+        strain += 0.5 * float(np.einsum("ci,cij,cj->", s, self.reduced.compliance, s))
+        return 0.5 * float(v @ v), strain
+
+    def split(self, at: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return q, q' and s of a state, shapes (m,), (m,), (c, n)."""
+        m, n, c = self._sizes
+        return at[:m], at[m : 2 * m], at[2 * m :].reshape(c, n)
+
+    def _run(self, start: FloatArray, drive: Drive, trace: Trace) -> FloatArray:
+        memory = self._memory
+        memory.q[:], memory.v[:], memory.s[:] = self.split(np.asarray(start, dtype=np.float64))
+        memory.was_active[:] = 0
+        ending = run_period(self._problem, self._coarse, self._fine, memory, drive, trace)
+        if ending == UNSOLVED:
+            raise ArithmeticError("reduced model: no contact forces were found in a step")
+        end = np.concatenate([memory.q, memory.v, memory.s.ravel()])
+        return end if ending == COMPLETED else np.full_like(end, np.nan)

@@ -1,1 +1,0 @@
-"""The modal engine: exact motion of a few modes, rigid contact through the omitted flexibility."""

@@ -1,0 +1,175 @@
+"""Linear vibrations of a structure, and the stability limit of central differences."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse as sp
+from scipy.linalg import eigh, null_space
+from scipy.sparse.linalg import eigsh, splu
+
+from delam_fem.model.layout import Layout, Structure
+from delam_fem.model.operators import Operators
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.system.errors import CaseError
+
+DECAYING = 12
+"""Number of lowest modes among which the slowest decay is looked for."""
+DENSE_DOFS = 400
+"""Up to here a dense eigenvalue problem is solved: no iteration, and still below 0.1 s."""
+
+
+def lowest(
+    K: sp.csr_matrix, M: sp.csr_matrix, n: int, *, is_floating: bool = False
+) -> tuple[FloatArray, FloatArray]:
+    """Return the n lowest frequencies [Hz] and vectors, shape (n_dofs, n).
+
+    M v = mu (K + s M) v is solved for the largest mu = 1/(omega^2 + s): the other way round, the
+    lowest frequencies would drown in the round-off of the highest.
+
+    Args:
+        K: stiffness.
+        M: mass.
+        n: number of modes.
+        is_floating: whether K is singular; a shift s then makes the problem regular. Without it s
+            is 0.
+    """
+    dofs = K.shape[0]
+    shift = _shift(K, M) if is_floating else 0.0
+    if dofs <= DENSE_DOFS or 2 * n > dofs:
+        stiff = K.toarray() + shift * M.toarray() if shift else K.toarray()
+        mu, vectors = eigh(M.toarray(), stiff, subset_by_index=(dofs - n, dofs - 1))
+        squares, vectors = 1.0 / mu[::-1] - shift, vectors[:, ::-1]
+        omega = np.sqrt(np.maximum(squares, 0.0)) if shift else 1.0 / np.sqrt(mu[::-1])
+    else:
+        squares, vectors = eigsh(K.tocsc(), n, M.tocsc(), sigma=-shift, v0=np.ones(dofs))
+        order = np.argsort(squares)
+        omega, vectors = np.sqrt(np.maximum(squares[order], 0.0)), vectors[:, order]
+    return omega / (2.0 * np.pi), vectors
+
+
+def slowest_decay(operators: Operators, *, is_floating: bool = False) -> float:
+    """Return the rate at which the slowest of the lowest modes dies out without contact [1/s].
+
+    A mode with phiᵀ (M, C, K) phi = (1, 2 s, omega²) decays as e^(-s t), or as
+    e^(-(s - sqrt(s² - omega²)) t) if it is overdamped. Rayleigh damping couples no modes, and the
+    modes beyond the lowest `DECAYING` decay faster with it.
+
+    Args:
+        operators: of the structure.
+        is_floating: whether K is singular; modes without stiffness never die out.
+    """
+    o = operators
+    _, vectors = lowest(o.stiffness, o.mass, min(DECAYING, o.n_dofs), is_floating=is_floating)
+    mass, damping, stiffness = (
+        np.einsum("ij,ij->j", vectors, matrix @ vectors)
+        for matrix in (o.mass, o.damping, o.stiffness)
+    )
+    s, square = damping / (2.0 * mass), stiffness / mass
+    rates = s - np.sqrt(np.maximum(s**2 - square, 0.0))
+    return max(0.0, float(rates.min()))
+
+
+def kept_closed(layout: Layout, n_dofs: int) -> sp.csr_matrix:
+    """Return the matrix S of u = S u_closed, with equal motion on both sides of every pair.
+
+    The laminae share deflection and slope at each pair, and so everywhere between; they slide on
+    one another without friction.
+
+    Args:
+        layout: gives the dofs of the points of each pair.
+        n_dofs: number of free dofs.
+
+    Returns:
+        Shape (n_dofs, number of dofs that are left).
+    """
+    master = np.arange(n_dofs)
+    for interface in layout.interfaces:
+        lower, upper = (
+            layout.parts[part].dofs[interface.points[:, side]]
+            for side, part in enumerate(interface.parts)
+        )
+        both = (lower >= 0) & (upper >= 0)
+        for below, above in zip(lower[both].tolist(), upper[both].tolist(), strict=True):
+            a, b = master[below], master[above]
+            master[master == max(a, b)] = min(a, b)
+    kept, place = np.unique(master, return_inverse=True)
+    entries = np.ones(n_dofs), (np.arange(n_dofs), place)
+    return sp.csr_matrix(entries, shape=(n_dofs, kept.size))
+
+
+def keeping_closed(structure: Structure) -> sp.csr_matrix:
+    """Return the matrix S of u = S u_closed, with equal motion on both sides of every pair.
+
+    Of beams see `kept_closed`. Of others S spans H u = 0; of many dofs, each row gives one dof
+    through the others, so that S stays sparse.
+    """
+    layout, H = structure.layout, structure.operators.gap_matrix
+    n = structure.operators.n_dofs
+    if layout.reading is None:
+        return kept_closed(layout, n)
+    if n <= DENSE_DOFS:
+        return sp.csr_matrix(null_space(H.toarray()))
+    pivots = np.empty(H.shape[0], dtype=np.int64)
+    is_free = np.ones(n, dtype=np.bool_)
+    for k in range(H.shape[0]):
+        row = H[k]
+        own = row.indices[is_free[row.indices]]
+        size = np.abs(row.data[is_free[row.indices]])
+        if not own.size:
+            raise ValueError("pairs: more of them than dofs that they can tie")
+        pivots[k] = own[size.argmax()]
+        is_free[pivots[k]] = False
+    kept = np.flatnonzero(is_free)
+    S = sp.identity(n, format="lil")
+    if pivots.size:
+        S[pivots] = (
+            sp.csr_matrix(-splu(H[:, pivots].tocsc()).solve(H[:, kept].toarray()))
+            @ sp.identity(n, format="csr")[kept]
+        )
+    return sp.csr_matrix(sp.csr_matrix(S)[:, kept])
+
+
+def _shift(K: sp.csr_matrix, M: sp.csr_matrix) -> float:
+    """Return a rough square of an elastic angular frequency, above those of rigid motions."""
+    few = min(K.shape[0], 7)
+    return float(eigh(K.toarray(), M.toarray(), eigvals_only=True)[:few].max())
+
+
+DENSE = 20
+"""Largest number of dofs for dense eigenvalues, which also serve a single mass."""
+
+
+def largest_stable_time_step(operators: Operators, spring_stiffness: float = 0.0) -> float:
+    """Return Δt = 2/ω_max of M and K, with every contact spring closed in K [s].
+
+    It is infinite for masses without any stiffness.
+    """
+    o = operators
+    H = o.gap_matrix
+    K, M = sp.csc_matrix(o.stiffness + spring_stiffness * (H.T @ H)), sp.csc_matrix(o.mass)
+    if not K.count_nonzero():
+        return math.inf
+    if o.n_dofs <= DENSE:
+        square = scipy.linalg.eigh(K.toarray(), M.toarray(), eigvals_only=True)[-1]
+    else:
+        square = eigsh(K, k=1, M=M, which="LM", return_eigenvectors=False)[0]
+    return 2.0 / math.sqrt(float(square))
+
+
+def require_stable(operators: Operators, time_step: float, spring_stiffness: float = 0.0) -> None:
+    """Raise a CaseError if the central difference would be unstable.
+
+    Raises:
+        CaseError: the time step exceeds the largest stable one; the message names both.
+    """
+    limit = largest_stable_time_step(operators, spring_stiffness)
+    if time_step > limit:
+        factor = math.ceil(time_step / limit)
+        raise CaseError(
+            f"time.steps_per_period: central difference needs a time step of at most {limit:.4g} "
+            f"s, given {time_step:.4g} s: use at least {factor} times as many steps per period, "
+            'or time.scheme = "newmark"'
+        )

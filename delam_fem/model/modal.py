@@ -1,0 +1,511 @@
+"""Structures in modes: a few modes of each body, and the flexibility of those that are left out.
+
+The bodies of a structure: groups of dofs that M, C and K do not couple, and their modes.
+
+A body is factorised once. The factors give its lowest modes by inverse iteration in a Krylov space
+(ARPACK), and the static shapes of its loads.
+
+A body that is not held has a singular stiffness. All is then solved with K + s M: the modes are the
+same, and static shapes follow by iteration, see `Body.static`.
+
+Modes and residual flexibility as one basis V, in which M is the identity and K diagonal.
+
+Of each body the basis has
+
+- the lowest normal modes Φ,
+- what the omitted modes give statically way to by a force at each contact pair, by the motion of
+  the base or the force that drives the structure, and by the inertia of that motion:
+
+    X = R [h, k_b, M ι + m_b],   R = K⁻¹ - Φ ω⁻² Φᵀ,   ι = -K⁻¹ k_b                           (B1)
+
+Static flexibility at the pairs is therefore that of the full model, H V Ω⁻² Vᵀ Hᵀ = H K⁻¹ Hᵀ, and a
+base that moves slowly moves the structure exactly.
+
+Shapes of neighbouring pairs are nearly dependent. They are scaled to unit strain energy, the
+eigenvectors of their Gram matrix with eigenvalues above `DEPENDENT` of the largest are kept, and
+made orthonormal with K. The small problem K z = ω² M z then gives the rest of the basis. Φ and X
+are orthogonal, so the kept normal modes stay as they are.
+
+Source: R. H. MacNeal, "A hybrid method of component mode synthesis", Comput. Struct. 1 (1971);
+S. Rubin, "Improved component-mode representation for structural dynamic analysis", AIAA J. 13
+(1975).
+
+The operators and the layout of a reduced structure.
+
+    u = V q:   I q'' + Vᵀ C V q' + Ω² q = -Vᵀ (m_b q_b'' + c_b q_b' + k_b q_b) + (H V)ᵀ λ
+
+H V is dense. Deflections and slopes of the parts are readings of q.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.linalg import block_diag, eigh
+from scipy.sparse.csgraph import connected_components
+from scipy.sparse.linalg import LinearOperator, eigsh, splu
+
+from delam_fem.model.layout import Layout, Reading, Structure
+from delam_fem.model.linear import DENSE_DOFS, lowest
+from delam_fem.model.operators import BaseCoupling, Operators
+from delam_fem.numerics.arrays import BoolArray, FloatArray, IntArray
+
+Solve = Callable[[FloatArray], FloatArray]
+"""Function right sides, shape (n,) or (n, k) -> solutions, same shape."""
+
+PETSC_DOFS = 20_000
+"""From here on PETSc's Cholesky factors are used: SuperLU takes several times their memory."""
+NOT_HELD = "reduction: a body is not held; support each body"
+UNSOLVED = 0.5
+"""Difference of strain energy and work, relative to the work, that tells a singular matrix; that
+of a thin sheet of solids is up to 1e-2, by round-off."""
+NOT_RAYLEIGH = 1e-12
+"""Largest entry of C - α M - β K relative to the diagonal of C that is round-off."""
+FITS = 4
+"""Fits of α and β in turn; each gains some digits."""
+CORRECTIONS = 3
+"""Iterations for static shapes of a floating body; each gains the factor s/ω² of omitted modes."""
+
+
+@dataclass(frozen=True)
+class Body:
+    """One body, with the factors of K + s M.
+
+    Attributes:
+        dofs: its dofs, shape (n,).
+        mass: M, CSC (n, n).
+        damping: C, CSC (n, n).
+        stiffness: K, CSC (n, n).
+        shift: s [1/s2]; 0: the body is held.
+        solve: applies (K + s M)⁻¹.
+        rayleigh: α and β, if the operators say them.
+    """
+
+    dofs: IntArray
+    mass: sp.csc_matrix
+    damping: sp.csc_matrix
+    stiffness: sp.csc_matrix
+    shift: float
+    solve: Solve
+    rayleigh: tuple[float, float] | None = None
+
+    def modes(self, n: int) -> tuple[FloatArray, FloatArray]:
+        """Return ω² [1/s2], increasing, shape (m,), and Φ with Φᵀ M Φ = 1, shape (n_dofs, m).
+
+        Args:
+            n: number of modes; m is n, or the number of dofs where there are fewer.
+        """
+        size = self.dofs.size
+        n = min(n, size)
+        if size <= DENSE_DOFS or 2 * n > size:
+            frequencies, vectors = lowest(
+                self.stiffness, self.mass, n, is_floating=self.shift > 0.0
+            )
+            squares = (2.0 * np.pi * frequencies) ** 2
+        else:
+            inverse = LinearOperator((size, size), matvec=self.solve, dtype=float)
+            squares, vectors = eigsh(
+                self.stiffness, n, self.mass, sigma=-self.shift, OPinv=inverse, v0=np.ones(size)
+            )
+            order = np.argsort(squares)
+            squares, vectors = np.maximum(squares[order], 0.0), vectors[:, order]
+        masses = np.sqrt(np.einsum("ij,ij->j", vectors, self.mass @ vectors))
+        return squares, vectors / (masses * _signs(vectors))
+
+    def static(self, loads: sp.csc_matrix, modes: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the flexibility of all modes to loads, and the shapes of those left out.
+
+            X = R f,   R = Σ φ φᵀ / ω²   over the omitted modes
+
+        X are orthogonal to the kept modes with M and with K. With a shift the sums have ω² + s in
+        place of ω²; X ← X_s + s (K + s M)⁻¹ M X, from X = X_s, corrects that.
+
+        Args:
+            loads: f, CSC (n_dofs, k).
+            modes: the kept modes, shape (n_dofs, m).
+
+        Returns:
+            fᵀ(K + s M)⁻¹f of each load, shape (k,) [m/N], and X, shape (n_dofs, k).
+        """
+        shapes = self.solve(loads.toarray())
+        flexibility = np.asarray(loads.T @ shapes).diagonal().copy()
+        self._remove(modes, shapes)
+        first = shapes
+        for _ in range(CORRECTIONS if self.shift else 0):
+            shapes = self.solve(self.mass @ shapes)
+            self._remove(modes, shapes)
+            shapes = first + self.shift * shapes
+        return flexibility, shapes
+
+    def damping_of(self, squares: FloatArray, shapes: FloatArray) -> FloatArray:
+        """Return VᵀCV, shape (m, m).
+
+        If C = α M + β K, it is the diagonal matrix α + β ω²: the product itself has the round-off
+        of the largest stiffness, which hides the damping of the lowest modes.
+
+        Args:
+            squares: ω² of the shapes, shape (m,) [1/s2].
+            shapes: V, with VᵀMV = 1 and VᵀKV = ω², shape (n_dofs, m).
+        """
+        C = self.damping
+        alpha, beta = self.rayleigh or self._fitted(shapes[:, 0])
+        beside = sp.coo_matrix(C - alpha * self.mass - beta * self.stiffness)
+        scale = np.sqrt(np.maximum(C.diagonal(), 0.0))
+        if (abs(beside.data) <= NOT_RAYLEIGH * scale[beside.row] * scale[beside.col]).all():
+            return np.diag(alpha + beta * squares)
+        projected = shapes.T @ (C @ shapes)
+        return np.asarray(0.5 * (projected + projected.T))
+
+    def _fitted(self, slowest: FloatArray) -> tuple[float, float]:
+        """Return α and β for which α M + β K is near C: by its entries, and by the slowest mode.
+
+        Args:
+            slowest: φ of the lowest mode, with φᵀMφ = 1, shape (n_dofs,).
+        """
+        M, C, K = self.mass, self.damping, self.stiffness
+        size, alpha, beta = K.multiply(K).sum(), 0.0, 0.0
+        for _ in range(FITS):
+            beta = float((C - alpha * M).multiply(K).sum() / size)
+            alpha = float(slowest @ ((C - beta * K) @ slowest))
+        return alpha, beta
+
+    def _remove(self, modes: FloatArray, shapes: FloatArray) -> None:
+        """Take the share of the modes out of shapes, in place; twice, because of round-off."""
+        dual = self.mass @ modes
+        for _ in range(2):
+            shapes -= modes @ (dual.T @ shapes)
+
+
+def bodies(o: Operators, shift: float = 0.0) -> list[Body]:
+    """Return the bodies of a structure.
+
+    Args:
+        o: the semi-discrete problem.
+        shift: s [1/s2], about the square of the lowest elastic angular frequency, if bodies can
+            move as rigid bodies; 0: all are held.
+
+    Raises:
+        ValueError: a body is not held and there is no shift.
+    """
+    count, label = connected_components(abs(o.mass) + abs(o.stiffness) + abs(o.damping), False)
+    found = []
+    for number in range(count):
+        dofs = np.flatnonzero(label == number)
+        M, C, K = (A[dofs][:, dofs].tocsc() for A in (o.mass, o.damping, o.stiffness))
+        A = (K + shift * M).tocsc() if shift else K
+        given = None if o.rayleigh is None else [float(values[dofs[0]]) for values in o.rayleigh]
+        rayleigh = None if given is None else (given[0], given[1])
+        found.append(Body(dofs, M, C, K, shift, _factorised(A), rayleigh))
+    return found
+
+
+def _factorised(A: sp.csc_matrix) -> Solve:
+    """Return a function that solves with A, symmetric and positive definite.
+
+    Raises:
+        ValueError: A is singular.
+    """
+    solve = _by_petsc(A) if A.shape[0] >= PETSC_DOFS else None
+    if solve is None:
+        symmetric = {"SymmetricMode": True}
+        try:
+            solve = splu(A, "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=symmetric).solve
+        except RuntimeError:
+            raise ValueError(NOT_HELD) from None
+    ones = np.ones(A.shape[0])
+    x = solve(ones)
+    work = float(ones @ x)
+    if not abs(float(x @ (A @ x)) - work) <= UNSOLVED * work:  # true of NaN, too
+        raise ValueError(NOT_HELD)
+    return solve
+
+
+def _by_petsc(A: sp.csc_matrix) -> Solve | None:
+    """Return a function that solves with PETSc's Cholesky factors; None: there is no PETSc."""
+    try:
+        from delam_fem.system.mpi import MPI
+
+        comm = MPI.COMM_SELF  # the door to MPI comes before PETSc
+        from petsc4py import PETSc
+    except ImportError:
+        return None
+    csr = sp.csr_matrix(A)
+    index = csr.indptr.astype(PETSc.IntType), csr.indices.astype(PETSc.IntType)
+    matrix = PETSc.Mat().createAIJ(csr.shape, csr=(*index, csr.data), comm=comm)
+    matrix.setOption(PETSc.Mat.Option.SPD, True)
+    solver = PETSc.KSP().create(comm)
+    solver.setOperators(matrix)
+    solver.setType("preonly")
+    solver.getPC().setType("cholesky")
+    solver.setUp()
+    right, left = matrix.createVecs()
+
+    def solve(b: FloatArray) -> FloatArray:
+        columns = b.reshape(len(b), -1)
+        result = np.empty_like(columns)
+        for k in range(columns.shape[1]):
+            right.array[:] = columns[:, k]
+            solver.solve(right, left)
+            result[:, k] = left.array
+        return result.reshape(b.shape)
+
+    return solve
+
+
+def _signs(vectors: FloatArray) -> FloatArray:
+    """Return the signs of the largest entries, so that neighbouring cases have like modes."""
+    largest = np.abs(vectors).argmax(axis=0)
+    return np.asarray(np.sign(vectors[largest, np.arange(vectors.shape[1])]))
+
+
+DEPENDENT = 1e-11
+"""Eigenvalue of the scaled Gram matrix, relative to the largest, below which shapes are dependent.
+With it the flexibility at the pairs is right to 1e-9 (80 elements of a beam) and 2e-7 (640)."""
+COMPARED = 10
+"""Modes of the full structure whose frequencies are kept for a comparison."""
+NOTHING = 1e-13
+"""Strain energy of a residual shape relative to that of the whole shape that is round-off."""
+
+
+@dataclass(frozen=True)
+class Basis:
+    """The basis of a reduced structure; m coordinates.
+
+    Attributes:
+        vectors: V, shape (n_dofs, m).
+        squares: ω² of each coordinate, body by body and increasing within each, shape (m,) [1/s2].
+        damping: VᵀCV, shape (m, m) [1/s].
+        is_mode: whether a coordinate is a normal mode of a body, shape (m,).
+        body: number of the body of each coordinate, shape (m,).
+        body_of_dof: number of the body of each dof, shape (n_dofs,).
+        dropped: number of shapes left out as dependent on others, or beyond the largest number.
+        compliance_error: largest error of the flexibility that the omitted modes give a load, in
+            parts of it [-].
+        lowest: ω² of the lowest modes of the full structure, increasing, shape (k,) [1/s2].
+    """
+
+    vectors: FloatArray
+    squares: FloatArray
+    damping: FloatArray
+    is_mode: BoolArray
+    body: IntArray
+    body_of_dof: IntArray
+    dropped: int
+    compliance_error: float
+    lowest: FloatArray
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """One body with its normal modes and residual shapes.
+
+    Attributes:
+        body: the body.
+        squares: ω² of its normal modes, shape (m,) [1/s2].
+        modes: Φ, shape (n, m).
+        loads: loads of B1 that omitted modes give way to, CSC (n, k).
+        compliance: XᵀK X of these loads, shape (k,) [m/N].
+        shapes: residual shapes, orthonormal with K, the most flexible first, shape (n, r).
+        weights: eigenvalues of the scaled Gram matrix, decreasing, shape (r,).
+        dropped: number of dependent shapes.
+        lowest: ω² of its lowest modes, also of those that are left out [1/s2].
+    """
+
+    body: Body
+    squares: FloatArray
+    modes: FloatArray
+    loads: sp.csc_matrix
+    compliance: FloatArray
+    shapes: FloatArray
+    weights: FloatArray
+    dropped: int
+    lowest: FloatArray
+
+
+def basis_of(o: Operators, modes: int, *, shift: float = 0.0, most: int | None = None) -> Basis:
+    """Return the basis of a reduced structure.
+
+    Args:
+        o: the semi-discrete problem.
+        modes: number of normal modes of each body.
+        shift: see `bodies.bodies`.
+        most: largest number of coordinates; the least flexible residual shapes are left out.
+
+    Raises:
+        ValueError: a body is not held and there is no shift, or there are more normal modes than
+            `most` coordinates.
+    """
+    pieces = [_piece(o, body, modes) for body in bodies(o, shift)]
+    kept = _kept(pieces, most)
+    columns, squares, damping, is_mode, numbers = [], [], [], [], []
+    body_of_dof, error = np.empty(o.n_dofs, dtype=np.int64), 0.0
+    for number, (piece, k) in enumerate(zip(pieces, kept, strict=True)):
+        high, shapes = _ritz(piece.body, piece.shapes[:, :k])
+        reached = np.sum((piece.loads.T @ shapes) ** 2 / high, axis=1)
+        if piece.compliance.size:
+            error = float(np.maximum(error, np.max(1.0 - reached / piece.compliance)))
+        n = piece.squares.size + high.size
+        block = np.zeros((o.n_dofs, n))
+        block[piece.body.dofs] = np.hstack([piece.modes, shapes])
+        columns.append(block)
+        squares.append(np.append(piece.squares, high))
+        damping.append(piece.body.damping_of(squares[-1], block[piece.body.dofs]))
+        is_mode.append(np.arange(n) < piece.squares.size)
+        numbers.append(np.full(n, number))
+        body_of_dof[piece.body.dofs] = number
+    return Basis(
+        np.hstack(columns),
+        np.concatenate(squares),
+        block_diag(*damping),
+        np.concatenate(is_mode),
+        np.concatenate(numbers),
+        body_of_dof,
+        sum(piece.weights.size + piece.dropped for piece in pieces) - sum(kept),
+        error,
+        np.sort(np.concatenate([piece.lowest for piece in pieces]))[:COMPARED],
+    )
+
+
+def _kept(pieces: list[_Piece], most: int | None) -> list[int]:
+    """Return the number of residual shapes that each body keeps.
+
+    Raises:
+        ValueError: there are more normal modes than `most` coordinates.
+    """
+    weights = np.sort(np.concatenate([piece.weights for piece in pieces]))[::-1]
+    normal = sum(piece.squares.size for piece in pieces)
+    room = weights.size if most is None else most - normal
+    if room < 0:
+        raise ValueError(
+            f"coordinates: expected at least {normal}, the number of normal modes, given {most}"
+        )
+    least = weights[room - 1] if 0 < room <= weights.size else np.inf if room == 0 else 0.0
+    return [int((piece.weights >= least).sum()) for piece in pieces]
+
+
+def _piece(o: Operators, body: Body, modes: int) -> _Piece:
+    """Return a body with its modes and residual shapes."""
+    lowest, found = body.modes(max(modes, COMPARED))
+    squares, vectors = lowest[:modes], found[:, :modes]
+    loads = _loads(o, body)
+    flexibility, shapes = body.static(loads, vectors)
+    energy = np.einsum("ij,ij->j", shapes, body.stiffness @ shapes)
+    there = energy > NOTHING * flexibility
+    energy, shapes = energy[there], shapes[:, there] / np.sqrt(energy[there])
+    independent, weights = _independent(body, shapes)
+    return _Piece(
+        body,
+        squares,
+        vectors,
+        loads[:, there],
+        energy,
+        independent,
+        weights,
+        loads.shape[1] - weights.size,
+        lowest,
+    )
+
+
+def _independent(body: Body, shapes: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return independent shapes, orthonormal with K, and their weights, decreasing."""
+    if not shapes.shape[1]:
+        return shapes, np.zeros(0)
+    weights, turn = eigh(_gram(shapes, body.stiffness @ shapes))
+    kept = weights > DEPENDENT * weights[-1]
+    weights, turn = weights[kept][::-1], turn[:, kept][:, ::-1]
+    result = shapes @ (turn / np.sqrt(weights))
+    for _ in range(2):  # round-off of the eigenvalues is that of the largest
+        factor = np.linalg.cholesky(_gram(result, body.stiffness @ result))
+        result = result @ np.linalg.inv(factor).T  # the factor is nearly 1
+    return result, weights
+
+
+def _loads(o: Operators, body: Body) -> sp.csc_matrix:
+    """Return the loads of B1 that act on a body, CSC (n, k)."""
+    H = o.gap_matrix[:, body.dofs]
+    stiff, inertia = o.base.stiffness[body.dofs], o.base.mass[body.dofs]
+    columns = [stiff]
+    if not o.base.is_force:
+        columns.append(inertia - body.mass @ body.solve(stiff))
+    loads = sp.hstack([H.T, sp.csc_matrix(np.column_stack(columns))], format="csc")
+    return loads[:, np.flatnonzero(abs(loads).sum(axis=0))]
+
+
+def _ritz(body: Body, shapes: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return ω², increasing, and shapes with VᵀMV = 1 and VᵀKV = ω² in the space of some shapes."""
+    if not shapes.shape[1]:
+        return np.zeros(0), shapes
+    inverse, turn = eigh(_gram(shapes, body.mass @ shapes))
+    inverse, turn = inverse[::-1], turn[:, ::-1]
+    return 1.0 / inverse, np.asarray(shapes @ (turn / np.sqrt(inverse)))
+
+
+def _gram(left: FloatArray, right: FloatArray) -> FloatArray:
+    """Return the symmetric matrix leftᵀ right."""
+    product = left.T @ right
+    return np.asarray(0.5 * (product + product.T))
+
+
+def projected(structure: Structure, basis: Basis) -> Structure:
+    """Return a structure in the coordinates of a basis.
+
+    There is no lumped mass: impulses act through M = I. Sensors are left out, see
+    `sensors.with_sensors`.
+
+    Args:
+        structure: the full structure.
+        basis: of its operators.
+    """
+    return Structure(operators_in(structure.operators, basis), layout_in(structure.layout, basis))
+
+
+def operators_in(o: Operators, basis: Basis) -> Operators:
+    """Return operators in the coordinates of a basis, without sensors."""
+    V, n = basis.vectors, basis.squares.size
+    base = BaseCoupling(
+        V.T @ o.base.mass,
+        V.T @ o.base.damping,
+        V.T @ o.base.stiffness,
+        o.base.corner,
+        o.base.is_force,
+    )
+    return Operators(
+        mass=sp.identity(n, format="csr"),
+        damping=sp.csr_matrix(basis.damping),
+        stiffness=sp.diags(basis.squares, format="csr"),
+        base=base,
+        gap_matrix=sp.csr_matrix(o.gap_matrix @ V),
+        gap0=o.gap0,
+        pair_weights=o.pair_weights,
+        probes=sp.csr_matrix(o.probes @ V),
+    )
+
+
+def layout_in(layout: Layout, basis: Basis) -> Layout:
+    """Return a layout whose deflections and slopes are readings of the coordinates.
+
+    Args:
+        layout: of the full structure.
+        basis: of its operators.
+    """
+    V = basis.vectors
+    given = layout.reading
+    rows, base = (V, np.zeros(len(V))) if given is None else (given.matrix @ V, given.base)
+    reading = Reading(sp.csr_matrix(rows), base, _parts(layout, basis))
+    return replace(layout, reading=reading, sensors=(), gap_row=None)
+
+
+def _parts(layout: Layout, basis: Basis) -> IntArray:
+    """Return the part to which each coordinate belongs, -1 where bonded parts share it."""
+    of_body = np.full(1 + int(basis.body.max()), -1)
+    owners: dict[int, set[int]] = {}
+    for number in range(len(layout.parts)):
+        for body in np.unique(basis.body_of_dof[layout.own_dofs(number)]).tolist():
+            owners.setdefault(body, set()).add(number)
+    for body, parts in owners.items():
+        if len(parts) == 1:
+            of_body[body] = parts.pop()
+    return np.asarray(of_body[basis.body])

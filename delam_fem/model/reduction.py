@@ -1,0 +1,406 @@
+"""Reduce a case to modes, and keep the reduced structure in a file.
+
+The file of a reduced structure: written by `delam-fem reduce`, read for `kind = "reduced"`.
+
+It is an archive of NumPy (.npz) with the operators, the layout and the case that was reduced. Each
+array has a checksum. A case that is computed with it must agree with that case in everything that
+was assembled; gaps at rest are computed again, and sensors are set up again from the readings.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from delam_fem.case.definition import Case
+from delam_fem.case.files import save_case
+from delam_fem.case.sections import Model
+from delam_fem.contact.laws import combination
+from delam_fem.model.beams.network import gap_at_rest, n_rigid
+from delam_fem.model.discretise import assemble
+from delam_fem.model.layout import Interface, Layout, Part, Probe, Reading, Structure, Support
+from delam_fem.model.modal import Basis, basis_of, projected
+from delam_fem.model.operators import BaseCoupling, Operators
+from delam_fem.model.sensors import StrainRows, with_sensors
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.system.errors import CaseError
+from delam_fem.system.files import read_arrays, write_arrays
+
+FORMAT = 1
+"""Number of the format, which changes when a file cannot be read as before."""
+SUFFIX = ".npz"
+_COMPARED: Mapping[str, set[str] | None] = {
+    "lamina": None,
+    "support": None,
+    "delamination": {"between", "start", "end"},
+    "mesh": {"elements"},
+    "damping": None,
+    "contact": {"points_per_element"},
+    "time": {"mass"},
+    "point_mass": None,
+}
+"""Sections whose keys were assembled; None: all of their keys."""
+_SAME_PLACE = 1e-9
+"""Difference of two places, relative to the length, that are one."""
+
+
+def write(path: Path, structure: Structure, case: Case, strains: FloatArray) -> None:
+    """Write a reduced structure.
+
+    Args:
+        path: the file; its folder exists.
+        structure: the reduced structure, without sensors.
+        case: the case that was reduced.
+        strains: what the strain sensors of the case read, in their order: a row of the coordinates,
+            and the base, shape (k, m + 1).
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    o, layout = structure.operators, structure.layout
+    assert layout.reading is not None
+    C = o.damping.toarray()
+    is_diagonal = not (C - np.diag(C.diagonal())).any()
+    words, arrays = _of_layout(layout)
+    content: dict[str, Any] = {
+        "format": np.array(FORMAT),
+        "case": np.array(case.to_toml()),
+        "mesh": np.array(_digest(case)),
+        "layout": np.array(json.dumps(words)),
+        "squares": o.stiffness.diagonal(),
+        "damping": C.diagonal() if is_diagonal else C,
+        "base": np.stack([o.base.mass, o.base.damping, o.base.stiffness]),
+        "corner": np.array(o.base.corner),
+        "is_force": np.array(o.base.is_force),
+        "H": o.gap_matrix.toarray(),
+        "gap0": o.gap0,
+        "weights": np.zeros(0) if o.pair_weights is None else o.pair_weights,
+        "probes": o.probes.toarray(),
+        "readings": layout.reading.matrix.toarray(),
+        "reading_base": layout.reading.base,
+        "reading_part": layout.reading.part,
+        "strains": strains,
+    }
+    write_arrays(path, content | arrays)
+
+
+def load(case: Case) -> Structure:
+    """Return the structure of a case with `model.kind = "reduced"`, from its file.
+
+    Raises:
+        CaseError: the file is missing or damaged, or the case differs in what was assembled.
+    """
+    path = case.model.file
+    assert path is not None  # the section is checked
+    try:
+        stamp = path.stat()
+    except OSError as error:
+        raise CaseError(f"model.file: {path} cannot be read ({error.strerror})") from None
+    origin, mesh, structure, strains = _read(path, stamp.st_mtime_ns, stamp.st_size)
+    _require_same(path, origin, case, mesh)
+    require_coupled(case)
+    o = structure.operators
+    if (case.gap, case.delamination) != (origin.gap, origin.delamination):
+        structure = replace(
+            structure, operators=replace(o, gap0=gap_at_rest(case, structure.layout))
+        )
+    is_beam = origin.model.kind == "beam" and origin.is_apart
+    found = None if is_beam else _strain_rows(structure.layout, origin, strains)
+    return with_sensors(structure, case, found)
+
+
+@lru_cache(maxsize=4)
+def _read(path: Path, changed: int, size: int) -> tuple[Case, str, Structure, FloatArray]:
+    """Return the case, the digest of its mesh file, the structure and strains of a file.
+
+    Args:
+        path: the file.
+        changed: when it was changed: a file that was changed is read again.
+        size: its size.
+
+    Raises:
+        CaseError: the file is damaged, or it is none of a reduced structure.
+    """
+    try:
+        data = read_arrays(path)
+        if int(data["format"]) != FORMAT:
+            raise ValueError(f"format {int(data['format'])}, expected {FORMAT}")
+        origin = Case.from_toml(str(data["case"]))
+        structure = _structure(data)
+        strains = data["strains"]
+        if strains.ndim != 2 or strains.shape[1] != structure.operators.n_dofs + 1:
+            raise ValueError("strains of another size")
+        return origin, str(data["mesh"]), structure, strains
+    except Exception as error:  # a damaged archive raises a dozen different ones
+        reason = str(error).splitlines()[0][:80] if str(error) else type(error).__name__
+        raise CaseError(
+            f"model.file: {path} is damaged or no file of delam-fem reduce ({reason}); write it "
+            "again with delam-fem reduce"
+        ) from None
+
+
+def _structure(data: Mapping[str, Any]) -> Structure:
+    """Return the structure that the arrays of a file describe.
+
+    Raises:
+        ValueError: arrays do not fit one another, or are not finite.
+        KeyError: one is missing.
+    """
+    for name, values in data.items():
+        if values.dtype.kind not in "iufbU" or (
+            values.dtype.kind == "f" and not np.isfinite(values).all()
+        ):
+            raise ValueError(f"{name} has no numbers that can be used")
+    squares, damping = data["squares"], data["damping"]
+    if squares.ndim != 1 or not squares.size or (squares < 0.0).any():
+        raise ValueError("squares are none")
+    n = squares.size
+    base, corner = data["base"], data["corner"].tolist()
+    weights = data["weights"]
+    operators = Operators(
+        mass=sp.identity(n, format="csr"),
+        damping=sp.csr_matrix(np.diag(damping) if damping.ndim == 1 else damping),
+        stiffness=sp.diags(squares, format="csr"),
+        base=BaseCoupling(
+            base[0], base[1], base[2], (corner[0], corner[1], corner[2]), bool(data["is_force"])
+        ),
+        gap_matrix=sp.csr_matrix(data["H"]),
+        gap0=data["gap0"],
+        pair_weights=weights if weights.size else None,
+        probes=sp.csr_matrix(data["probes"]),
+    )
+    reading = Reading(sp.csr_matrix(data["readings"]), data["reading_base"], data["reading_part"])
+    if reading.matrix.shape != (reading.base.size, n) or reading.part.shape != (n,):
+        raise ValueError("readings of another size")
+    return Structure(operators, _layout(data, reading))
+
+
+def _of_layout(layout: Layout) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the words of a layout, and its arrays by name."""
+    words = {
+        "parts": [part.name for part in layout.parts],
+        "interfaces": [[i.name, *i.parts, i.first_pair] for i in layout.interfaces],
+        "probes": [[probe.name, probe.part, probe.point] for probe in layout.probes],
+        "supports": [[own.part, own.point, own.kind] for own in layout.supports],
+    }
+    arrays: dict[str, Any] = {}
+    for k, part in enumerate(layout.parts):
+        arrays |= {f"part_{k}_x": part.x, f"part_{k}_dofs": part.dofs}
+        arrays |= {f"part_{k}_EI": part.flexural_rigidity, f"part_{k}_m": part.mass_per_length}
+    for k, interface in enumerate(layout.interfaces):
+        arrays[f"interface_{k}_points"] = interface.points
+        if interface.local is not None:
+            arrays[f"interface_{k}_local"] = interface.local
+    return words, arrays
+
+
+def _layout(data: Mapping[str, Any], reading: Reading) -> Layout:
+    """Return the layout that `_of_layout` took apart."""
+    words = json.loads(str(data["layout"]))
+    parts = tuple(
+        Part(name, *(data[f"part_{k}_{key}"] for key in ("x", "dofs", "EI", "m")))
+        for k, name in enumerate(words["parts"])
+    )
+    interfaces = tuple(
+        Interface(
+            name, (lower, upper), data[f"interface_{k}_points"], first,
+            data.get(f"interface_{k}_local"),
+        )
+        for k, (name, lower, upper, first) in enumerate(words["interfaces"])
+    )  # fmt: skip
+    return Layout(
+        parts,
+        interfaces,
+        tuple(Probe(*row) for row in words["probes"]),
+        tuple(Support(*row) for row in words["supports"]),
+        reading=reading,
+    )
+
+
+def _require_same(path: Path, origin: Case, case: Case, mesh: str) -> None:
+    """Refuse a case that differs from the reduced one in what was assembled.
+
+    Raises:
+        CaseError: it names the first key that differs.
+    """
+    before, now = dict(_assembled(origin)), dict(_assembled(case))
+    for key in [*before, *(key for key in now if key not in before)]:
+        if before.get(key) != now.get(key):
+            raise CaseError(
+                f"{key}: expected {before.get(key)!r}, with which {path} was reduced, given "
+                f"{now.get(key)!r}; reduce the case again with delam-fem reduce"
+            )
+    if _digest(case) != mesh:
+        raise CaseError(f"mesh.file: is not the mesh with which {path} was reduced; reduce again")
+
+
+def _assembled(case: Case) -> Iterator[tuple[str, object]]:
+    """Yield the keys that were assembled, with their values."""
+    yield "gap", None if case.gap is None else "given"
+    data = case.model_dump(mode="json")
+    for section, keys in _COMPARED.items():
+        tables = data[section] if isinstance(data[section], list) else [data[section]]
+        is_list = isinstance(data[section], list)
+        yield f"number of [[{section}]]", len(tables)
+        for number, table in enumerate(tables):
+            name = table.get("name", number)
+            for key, value in table.items():
+                if key != "material" and (keys is None or key in keys):
+                    yield f"{section}.{name}.{key}" if is_list else f"{section}.{key}", value
+    given = case.excitation
+    yield "excitation.kind", "base" if given.acts_on == "base" else "force"
+    for key in ("lamina", "position"):
+        yield f"excitation.{key}", getattr(given, key, None)
+
+
+def _digest(case: Case) -> str:
+    """Return a text that tells mesh files apart; empty without one."""
+    if case.mesh.file is None:
+        return ""
+    return hashlib.sha256(case.mesh.file.read_bytes()).hexdigest()
+
+
+def require_coupled(case: Case) -> None:
+    """Refuse impulses on a lumped mass: a reduced model has none.
+
+    Raises:
+        CaseError: the law of the case reads such impulses.
+    """
+    reads = combination(case.contact.law, case.time.scheme).reads
+    if case.contact.impulse == "lumped" and "impulse" in reads:
+        raise CaseError(
+            'contact.impulse: expected "consistent", because a reduced model has no lumped mass, '
+            'given "lumped"'
+        )
+
+
+def _strain_rows(layout: Layout, origin: Case, strains: FloatArray) -> StrainRows:
+    """Return the strains of surfaces that a file has: those of the sensors of the reduced case."""
+    known = [own for own in origin.sensor if own.quantity == "strain"]
+
+    def rows(lamina: int, place: float, side: float) -> sp.csr_matrix:
+        x = float(layout.parts[lamina].positions(np.array([place]))[0])
+        for own, row in zip(known, strains, strict=True):
+            assert own.position is not None
+            is_there = abs(own.position - x) <= _SAME_PLACE * origin.length
+            is_side = (-1.0 if own.surface == "bottom" else 1.0) == side
+            if own.lamina == layout.names[lamina] and is_there and is_side:
+                return sp.csr_matrix(row)
+        raise CaseError(
+            f"sensor: expected one of the {len(known)} strains that the case had when it was "
+            f"reduced, given lamina {layout.names[lamina]} at {x:g} m; reduce the case again with "
+            "this sensor"
+        )
+
+    return rows
+
+
+NAME = f"reduced{SUFFIX}"
+"""Name of the file of a reduced structure in its folder."""
+
+
+@dataclass(frozen=True)
+class Reduction:
+    """A reduced case.
+
+    Attributes:
+        case: the case that was reduced.
+        full: its structure.
+        basis: the modes and residual shapes.
+        structure: the reduced structure, without sensors.
+        seconds: time of the assembly, and of the reduction [s].
+    """
+
+    case: Case
+    full: Structure
+    basis: Basis
+    structure: Structure
+    seconds: tuple[float, float]
+
+    @property
+    def frequencies(self) -> FloatArray:
+        """The lowest frequencies of the full and of the reduced structure, shape (2, k) [Hz]."""
+        full = self.basis.lowest
+        both = np.stack([full, np.sort(self.basis.squares)[: full.size]])
+        return np.asarray(np.sqrt(both) / (2.0 * np.pi))
+
+    @property
+    def highest_mode(self) -> float:
+        """The highest frequency of a normal mode that is kept [Hz]."""
+        return float(np.sqrt(self.basis.squares[self.basis.is_mode].max()) / (2.0 * np.pi))
+
+    @property
+    def highest(self) -> float:
+        """The highest frequency of the reduced structure, that of a residual shape [Hz]."""
+        return float(np.sqrt(self.basis.squares.max()) / (2.0 * np.pi))
+
+    def save(self, directory: Path | str) -> list[Path]:
+        """Write the reduced structure, and the case that is computed with it.
+
+        Args:
+            directory: the folder; it is made if it does not exist.
+
+        Raises:
+            OSError: a file cannot be written.
+        """
+        path = (Path(directory) / NAME).absolute()
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write(path, self.structure, self.case, self._strains())
+        model = Model(kind="reduced", file=path)
+        return [path, save_case(self.case.model_copy(update={"model": model}), directory)]
+
+    def _strains(self) -> FloatArray:
+        """Return what the strain sensors of the case read; see `file.write`."""
+        sensors, V = self.full.operators.sensors, self.basis.vectors
+        rows = [
+            np.append(sensors[own.of_u].toarray()[0] @ V, own.of_base[0])
+            for own, given in zip(self.full.layout.sensors, self.case.sensor, strict=True)
+            if given.quantity == "strain" and own.of_u is not None
+        ]
+        return np.array(rows).reshape(len(rows), self.basis.squares.size + 1)
+
+
+def reduced_case(
+    case: Case, modes: int = 20, *, coordinates: int | None = None, full: Structure | None = None
+) -> Reduction:
+    """Reduce a case to normal modes and residual flexibility; see `modal.py`.
+
+    Args:
+        case: the case.
+        modes: number of normal modes of each body.
+        coordinates: largest number of coordinates; None: all shapes that are independent.
+        full: the discretised case; None: it is assembled.
+
+    Raises:
+        CaseError: the case is of a reduced model already, acts on a lumped mass, or cannot be
+            reduced so.
+    """
+    if case.model.kind == "reduced":
+        raise CaseError('model.kind: expected a model that is not reduced yet, given "reduced"')
+    if modes < 1:
+        raise CaseError(f"modes: expected at least 1, given {modes}")
+    require_coupled(case)
+    is_floating = not case.is_apart and n_rigid(case) > 0
+    slowest = min(float(own.angular_frequencies(1)[0]) for own in case.lamina)
+    begin = time.perf_counter()
+    full = assemble(case) if full is None else full
+    assembled = time.perf_counter()
+    try:
+        basis = basis_of(
+            full.operators, modes, shift=slowest**2 if is_floating else 0.0, most=coordinates
+        )
+    except ValueError as error:
+        raise CaseError(str(error)) from None
+    structure = projected(full, basis)
+    return Reduction(
+        case, full, basis, structure, (assembled - begin, time.perf_counter() - assembled)
+    )

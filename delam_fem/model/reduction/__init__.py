@@ -1,1 +1,0 @@
-"""Reduction of operators to modes and residual flexibility, as ordinary operators."""

@@ -1,0 +1,444 @@
+"""Laminae as linearly elastic solids on dolfinx: matrices, values at points, stresses.
+
+Laminae as linearly elastic solids on dolfinx: the space of displacements, mass and stiffness.
+
+    m(u, v) = ∫ b rho u · v dx                                                          (mass)
+    k(u, v) = ∫ b sigma(u) : eps(v) dx,     eps(u) = (grad u + grad uᵀ) / 2             (stiffness)
+
+    plane stress   sigma = E / (1 - nu²) ((1 - nu) eps + nu tr(eps) I)                  (2D)
+    3D             sigma = E / (1 + nu) (eps + nu / (1 - 2 nu) tr(eps) I),   b = 1
+
+b is the width. All integrals are exact on cells whose mapping is affine: full integration.
+
+The space is Lagrange of degree 2 or 3. Degree 1 locks on thin sheets: the shear of a cell as long
+as ten thicknesses makes it a hundred times too stiff. Reduced integration has modes without energy.
+
+Displacements and their derivatives at points inside the cells of a solid, as sparse rows.
+
+The cell of a point is found on the mesh as it was given (`cells.locate`), so that all ranks find
+the same one. The rank that owns the cell evaluates the basis there.
+
+Stresses of a solid at its nodes.
+
+sigma follows from the gradients of the displacement by Hooke's law, as in `elasticity`. In a
+quadrilateral or hexahedron of degree p it is most accurate at Gauss's points of p points in each
+direction (J. Barlow, Int. J. Numer. Meth. Engng 10 (1976) 243); the polynomial of degree p - 1
+through its values there is continued to the nodes. In a triangle or tetrahedron it is taken at the
+nodes themselves. The stress of a node is the mean over the cells of the same lamina that share it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+import ufl
+
+from delam_fem.model import _dolfinx
+from delam_fem.model.solids.mesh import (
+    FACETS,
+    TENSOR,
+    SolidMesh,
+    jacobians_of,
+    reference_coordinates,
+)
+from delam_fem.numerics.arrays import FloatArray, IntArray
+from delam_fem.system.mpi import MPI
+
+
+@dataclass(frozen=True)
+class Solid:
+    """The displacements of laminae on a mesh of solids.
+
+    A node has one dof for each dimension: dof = dim * node + component. Global nodes count over all
+    ranks; a rank owns those from `first_node` on.
+
+    Attributes:
+        mesh: the mesh, all of it on every rank.
+        comm: communicator.
+        degree: degree of the displacements.
+        domain: dolfinx mesh.
+        space: Lagrange space of vectors.
+        input_cell: number in `mesh` of each cell of this rank, ghosts last, shape (n_local_cells,).
+    """
+
+    mesh: SolidMesh
+    comm: MPI.Intracomm
+    degree: int
+    domain: Any
+    space: Any
+    input_cell: IntArray
+
+    @classmethod
+    def on(
+        cls, mesh: SolidMesh, comm: MPI.Intracomm, degree: int, ranks: IntArray | None = None
+    ) -> Solid:
+        """Build the space (collective).
+
+        Args:
+            mesh: the mesh, the same on every rank.
+            comm: communicator.
+            degree: degree of the displacements.
+            ranks: the rank that owns each cell, shape (n_cells,); None: a graph partitioner
+                decides.
+        """
+        domain = _dolfinx.create_mesh(comm, mesh.cell, mesh.points, mesh.cells, ranks)
+        space = _dolfinx.vector_space(domain, degree)
+        given = np.asarray(domain.topology.original_cell_index, dtype=np.int64)
+        return cls(mesh, comm, degree, domain, space, given)
+
+    @property
+    def dim(self) -> int:
+        """Number of dimensions and of dofs of a node."""
+        return self.mesh.dim
+
+    @property
+    def n_nodes(self) -> int:
+        """Number of nodes of all ranks."""
+        return int(self.space.dofmap.index_map.size_global)
+
+    @property
+    def n_own_nodes(self) -> int:
+        """Number of nodes that this rank owns."""
+        return int(self.space.dofmap.index_map.size_local)
+
+    @property
+    def first_node(self) -> int:
+        """The first global node that this rank owns."""
+        return int(self.space.dofmap.index_map.local_range[0])
+
+    @property
+    def ghost_nodes(self) -> IntArray:
+        """Global nodes that this rank shares but does not own; locally they follow its own."""
+        return np.asarray(self.space.dofmap.index_map.ghosts, dtype=np.int64)
+
+    @property
+    def n_own_cells(self) -> int:
+        """Number of cells that this rank owns, the first of `input_cell`."""
+        return int(self.domain.topology.index_map(self.dim).size_local)
+
+    @property
+    def local_nodes(self) -> IntArray:
+        """Local nodes of all cells of this rank, own nodes first, (n_local_cells, n_basis)."""
+        return np.asarray(_dolfinx.cell_dofs(self.space), dtype=np.int64)
+
+    def nodes_of(self, cells: IntArray) -> IntArray:
+        """Return the global nodes of input cells in the order of basix, shape (n, n_basis).
+
+        Args:
+            cells: numbers of cells in `mesh`, shape (n,).
+
+        Returns:
+            Rows of -1 for cells that another rank owns.
+        """
+        own = self.input_cell[: self.n_own_cells]
+        place = np.full(len(self.mesh.cells), -1, dtype=np.int64)
+        place[own] = np.arange(own.size)
+        local = place[cells]
+        table = self._global_nodes()
+        result = np.full((len(cells), table.shape[1]), -1, dtype=np.int64)
+        result[local >= 0] = table[local[local >= 0]]
+        return result
+
+    def _global_nodes(self) -> IntArray:
+        """Return the global nodes of the cells that this rank owns."""
+        table = self.local_nodes[: self.n_own_cells]
+        flat = np.ascontiguousarray(table.ravel(), dtype=np.int32)
+        nodes = self.space.dofmap.index_map.local_to_global(flat)
+        return np.asarray(nodes, dtype=np.int64).reshape(table.shape)
+
+    def tabulate(self, derivatives: int, points: FloatArray) -> FloatArray:
+        """Return the basis of one component at reference points; see `_dolfinx.tabulate`."""
+        return _dolfinx.tabulate(self.mesh.cell, self.degree, derivatives, points)
+
+    def nodes_on(self, facets: IntArray) -> IntArray:
+        """Return the global nodes on facets, edges included, on every rank (collective).
+
+        Args:
+            facets: facets on the boundary as vertices, shape (n, m).
+        """
+        cells, numbers = self.mesh.cells_with(facets)
+        of_facet = np.array(_dolfinx.facet_dofs(self.space, len(FACETS[self.mesh.cell])))
+        found = np.take_along_axis(self.nodes_of(cells), of_facet[numbers], axis=1)
+        everywhere = self.comm.allgather(np.unique(found[found >= 0]))
+        return np.asarray(np.unique(np.concatenate(everywhere)), dtype=np.int64)
+
+    @property
+    def coordinates(self) -> FloatArray:
+        """Coordinates of the nodes that this rank owns, shape (n_own_nodes, dim) [m]."""
+        points = self.space.tabulate_dof_coordinates()[: self.n_own_nodes, : self.dim]
+        return np.asarray(points, dtype=np.float64)
+
+    def coordinates_of(self, nodes: IntArray) -> FloatArray:
+        """Return the coordinates of global nodes on every rank (collective), shape (n, dim) [m].
+
+        Args:
+            nodes: the same on every rank, shape (n,).
+        """
+        local = nodes - self.first_node
+        own = np.flatnonzero((local >= 0) & (local < self.n_own_nodes))
+        pieces = self.comm.allgather((own, self.coordinates[local[own]]))
+        result = np.full((nodes.size, self.dim), np.nan)
+        for place, coordinates in pieces:
+            result[place] = coordinates
+        return result
+
+    def of_cells(self, values: FloatArray) -> Any:
+        """Return a coefficient that is constant in each cell.
+
+        Args:
+            values: by input cell, shape (n_cells,).
+        """
+        space = _dolfinx.space(self.domain, "Discontinuous Lagrange", 0)
+
+        def fill(array: FloatArray) -> None:
+            array[_dolfinx.cell_dofs(space)[:, 0]] = values[self.input_cell]
+
+        return _dolfinx.function(space, fill)
+
+    def _dx(self) -> Any:
+        return ufl.dx(domain=self.domain, metadata={"quadrature_degree": 2 * self.degree})
+
+    def mass(self, density: FloatArray) -> Any:
+        """Assemble the mass, a PETSc matrix that the caller owns (collective).
+
+        Args:
+            density: of each input cell, times the width in 2D, shape (n_cells,).
+        """
+        u, v = ufl.TrialFunction(self.space), ufl.TestFunction(self.space)
+        form = self.of_cells(density) * ufl.inner(u, v) * self._dx()
+        return _dolfinx.assemble_matrix(form)
+
+    def stiffness(self, young_modulus: FloatArray, poisson: float) -> Any:
+        """Assemble the stiffness, a PETSc matrix that the caller owns (collective).
+
+        Args:
+            young_modulus: of each input cell, times the width in 2D, shape (n_cells,).
+            poisson: Poisson's ratio.
+        """
+        u, v = ufl.TrialFunction(self.space), ufl.TestFunction(self.space)
+        E, nu = self.of_cells(young_modulus), _dolfinx.constant(self.domain, poisson)
+        return _dolfinx.assemble_matrix(ufl.inner(stress(E, nu, u), strain(v)) * self._dx())
+
+
+def strain(u: Any) -> Any:
+    """Return eps(u) = (grad u + grad uᵀ) / 2."""
+    return ufl.sym(ufl.grad(u))
+
+
+def stress(E: Any, nu: Any, u: Any) -> Any:
+    """Return sigma(u): of plane stress in 2D.
+
+    Args:
+        E: Young's modulus.
+        nu: Poisson's ratio.
+        u: displacements.
+    """
+    eps = strain(u)
+    dim = eps.ufl_shape[0]
+    trace = ufl.tr(eps) * ufl.Identity(dim)
+    if dim == 2:
+        return E / (1 - nu**2) * ((1 - nu) * eps + nu * trace)
+    return E / (1 + nu) * (eps + nu / (1 - 2 * nu) * trace)
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """The basis of a solid's space at points, of those points whose cells this rank owns.
+
+    Attributes:
+        n_points: number of points of all ranks.
+        n_dofs: number of dofs of all ranks.
+        points: numbers of this rank's points, shape (k,).
+        nodes: global nodes of their cells, shape (k, n_basis); dof = dim * node + component.
+        values: of the basis functions, shape (k, n_basis).
+        gradients: their derivatives in x, y, z, shape (k, n_basis, dim) [1/m].
+    """
+
+    n_points: int
+    n_dofs: int
+    points: IntArray
+    nodes: IntArray
+    values: FloatArray
+    gradients: FloatArray
+
+    @property
+    def dim(self) -> int:
+        """Number of components of the displacement."""
+        return int(self.gradients.shape[2])
+
+    def displacement(self, component: int) -> sp.csr_matrix:
+        """Return rows for a component of the displacement, shape (n_points, n_dofs)."""
+        return self._rows(self.values, component)
+
+    def derivative(self, component: int, direction: int) -> sp.csr_matrix:
+        """Return rows for d u_component / d x_direction, shape (n_points, n_dofs)."""
+        return self._rows(self.gradients[:, :, direction], component)
+
+    def along(self, directions: FloatArray) -> sp.csr_matrix:
+        """Return rows for the displacement along a direction at each point, (n_points, n_dofs).
+
+        Args:
+            directions: of all points, shape (n_points, dim).
+        """
+        return sum(
+            (sp.diags(directions[:, i]) @ self.displacement(i) for i in range(1, self.dim)),
+            sp.diags(directions[:, 0]) @ self.displacement(0),
+        ).tocsr()
+
+    def _rows(self, entries: FloatArray, component: int) -> sp.csr_matrix:
+        rows = np.repeat(self.points, self.nodes.shape[1])
+        columns = self.dim * self.nodes.ravel() + component
+        shape = (self.n_points, self.n_dofs)
+        return sp.csr_matrix((entries.ravel(), (rows, columns)), shape=shape)
+
+
+def evaluate(solid: Solid, points: FloatArray, cells: IntArray) -> Evaluation:
+    """Evaluate the basis at points; each rank does so in the cells that it owns.
+
+    Args:
+        solid: the solid.
+        points: shape (k, dim) [m].
+        cells: the input cell in which each point is, see `locate`, shape (k,).
+    """
+    mesh, own_cells = solid.mesh, solid.input_cell[: solid.n_own_cells]
+    local = np.full(len(mesh.cells), -1, dtype=np.int64)
+    local[own_cells] = np.arange(own_cells.size)
+    own = np.flatnonzero(local[cells] >= 0)
+    corners = mesh.points[mesh.cells[cells[own]]]
+    X = reference_coordinates(mesh.cell, corners, points[own])
+    table = solid.tabulate(1, X) if own.size else np.zeros((1 + mesh.dim, 0, 0))
+    inverse = np.linalg.inv(jacobians_of(mesh.cell, corners, X))  # dX_k/dx_j
+    gradients = np.einsum("dkb,kdj->kbj", table[1:], inverse)
+    nodes = solid.nodes_of(cells[own])[:, : table.shape[2]]
+    n_dofs = mesh.dim * solid.n_nodes
+    return Evaluation(len(points), n_dofs, own, nodes, table[0], gradients)
+
+
+def gathered(rows: sp.csr_matrix, comm: MPI.Intracomm) -> sp.csr_matrix:
+    """Return the sum of all ranks' rows on every rank (collective), of the same shape."""
+    if comm.size == 1:
+        return rows
+    coo = rows.tocoo()
+    data, row, column = (
+        np.concatenate(pieces)
+        for pieces in zip(*comm.allgather((coo.data, coo.row, coo.col)), strict=True)
+    )
+    return sp.csr_matrix((data, (row, column)), shape=rows.shape)
+
+
+COMPONENTS = {2: ((0, 0), (1, 1), (0, 1)), 3: ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))}
+"""Components of the stress by dimension, in VTK's order: xx, yy, zz, xy, yz, xz."""
+
+
+@dataclass(frozen=True)
+class Recovery:
+    """The linear map from displacements to stresses at points.
+
+    Attributes:
+        nodes: global nodes of the cells, shape (n_cells, n_basis).
+        gradients: of the basis at the sampled places, shape (n_cells, n_places, n_basis, dim).
+        continued: values at the nodes of a cell from those at its places, (n_basis, n_places).
+        mean: mean over the cells of a point, CSR (n_points, n_cells n_basis).
+        moduli: Lamé's second parameter mu, and lambda, that of plane stress in two dimensions, of
+            each cell, shape (2, n_cells) [Pa].
+    """
+
+    nodes: IntArray
+    gradients: FloatArray
+    continued: FloatArray
+    mean: sp.csr_matrix
+    moduli: FloatArray
+
+    @classmethod
+    def of(
+        cls,
+        mesh: SolidMesh,
+        degree: int,
+        nodes: IntArray,
+        points: IntArray,
+        young_modulus: FloatArray,
+        poisson: float,
+    ) -> Recovery:
+        """Prepare the recovery.
+
+        Args:
+            mesh: the mesh.
+            degree: of the displacements.
+            nodes: global nodes of the cells of the mesh, shape (n_cells, n_basis).
+            points: points of the cells, at which stresses are wanted, shape (n_cells, n_basis).
+            young_modulus: of each cell, shape (n_cells,) [Pa].
+            poisson: Poisson's ratio.
+        """
+        at_nodes = _dolfinx.reference_nodes(mesh.cell, degree)
+        places, continued = sampled(mesh.cell, degree, at_nodes)
+        corners, k = mesh.points[mesh.cells], len(places)
+        every = np.repeat(corners, k, axis=0)
+        inverse = np.linalg.inv(jacobians_of(mesh.cell, every, np.tile(places, (len(corners), 1))))
+        inverse = inverse.reshape(len(corners), k, mesh.dim, mesh.dim)
+        table = _dolfinx.tabulate(mesh.cell, degree, 1, places)[1:]
+        gradients = np.einsum("dkb,ckdj->ckbj", table, inverse)
+        rows = points.ravel()
+        count = np.bincount(rows)
+        mean = sp.csr_matrix((1.0 / count[rows], (rows, np.arange(rows.size))))
+        nu, mu = poisson, young_modulus / (2.0 * (1.0 + poisson))
+        spread = 1.0 - nu if mesh.dim == 2 else 1.0 - 2.0 * nu
+        return cls(nodes, gradients, continued, mean, np.array([mu, 2.0 * mu * nu / spread]))
+
+    def stress(self, displacement: FloatArray) -> FloatArray:
+        """Return the stresses at the points, shape (n_points, n_components) [Pa].
+
+        Args:
+            displacement: of all nodes, shape (n_nodes, dim) [m].
+        """
+        grad = np.einsum("cbi,ckbj->ckij", displacement[self.nodes], self.gradients, optimize=True)
+        mu, bulk = self.moduli[:, :, None, None, None]
+        dim = grad.shape[-1]
+        trace = np.trace(grad, axis1=2, axis2=3)[..., None, None]
+        sigma = mu * (grad + grad.swapaxes(2, 3)) + bulk * trace * np.eye(dim)
+        first, second = zip(*COMPONENTS[dim], strict=True)
+        at_nodes = np.einsum("bk,cks->cbs", self.continued, sigma[:, :, first, second])
+        return np.asarray(self.mean @ at_nodes.reshape(-1, len(first)))
+
+
+def von_mises(sigma: FloatArray) -> FloatArray:
+    """Return von Mises' equivalent stress, shape (n,) [Pa].
+
+    Args:
+        sigma: components of `COMPONENTS`, shape (n, 3) of plane stress, or (n, 6).
+    """
+    if sigma.shape[1] == 3:
+        xx, yy, xy = sigma.T
+        return np.asarray(np.sqrt(xx**2 - xx * yy + yy**2 + 3.0 * xy**2))
+    xx, yy, zz, xy, yz, xz = sigma.T
+    normal = (xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2
+    return np.asarray(np.sqrt(0.5 * normal + 3.0 * (xy**2 + yz**2 + xz**2)))
+
+
+def sampled(cell: str, degree: int, nodes: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the places of a cell at which stresses are computed, and how they are continued.
+
+    Args:
+        cell: kind of the cell.
+        degree: of the displacements.
+        nodes: reference coordinates of the nodes, shape (n_basis, dim).
+
+    Returns:
+        Reference coordinates, shape (n_places, dim); values at the nodes from values there, shape
+        (n_basis, n_places).
+    """
+    if cell not in TENSOR:
+        return nodes, np.eye(len(nodes))
+    dim = nodes.shape[1]
+    roots, _ = np.polynomial.legendre.leggauss(degree)  # type: ignore[no-untyped-call]
+    along = 0.5 + 0.5 * roots
+    grid = np.stack(np.meshgrid(*[along] * dim, indexing="ij"), axis=-1).reshape(-1, dim)
+    powers = np.stack(np.meshgrid(*[np.arange(degree)] * dim, indexing="ij"), axis=-1)
+    powers = powers.reshape(-1, dim)
+
+    def monomials(X: FloatArray) -> FloatArray:
+        return np.asarray(np.prod(X[:, None, :] ** powers, axis=2))
+
+    return grid, np.asarray(np.linalg.solve(monomials(grid).T, monomials(nodes).T).T)

@@ -1,0 +1,487 @@
+"""Make the mesh of solids: the structured mesh of a case, or the user's own file.
+
+The structured mesh of a case: quadrilaterals or hexahedra in rows along each lamina.
+
+Along x the vertices are those of `mesh.elements`, with one at every edge of a delamination. Each
+lamina has `model.layers` cells through its thickness and, in 3D, `model.strips` across its width.
+Bonded laminae share their vertices. Over a delamination each has its own; the vertices at its edges
+are shared.
+
+The user's own mesh of solids, read by meshio.
+
+Physical groups say what is what: one for each lamina (its name) with its cells; "start" and "end"
+with the facets of the ends that are held; "LOWER-UPPER lower" and "LOWER-UPPER upper" with the
+facets of the two sides of each interface where laminae are apart.
+"""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from delam_fem.case.definition import Case
+from delam_fem.model.mesh import NODE_TOLERANCE, node_coordinates, read_file
+from delam_fem.model.solids.mesh import (
+    FACETS,
+    TENSOR,
+    VERTICES,
+    Facing,
+    SolidMesh,
+    jacobians_of,
+    volumes,
+)
+from delam_fem.numerics.arrays import BoolArray, FloatArray, IntArray
+from delam_fem.system.errors import CaseError
+
+MOST_DOFS = 4_000_000
+"""Largest number of dofs: factors of a mesh in three dimensions then take some 30 GB."""
+
+
+def lattice(case: Case) -> SolidMesh:
+    """Return the structured mesh of a case.
+
+    Raises:
+        CaseError: bonded laminae have different widths in 3D, or the mesh is too large.
+    """
+    x = node_coordinates(case)
+    is_3d = case.model.kind == "solid"
+    _require_size(case, x.size - 1, is_3d=is_3d)
+    bonded = bonded_cells(case, x)
+    if is_3d:
+        _require_widths(case, bonded)
+    vertices = _vertices(case, x.size, bonded, is_3d=is_3d)
+    n_points = 1 + max(int(own.max()) for own in vertices)
+    points = np.empty((n_points, 3 if is_3d else 2))
+    bottom = 0.0
+    for lamina, own in zip(case.lamina, vertices, strict=True):
+        y = bottom + np.linspace(0.0, lamina.thickness, own.shape[1])
+        bottom += lamina.thickness
+        z = np.linspace(-0.5 * lamina.width, 0.5 * lamina.width, own.shape[2])
+        axes = np.meshgrid(x, y, z if is_3d else np.zeros(1), indexing="ij")
+        points[own.ravel()] = np.column_stack([axis.ravel() for axis in axes[: points.shape[1]]])
+    cells = [_cells(own) for own in vertices]
+    return SolidMesh(
+        points,
+        np.concatenate(cells),
+        "hexahedron" if is_3d else "quadrilateral",
+        np.repeat(np.arange(len(cells)), [len(own) for own in cells]),
+        {name: _ends(vertices, end) for name, end in (("start", 0), ("end", -1))},
+        _sides(vertices, bonded),
+    )
+
+
+def bonded_cells(case: Case, x: FloatArray) -> BoolArray:
+    """Return where neighbouring laminae are bonded, shape (n_laminae - 1, n_nodes - 1).
+
+    Args:
+        case: the case.
+        x: positions of the nodes, one at every edge of a delamination [m].
+    """
+    middle = 0.5 * (x[1:] + x[:-1])
+    names = [lamina.name for lamina in case.lamina]
+    bonded = np.full((len(names) - 1, middle.size), not case.is_apart)
+    for own in case.delamination:
+        bonded[names.index(own.between[0]), (middle > own.start) & (middle < own.end)] = False
+    return bonded
+
+
+def _require_size(case: Case, n: int, *, is_3d: bool) -> None:
+    """Check the number of dofs before anything is allocated.
+
+    Raises:
+        CaseError: there are more than `MOST_DOFS`.
+    """
+    p, model = case.model.degree, case.model
+    across = (p * model.strips + 1) * 3 if is_3d else 2
+    dofs = len(case.lamina) * (p * n + 1) * (p * model.layers + 1) * across
+    if dofs > MOST_DOFS:
+        strips = f", model.strips = {model.strips}" if is_3d else ""
+        raise CaseError(
+            f"mesh.elements: expected at most {MOST_DOFS} unknowns, given about {dofs} from "
+            f"{n} cells along x, model.layers = {model.layers}{strips}, model.degree = {p}"
+        )
+
+
+def _require_widths(case: Case, bonded: BoolArray) -> None:
+    """Check that bonded laminae have the same width, so that their vertices meet.
+
+    Raises:
+        CaseError: they have not.
+    """
+    for i, lower in enumerate(case.lamina[:-1]):
+        upper = case.lamina[i + 1]
+        if bonded[i].any() and lower.width != upper.width:
+            raise CaseError(
+                f"lamina.{upper.name}.width: expected the width {lower.width!r} of lamina "
+                f"{lower.name}, to which it is bonded, given {upper.width!r}; give the model your "
+                "own mesh in mesh.file"
+            )
+
+
+def _vertices(case: Case, n: int, bonded: BoolArray, *, is_3d: bool) -> list[IntArray]:
+    """Return the vertices of each lamina, shape (n, layers + 1, strips + 1), or 1 in 2D."""
+    shape = (n, case.model.layers + 1, case.model.strips + 1 if is_3d else 1)
+    result: list[IntArray] = []
+    count = 0
+    for i in range(len(case.lamina)):
+        is_shared = np.zeros(shape, dtype=np.bool_)
+        if i > 0:  # a vertex is shared if a cell beside it is bonded
+            is_shared[1:, 0] |= bonded[i - 1][:, None]
+            is_shared[:-1, 0] |= bonded[i - 1][:, None]
+        own = np.empty(shape, dtype=np.int64)
+        own[~is_shared] = count + np.arange(np.count_nonzero(~is_shared))
+        count += int(np.count_nonzero(~is_shared))
+        if i > 0:
+            own[:, 0] = np.where(is_shared[:, 0], result[-1][:, -1], own[:, 0])
+        result.append(own)
+    return result
+
+
+def _cells(vertices: IntArray) -> IntArray:
+    """Return the cells of a lamina in tensor order, along x last, shape (n_cells, 4 or 8)."""
+    depth = (0,) if vertices.shape[2] == 1 else (0, 1)
+    nx, ny, nz = (max(size - 1, 1) for size in vertices.shape)
+    corners = [
+        vertices[a : a + nx, b : b + ny, c : c + nz].ravel()
+        for c in depth
+        for b in (0, 1)
+        for a in (0, 1)
+    ]
+    return np.column_stack(corners)
+
+
+def _facets(surface: IntArray) -> IntArray:
+    """Return the facets of a surface of vertices, shape (n, m): segments or quadrilaterals."""
+    if surface.shape[1] == 1:
+        return np.column_stack([surface[:-1, 0], surface[1:, 0]])
+    corners = (surface[:-1, :-1], surface[1:, :-1], surface[:-1, 1:], surface[1:, 1:])
+    return np.column_stack([corner.ravel() for corner in corners])
+
+
+def _ends(vertices: list[IntArray], end: int) -> IntArray:
+    """Return the facets of all laminae at an end."""
+    return np.concatenate([_facets(own[end]) for own in vertices])
+
+
+def _sides(vertices: list[IntArray], bonded: BoolArray) -> tuple[Facing, ...]:
+    """Return the surfaces that face one another, of the cells that are not bonded."""
+    sides = []
+    for i, is_bonded in enumerate(bonded):
+        if is_bonded.all():
+            continue
+        strips = max(vertices[i].shape[2] - 1, 1)
+        is_open = np.repeat(~is_bonded, strips)
+        lower, upper = _facets(vertices[i][:, -1]), _facets(vertices[i + 1][:, 0])
+        sides.append(Facing((i, i + 1), lower[is_open], upper[is_open]))
+    return tuple(sides)
+
+
+_KINDS = {
+    "triangle": (("triangle", "triangle6"), ("line", "line3")),
+    "quadrilateral": (("quad", "quad8", "quad9"), ("line", "line3")),
+    "tetrahedron": (("tetra", "tetra10"), ("triangle", "triangle6")),
+    "hexahedron": (("hexahedron", "hexahedron20", "hexahedron27"), ("quad", "quad8", "quad9")),
+}
+"""Names in meshio of cells and of their facets; cells of second order give their vertices."""
+_OF_KIND = {"plane-stress": ("triangle", "quadrilateral"), "solid": ("tetrahedron", "hexahedron")}
+_ORDER = {"quadrilateral": [0, 1, 3, 2], "hexahedron": [0, 1, 3, 2, 4, 5, 7, 6]}
+"""Vertices of gmsh in the order of dolfinx."""
+THICKNESS_TOLERANCE = 0.01
+"""Deviation of thickness or width from the case above which the user is told."""
+_FLAT = 1e-9
+"""Least Jacobian of a cell, relative to the cube of its size, or its square in two dimensions."""
+_log = logging.getLogger(__name__)
+
+
+def solid_mesh(case: Case) -> SolidMesh:
+    """Read the mesh of a case from its file.
+
+    The bottom of the laminae is moved to y = 0 and the middle of the width to z = 0.
+
+    Args:
+        case: `mesh.file` names the file; model, laminae, supports and delaminations say what it
+            must have.
+
+    Raises:
+        CaseError: the file cannot be read; it lacks a group, which the message names; it has cells
+            of another dimension, of two kinds, or turned inside out in part; it does not fit the
+            case.
+    """
+    assert case.mesh.file is not None
+    path = Path(case.mesh.file)
+    try:
+        return _Reader(case, path, read_file(path)).mesh()
+    except ValueError as error:
+        if isinstance(error, CaseError):
+            raise
+        raise CaseError(f"mesh.file: {path}: {error}") from error
+
+
+class _Reader:
+    """A file that is being read.
+
+    Attributes:
+        case: the case.
+        given: what meshio read.
+        cell: kind of its cells.
+    """
+
+    def __init__(self, case: Case, path: Path, given: Any) -> None:
+        self.case = case
+        self.path = path
+        self.given = given
+        self.cell = self._kind()
+
+    def mesh(self) -> SolidMesh:
+        """Return the mesh; see `solid_mesh`."""
+        self._require_vertices()
+        laminae = [
+            self._group(lamina.name, _KINDS[self.cell][0], VERTICES[self.cell])
+            for lamina in self.case.lamina
+        ]
+        cells = np.concatenate(laminae)
+        lamina = np.repeat(np.arange(len(laminae)), [len(own) for own in laminae])
+        self._require_size(len(cells))
+        if len(np.unique(np.sort(cells, axis=1), axis=0)) < len(cells):
+            raise self._error("expected each cell in the group of one lamina, one is in two")
+        used, number = np.unique(cells, return_inverse=True)
+        cells = np.asarray(number).reshape(cells.shape)
+        points = self._points(used)
+        cells = self._oriented(points, cells[:, _ORDER.get(self.cell, slice(None))])
+        self._require_extent(points)
+        plain = SolidMesh(points, cells, self.cell, lamina)
+        place = np.full(len(self.given.points), -1, dtype=np.int64)
+        place[used] = np.arange(len(used))
+        supports = {
+            end: self._facets(plain, place, end, None)
+            for end, kind in (("start", self.case.support.start), ("end", self.case.support.end))
+            if kind != "free"
+        }
+        sides = tuple(self._sides(plain, place, lower) for lower in self._interfaces())
+        mesh = SolidMesh(points, cells, self.cell, lamina, supports, sides)
+        self._require_support(mesh)
+        self._compare(mesh)
+        return mesh
+
+    def _error(self, text: str) -> CaseError:
+        return CaseError(f"mesh.file: {self.path}: {text}")
+
+    def _kind(self) -> str:
+        """Return the kind of the cells."""
+        wanted = _OF_KIND[self.case.model.kind]
+        has = {block.type for block in self.given.cells if len(block.data)}
+        found = [cell for cell in wanted if has & {*_KINDS[cell][0]}]
+        if len(found) != 1:
+            raise self._error(
+                f"expected cells of one kind, {wanted[0]}s or {wanted[1]}s, for model.kind = "
+                f'"{self.case.model.kind}", found: {", ".join(sorted(has)) or "none"}'
+            )
+        return found[0]
+
+    def _require_vertices(self) -> None:
+        """Check that the case asks for no pairs inside of cells."""
+        if self.case.contact.points_per_element != 1:
+            raise CaseError(
+                "contact.points_per_element: expected 1 with solids from a mesh.file, whose pairs "
+                f"are at vertices, given {self.case.contact.points_per_element}"
+            )
+
+    def _require_size(self, n_cells: int) -> None:
+        """Check that the unknowns are not too many."""
+        p, dim = self.case.model.degree, 2 if self.case.model.kind == "plane-stress" else 3
+        of_brick = 1 if self.cell in TENSOR else {2: 2, 3: 5}[dim]
+        dofs = n_cells * dim * p**dim // of_brick
+        if dofs > MOST_DOFS:
+            raise self._error(
+                f"expected at most {MOST_DOFS} unknowns, given about {dofs} from {n_cells} cells "
+                f"and model.degree = {p}"
+            )
+
+    def _group(self, name: str, types: tuple[str, ...], n_vertices: int) -> IntArray:
+        """Return the vertices of the cells or facets of a group, shape (n, n_vertices)."""
+        names = sorted(self.given.field_data)
+        if name not in names:
+            listed = ", ".join(map(repr, names)) or "none"
+            raise self._error(
+                f"expected a physical group {name!r} of {types[0]} cells, found the groups: "
+                f"{listed}"
+            )
+        found = [
+            np.asarray(block.data[chosen], dtype=np.int64)[:, :n_vertices]
+            for block, chosen in zip(self.given.cells, self._members(name), strict=True)
+            if block.type in types
+        ]
+        cells = np.concatenate([np.zeros((0, n_vertices), dtype=np.int64), *found])
+        if len(cells) == 0:
+            raise self._error(
+                f"expected {types[0]} cells in the physical group {name!r}, found none"
+            )
+        if cells.min() < 0 or cells.max() >= len(self.given.points):
+            raise self._error(f"a cell of the group {name!r} has a vertex that does not exist")
+        return np.asarray(cells)
+
+    def _members(self, name: str) -> list[Any]:
+        """Return the members of a group in each block of cells."""
+        sets = self.given.cell_sets.get(name)
+        if sets is not None:
+            nothing = np.zeros(0, dtype=np.int64)
+            return [nothing if own is None else np.asarray(own, dtype=np.int64) for own in sets]
+        tag = int(self.given.field_data[name][0])
+        tags = self.given.cell_data.get("gmsh:physical")
+        if tags is None:
+            raise self._error("expected physical groups, the cells have none")
+        return [np.flatnonzero(np.asarray(own) == tag) for own in tags]
+
+    def _points(self, used: IntArray) -> FloatArray:
+        """Return the coordinates of vertices, with the bottom at y = 0 and centred across."""
+        points = np.asarray(self.given.points, dtype=np.float64)[used]
+        if not np.all(np.isfinite(points)):
+            raise self._error("expected finite coordinates")
+        if self.cell in ("triangle", "quadrilateral") and points.shape[1] == 3:
+            if np.ptp(points[:, 2]) > NODE_TOLERANCE * self.case.length:
+                raise self._error(
+                    f"expected a mesh in the plane of x and y, z runs from {points[:, 2].min():g} "
+                    f"to {points[:, 2].max():g} m"
+                )
+            points = points[:, :2]
+        points = points - np.array([0.0, points[:, 1].min(), 0.0])[: points.shape[1]]
+        if points.shape[1] == 3:
+            points[:, 2] -= 0.5 * (points[:, 2].min() + points[:, 2].max())
+        return np.asarray(points)
+
+    def _oriented(self, points: FloatArray, cells: IntArray) -> IntArray:
+        """Return the cells with positive Jacobians; turn those that are inside out."""
+        dim = points.shape[1]
+        corners = np.eye(dim + 1, dim, -1)
+        if self.cell in TENSOR:
+            corners = (np.arange(2**dim)[:, None] >> np.arange(dim)) & 1
+        own = points[cells]
+        size = np.linalg.norm(np.ptp(own, axis=1), axis=1)
+        found = np.stack([
+            np.linalg.det(jacobians_of(self.cell, own, np.tile(X, (len(cells), 1))))
+            for X in corners.astype(np.float64)
+        ])  # fmt: skip
+        mixed = ~(np.all(found > 0.0, axis=0) | np.all(found < 0.0, axis=0))
+        flat = np.abs(found).min(axis=0) <= _FLAT * size**dim
+        if np.any(mixed | flat):
+            worst = int(np.flatnonzero(mixed | flat)[0])
+            at = ", ".join(f"{value:g}" for value in own[worst].mean(axis=0))
+            raise self._error(
+                f"expected convex cells with a volume, the {self.cell} about ({at}) m is "
+                f"{'flat' if flat[worst] else 'folded'}"
+            )
+        turned = np.arange(cells.shape[1])
+        turned = turned ^ 1 if self.cell in TENSOR else np.append(turned[:-2], turned[:-3:-1])
+        return np.where((found[0] < 0.0)[:, None], cells[:, turned], cells)
+
+    def _require_extent(self, points: FloatArray) -> None:
+        """Check that the laminae reach from 0 to the length along x."""
+        low, high, length = float(points[:, 0].min()), float(points[:, 0].max()), self.case.length
+        if max(abs(low), abs(high - length)) > NODE_TOLERANCE * length:
+            raise self._error(
+                f"expected laminae from x = 0 to lamina.length = {length:g} m, given {low:g} to "
+                f"{high:g} m"
+            )
+
+    def _interfaces(self) -> list[int]:
+        """Return the lower lamina of each interface where laminae are apart."""
+        names = [lamina.name for lamina in self.case.lamina]
+        between = {own.between for own in self.case.delamination}
+        return [
+            lower
+            for lower in range(len(names) - 1)
+            if self.case.gap is not None or (names[lower], names[lower + 1]) in between
+        ]
+
+    def _sides(self, mesh: SolidMesh, place: IntArray, lower: int) -> Facing:
+        """Return the sides of an interface, checked against the delaminations of the case."""
+        names = (self.case.lamina[lower].name, self.case.lamina[lower + 1].name)
+        sides = [
+            self._facets(mesh, place, f"{names[0]}-{names[1]} {side}", lower + k)
+            for k, side in enumerate(("lower", "upper"))
+        ]
+        own = [d for d in self.case.delamination if d.between == names]
+        if own:
+            reach = mesh.points[np.concatenate(sides).ravel(), 0]
+            expected = min(d.start for d in own), max(d.end for d in own)
+            given = float(reach.min()), float(reach.max())
+            if max(abs(a - b) for a, b in zip(expected, given, strict=True)) > (
+                NODE_TOLERANCE * self.case.length
+            ):
+                raise self._error(
+                    f"expected the sides of {names[0]}-{names[1]} to reach from "
+                    f"{expected[0]:g} to {expected[1]:g} m like the delaminations of the case, "
+                    f"given {given[0]:g} to {given[1]:g} m"
+                )
+        heights = [
+            float(mesh.points[mesh.cells[mesh.lamina == lower + k], 1].mean()) for k in (0, 1)
+        ]
+        if heights[0] >= heights[1]:
+            raise self._error(
+                f"expected lamina {names[0]!r} below lamina {names[1]!r}, as in the case"
+            )
+        return Facing((lower, lower + 1), sides[0], sides[1])
+
+    def _facets(self, mesh: SolidMesh, place: IntArray, name: str, lamina: int | None) -> IntArray:
+        """Return the facets of a group as vertices of the mesh, checked against its cells.
+
+        Args:
+            mesh: the cells.
+            place: vertex of the mesh of each node of the file, or -1.
+            name: of the group.
+            lamina: the lamina whose facets they must be; None: of any.
+        """
+        m = len(FACETS[self.cell][0])
+        facets = place[self._group(name, _KINDS[self.cell][1], m)]
+        if self.cell == "hexahedron":
+            facets = facets[:, _ORDER["quadrilateral"]]
+        if np.any(facets < 0):
+            raise self._error(f"a facet of the group {name!r} is on no cell of a lamina")
+        try:
+            cells, _ = mesh.cells_with(facets)
+        except ValueError as error:
+            raise self._error(
+                f"expected facets on the boundary of the laminae in the group {name!r}; {error}"
+            ) from error
+        if lamina is not None and np.any(mesh.lamina[cells] != lamina):
+            raise self._error(
+                f"expected facets of the lamina {self.case.lamina[lamina].name!r} alone in the "
+                f"group {name!r}; are lower and upper exchanged?"
+            )
+        return facets
+
+    def _require_support(self, mesh: SolidMesh) -> None:
+        """Check that every separate body is held, if any is."""
+        if not mesh.supports:
+            return
+        held, _ = mesh.cells_with(np.concatenate([*mesh.supports.values()]))
+        loose = np.setdiff1d(mesh.bodies, mesh.bodies[held])
+        if loose.size:
+            cell = int(np.flatnonzero(mesh.bodies == loose[0])[0])
+            name = self.case.lamina[int(mesh.lamina[cell])].name
+            raise self._error(
+                f"expected every body to have a facet in the groups "
+                f"{' or '.join(map(repr, mesh.supports))}, one of lamina {name!r} has none; do "
+                "bonded parts share their nodes?"
+            )
+
+    def _compare(self, mesh: SolidMesh) -> None:
+        """Tell the user if thickness or width differ from those of the case."""
+        measures = np.abs(volumes(mesh))
+        for number, lamina in enumerate(self.case.lamina):
+            expected = lamina.length * lamina.thickness
+            if mesh.dim == 3:
+                expected *= lamina.width
+            ratio = float(measures[mesh.lamina == number].sum()) / expected
+            if abs(ratio - 1.0) > THICKNESS_TOLERANCE:
+                _log.warning(
+                    "mesh.file: %s: the %s of lamina %r is %.3g times that of the case; its "
+                    "stiffness and mass follow the mesh, with E and density of the case",
+                    self.path,
+                    "volume" if mesh.dim == 3 else "area",
+                    lamina.name,
+                    ratio,
+                )

@@ -1,0 +1,390 @@
+"""Write a run, or the operators of a case, in the formats of other programs.
+
+Write the operators of a case for other programs: NumPy's .npz, or MATLAB's .mat.
+
+    M u'' + C u' + K u = -(m_b q_b'' + c_b q_b' + k_b q_b) + Hᵀ λ,   gap = H u + g0
+
+The numbers are SI, and the matrices are dense: beams have some hundred dofs at most.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from scipy.io import savemat
+
+from delam_fem.case.definition import Case
+from delam_fem.model.layout import Structure
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.results.dataset import grouped
+from delam_fem.results.diagnostics import probe_node
+from delam_fem.system.errors import CaseError
+from delam_fem.system.files import atomic, atomic_file, write_text
+
+LONGEST = 63
+"""Longest name in MATLAB."""
+
+
+def write_matlab(history: xr.Dataset, path: Path) -> list[Path]:
+    """Write a file of version 5, which `load` of MATLAB and Octave reads.
+
+    Arrays have the dimensions of the dataset, in the same order; histories of two laminae are
+    2 × n. `units`, `meaning` and `dimensions` are structures with a text for each variable;
+    `lamina` holds the names of the laminae, `case_file` the case.
+
+    Args:
+        history: of a run; see `schema.VARIABLES`.
+        path: of the file, in an existing folder.
+
+    Returns:
+        The file.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    content: dict[str, Any] = {"units": {}, "meaning": {}, "dimensions": {}}
+    for name in [*history.coords, *history.data_vars]:
+        own, word = history[name], _word(str(name))
+        values = own.to_numpy()
+        content[word] = values.astype(object) if values.dtype.kind in "UO" else values
+        content["units"][word] = str(own.attrs.get("units", ""))
+        content["meaning"][word] = str(own.attrs.get("long_name", ""))
+        content["dimensions"][word] = ", ".join(map(str, own.dims))
+    content["case_file"] = str(history.attrs.get("case", ""))
+    content["outcome"] = str(history.attrs.get("outcome", ""))
+    with atomic(path) as temporary:
+        savemat(
+            temporary, content, appendmat=False, long_field_names=True, do_compression=True,
+            oned_as="row",
+        )  # fmt: skip
+    return [path]
+
+
+def _word(name: str) -> str:
+    """Return a name that MATLAB takes."""
+    word = re.sub(r"\W", "_", name, flags=re.ASCII)[:LONGEST]
+    return word if word[:1].isalpha() else f"v_{word}"[:LONGEST]
+
+
+MAIN = "history"
+"""Group that gets the name of the file; the others add theirs."""
+LONG = ("fields",)
+"""Groups with a row for each lamina, frame and node; in the others laminae are columns."""
+
+
+def write_tables(history: xr.Dataset, path: Path) -> list[Path]:
+    """Write NAME.csv with the histories, NAME-periods.csv, NAME-events.csv and so on.
+
+    Args:
+        history: of a run; see `schema.VARIABLES`.
+        path: NAME.csv, in an existing folder.
+
+    Returns:
+        The files; empty groups have none.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    written = []
+    for name, group in grouped(history).items():
+        if not group.data_vars or not all(group.sizes.values()):
+            continue
+        target = path if name == MAIN else path.with_name(f"{path.stem}-{name}{path.suffix}")
+        text = _long(group) if name in LONG else _wide(group)
+        written.append(write_text(target, text))
+    return written
+
+
+def _wide(group: xr.Dataset) -> str:
+    """Return a group as a table in which each lamina, probe or interface has its columns."""
+    dim = max(group.dims, key=lambda name: _rank(group, str(name)))
+    columns: dict[str, object] = {}
+    for name in [n for n in group.coords if group[n].dims == (dim,)] + list(group.data_vars):
+        own = group[name]
+        if dim not in own.dims:
+            continue
+        others = [d for d in own.dims if d != dim]
+        if not others:
+            columns[_heading(own)] = own.to_numpy()
+        for k in range(own.sizes[others[0]] if len(others) == 1 else 0):
+            one = own.isel({others[0]: k})
+            label = str(own[others[0]][k].item()) if others[0] in own.coords else str(k + 1)
+            columns[_heading(own, f" {label}")] = one.to_numpy()
+    frame = xr.Dataset({k: (("row",), v) for k, v in columns.items()}).to_dataframe()
+    return str(frame[list(columns)].to_csv(index=False))
+
+
+def _rank(group: xr.Dataset, dim: str) -> int:
+    """Return how many variables a dimension has."""
+    return sum(dim in own.dims for own in group.data_vars.values())
+
+
+def _long(group: xr.Dataset) -> str:
+    """Return a group as a table with a row for each entry of all dimensions."""
+    frame = group.to_dataframe().reset_index()
+    frame.columns = [_heading(group[name]) if name in group else name for name in frame.columns]
+    return str(frame.to_csv(index=False))
+
+
+def _heading(own: xr.DataArray, label: str = "") -> str:
+    """Return the heading of a variable with its unit."""
+    units = own.attrs.get("units", "")
+    return f"{own.name}{label} [{units}]" if units else f"{own.name}{label}"
+
+
+TYPES = {"m": 8, "m/s": 11, "m/s2": 12, "N": 13, "1": 3, "N m": 9}
+"""Types of data by unit; 0 for others."""
+TIME, GENERAL = 17, 1
+HISTORIES, STROBES = ("time",), ("period",)
+NODES_PER_LAMINA = 10_000
+"""Numbers of the nodes of a lamina begin at its number times this."""
+LATERAL = 3
+"""Direction of the motion: +z."""
+
+
+def write_universal(history: xr.Dataset, path: Path) -> list[Path]:
+    """Write NAME.uff with histories and strobes, and NAME-fields.uff with the motion of all nodes.
+
+    Times begin at 0, because the format has six digits for them; a line of each set says when that
+    was. Universal files have no place for tables of events.
+
+    Args:
+        history: of a run; see `schema.VARIABLES`.
+        path: NAME.uff, in an existing folder.
+
+    Returns:
+        The files.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    written = [_write([*_about(history), *_histories(history)], path)]
+    if history.sizes.get("frame", 0) > 1:
+        fields = path.with_name(f"{path.stem}-fields{path.suffix}")
+        written.append(_write([*_about(history), *_fields(history)], fields))
+    return written
+
+
+def _write(sets: list[dict[str, Any]], path: Path) -> Path:
+    """Write sets to a file."""
+    import pyuff
+
+    with atomic(path) as temporary:
+        file = pyuff.UFF(str(temporary))
+        for own in sets:
+            file.write_sets([own], "add")
+    return path
+
+
+def _about(history: xr.Dataset) -> Iterator[dict[str, Any]]:
+    """Yield the sets that say what the file is, its units, and where its nodes are."""
+    yield {
+        "type": 151, "model_name": "delam_fem", "description": history.attrs.get("title", "")[:80],
+        "db_app": "", "date_db_created": "", "time_db_created": "", "version_db1": 0,
+        "version_db2": 0, "file_type": 0, "date_db_saved": "", "time_db_saved": "",
+        "program": f"delam_fem {history.attrs.get('delam_fem', '')}", "date_db_written": "",
+        "time_db_written": "",
+    }  # fmt: skip
+    yield {
+        "type": 164, "units_code": 1, "units_description": "SI: Meter (newton)", "temp_mode": 1,
+        "length": 1.0, "force": 1.0, "temp": 1.0, "temp_offset": 273.15,
+    }  # fmt: skip
+    x: FloatArray = history["x"].to_numpy()
+    n = history.sizes["lamina"]
+    yield {
+        "type": 15,
+        "node_nums": [_node(i, k) for i in range(n) for k in range(x.size)],
+        "def_cs": [0] * n * x.size, "disp_cs": [0] * n * x.size, "color": [0] * n * x.size,
+        "x": np.tile(x, n).tolist(), "y": [0.0] * n * x.size,
+        "z": np.repeat(np.arange(n, dtype=float), x.size).tolist(),
+    }  # fmt: skip
+
+
+def _node(lamina: int, station: int) -> int:
+    """Return the number of a node of a lamina."""
+    return NODES_PER_LAMINA * (lamina + 1) + station
+
+
+def _histories(history: xr.Dataset) -> Iterator[dict[str, Any]]:
+    """Yield the sets of histories at every step, and those at the ends of the periods."""
+    tip = probe_node(history)
+    for name in map(str, history.data_vars):
+        own = history[name]
+        dim = str(own.dims[-1]) if own.dims else ""
+        is_time = dim == "time" or dim.endswith("_time")
+        if not (is_time or dim == "period") or own.ndim > 2:
+            continue
+        axis: FloatArray = own[dim].to_numpy().astype(float)
+        if own.ndim == 1:
+            yield _set(own, name, axis, 0, is_time=is_time)
+            continue
+        labels = map(str, own[own.dims[0]].to_numpy())
+        for i, label in enumerate(labels):
+            node = _node(i, tip) if own.dims[0] == "lamina" else 0
+            yield _set(own[i], f"{name} {label}", axis, node, is_time=is_time)
+
+
+def _fields(history: xr.Dataset) -> Iterator[dict[str, Any]]:
+    """Yield the displacements and velocities of all nodes at the frames."""
+    times: FloatArray = history["frame"].to_numpy()
+    for name in ("displacement", "velocity"):
+        for i, label in enumerate(map(str, history["lamina"].to_numpy())):
+            for k in range(history.sizes["node"]):
+                own = history[name][i, :, k]
+                yield _set(own, f"{name} {label} node {k}", times, _node(i, k), is_time=True)
+
+
+def _set(
+    own: xr.DataArray, name: str, axis: FloatArray, node: int, *, is_time: bool
+) -> dict[str, Any]:
+    """Return a set 58 with one history."""
+    units = str(own.attrs.get("units", "1"))
+    step = float((axis[-1] - axis[0]) / (axis.size - 1)) if axis.size > 1 else 1.0
+    return {
+        "type": 58, "binary": 0, "func_type": 1 if is_time else 0, "id1": name[:80],
+        "id2": str(own.attrs.get("long_name", "NONE"))[:80] or "NONE",
+        "id3": f"abscissa from {float(axis[0])!r}",
+        "rsp_ent_name": name[:10].replace(" ", "_"), "rsp_node": node, "rsp_dir": LATERAL,
+        "ref_ent_name": "NONE", "ref_node": 0, "ref_dir": 0,
+        "abscissa_spacing": 1, "x": step * np.arange(axis.size), "abscissa_inc": step,
+        "abscissa_spec_data_type": TIME if is_time else GENERAL,
+        "abscissa_axis_lab": "time" if is_time else "period",
+        "abscissa_axis_units_lab": "s" if is_time else "1",
+        "ordinate_spec_data_type": TYPES.get(units, 0),
+        "ordinate_axis_lab": name[:20], "ordinate_axis_units_lab": units,
+        "orddenom_spec_data_type": 0, "data": own.to_numpy().astype(float),
+    }  # fmt: skip
+
+
+FORMATS = {
+    "csv": "tables: histories, periods with strobes and energies, events, fields, gaps",
+    "mat": "MATLAB: everything",
+    "uff": "universal file: histories and strobes, and one with the motion of all nodes; no events",
+    "vtkhdf": "VTK: the fields",
+}
+"""Formats with what they hold."""
+
+
+def export(history: xr.Dataset, case: Case, to: str, path: str | Path) -> list[Path]:
+    """Write the result of a run to files of another format.
+
+    Args:
+        history: of a run; see `schema.VARIABLES`.
+        case: its case.
+        to: one of `FORMATS`.
+        path: of the file; its folder is made where it does not exist. Further files are named after
+            it.
+
+    Returns:
+        The files.
+
+    Raises:
+        CaseError: there is no such format, or nothing that it holds.
+        OSError: a file cannot be written.
+    """
+    if to not in FORMATS:
+        raise CaseError(f"--to: expected one of {', '.join(FORMATS)}, given {to!r}")
+    path = Path(path)
+    if path.suffix.lower() != f".{to}":
+        raise CaseError(f"--output: expected a file that ends in .{to}, given {path}")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if to == "csv":
+        return write_tables(history, path)
+    if to == "mat":
+        return write_matlab(history, path)
+    if to == "uff":
+        return write_universal(history, path)
+    return _write_vtkhdf(history, case, path)
+
+
+def _write_vtkhdf(history: xr.Dataset, case: Case, path: Path) -> list[Path]:
+    """Write the fields of all frames."""
+    from delam_fem.results.fields import ribbons, vtkhdf
+
+    drawable = ribbons.drawable_frames(history) if history.sizes.get("frame", 0) else history
+    if not drawable.sizes.get("frame", 0):
+        raise CaseError(
+            "the run kept no finite frames of its fields; run it again with "
+            "output.fields_per_period above 0"
+        )
+    bodies = ribbons.Ribbons.of(drawable, case)
+    times = drawable["frame"].to_numpy()
+    return [vtkhdf.write(bodies.mesh, times, bodies.point_data, path)]
+
+
+OPERATOR_FORMATS = (".npz", ".mat")
+
+
+def write_operators(structure: Structure, case: Case, path: str | Path) -> Path:
+    """Write the operators of a structure to a file that ends in .npz or .mat.
+
+    Args:
+        structure: the discretised case.
+        case: gives the drive and the text of the case.
+        path: the file; its folder is made where it does not exist.
+
+    Raises:
+        CaseError: the file name has another ending.
+    """
+    path = Path(path)
+    if path.suffix not in OPERATOR_FORMATS:
+        raise CaseError(f"operators: expected a file that ends in .npz or .mat, given {path.name}")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    content = operators_of(structure, case)
+    with atomic_file(path) as temporary:
+        if path.suffix == ".npz":
+            np.savez_compressed(temporary, **content)
+        else:
+            savemat(temporary, content, oned_as="column", do_compression=True)
+    return path
+
+
+def operators_of(structure: Structure, case: Case) -> dict[str, Any]:
+    """Return the arrays of a file by name; docs/reduced.md explains them.
+
+    Returns:
+        `M`, `C`, `K` of shape (n, n); `m_b`, `c_b`, `k_b` of shape (n,), `M_bb`, `C_bb`, `K_bb`;
+        `H` of shape (n_pairs, n) and `g0`; `P` of shape (n_probes, n), the rows of the tips;
+        `lamina`, `x` and `component` (0 displacement, 1 slope) of each dof, numbers from 0, -1 of
+        the coordinates of a reduced model, shape (n,); `pair_x` [m]; `drive_frequency` [Hz] and
+        `drive_amplitude` [m or N] (NaN if the drive is not harmonic); `drive_is_force`;
+        `case`, the case as TOML.
+    """
+    o, layout = structure.operators, structure.layout
+    of_dofs = np.full((3, o.n_dofs), -1.0)
+    for number, part in enumerate(layout.parts if layout.reading is None else ()):
+        for component, dofs in enumerate(part.dofs.T):
+            free = dofs >= 0
+            of_dofs[0, dofs[free]], of_dofs[2, dofs[free]] = number, component
+            of_dofs[1, dofs[free]] = part.x[free]
+    lower = [(layout.parts[i.parts[0]], i) for i in layout.interfaces]
+    given = case.excitation
+    frequency = given.top_frequency if given.is_periodic else np.nan
+    amplitude = getattr(given, "amplitude", np.nan)
+    if given.is_periodic and hasattr(given, "displacement_amplitude"):
+        amplitude = given.displacement_amplitude(frequency)
+    return {
+        "M": o.mass.toarray(),
+        "C": o.damping.toarray(),
+        "K": o.stiffness.toarray(),
+        "m_b": o.base.mass,
+        "c_b": o.base.damping,
+        "k_b": o.base.stiffness,
+        **dict(zip(("M_bb", "C_bb", "K_bb"), o.base.corner, strict=True)),
+        "H": o.gap_matrix.toarray(),
+        "g0": o.gap0,
+        "P": o.probes.toarray(),
+        "lamina": of_dofs[0].astype(np.int64),
+        "x": of_dofs[1],
+        "component": of_dofs[2].astype(np.int64),
+        "pair_x": np.concatenate([part.positions(i.places(0)) for part, i in lower]),
+        "drive_frequency": frequency,
+        "drive_amplitude": np.nan if amplitude is None else amplitude,
+        "drive_is_force": int(o.base.is_force),
+        "case": case.to_toml(),
+    }

@@ -1,0 +1,596 @@
+"""Read columns from tables of text, NetCDF, MATLAB and universal files.
+
+The sets of a universal file as bytes, and what is put right in them before they are parsed.
+
+Real files have tags with trailing blanks, lines with trailing blanks, D for E in exponents, empty
+lines, and stray line ends about the binary data of a set 58b, which may itself look like a tag.
+
+Read measurements from universal files (UFF): sets 58 and 58b with units and positions.
+
+pyuff reads the sets; what it stumbles over in real files is put right before, byte by byte.
+"""
+
+from __future__ import annotations
+
+import re
+import tempfile
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import xarray as xr
+
+from delam_fem.case.tables import is_number, read_columns, rows_of
+from delam_fem.results.measured.channels import Column, Sheet, axis_of, heading, matrix_columns
+from delam_fem.system.errors import CaseError
+
+
+def read_text(path: Path) -> list[Sheet]:
+    """Read a table.
+
+    The lines above the first row of numbers are headings: the last with as many cells as the
+    table has columns names them, with units as in `thick [mm]`; a line of units may follow.
+
+    Args:
+        path: of the file.
+
+    Returns:
+        One sheet.
+
+    Raises:
+        CaseError: the file cannot be read, or a row is not as long as the others or no numbers.
+    """
+    label = str(path)
+    words: list[tuple[int, list[str]]] = []
+    rows: list[list[float]] = []
+    for number, cells in rows_of(path, label):
+        if not rows and not all(is_number(cell) for cell in cells):
+            words.append((number, cells))
+            continue
+        if not all(is_number(cell) for cell in cells):
+            column = next(k for k, cell in enumerate(cells, 1) if not is_number(cell))
+            raise CaseError(
+                f"{label}, line {number}: expected numbers, found none in column {column}"
+            )
+        if rows and len(cells) != len(rows[0]):
+            raise CaseError(
+                f"{label}, line {number}: expected {len(rows[0])} columns as above, given "
+                f"{len(cells)}"
+            )
+        rows.append([float(cell) for cell in cells])
+    if len(rows) < 2:
+        raise CaseError(f"{label}: expected a table with at least two rows of numbers")
+    table = np.array(rows).T
+    fitting = [(number, cells) for number, cells in words if len(cells) == len(table)]
+    for number, cells in fitting:
+        if is_number(cells[0]):
+            raise CaseError(f"{label}, line {number}: expected numbers or names, found both")
+    headings = [cells for _, cells in fitting]
+    if not headings and not words:  # it may stand in a comment
+        headings = [list(own) for own in [read_columns(path, label).headings] if own]
+    names = _names_of_columns(headings, len(table))
+    columns = (Column(name, own, unit) for (name, unit), own in zip(names, table, strict=True))
+    return [Sheet(label, tuple(columns))]
+
+
+def _names_of_columns(fitting: list[list[str]], n_columns: int) -> list[tuple[str, str | None]]:
+    """Return names and units of the columns; without headings they are col1, col2 and so on."""
+    if not fitting:
+        return [(f"col{k}", None) for k in range(1, n_columns + 1)]
+    if len(fitting) > 1 and all(_is_unit_cell(cell) for cell in fitting[-1]):
+        units = [cell.strip("[]() ") for cell in fitting[-1]]
+        return [(heading(cell)[0], unit) for cell, unit in zip(fitting[-2], units, strict=True)]
+    return [heading(cell) for cell in fitting[-1]]
+
+
+def _is_unit_cell(cell: str) -> bool:
+    """Return whether a cell of a heading can be a unit: in brackets, or a few letters."""
+    bare = cell.strip()
+    return bare.startswith(("[", "(")) or len(bare) <= 5 or "/" in bare
+
+
+def load_netcdf(path: Path) -> xr.Dataset:
+    """Return the dataset of a file as it is.
+
+    Raises:
+        CaseError: the file is no NetCDF, or damaged.
+    """
+    with path.open("rb") as file:
+        engine = "scipy" if file.read(3) == b"CDF" else "h5netcdf"
+    try:
+        return xr.load_dataset(path, engine=engine, decode_times=False)
+    except Exception as error:  # HDF5, h5netcdf and xarray raise whatever they please
+        reason = str(error).partition("\n")[0][:80]
+        raise CaseError(f"{path}: damaged, or no NetCDF file ({reason})") from None
+
+
+def netcdf_sheets(data: xr.Dataset, path: Path) -> list[Sheet]:
+    """Return the variables over an axis (time, frequency, x) as columns.
+
+    Args:
+        data: of the file.
+        path: of the file, for messages.
+
+    Raises:
+        CaseError: no variable is over such an axis.
+    """
+    found = []
+    for dim in map(str, data.dims):
+        axis = data[dim] if dim in data.variables else None
+        kind = axis_of(dim.rpartition("_")[2], None)
+        if axis is None or not kind or axis.size < 2:
+            continue
+        columns = [Column(kind, axis.to_numpy(), axis.attrs.get("units"))]
+        for name in map(str, data.data_vars):
+            columns += _columns(data[name], dim)
+        if len(columns) > 1:
+            found.append(Sheet(f"{path}", tuple(columns)))
+    if "gap0" in data and "x" in data["gap0"].coords and "x" not in data.dims:
+        x = data["x"]
+        column = Column("x", x.to_numpy(), x.attrs.get("units"))
+        found.append(Sheet(f"{path}", (column, *_columns(data["gap0"], str(x.dims[0])))))
+    if not found:
+        raise CaseError(
+            f"{path}: expected variables over a dimension time, frequency or x with its "
+            "coordinate, found none"
+        )
+    return found
+
+
+def _columns(variable: xr.DataArray, dim: str) -> list[Column]:
+    """Return the columns of a variable over a dimension, one for each place in the others."""
+    others = [d for d in variable.dims if d != dim]
+    if dim not in variable.dims or len(others) > 1 or variable.dtype.kind not in "fiuc":
+        return []
+    name, unit = str(variable.name), variable.attrs.get("units")
+    if not others:
+        return [Column(name, variable.to_numpy(), unit)]
+    rows = variable.transpose(others[0], dim)
+    labels = (
+        [f"{name} {label}" for label in rows[others[0]].to_numpy()]
+        if others[0] in rows.coords
+        else None
+    )
+    return [
+        Column(column.name, column.values, unit)
+        for column in matrix_columns(name, rows.to_numpy(), labels)
+    ]
+
+
+RATES = {"fs", "rate", "sample_rate", "sampling_rate", "samplerate", "sampling_frequency"}
+STEPS = {"dt", "time_step", "sample_time"}
+"""Names of numbers that give the rate [Hz] or the time step [s], in lower case."""
+UNITS = "units"
+"""Name of the structure with the units of the variables beside it."""
+HDF5 = b"\x89HDF"
+"""What a file of version 7.3 has behind its header of 512 bytes."""
+
+Tree = dict[str, Any]
+"""Variables by name: numbers, texts, lists of texts, or trees for structures."""
+
+
+def read_matlab(path: Path) -> list[Sheet]:
+    """Read the variables of a file: vectors and matrices as long as a vector of times.
+
+    Structures are looked into; a structure takes the times from outside if it has none. A number
+    fs or dt replaces the times. Where a structure `units` has the name of a variable, its text is
+    the unit.
+
+    Args:
+        path: of the file.
+
+    Returns:
+        A sheet for each vector of times, frequencies or positions.
+
+    Raises:
+        CaseError: the file is no MATLAB file, or nothing in it goes with an axis.
+    """
+    try:
+        with path.open("rb") as file:
+            is_hdf5 = HDF5 in file.read(516)
+        tree = _of_hdf5(path) if is_hdf5 else _of_scipy(path)
+    except Exception as error:  # both libraries raise whatever they please
+        reason = str(error).partition("\n")[0][:80]
+        raise CaseError(f"{path}: damaged, or no MATLAB file ({reason})") from None
+    found = list(_sheets(tree, str(path), {}))
+    if not found:
+        raise CaseError(
+            f"{path}: expected vectors beside a vector t or time, or a number fs; found "
+            f"{', '.join(sorted(tree))[:200] or 'nothing'}"
+        )
+    return found
+
+
+def _sheets(tree: Tree, label: str, outer: Tree) -> Iterator[Sheet]:
+    """Yield the sheets of a structure and of those in it."""
+    unit_names = tree.get(UNITS)
+    units: Mapping[str, Any] = unit_names if isinstance(unit_names, dict) else {}
+    axes, rate = _axes(tree, units), _rate(tree) or _rate(outer)
+    if not axes:
+        axes = _axes(outer, outer.get(UNITS) or {})
+    taken: set[str] = set()
+    for axis in axes:
+        columns = _columns_of_tree(tree, units, len(axis.values), taken)
+        if columns:
+            yield Sheet(label, (axis, *columns))
+    if not axes and rate is not None:
+        lengths = [len(v) for v in tree.values() if isinstance(v, np.ndarray) and v.ndim == 1]
+        columns = _columns_of_tree(tree, units, max(lengths, default=0), taken)
+        if columns:
+            yield Sheet(label, tuple(columns), rate=rate)
+    for name, branch in tree.items():
+        if isinstance(branch, dict) and name != UNITS:
+            yield from _sheets(branch, f"{label}: {name}", {**outer, **tree})
+
+
+def _axes(tree: Tree, units: Mapping[str, Any]) -> list[Column]:
+    """Return the vectors of a structure that are axes."""
+    vectors = {k: v for k, v in tree.items() if isinstance(v, np.ndarray) and v.ndim == 1}
+    return [
+        Column(name, values, units.get(name))
+        for name, values in vectors.items()
+        if axis_of(name, None) and values.size > 1 and np.all(np.diff(values.real) > 0.0)
+    ]
+
+
+def _rate(tree: Tree) -> float | None:
+    """Return the sampling rate that a structure names [Hz]; None: it names none."""
+    for name, value in tree.items():
+        if isinstance(value, np.ndarray) and value.ndim == 0 and float(value.real) > 0.0:
+            if name.lower() in RATES:
+                return float(value.real)
+            if name.lower() in STEPS:
+                return 1.0 / float(value.real)
+    return None
+
+
+def _columns_of_tree(tree: Tree, units: Mapping[str, Any], n: int, taken: set[str]) -> list[Column]:
+    """Return vectors and matrices of n samples; their names go into `taken`."""
+    columns = []
+    for name, values in tree.items():
+        if name in taken or not isinstance(values, np.ndarray) or axis_of(name, None):
+            continue
+        if n < 2 or values.ndim not in (1, 2) or n not in values.shape:
+            continue
+        taken.add(name)
+        rows = values if values.shape[-1] == n else values.T
+        unit = units.get(name)
+        names = _row_names(tree, name, len(np.atleast_2d(rows)))
+        columns += [
+            Column(own.name, own.values, unit if isinstance(unit, str) else None)
+            for own in matrix_columns(name, rows, names)
+        ]
+    return columns
+
+
+def _row_names(tree: Tree, name: str, n_rows: int) -> list[str] | None:
+    """Return the names of a matrix' rows, where a list of that many texts lies beside it."""
+    lists = [v for v in tree.values() if isinstance(v, list) and len(v) == n_rows]
+    return [f"{name} {text}" for text in lists[0]] if lists and n_rows > 1 else None
+
+
+def _of_scipy(path: Path) -> Tree:
+    """Return the variables of a file of version 5 to 7."""
+    from scipy.io import loadmat
+
+    raw = loadmat(path, simplify_cells=True)
+    return {name: _plain(value) for name, value in raw.items() if not name.startswith("__")}
+
+
+def _plain(value: Any) -> Any:
+    """Return a value of scipy as a tree, a text, a list of texts or an array of numbers."""
+    if isinstance(value, dict):
+        return {name: _plain(own) for name, own in value.items()}
+    array = np.asarray(value)
+    if array.dtype.kind in "fiucb":
+        return array.astype(complex) if array.dtype.kind == "c" else array.astype(float)
+    if array.dtype.kind == "U" and array.ndim == 0:
+        return str(array)
+    texts = array.ravel().tolist()
+    return [str(t).strip() for t in texts] if all(isinstance(t, str) for t in texts) else None
+
+
+def _of_hdf5(path: Path) -> Tree:
+    """Return the variables of a file of version 7.3."""
+    with h5py.File(path, "r") as file:
+        return {name: _value(node, file) for name, node in file.items() if not name.startswith("#")}
+
+
+def _value(node: Any, file: Any) -> Any:
+    """Return a node of HDF5 as MATLAB means it: arrays are stored transposed, texts as numbers."""
+    if isinstance(node, h5py.Group):
+        return {name: _value(own, file) for name, own in node.items()}
+    kind = node.attrs.get("MATLAB_class", b"").decode()
+    values = node[()]
+    if node.attrs.get("MATLAB_empty", 0):
+        return "" if kind == "char" else None
+    if kind == "char":
+        return "".join(chr(code) for code in np.asarray(values).T.ravel())
+    if kind == "cell":
+        texts = [_value(file[reference], file) for reference in np.asarray(values).T.ravel()]
+        return texts if all(isinstance(text, str) for text in texts) else None
+    array = np.asarray(values)
+    if array.dtype.names == ("real", "imag"):
+        array = array["real"] + 1j * array["imag"]
+    if array.dtype.kind not in "fiuc":
+        return None
+    array = array.astype(complex if array.dtype.kind == "c" else float).T
+    return array.squeeze() if array.ndim <= 2 else array
+
+
+TAG = b"    -1"
+TAG_LINE = re.compile(rb"(?:^|(?<=\n)|(?<=\r)) {4}-1[ \t]*(?:\r\n|\n|\r|\Z)")
+"""A line that begins or ends a set."""
+END_TAG = re.compile(rb"(?P<before>[\r\n]*) {4}-1[ \t]*(?:\r\n|\n|\r|\Z)")
+"""The end of binary data: the tag may follow the last byte at once."""
+LINE = re.compile(rb"[^\r\n]*(?:\r\n|\n|\r|\Z)")
+HEADER_LINES = 13
+"""Lines of a set 58 before its data: the tag, the type, eleven records."""
+NUMBER_WIDTHS = {2: 4, 4: 8, 5: 8, 6: 16}
+"""Bytes of a value by the type of the ordinate: real and complex, single and double."""
+MOST_BYTES = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class Block:
+    """A set of a universal file.
+
+    Attributes:
+        number: of the set in the file, from 1.
+        kind: its type, such as "58b".
+        header: of a set 58b its first lines, otherwise all lines, without the tag at the end.
+        data: binary data of a set 58b without stray line ends.
+        notes: what was put right.
+    """
+
+    number: int
+    kind: str
+    header: bytes
+    data: bytes = b""
+    notes: tuple[str, ...] = ()
+
+
+def blocks_of(path: Path) -> list[Block]:
+    """Return the sets of a file.
+
+    Raises:
+        CaseError: the file is too large, has no set, or ends within one.
+    """
+    if path.stat().st_size > MOST_BYTES:
+        raise CaseError(f"{path}: expected at most {MOST_BYTES} bytes")
+    content, place = path.read_bytes(), 0
+    found: list[Block] = []
+    while (tag := TAG_LINE.search(content, place)) is not None:
+        block, place = _block(content, tag.start(), len(found) + 1, path)
+        found.append(block)
+    if not found:
+        raise CaseError(
+            f"{path}: expected a universal file, found no line '    -1' that begins a set"
+        )
+    return found
+
+
+def _block(content: bytes, start: int, number: int, path: Path) -> tuple[Block, int]:
+    """Return the set that begins at a tag, and where the file goes on after it."""
+    type_line = LINE.match(content, _line_end(content, start))
+    kind = type_line.group().strip().decode("ascii", "replace") if type_line else ""
+    if kind[:3].lower() == "58b":
+        return _binary(content, start, number, path)
+    end = TAG_LINE.search(content, _line_end(content, start))
+    if end is None:
+        raise CaseError(f"{path}: set {number} (type {kind[:6]}) has no end; the file is cut off")
+    kind = kind.split()[0] if kind.split() else "empty"
+    return Block(number, kind, content[start : end.start()]), end.end()
+
+
+def _binary(content: bytes, start: int, number: int, path: Path) -> tuple[Block, int]:
+    """Return a set 58b: its size follows from its header, not from what looks like a tag."""
+    place = start
+    lines = []
+    for _ in range(HEADER_LINES):
+        end = _line_end(content, place)
+        lines.append(content[place:end].rstrip(b"\r\n"))
+        place = end
+    try:
+        ordinate, points, is_even = (int(lines[8][k : k + 10]) for k in (0, 10, 20))
+        width = NUMBER_WIDTHS[ordinate]
+        of_abscissa = 0 if is_even else (4 if ordinate in (2, 5) else 8)
+    except (ValueError, KeyError):
+        raise CaseError(f"{path}: set {number} (type 58b): its header cannot be read") from None
+    size = points * (width + of_abscissa)
+    end_tag = END_TAG.search(content, place + size)
+    if end_tag is None:
+        raise CaseError(
+            f"{path}: set {number} (type 58b): expected {size} bytes of data and its end, found "
+            f"{len(content) - place} bytes; the file is cut off"
+        )
+    data, notes = content[place : end_tag.end("before")], list[str]()
+    before, behind = _strays(data, size, ">" if lines[1][7:13].strip() == b"2" else "<")
+    if before or behind:
+        notes.append(f"{before + behind} stray bytes about its binary data left out")
+    header = b"".join(line.rstrip() + b"\n" for line in lines)
+    return Block(number, "58b", header, data[before : before + size], tuple(notes)), end_tag.end()
+
+
+def _strays(data: bytes, size: int, order: str) -> tuple[int, int]:
+    """Return how many stray bytes are before and behind the binary data.
+
+    Only line ends can be stray. Where it is not clear on which side they are, because a value
+    begins or ends with such a byte, the side is taken that leaves the smaller values.
+    """
+    extra = len(data) - size
+    starts = [k for k in range(extra + 1) if not (data[:k] + data[k + size :]).strip(b"\r\n")] or [
+        0
+    ]
+    if len(starts) > 1 and size % 8 == 0:
+        largest = [np.frombuffer(data[k : k + size], f"{order}f8") for k in starts]
+        with np.errstate(all="ignore"):
+            spread = [float(np.max(np.abs(np.log10(np.abs(v) + 1e-30)))) for v in largest]
+        starts = [starts[int(np.nanargmin(np.nan_to_num(spread, nan=np.inf)))]]
+    return starts[0], extra - starts[0]
+
+
+def _line_end(content: bytes, place: int) -> int:
+    """Return where the line at a place ends, its line end included."""
+    found = LINE.match(content, place)
+    return found.end() if found else len(content)
+
+
+def cleaned(block: Block) -> bytes:
+    """Return a set as pyuff expects it: plain tags and line ends, no trailing blanks, no D."""
+    if block.kind == "58b":
+        return block.header + block.data + b"\n" + TAG + b"\n"
+    lines = [line.rstrip() for line in block.header.splitlines()]
+    lines[0] = TAG
+    head, body = lines[:HEADER_LINES], lines[HEADER_LINES:]
+    if block.kind == "58":
+        lines = head + [line.replace(b"D", b"E").replace(b"d", b"E") for line in body if line]
+    return b"\n".join(lines) + b"\n" + TAG + b"\n"
+
+
+FUNCTIONS = {0: "signal", 1: "signal", 4: "response", 6: "coherence"}
+"""Functions of a set 58 that are read: general or time response, frequency response, coherence."""
+UNKNOWN, TIME, FREQUENCY = 0, 17, 18
+"""Types of an abscissa."""
+QUANTITIES = {8: "displacement", 11: "velocity", 12: "acceleration", 13: "force", 9: "force",
+              3: "strain", 17: "time", 18: "frequency"}  # fmt: skip
+"""Quantities by the type of data."""
+FACTORS = {"displacement": "length", "velocity": "length", "acceleration": "length",
+           "force": "force", "strain": ""}  # fmt: skip
+"""Which factor of set 164 makes a quantity SI: values are divided by it."""
+RATIOS = {"displacement": "receptance", "velocity": "mobility", "acceleration": "accelerance"}
+"""Quantities of frequency responses to a force."""
+RESPONSE = 4
+SETS = ("15", "58", "58b", "164", "2411")
+"""Sets that are given to pyuff; others are left out."""
+NOTHING = ("", "NONE")
+
+
+def read_universal(path: Path) -> list[Sheet]:
+    """Read the functions of a universal file.
+
+    Args:
+        path: of the file.
+
+    Returns:
+        A sheet for each set 58 that holds a history, a frequency response or a coherence.
+
+    Raises:
+        CaseError: the file has no such set, or a damaged one.
+    """
+    blocks = [block for block in blocks_of(path) if block.kind in SETS]
+    sets = [_parsed(block, path) for block in blocks]
+    factors = next((own for own in sets if own["type"] == 164), {"length": None, "force": None})
+    places: dict[int, float] = {}
+    for own in sets:
+        if own["type"] in (15, 2411):
+            numbers = own.get("node_nums", own.get("grid_global", []))
+            length = factors["length"] or 1.0
+            places |= {int(n): float(x) / length for n, x in zip(numbers, own["x"], strict=False)}
+    functions = [
+        (block, own)
+        for block, own in zip(blocks, sets, strict=True)
+        if own["type"] == 58
+        and own["func_type"] in FUNCTIONS
+        and own["abscissa_spec_data_type"] in (UNKNOWN, TIME, FREQUENCY)
+    ]
+    if not functions:
+        held = ", ".join(block.kind for block in blocks_of(path)) or "none"
+        raise CaseError(
+            f"{path}: expected a universal file with sets 58 that hold histories or frequency "
+            f"responses, found the sets {held[:80]}"
+        )
+    names = _names([own for _, own in functions])
+    return [
+        _sheet(path, block, own, (name, factors, places))
+        for (block, own), name in zip(functions, names, strict=True)
+    ]
+
+
+def _parsed(block: Block, path: Path) -> dict[str, Any]:
+    """Return what pyuff makes of a set, whose bytes are put right first."""
+    import pyuff
+
+    with tempfile.TemporaryDirectory(prefix="delam-fem-") as folder:
+        temporary = Path(folder) / "set.uff"
+        with temporary.open("wb") as file:
+            file.write(cleaned(block))
+        try:
+            found = pyuff.UFF(str(temporary)).read_sets()
+        except Exception as error:  # pyuff raises bare exceptions
+            raise CaseError(
+                f"{path}: set {block.number} (type {block.kind}) cannot be read ({error})"
+            ) from None
+    if not isinstance(found, dict) or "type" not in found:
+        raise CaseError(f"{path}: set {block.number} (type {block.kind}) cannot be read")
+    return found
+
+
+def _names(functions: list[dict[str, Any]]) -> list[str]:
+    """Return the name of each set: the first of id1, entity, node that tells all sets apart."""
+
+    def unique(key: str) -> list[str] | None:
+        texts = [f"{own['func_type']}|{str(own.get(key, '')).strip()}" for own in functions]
+        bare = [text.partition("|")[2] for text in texts]
+        is_told = max(Counter(texts).values()) == 1 and not set(bare) & set(NOTHING)
+        return bare if is_told else None
+
+    by_node = [f"node{own['rsp_node']} {_direction(own['rsp_dir'])}".strip() for own in functions]
+    return unique("id1") or unique("rsp_ent_name") or by_node
+
+
+def _direction(number: int) -> str:
+    """Return the direction of a response, such as +z; empty for none."""
+    return f"{'-' if number < 0 else '+'}{'xyz'[abs(number) - 1]}" if 1 <= abs(number) <= 3 else ""
+
+
+def _sheet(path: Path, block: Block, own: dict[str, Any], about: tuple[Any, ...]) -> Sheet:
+    """Return the sheet of a set: its abscissa and its values."""
+    name, factors, places = about
+    kind = FUNCTIONS[own["func_type"]]
+    abscissa = own["abscissa_spec_data_type"]
+    is_time = abscissa == TIME or (kind == "signal" and abscissa != FREQUENCY)
+    n = min(own["num_pts"], own["data"].size, own["x"].size)
+    if n < own["num_pts"] or n < 2:
+        raise CaseError(
+            f"{path}: set {block.number} has {n} of {own['num_pts']} values; the file is cut off"
+        )
+    unit, quantity, scale = ("1", "", 1.0) if kind == "coherence" else _unit(own, factors)
+    x = own["abscissa_min"] + own["abscissa_inc"] * np.arange(n)
+    axis = Column(
+        "time" if is_time else "frequency",
+        x if own["abscissa_spacing"] else own["x"][:n],
+        "s" if is_time else "Hz",
+    )
+    place = places.get(int(own["rsp_node"]))
+    values = own["data"][:n] * scale
+    column = Column(name, values, unit, quantity, place, kind=kind)
+    label = f"{path}, set {block.number}"
+    return Sheet(label, (axis, column), notes=block.notes, alias=f"set{block.number}")
+
+
+def _unit(own: dict[str, Any], factors: dict[str, Any]) -> tuple[str | None, str, float]:
+    """Return unit (None: not named), quantity (empty: not known), factor to that unit.
+
+    The unit's label in the set comes first, then the factors of set 164, by which values are
+    divided to be SI.
+    """
+    above = QUANTITIES.get(own["ordinate_spec_data_type"], "")
+    below = QUANTITIES.get(own["orddenom_spec_data_type"], "")
+    quantity = RATIOS.get(above, "") if below == "force" else "" if below else above
+    unit = str(own.get("ordinate_axis_units_lab", "")).strip()
+    divisor = str(own.get("orddenom_axis_units_lab", "")).strip()
+    if unit.upper() not in NOTHING:
+        is_ratio = own["func_type"] == RESPONSE and divisor.upper() not in NOTHING
+        return (f"({unit})/({divisor})" if is_ratio else unit), quantity, 1.0
+    if factors["length"] is None or not above:
+        return None, quantity, 1.0
+    scale = 1.0
+    for name, sign in ((above, -1), (below, 1)):
+        if factor := FACTORS.get(name, ""):
+            scale *= float(factors[factor]) ** sign
+    return "SI", quantity, scale

@@ -1,0 +1,392 @@
+"""Infer start, end and depth of a delamination from a noisy scan: a posterior, not a point.
+
+Likelihood-free: one table of simulations from the prior serves every observation, by semi-automatic
+summaries, rejection and regression (`numerics.inference`). The statistics of a simulation contain
+noise as the observation does.
+
+The parameters are the middle, the length and the depth, uniform within bounds; start and end
+follow.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from delam_fem.case.definition import Case
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.statistics import UNLIKE, Posterior, Table
+from delam_fem.results.figures.style import BLUE, VERMILLION, WIDTH
+from delam_fem.results.scan import ComplexArray, Shapes, shapes_of, surface_of
+from delam_fem.studies.detection.detect import Measurement, drive_responses, intact, per_sample
+from delam_fem.studies.detection.indices import curvature, mark
+from delam_fem.studies.detection.population import (
+    PERIODS,
+    SAMPLES,
+    Population,
+    Specimen,
+    population,
+)
+from delam_fem.studies.unknown import Unknown, drawn, of_rig
+from delam_fem.system.errors import CaseError
+from delam_fem.system.files import write_text
+
+FREQUENCIES = (92.0, 250.0)
+"""Excitations of the scans of one structure [Hz]: a low one and one that shows short ones, too."""
+COMPONENTS = 3
+"""Principal components of the curvature along the beam that serve as statistics, per frequency."""
+NAMES = ("start", "end", "depth")
+STATISTICS = (
+    *(f"component {k + 1} of the shape of the curvature" for k in range(COMPONENTS)),
+    "the first marked point", "the last marked point", "the curvature over its limit",
+    "the second harmonic over the first", "the size of the first harmonic",
+)  # fmt: skip
+"""What is compared of each scan."""
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Uniform distributions of the parameters.
+
+    Attributes:
+        middle, length, depth: lowest and highest value [m].
+    """
+
+    middle: tuple[float, float] = (0.10, 0.30)
+    length: tuple[float, float] = (0.03, 0.16)
+    depth: tuple[float, float] = (0.0002, 0.0009)
+
+    @classmethod
+    def of(cls, case: Case) -> Prior:
+        """Return the prior in the proportions of a case; for `embedded` that of the class."""
+        L, h = case.length, sum(own.thickness or 0.0 for own in case.lamina)
+        return cls((0.25 * L, 0.75 * L), (0.075 * L, 0.4 * L), (0.1 * h, 0.45 * h))
+
+    @property
+    def bounds(self) -> FloatArray:
+        """Shape (3, 2) [m]."""
+        return np.array([self.middle, self.length, self.depth])
+
+    def sample(self, n: int, seed: int) -> FloatArray:
+        """Return parameters, shape (n, 3) [m]."""
+        low, high = self.bounds.T
+        return np.asarray(np.random.default_rng(seed).uniform(low, high, size=(n, 3)))
+
+
+def specimens_of(
+    parameters: FloatArray, support: str, frequencies: tuple[float, ...] = FREQUENCIES
+) -> list[Specimen]:
+    """Return the structures of parameters at the first frequency, then at the second, …."""
+    return [
+        Specimen(middle - 0.5 * length, middle + 0.5 * length, depth, support, frequency)
+        for frequency in frequencies
+        for middle, length, depth in parameters.tolist()
+    ]
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """What the scan of one frequency was measured with, so that the table is measured alike.
+
+    Attributes:
+        noise_db: overall root mean square of the field over that of the noise in a sample of a
+            record of the table, of all points or of each [dB].
+        n_lines: frequencies from which the noise is estimated; inf: it is known.
+        drive: linear responses to harmonics of the drive, by order, which are taken away.
+    """
+
+    noise_db: float | FloatArray
+    n_lines: float = math.inf
+    drive: Mapping[float, ComplexArray] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, scan: Shapes, rms: float, drive: Mapping[float, ComplexArray]) -> Sensor:
+        """Return the sensor of a measured scan with an overall root mean square [m/s]."""
+        samples = per_sample(scan.noise, PERIODS * SAMPLES)
+        return cls(20.0 * np.log10(rms / np.asarray(samples)), scan.n_lines, drive)
+
+
+@dataclass(frozen=True)
+class Knowledge:
+    """A table of simulations, and how a scan becomes the statistics of the table.
+
+    Attributes:
+        table: parameters and statistics.
+        bases: mean and principal components of the curvature at each frequency, shape (1 +
+            COMPONENTS, n_points).
+        frequencies: of the scans of one structure [Hz].
+        sensors: of each frequency.
+    """
+
+    table: Table
+    bases: tuple[FloatArray, ...]
+    frequencies: tuple[float, ...]
+    sensors: tuple[Sensor, ...]
+
+    def posterior(self, scans: tuple[Shapes, ...]) -> Posterior:
+        """Return the posterior of middle, length and depth for noisy scans, one per frequency."""
+        return self.table.posterior(self._observed(scans))
+
+    def mismatch(self, scans: tuple[Shapes, ...]) -> str | None:
+        """Return in which way scans are unlike those of all simulations; None: they are not."""
+        share, number = self.table.misfit(self._observed(scans))
+        if share > UNLIKE:
+            return None
+        frequency, statistic = divmod(number, len(STATISTICS))
+        return (
+            f"the scans are like those of no simulation: {STATISTICS[statistic]} at "
+            f"{self.frequencies[frequency]:g} Hz fits none of the same place. The rig differs from "
+            "the case by more than --uncertain says, or the delamination is another one; the "
+            "intervals do not hold"
+        )
+
+    def _observed(self, scans: tuple[Shapes, ...]) -> FloatArray:
+        """Return the statistics of scans."""
+        every = zip(scans, self.bases, self.sensors, strict=True)
+        return np.concatenate([_statistics(s.without_drive(own.drive), b) for s, b, own in every])
+
+
+def knowledge(
+    found: Population, parameters: FloatArray, prior: Prior, sensors: tuple[Sensor, ...],
+    seed: int = 3,
+) -> Knowledge:  # fmt: skip
+    """Return what a population says; structures with a run that failed are left out.
+
+    Args:
+        found: the specimens of `specimens_of`.
+        parameters: of the structures, shape (n, 3) [m].
+        prior: from which they were drawn.
+        sensors: of each frequency.
+        seed: of the noise.
+    """
+    n = len(parameters)
+    numbers = np.arange(len(found.specimens)).reshape(-1, n)
+    whole = np.isfinite(found.rms[numbers]).all(axis=0)
+    rng = np.random.default_rng(seed)
+    columns, bases = [], []
+    for row, own in zip(numbers, sensors, strict=True):
+        noisy = [
+            found.shapes(int(k), own.noise_db, rng, own.n_lines).without_drive(own.drive)
+            for k in row[whole]
+        ]
+        bases.append(_basis(np.stack([_profile(shapes) for shapes in noisy])))
+        columns.append(np.stack([_statistics(shapes, bases[-1]) for shapes in noisy]))
+    frequencies = tuple(found.specimens[row[0]].frequency for row in numbers)
+    table = Table(parameters[whole], np.concatenate(columns, axis=1), prior.bounds)
+    return Knowledge(table, tuple(bases), frequencies, sensors)
+
+
+def edges(parameters: FloatArray) -> FloatArray:
+    """Return start, end and depth for middle, length and depth, shape (n, 3) [m]."""
+    middle, length, depth = parameters.T
+    return np.stack([middle - 0.5 * length, middle + 0.5 * length, depth], axis=1)
+
+
+def edge_posterior(posterior: Posterior) -> Posterior:
+    """Return the posterior of start, end and depth."""
+    return Posterior(edges(posterior.samples), posterior.weights)
+
+
+def _profile(shapes: Shapes) -> FloatArray:
+    """Return the 2f-curvature over its largest value, shape (n_points,)."""
+    values = curvature(shapes).values
+    return np.asarray(values / values.max())
+
+
+def _basis(profiles: FloatArray) -> FloatArray:
+    """Return the mean and the principal components of profiles, shape (1 + COMPONENTS, n)."""
+    mean = profiles.mean(axis=0)
+    _, _, components = np.linalg.svd(profiles - mean, full_matrices=False)
+    return np.vstack([mean, components[:COMPONENTS]])
+
+
+def _statistics(shapes: Shapes, basis: FloatArray) -> FloatArray:
+    """Return the statistics of one scan, shape (COMPONENTS + 5,)."""
+    called = mark("curvature", shapes)
+    sizes = [np.sqrt(np.mean(np.abs(shapes.order(k)) ** 2)) for k in (1.0, 2.0)]
+    largest = float((called.index.values / called.index.limits).max())
+    start, end = (called.start, called.end) if called.is_detected else (0.0, shapes.x[-1])
+    numbers = [start, end, np.log(largest), np.log(sizes[1] / sizes[0]), np.log(sizes[0])]
+    return np.concatenate([basis[1:] @ (_profile(shapes) - basis[0]), numbers])
+
+
+SAME_PLACE = 0.05
+"""Share of the spacing by which a scanned point may be elsewhere than on the grid."""
+
+
+@dataclass(frozen=True)
+class Inferred:
+    """What scans of a case say of its delamination.
+
+    Attributes:
+        case: with one delamination.
+        posterior: of start, end and depth [m].
+        n_structures: in the table of simulations.
+        uncertain: in what the rig may differ from the case.
+        is_measured: whether the scans come from files.
+        mismatch: in which way the scans are unlike those of all simulations; None: they are not.
+    """
+
+    case: Case
+    posterior: Posterior
+    n_structures: int
+    uncertain: tuple[Unknown, ...] = ()
+    is_measured: bool = False
+    mismatch: str | None = None
+
+    @property
+    def truth(self) -> FloatArray:
+        """Start, end and depth of the case, shape (3,) [m]; NaN if the scans come from files."""
+        return np.full(3, np.nan) if self.is_measured else truth_of(self.case)
+
+    def rows(self) -> list[tuple[str, ...]]:
+        """Return table rows: parameter, truth, median, interval of 90 %, all in mm."""
+        middle, bounds = self.posterior.quantile(0.5), self.posterior.interval()
+        every = zip(NAMES, self.truth, middle, bounds.tolist(), strict=True)
+        return [
+            (
+                name,
+                "" if np.isnan(true) else f"{1e3 * true:.4g}",
+                f"{1e3 * m:.4g}",
+                f"{1e3 * low:.4g} … {1e3 * high:.4g}",
+            )
+            for name, true, m, (low, high) in every
+        ]
+
+    def save(self, directory: Path) -> Path:
+        """Write inference.json (lengths in m) into an existing folder and return its path."""
+        found = {
+            "case": self.case.name,
+            "structures": self.n_structures,
+            "uncertain": [asdict(own) for own in self.uncertain],
+            "is_measured": self.is_measured,
+            "mismatch": self.mismatch,
+            "parameter": list(NAMES),
+            "truth": None if self.is_measured else self.truth.tolist(),
+            "median": self.posterior.quantile(0.5).tolist(),
+            "interval_90": self.posterior.interval().tolist(),
+            "correlation": self.posterior.correlation().tolist(),
+        }
+        return write_text(directory / "inference.json", json.dumps(found, indent=2) + "\n")
+
+    def figure(self) -> Figure:
+        """Draw the marginal distributions within the prior, and start against end."""
+        figure = Figure(figsize=(WIDTH, 6.0), layout="constrained")
+        panels = figure.subplots(2, 2).ravel()
+        samples, weights = 1e3 * self.posterior.samples, self.posterior.weights
+        prior = 1e3 * edges(Prior.of(self.case).sample(20_000, 1))
+        for k, (axes, name) in enumerate(zip(panels, NAMES, strict=False)):
+            bins = np.linspace(prior[:, k].min(), prior[:, k].max(), 60)
+            axes.hist(prior[:, k], bins=bins, density=True, color="0.85", label="prior")
+            axes.hist(
+                samples[:, k], bins=bins, weights=weights, density=True, color=BLUE,
+                label="posterior",
+            )  # fmt: skip
+            if not self.is_measured:
+                axes.axvline(1e3 * self.truth[k], color=VERMILLION, label="truth")
+            axes.set(xlabel=f"{name} [mm]", ylabel="density [1/mm]")
+        panels[0].legend()
+        panels[3].scatter(samples[:, 0], samples[:, 1], s=2000.0 * weights, color=BLUE, alpha=0.5)
+        panels[3].plot(*(1e3 * self.truth[:2]), "+", color=VERMILLION, markersize=14)
+        panels[3].set(xlabel="start [mm]", ylabel="end [mm]")
+        return figure
+
+
+def infer(
+    case: Case,
+    directory: Path,
+    *,
+    number: int = 5000,
+    frequencies: tuple[float, ...] = FREQUENCIES,
+    noise_db: float = 40.0,
+    measured: Sequence[Measurement] | None = None,
+    uncertain: Sequence[Unknown] | None = None,
+    workers: int | None = None,
+    resume: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+) -> Inferred:
+    """Infer start, end and depth of a delamination from scans at some frequencies.
+
+    Args:
+        case: two laminae with one delamination, whose place is that of simulated scans only.
+        directory: folder of the simulations.
+        number: of structures in the table.
+        frequencies: of the scans [Hz].
+        noise_db: of simulated scans: overall root mean square of the signal over the noise [dB].
+        measured: scans at these frequencies; None: the case simulates them.
+        uncertain: in what the rig may differ from the case, drawn for each structure; None: see
+            `of_rig`.
+        workers: see `run_sweep`.
+        resume: whether to go on with what is in the folder.
+        progress: see `run_sweep`.
+
+    Raises:
+        CaseError: the case or the scans do not allow it.
+        KeyboardInterrupt: it was interrupted; `resume` goes on.
+    """
+    prior, doubts = Prior.of(case), of_rig(case) if uncertain is None else tuple(uncertain)
+    parameters = prior.sample(number, 7)
+    drawn_keys = drawn(doubts, case, number, 8)
+    also = {key: np.tile(values, len(frequencies)) for key, values in drawn_keys.items()}
+    specimens = specimens_of(parameters, case.support.end, frequencies)
+    spacing, first, n_points = _grid(measured)
+    runs = population(
+        case, specimens, directory, spacing=spacing, first=first, also=also, workers=workers,
+        resume=resume, progress=progress,
+    ).at_first(n_points)  # fmt: skip
+    whole, surface = intact(case), surface_of(case, None)
+    drives = [drive_responses(whole, surface, runs.x, f, (2.0,)) for f in frequencies]
+    if measured is None:
+        own = population(case, observed(case, frequencies), directory / "observation", "serial",
+                         resume=resume)  # fmt: skip
+        rng = np.random.default_rng(1)
+        scans = tuple(own.shapes(k, noise_db, rng) for k in range(len(frequencies)))
+        sensors = tuple(Sensor(noise_db, drive=drive) for drive in drives)
+    else:
+        scans = tuple(shapes_of(m.field, m.times, m.frequency, m.x) for m in measured)
+        every = zip(scans, measured, drives, strict=True)
+        sensors = tuple(Sensor.of(scan, m.rms, drive) for scan, m, drive in every)
+    known = knowledge(runs, parameters, prior, sensors)
+    posterior = edge_posterior(known.posterior(scans))
+    return Inferred(
+        case, posterior, number, doubts, measured is not None, known.mismatch(scans)
+    )  # fmt: skip
+
+
+def _grid(measured: Sequence[Measurement] | None) -> tuple[float, float, int | None]:
+    """Return spacing and first position [m] and number of points of the scans.
+
+    Raises:
+        CaseError: the positions are not equidistant, or differ from scan to scan.
+    """
+    if measured is None:
+        return 0.01, 0.0, None
+    x = measured[0].x
+    spacing = float(np.diff(x).mean())
+    expected = x[0] + spacing * np.arange(x.size)
+    for own in measured:
+        if own.x.size != x.size or np.abs(own.x - expected).max() > SAME_PLACE * spacing:
+            raise CaseError(
+                "measured: expected equidistant points, the same in every scan, given "
+                f"{own.x.tolist()}"
+            )
+    return spacing, float(x[0]), int(x.size)
+
+
+def truth_of(case: Case) -> FloatArray:
+    """Return start, end and depth of the delamination of a case, shape (3,) [m]."""
+    own, surface = case.delamination[0], surface_of(case, None)
+    depth = next(lamina.thickness for lamina in case.lamina if lamina.name == surface)
+    return np.array([own.start, own.end, depth], dtype=np.float64)
+
+
+def observed(case: Case, frequencies: tuple[float, ...]) -> list[Specimen]:
+    """Return the case itself as specimens, one for each frequency."""
+    start, end, depth = truth_of(case).tolist()
+    return [Specimen(start, end, depth, case.support.end, f) for f in frequencies]

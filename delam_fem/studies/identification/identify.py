@@ -1,0 +1,508 @@
+"""Identify a rig from clapping motions: measure or simulate, infer, check the intervals, write.
+
+Numbers that describe a motion whatever the origin of time: harmonics relative to the first one.
+
+A measurement seldom knows the phase of the base. A shift of the origin by τ turns the k-th harmonic
+c_k by k ω τ; so c_k e^{-ikφ}, with the phase φ of the first harmonic of the first lamina, does not
+change.
+
+Identify the gap, the restitution and other keys of a case from clapping motions.
+
+The posterior follows from simulations alone (`numerics/statistics.py`): one sweep over parameters
+drawn from the prior for each frequency, and the harmonics of both tips as statistics.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from delam_fem.case.definition import Case
+from delam_fem.case.files import save_case
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.beams import ComplexArray
+from delam_fem.numerics.statistics import FEWEST, UNLIKE, Posterior, Table
+from delam_fem.results.measured.reading import read_measured
+from delam_fem.studies.executors import ExecutorName
+from delam_fem.studies.sweeps.grid import sweep_of
+from delam_fem.studies.sweeps.run import run_sweep
+from delam_fem.studies.unknown import Unknown, drawn, of_rig, value_of
+from delam_fem.system.errors import CaseError
+from delam_fem.system.files import atomic, write_text
+
+
+def tips_of(case: Case, path: Path) -> tuple[FloatArray, FloatArray]:
+    """Return times, shape (n,) [s], and tip displacements, shape (n_laminae, n) [m], of a file.
+
+    Raises:
+        CaseError: the file cannot be read, or it has not the tips of all laminae.
+    """
+    data = read_measured(path)
+    names = [lamina.name for lamina in case.lamina]
+    if "tip_displacement" not in data or not set(names) <= set(data["lamina"].to_numpy()):
+        raise CaseError(
+            f"{path}: expected the tip displacements of {' and '.join(names)}; delam-fem measure "
+            "FILE --channel 'tip NAME=COLUMN:UNIT' makes such a file"
+        )
+    return data["time"].to_numpy(), data["tip_displacement"].sel(lamina=names).to_numpy()
+
+
+HARMONICS = 5
+"""Number of harmonics of each lamina."""
+FITTED = 60
+"""Most harmonics that are fitted, so that those of an impact do not count as noise."""
+SAMPLES = 4
+"""A measurement needs so many times the samples that its harmonics have unknowns."""
+
+
+def of_points(sweep: xr.Dataset) -> ComplexArray:
+    """Return the harmonics of all points of a sweep, shape (n_points, n_laminae, HARMONICS) [m].
+
+    NaN for points that were not completed.
+    """
+    size, phase = (
+        sweep[name].to_numpy().reshape(-1, *sweep[name].shape[-2:])[..., :HARMONICS]
+        for name in ("harmonic_amplitude", "harmonic_phase")
+    )
+    return np.asarray(size * np.exp(1j * phase))
+
+
+def of_history(time: FloatArray, tips: FloatArray, frequency: float) -> tuple[ComplexArray, float]:
+    """Return the harmonics of a measured motion and the scatter about them.
+
+    Args:
+        time: times of the samples, any origin, shape (n,) [s].
+        tips: displacements of the laminae, shape (n_laminae, n) [m].
+        frequency: of the base [Hz].
+
+    Returns:
+        Harmonics, shape (n_laminae, HARMONICS) [m], and the standard deviation of a sample [m].
+
+    Raises:
+        CaseError: there are too few samples, or less than two periods.
+    """
+    least = 2 * HARMONICS + 1
+    if time.size < SAMPLES * least or np.ptp(time) * frequency < 2.0:
+        raise CaseError(
+            f"measured history: expected at least {SAMPLES * least} samples and two periods, "
+            f"given {time.size} samples over {np.ptp(time) * frequency:.3g} periods of "
+            f"{frequency:g} Hz"
+        )
+    below_nyquist = math.ceil(0.5 / (frequency * float(np.median(np.diff(time))))) - 1
+    most = min(FITTED, below_nyquist, (time.size // SAMPLES - 1) // 2)
+    fitted = max(HARMONICS, most)
+    unknowns = 2 * fitted + 1
+    angle = 2.0 * math.pi * frequency * time[:, None] * np.arange(1, fitted + 1)
+    columns = np.concatenate([np.sin(angle), np.cos(angle), np.ones((time.size, 1))], axis=1)
+    found, *_ = np.linalg.lstsq(columns, tips.T, rcond=None)
+    scatter = float(
+        np.std(tips.T - columns @ found) * math.sqrt(time.size / (time.size - unknowns))
+    )
+    sines, cosines = found[:HARMONICS].T, found[fitted : fitted + HARMONICS].T
+    return np.asarray(sines + 1j * cosines), scatter
+
+
+def invariant(harmonics: ComplexArray) -> FloatArray:
+    """Return harmonics as real numbers without the origin of time.
+
+    Args:
+        harmonics: shape (..., n_laminae, HARMONICS) [m].
+
+    Returns:
+        Real and imaginary parts, shape (..., 2 n_laminae HARMONICS - 1) [m]; the imaginary part of
+        the first harmonic of the first lamina is 0 and left out.
+    """
+    first = harmonics[..., 0, 0]
+    turns = np.exp(-1j * np.angle(first)[..., None] * np.arange(1, HARMONICS + 1))
+    turned = (harmonics * turns[..., None, :]).reshape(*harmonics.shape[:-2], -1)
+    return np.concatenate([turned.real, turned.imag[..., 1:]], axis=-1)
+
+
+def noisy(harmonics: ComplexArray, noise: float, rng: np.random.Generator) -> ComplexArray:
+    """Return harmonics with errors of independent normal parts.
+
+    Args:
+        harmonics: any shape [m].
+        noise: standard deviation of the real and of the imaginary part [m].
+        rng: random numbers.
+    """
+    parts = rng.standard_normal((2, *harmonics.shape))
+    return np.asarray(harmonics + noise * (parts[0] + 1j * parts[1]))
+
+
+FINER = 4
+"""How many times as many steps the repeated simulations have."""
+LIKE = 5
+"""Number of repeated simulations of which one says what finer steps change."""
+BEYOND = 1.5
+"""Largest multiple of that change: infinitely many steps change more than `FINER` times as many."""
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """Motions of a rig at some frequencies, measured at the reference probes of its laminae.
+
+    Attributes:
+        case: the rig; the unknowns replace some of its values.
+        frequencies: of the base [Hz].
+        unknowns: keys that are sought.
+        noise: standard deviation of a sample of the displacement [m].
+        n_samples: number of samples of each motion; None: as many as the window of the case.
+        uncertain: in what the rig may differ from the case although it is not sought, drawn for
+            each simulation; None: see `of_rig`.
+    """
+
+    case: Case
+    frequencies: tuple[float, ...]
+    unknowns: tuple[Unknown, ...]
+    noise: float
+    n_samples: int | None = None
+    uncertain: tuple[Unknown, ...] | None = None
+
+    def __post_init__(self) -> None:
+        """Check that the sought keys have values, which the results show."""
+        for own in self.unknowns:
+            if own.is_relative:
+                raise CaseError(
+                    f"unknown: {own.key}: expected values of the key, given multiples of its own; "
+                    "only --uncertain takes them"
+                )
+
+    @property
+    def doubts(self) -> tuple[Unknown, ...]:
+        """In what the rig may differ from the case."""
+        return of_rig(self.case) if self.uncertain is None else self.uncertain
+
+    @property
+    def truth(self) -> list[float]:
+        """Values that the case itself has for the unknowns."""
+        return [value_of(self.case, unknown.keys(self.case)[0]) for unknown in self.unknowns]
+
+    @property
+    def error(self) -> float:
+        """Standard deviation of the real and of the imaginary part of a harmonic [m]."""
+        own = self.case.n_window_periods * self.case.steps_per_period
+        return self.noise * math.sqrt(2.0 / (self.n_samples or own))
+
+    def simulate(
+        self,
+        parameters: FloatArray,
+        directory: Path,
+        *,
+        also: Mapping[str, FloatArray] | None = None,
+        executor: ExecutorName | None = None,
+        workers: int | None = None,
+        progress: Callable[[int, int], None] | None = None,
+    ) -> ComplexArray:
+        """Return the harmonics of the motions with given parameters, without noise.
+
+        Each frequency is a sweep in a folder of its own, which goes on where it was interrupted.
+
+        Args:
+            parameters: values of the unknowns, shape (n, n_unknowns).
+            directory: folder of the sweeps.
+            also: values of further keys, shape (n,) each; the unknowns go before them.
+            executor: see `run_sweep`.
+            workers: number of processes; default: one per core.
+            progress: called with the number of finished simulations and of all.
+
+        Returns:
+            Shape (n, n_frequencies, n_laminae, HARMONICS) [m]; NaN for motions that diverged.
+
+        Raises:
+            CaseError: the first set of parameters is not a valid case.
+            KeyboardInterrupt: a sweep was interrupted; its points are kept.
+        """
+        found, total = [], len(parameters) * len(self.frequencies)
+        directory.mkdir(parents=True, exist_ok=True)
+        save_case(self.case, directory)
+        for number, frequency in enumerate(self.frequencies):
+            sweep = sweep_of(self._sweep(parameters, frequency, also or {}), folder=directory)
+            done = number * len(parameters)
+            report = None if progress is None else _shifted(progress, done, total)
+            data = run_sweep(
+                sweep, directory / f"{frequency:g}-Hz", executor, workers=workers,
+                resume=True, progress=report,
+            )  # fmt: skip
+            with data:
+                if data.attrs["outcome"] != "completed":
+                    raise KeyboardInterrupt
+                found.append(of_points(data))
+        return np.stack(found, axis=1)
+
+    def disturbed(self, n: int, seed: int) -> dict[str, FloatArray]:
+        """Return n values of each key in which the rig may differ from the case."""
+        return drawn(self.doubts, self.case, n, seed)
+
+    def table(
+        self, harmonics: ComplexArray, parameters: FloatArray, seed: int,
+        finer: ComplexArray | None = None,
+    ) -> Table:  # fmt: skip
+        """Return the simulations with noise as a table for the inference.
+
+        The steps of the simulations are not those of a rig. To each simulation is added, times a
+        number between 0 and `BEYOND`, what finer steps change in one of the `LIKE` simulations with
+        the nearest parameters that were repeated.
+
+        Args:
+            harmonics: of the simulations, see `simulate`.
+            parameters: of the simulations, shape (n, n_unknowns).
+            seed: of the noise.
+            finer: the first of them repeated with finer steps; None: none.
+
+        Raises:
+            CaseError: too few simulations were completed.
+        """
+        rng = np.random.default_rng(seed)
+        if finer is not None:
+            harmonics = harmonics + _discrepancy(finer, harmonics, parameters, rng)
+        values = invariant(noisy(harmonics, self.error, rng))
+        values = values.reshape(len(values), -1)
+        good = np.isfinite(values).all(axis=1)
+        if np.count_nonzero(good) < FEWEST:
+            raise CaseError(
+                f"identification: expected at least {FEWEST} simulations, {good.sum()} of "
+                f"{good.size} were completed"
+            )
+        bounds = np.array([(unknown.low, unknown.high) for unknown in self.unknowns])
+        return Table(parameters[good], values[good], bounds)
+
+    def draw(self, n: int, seed: int) -> FloatArray:
+        """Return parameters from the prior, shape (n, n_unknowns)."""
+        low = np.array([unknown.low for unknown in self.unknowns])
+        high = np.array([unknown.high for unknown in self.unknowns])
+        return np.asarray(np.random.default_rng(seed).uniform(low, high, (n, low.size)))
+
+    def _sweep(
+        self, parameters: FloatArray, frequency: float, also: Mapping[str, FloatArray]
+    ) -> dict[str, object]:
+        """Return the sweep over given parameters at a frequency."""
+        columns = dict(also)
+        for unknown, column in zip(self.unknowns, parameters.T, strict=True):
+            columns |= dict.fromkeys(unknown.keys(self.case), column)
+        axes = [
+            {"key": key, "name": key.replace(".", "_"), "values": column.tolist()}
+            for key, column in columns.items()
+        ]
+        return {
+            "name": f"identification-{frequency:g}-Hz",
+            "base": "case.toml",
+            "set": {"excitation.frequency": frequency},
+            "axis": axes,
+            "combine": "zip",
+            "record": {"summary": False, "strobes": 0, "harmonics": HARMONICS},
+        }
+
+
+def _discrepancy(
+    finer: ComplexArray, harmonics: ComplexArray, parameters: FloatArray, rng: np.random.Generator
+) -> ComplexArray:
+    """Return what finer steps may change in all simulations; see `Experiment.table`."""
+    change = finer - harmonics[: len(finer)]
+    whole = np.flatnonzero(np.isfinite(change).reshape(len(change), -1).all(axis=1))
+    if whole.size == 0:
+        return np.zeros_like(harmonics)
+    places = parameters / parameters.std(axis=0)
+    distance = np.linalg.norm(places[:, None] - places[None, whole], axis=2)
+    like = np.argsort(distance, axis=1)[:, :LIKE]
+    chosen = like[np.arange(len(like)), rng.integers(like.shape[1], size=len(like))]
+    share = rng.uniform(0.0, BEYOND, size=(len(like), 1, 1, 1))
+    return np.asarray(share * change[whole[chosen]])
+
+
+def _shifted(
+    progress: Callable[[int, int], None], before: int, total: int
+) -> Callable[[int, int], None]:
+    """Return a progress function that counts on after `before` simulations."""
+    return lambda done, _: progress(before + done, total)
+
+
+HEADING = ("key", "median", "90 % interval", "prior", "truth", "covered")
+SEPARATED = 0.5
+"""Two unknowns with a larger correlation than this are hardly separated."""
+NAME = "identification.json"
+
+
+@dataclass(frozen=True)
+class Identification:
+    """What a measurement says of the unknowns.
+
+    Attributes:
+        experiment: the rig and its motions.
+        posterior: of the unknowns.
+        coverage: how often 90 % intervals contain the truth, by unknown; None: not checked.
+        finer: number of simulations that are repeated with finer steps, to know what steps change.
+        checks: number of simulations that served as observations for `coverage`.
+        is_synthetic: whether the motions were simulated from the case itself.
+        completed: number of simulations in the table.
+        mismatch: in which way the measurement is unlike all simulations; None: it is not.
+    """
+
+    experiment: Experiment
+    posterior: Posterior
+    coverage: FloatArray | None
+    checks: int
+    is_synthetic: bool
+    completed: int
+    mismatch: str | None = None
+
+    @property
+    def truth(self) -> list[float] | None:
+        """Values of the unknowns in a synthetic measurement."""
+        return self.experiment.truth if self.is_synthetic else None
+
+    def rows(self) -> list[tuple[str, ...]]:
+        """Return the rows of a table under `HEADING`."""
+        middle, interval = self.posterior.quantile(0.5), self.posterior.interval(0.9)
+        rows: list[tuple[str, ...]] = []
+        for k, unknown in enumerate(self.experiment.unknowns):
+            covered = "" if self.coverage is None else f"{100.0 * self.coverage[k]:.0f} %"
+            truth = "" if self.truth is None else f"{self.truth[k]:.4g}"
+            span = f"{interval[k, 0]:.4g} … {interval[k, 1]:.4g}"
+            prior = f"{unknown.low:g} … {unknown.high:g}"
+            rows.append((unknown.key, f"{middle[k]:.4g}", span, prior, truth, covered))
+        return rows
+
+    def sentence(self) -> str:
+        """Return which unknowns the motions do not separate, in a sentence."""
+        correlation, keys = self.posterior.correlation(), self.experiment.unknowns
+        pairs = [
+            f"{keys[j].key} and {keys[i].key} (correlation {correlation[i, j]:+.2f})"
+            for i in range(len(keys))
+            for j in range(i)
+            if abs(correlation[i, j]) > SEPARATED
+        ]
+        text = "These motions separate the unknowns."
+        if pairs:
+            text = f"These motions hardly separate {'; '.join(pairs)}."
+        return f"{text} {self.mismatch}" if self.mismatch else text
+
+    def save(self, directory: Path) -> list[Path]:
+        """Write identification.json and the figure; return their paths."""
+        from delam_fem.studies.identification.figures import posterior_figure
+
+        middle, interval = self.posterior.quantile(0.5), self.posterior.interval(0.9)
+        numbers = {
+            "unknowns": {
+                unknown.key: {
+                    "median": middle[k],
+                    "interval_90": interval[k].tolist(),
+                    "prior": [unknown.low, unknown.high],
+                    "truth": None if self.truth is None else self.truth[k],
+                    "coverage_of_90": None if self.coverage is None else self.coverage[k],
+                }
+                for k, unknown in enumerate(self.experiment.unknowns)
+            },
+            "correlation": self.posterior.correlation().tolist(),
+            "frequencies_hz": list(self.experiment.frequencies),
+            "noise_m": self.experiment.noise,
+            "simulations": self.completed,
+            "checks": self.checks,
+            "uncertain": [asdict(own) for own in self.experiment.doubts],
+            "mismatch": self.mismatch,
+        }
+        path, image = directory / NAME, directory / "posterior.png"
+        write_text(path, json.dumps(numbers, indent=2) + "\n")
+        figure = posterior_figure(self.posterior, self.experiment.unknowns, self.truth)
+        with atomic(image) as temporary:
+            figure.savefig(temporary)
+        return [path, image]
+
+
+def identify(
+    experiment: Experiment,
+    directory: Path,
+    *,
+    measured: Sequence[Path] | None = None,
+    simulations: int = 2000,
+    finer: int = 100,
+    checks: int = 100,
+    seed: int = 1,
+    executor: ExecutorName | None = None,
+    workers: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Identification:
+    """Infer the unknowns of an experiment.
+
+    Args:
+        experiment: the rig, its motions and the unknowns.
+        directory: folder of the simulations; those that it has are used again.
+        measured: files with the tips, one per frequency; None: the case simulates the measurement.
+        simulations: number of parameters from the prior.
+        finer: number of simulations that are repeated with finer steps, to know what steps change.
+        checks: number of simulations that serve as observations to check the intervals.
+        seed: of the prior and of the noise.
+        executor: see `run_sweep`.
+        workers: number of processes.
+        progress: called with the number of finished simulations and of all.
+
+    Raises:
+        CaseError: a file does not fit, or too few simulations were completed.
+    """
+    observed = None
+    if measured is not None:
+        experiment, observed = _read(experiment, measured)
+    save_case(experiment.case, directory)
+    parameters = experiment.draw(simulations, seed)
+    also = experiment.disturbed(simulations, seed + 3)
+    simulate = partial(experiment.simulate, executor=executor, workers=workers, progress=progress)
+    harmonics = simulate(parameters, directory / "simulations", also=also)
+    steps = np.full(min(finer, simulations), FINER * experiment.case.steps_per_period)
+    some = {key: values[: steps.size] for key, values in also.items()}
+    repeated = None
+    if steps.size:
+        more = {"time.steps_per_period": steps}
+        repeated = simulate(parameters[: steps.size], directory / "finer", also=some | more)
+    if observed is None:
+        truth = np.array([experiment.truth])
+        exact = experiment.simulate(truth, directory / "observation", executor="serial")[0]
+        own = noisy(exact, experiment.error, np.random.default_rng(seed + 1))
+        observed = invariant(own).ravel()
+    table = experiment.table(harmonics, parameters, seed + 2, repeated)
+    checks = min(checks, len(table.parameters))
+    covered = table.coverage(np.arange(checks)) if checks else None
+    return Identification(
+        experiment, table.posterior(observed), covered, checks, measured is None,
+        len(table.parameters), mismatch(experiment, table, observed),
+    )  # fmt: skip
+
+
+def mismatch(experiment: Experiment, table: Table, observed: FloatArray) -> str | None:
+    """Return in which way an observation is unlike all simulations; None: it is not."""
+    share, number = table.misfit(observed)
+    if share > UNLIKE:
+        return None
+    names = [lamina.name for lamina in experiment.case.lamina]
+    each = 2 * len(names) * HARMONICS - 1
+    number, of_one = number // each, number % each
+    lamina, harmonic = divmod(of_one if of_one <= each // 2 else of_one - each // 2, HARMONICS)
+    return (
+        f"The motions are like those of no simulation: harmonic {harmonic + 1} of lamina "
+        f"{names[lamina]} at {experiment.frequencies[number]:g} Hz fits none with these values. "
+        "The rig differs from the case by more than --uncertain says; the intervals do not hold."
+    )
+
+
+def _read(experiment: Experiment, files: Sequence[Path]) -> tuple[Experiment, FloatArray]:
+    """Return the statistics of measured motions, and the experiment with their noise."""
+    if len(files) != len(experiment.frequencies):
+        raise CaseError(
+            f"--measured: expected one file per frequency, given {len(files)} files and "
+            f"{len(experiment.frequencies)} frequencies"
+        )
+    rows, noise, samples = [], [], []
+    for path, frequency in zip(files, experiment.frequencies, strict=True):
+        time, tips = tips_of(experiment.case, path)
+        harmonics, scatter = of_history(time, tips, frequency)
+        rows.append(invariant(harmonics))
+        noise.append(scatter)
+        samples.append(tips.shape[1])
+    known = replace(experiment, noise=max(noise), n_samples=min(samples))
+    return known, np.concatenate(rows)

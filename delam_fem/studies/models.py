@@ -1,0 +1,461 @@
+"""Models of one case side by side: what is measured of each, tables, files, a picture."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
+from scipy.sparse.linalg import splu
+
+from delam_fem.case.definition import Case
+from delam_fem.engines.session import EngineName
+from delam_fem.model import discretise
+from delam_fem.model.layout import Structure
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.results import diagnostics
+from delam_fem.results.figures.style import BLACK, BLUE, GREEN, ORANGE, VERMILLION, WIDTH, styled
+from delam_fem.studies.findings import save_findings
+from delam_fem.studies.modes import modes_of, structure_modes
+from delam_fem.system.errors import CaseError
+
+Name = Literal["beam", "plane-stress", "solid", "reduced"]
+NAMES: tuple[Name, ...] = get_args(Name)
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One model of a case.
+
+    Attributes:
+        name: name of the model.
+        case: the case with this model.
+        structure: the discretised case.
+        engine: the engine that computes its steps.
+        seconds: processor time of the assembly, or of the reduction [s].
+    """
+
+    name: str
+    case: Case
+    structure: Structure
+    engine: EngineName
+    seconds: float
+
+
+def variants(case: Case, names: Sequence[str], modes: int) -> list[Variant]:
+    """Return the models of a case in the order of their names.
+
+    Args:
+        case: the case; its own `model` gives Poisson's ratio, degree, layers and strips.
+        names: of `NAMES`; "reduced" reduces the model that is named before it.
+        modes: number of modes of each body of a reduced model.
+
+    Raises:
+        CaseError: there is no such model, none to reduce, or one cannot be made.
+    """
+    if unknown := [name for name in names if name not in NAMES]:
+        raise CaseError(f"models: expected some of {', '.join(NAMES)}, given {unknown[0]!r}")
+    found: list[Variant] = []
+    for name in names:
+        begin = time.process_time()
+        if name == "reduced":
+            if not found:
+                raise CaseError(
+                    "models: expected a model before reduced, the one that it reduces, for example "
+                    "plane-stress,reduced"
+                )
+            from delam_fem.model.reduction import reduced_case
+
+            whole = found[-1]
+            structure = reduced_case(whole.case, modes, full=whole.structure).structure
+            own, label = whole.case, f"{whole.name}, {modes} modes"
+        else:
+            own, label = with_model(case, name), name
+            structure = discretise.assemble(own, needs_dolfinx=False)
+        engine: EngineName = "compiled" if name in ("beam", "reduced") else "petsc"
+        seconds = time.process_time() - begin
+        found.append(Variant(label, own, structure, engine, seconds))
+    return found
+
+
+def with_model(case: Case, kind: str) -> Case:
+    """Return the case with another kind of model, whose mesh is made from `mesh.elements`."""
+    if case.mesh.file is not None and kind != case.model.kind:
+        raise CaseError(
+            f"models: mesh.file is a mesh of kind {case.model.kind!r}; give mesh.elements for "
+            f"{kind!r}, given {Path(case.mesh.file).name}"
+        )
+    return case.with_overrides({"model.kind": kind, "model.file": None})
+
+
+ENERGIES = ("base_work", "force_work", "damping_loss", "contact_damping_loss", "impact_loss")
+"""Columns of the ledger that explain where the energy of a period goes."""
+
+NEAR = 0.1
+"""Distance from the reference probes, in lengths, within which an impact is a strike there."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """The motion of one model at one frequency.
+
+    Attributes:
+        frequency: of the excitation [Hz].
+        time: shape (n_steps,) [s].
+        tips: displacements of the reference probes, shape (n_laminae, n_steps) [m].
+        strike: time of the first impact within a tenth of the length of the probes [s]; infinite if
+            there is none.
+        summary: numbers of the second half of the run; see `diagnostics.summary_of`.
+        energies: means over the periods of the second half, by the names in `ENERGIES` [J].
+        residual: largest part of a period's energy that the ledger does not explain [-].
+        x: positions along the contact line, shape (n_points,) [m].
+        impulse: mean impulse of a period and length, shape (n_points,) [N s/m].
+        cost: duration of a step by the clock [µs], and steps in a period.
+    """
+
+    frequency: float
+    time: FloatArray
+    tips: FloatArray
+    strike: float
+    summary: dict[str, Any]
+    energies: dict[str, float]
+    residual: float
+    x: FloatArray
+    impulse: FloatArray
+    cost: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What one model makes of a case.
+
+    Attributes:
+        name: name of the model.
+        dofs: number of unknowns.
+        pairs: number of contact pairs.
+        seconds: processor time of the assembly [s].
+        frequencies: natural frequencies, delaminations open, shape (k,) [Hz].
+        labels: what each of them belongs to.
+        compliance: displacement of each reference probe under a unit force there, shape
+            (n_laminae,) [m/N].
+        motions: one for each frequency.
+    """
+
+    name: str
+    dofs: int
+    pairs: int
+    seconds: float
+    frequencies: FloatArray
+    labels: tuple[str, ...]
+    compliance: FloatArray
+    motions: tuple[Motion, ...]
+
+
+def measure(model: Variant, frequencies: tuple[float, ...], periods: int, modes: int) -> Measured:
+    """Measure one model.
+
+    Args:
+        model: the model.
+        frequencies: of the excitation [Hz].
+        periods: number of periods of each motion, which begins at rest.
+        modes: number of natural frequencies of each lamina, or of a bonded stack.
+
+    Raises:
+        CaseError: a motion cannot be computed.
+    """
+    o, count = model.structure.operators, len(model.structure.layout.parts)
+    if model.case.is_apart and not model.case.point_mass:
+        natural = modes_of(model.structure, model.case, modes).frequencies.ravel()
+        owners = [f", {lamina.name}" for lamina in model.case.lamina]
+    else:
+        natural, owners = structure_modes(model.structure, model.case, modes).frequencies, [""]
+    rows = o.probes[:count]
+    bent = splu(o.stiffness.tocsc()).solve(rows.T.toarray())
+    if frequencies:
+        _motion(model, frequencies[0], 1)  # compiled code is loaded before costs are measured
+    return Measured(
+        model.name,
+        o.n_dofs,
+        o.n_pairs,
+        model.seconds,
+        np.asarray(natural),
+        tuple(f"f{k + 1}{owner}" for owner in owners for k in range(natural.size // len(owners))),
+        np.einsum("ij,ji->i", rows.toarray(), bent),
+        tuple(_motion(model, frequency, periods) for frequency in frequencies),
+    )
+
+
+def _motion(model: Variant, frequency: float, periods: int) -> Motion:
+    """Compute the motion of a model from rest at one frequency."""
+    from delam_fem.pipeline import run  # dolfinx comes with it
+
+    span: dict[str, object] = {"time.periods": periods, "output.window_periods": periods}
+    keys: dict[str, object] = {"excitation.frequency": frequency, "output.fields_per_period": 0}
+    case = model.case.with_overrides(span | keys)
+    found = run(case, model.engine, structure=model.structure)
+    history = found.history
+    t = history["time"].to_numpy()
+    late = diagnostics.last_periods(history, case, math.ceil(periods / 2))
+    x, impulse = _along(history, model, float(late["time"][0]))
+    kept = slice(periods // 2, None)
+    return Motion(
+        frequency,
+        t,
+        history["tip_displacement"].to_numpy(),
+        _first_strike(history),
+        diagnostics.summary(late.isel(period=kept), case),
+        {name: float(history[f"energy_{name}"][kept].mean()) for name in ENERGIES},
+        float(found.summary["energy_residual"]),
+        x,
+        impulse / math.ceil(periods / 2),
+        (found.summary["microseconds_per_step"], found.summary["steps"] / periods),
+    )
+
+
+def _first_strike(history: xr.Dataset) -> float:
+    """Return the time of the first impact near the reference probes [s]; infinite without one."""
+    x = history["x"].to_numpy()
+    apart = np.abs(x[history["event_node"].to_numpy()] - x[diagnostics.probe_node(history)])
+    near = history["event_time"].to_numpy()[apart <= NEAR * np.ptp(x)]
+    closed = history["time"].to_numpy()[diagnostics.tip_closed(history)]
+    return float(min(near.min(initial=math.inf), closed.min(initial=math.inf)))
+
+
+def _along(history: xr.Dataset, model: Variant, since: float) -> tuple[FloatArray, FloatArray]:
+    """Return positions along the contact line, and the impulse per length there since a time."""
+    x = history["x"].to_numpy()
+    is_late = history["event_time"].to_numpy() >= since
+    if "event_interface" in history:
+        is_late &= history["event_interface"].to_numpy() == 0
+    node = history["event_node"].to_numpy()[is_late]
+    total = np.bincount(node, history["event_impulse"].to_numpy()[is_late], minlength=x.size)
+    return x, np.asarray(total / np.gradient(x))
+
+
+COLOURS = (BLACK, VERMILLION, BLUE, GREEN, ORANGE)
+SHOWN_PERIODS = 4
+"""Periods of the histories that are shown, from rest."""
+
+
+def draw(case: Case, models: Sequence[Measured]) -> Figure:
+    """Return one row per frequency: tip histories of all models, impulses along the laminae."""
+    n = len(models[0].motions)
+    with styled():
+        figure = Figure(figsize=(WIDTH, 2.6 * n + 0.6), layout="constrained")
+        rows = figure.subplots(n, 2, squeeze=False, width_ratios=(2, 1))
+        for k, (histories, along) in enumerate(rows):
+            for own, colour in zip(models, COLOURS * len(models), strict=False):
+                motion = own.motions[k]
+                turns = motion.time * motion.frequency
+                shown = turns <= SHOWN_PERIODS
+                for number, tip in enumerate(motion.tips):
+                    label = own.name if number == 0 else None
+                    style = ("-", "--", ":", "-.")[number % 4]
+                    histories.plot(
+                        turns[shown], 1e3 * tip[shown], style, color=colour, lw=1.0, label=label
+                    )
+                along.plot(motion.x, 1e3 * motion.impulse, color=colour, lw=1.0)
+                if motion.strike * motion.frequency <= SHOWN_PERIODS:
+                    histories.axvline(motion.strike * motion.frequency, color=colour, lw=0.5)
+            frequency = models[0].motions[k].frequency
+            histories.set(ylabel="tip [mm]", title=f"{frequency:g} Hz; thin line: first strike")
+            along.set(ylabel="impulse [mN s/m per period]", title="second half of the run")
+        rows[-1][0].set_xlabel("periods")
+        rows[-1][1].set_xlabel("x [m]")
+        handles, labels = rows[0][0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
+        names = ", ".join(f"{lamina.name}" for lamina in case.lamina)
+        figure.suptitle(f"{case.name}: {names} (full, dashed, …) by model")
+    return figure
+
+
+MODES, PERIODS = 3, 20
+"""Natural frequencies of each lamina, and periods of each motion, unless others are asked for."""
+Rows = list[tuple[str, ...]]
+
+
+@dataclass(frozen=True)
+class ModelComparison:
+    """What several models make of one case; the first one is what the others are compared with.
+
+    Attributes:
+        case: the case.
+        models: what is measured of each.
+    """
+
+    case: Case
+    models: tuple[Measured, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the models."""
+        return tuple(own.name for own in self.models)
+
+    def linear_rows(self) -> Rows:
+        """Return rows with a column for each model: sizes, frequencies, compliance."""
+        first = self.models[0]
+        sizes = (
+            ("unknowns", [str(own.dofs) for own in self.models]),
+            ("contact pairs", [str(own.pairs) for own in self.models]),
+            ("assembly [s]", [f"{own.seconds:.2g}" for own in self.models]),
+        )
+        rows = [(name, *values) for name, values in sizes]
+        for k, label in enumerate(first.labels):
+            values = [own.frequencies[k] for own in self.models]
+            rows.append((f"{label} [Hz]", *_relative(values, 6)))
+        for k, lamina in enumerate(self.case.lamina):
+            values = [own.compliance[k] for own in self.models]
+            rows.append((f"compliance, {lamina.name} [m/N]", *_relative(values, 5)))
+        return rows
+
+    def motion_rows(self, number: int) -> Rows:
+        """Return rows of one motion with a column for each model.
+
+        "Difference until then" is the largest one of the tips from those of the first model before
+        the first strike near the tips, relative to their largest displacement.
+
+        Args:
+            number: number of the frequency.
+        """
+        first = self.models[0].motions[number]
+        columns = [_column(own.motions[number], first, self.case) for own in self.models]
+        return [(name, *(column[name] for column in columns)) for name in columns[0]]
+
+    def save(self, directory: Path | str) -> list[Path]:
+        """Write models.json and models.png.
+
+        Raises:
+            OSError: the folder cannot be written.
+        """
+        numbers: list[dict[str, object]] = [
+            {
+                "name": own.name,
+                "dofs": own.dofs,
+                "pairs": own.pairs,
+                "assembly_seconds": own.seconds,
+                "frequencies": own.frequencies.tolist(),
+                "compliance": own.compliance.tolist(),
+                "motions": [
+                    _numbers(motion, first)
+                    for motion, first in zip(own.motions, self.models[0].motions, strict=True)
+                ],
+            }
+            for own in self.models
+        ]
+        return save_findings(directory, "models", {"models": numbers}, self.figure)
+
+    def figure(self) -> Figure:
+        """Return tip histories and impulses along the contact line of all models."""
+        return draw(self.case, self.models)
+
+
+def compare_models(
+    case: Case,
+    names: Sequence[str],
+    *,
+    frequencies: Sequence[float] = (),
+    periods: int = PERIODS,
+    natural: int = MODES,
+    modes: int = 20,
+    progress: Callable[[str], None] = lambda name: None,
+) -> ModelComparison:
+    """Compute one case as several models.
+
+    Args:
+        case: the case.
+        names: "beam", "plane-stress", "solid"; "reduced" reduces the one before it.
+        frequencies: of the excitation [Hz]; none: that of the case.
+        periods: number of periods of each motion, which begins at rest.
+        natural: number of natural frequencies of each lamina, or of a bonded stack.
+        modes: number of modes of a reduced model.
+        progress: called with the name of each model before it is computed.
+
+    Raises:
+        CaseError: a model or a motion cannot be computed.
+    """
+    if periods < 2:
+        raise CaseError(f"periods: expected at least 2, given {periods}")
+    if not case.is_periodic:
+        raise CaseError(
+            "compare: models are compared by periodic motions; expected a harmonic excitation or a "
+            f"harmonic force, given kind {case.excitation.kind!r}"
+        )
+    at = tuple(frequencies) or (case.excitation.top_frequency,)
+    found = []
+    for model in variants(case, names, modes):
+        progress(model.name)
+        found.append(measure(model, at, periods, natural))
+    return ModelComparison(case, tuple(found))
+
+
+def difference_until(motion: Motion, first: Motion) -> tuple[float, float]:
+    """Return the first strike of either motion [s], and the difference of the tips until then.
+
+    The difference is that of the largest of all tips and steps, relative to the largest
+    displacement of the same tip in the first motion.
+    """
+    end = min(motion.strike, first.strike)
+    n = min(motion.time.size, first.time.size)
+    before = first.time[:n] < end
+    a, b = (m.tips[:, :n][:, before] for m in (motion, first))
+    if not a.size:
+        return end, 0.0
+    return end, float((np.abs(a - b).max(axis=1) / np.abs(b).max(axis=1)).max())
+
+
+def _column(motion: Motion, first: Motion, case: Case) -> dict[str, str]:
+    """Return the numbers of a motion by their names."""
+    period, (end, apart) = 1.0 / motion.frequency, difference_until(motion, first)
+    s, energies = motion.summary, motion.energies
+    low, high = (1e3 * np.array(s[key]) for key in ("tip_min", "tip_max"))
+    names = [lamina.name for lamina in case.lamina]
+    d, scatter = s["distortion_factor"], s["strobe_scatter"]
+    work = energies["base_work"] + energies["force_work"]
+    damping = energies["damping_loss"] + energies["contact_damping_loss"]
+    return {
+        "first strike [T]": "–" if np.isinf(end) else f"{end / period:.3f}",
+        "difference until then": f"{apart:.2%}",
+        **{f"tip, {name} [mm]": f"{low[k]:.2f} … {high[k]:.2f}" for k, name in enumerate(names)},
+        "contacts per period": f"{s['tip_contacts_per_period'] or 0.0:.2f}",
+        "motion": (s["periodicity_class"] or "–"),
+        "scatter": "–" if scatter is None else f"{scatter:.2%}",
+        **{f"d, {name}": "–" if d is None else f"{d[k]:.2%}" for k, name in enumerate(names)},
+        "work [mJ per period]": f"{1e3 * work:.3g}",
+        "damping": f"{1e3 * damping:.3g}",
+        "impacts": f"{1e3 * energies['impact_loss']:.3g}",
+        "ledger's residual": f"{motion.residual:.0e}",
+        "steps per period": f"{motion.cost[1]:.0f}",
+        "cost of a step [µs]": f"{motion.cost[0]:.3g}",
+    }
+
+
+def _numbers(motion: Motion, first: Motion) -> dict[str, object]:
+    """Return the numbers of a motion for models.json."""
+    end, apart = difference_until(motion, first)
+    kept = ("tip_min", "tip_max", "tip_contacts_per_period", "periodicity_class", "strobe_scatter",
+            "distortion_factor", "minimum_tip_gap")  # fmt: skip
+    return {
+        "frequency": motion.frequency,
+        "first_strike": None if np.isinf(end) else end,
+        "difference_until_then": apart,
+        **{key: motion.summary[key] for key in kept},
+        "energies": motion.energies,
+        "energy_residual": motion.residual,
+        "impulse_x": motion.x.tolist(),
+        "impulse_per_length": motion.impulse.tolist(),
+        "microseconds_per_step": motion.cost[0],
+        "steps_per_period": motion.cost[1],
+    }
+
+
+def _relative(values: Sequence[float], digits: int) -> list[str]:
+    """Return numbers, each with its relative difference from the first."""
+    first = values[0]
+    changes = ["", *(f" ({round(value / first - 1.0, 4) + 0.0:+.2%})" for value in values[1:])]
+    return [f"{v:.{digits}g}{change}" for v, change in zip(values, changes, strict=True)]

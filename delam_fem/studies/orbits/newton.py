@@ -1,0 +1,569 @@
+"""Solve for an orbit by Newton's method: on a smooth map, on its slow coordinates, or on its mean.
+
+The mean of a map over fixed small perturbations of a state, and its derivative by finite kicks.
+
+Where impacts are sharp, the map Φ of a period is rough below some scale: which pair is hit first,
+and in which step, changes from one state to the next. Its mean over states that lie close together,
+
+    F(z) = Σ Φ(z + ξ_i) / k,   ξ_i and -ξ_i in pairs, the same in each call,
+
+is smoother, and the spread of the terms says how well it is known. The grid of time steps is
+shifted by another share of a step for each term, because impacts are seen at steps only. A
+derivative of F, for Newton's method, is a two-sided difference over kicks that are larger than the
+rough scale. What becomes of kicks in many periods says whether an orbit is stable.
+
+Source: Schilder, Bureau, Santos, Thomsen, Starke, J. Sound Vib. 358 (2015) 251-266.
+
+Newton's method on the map itself, where it is smooth enough to have an orbit to round-off.
+
+The derivative is a finite difference in all coordinates, one piece of a piecewise smooth map (a
+semismooth Newton method). Where contact changes from one state to the next, the iteration stalls,
+and there is nothing exact to be had: `newton.py` then says what can be said.
+
+Shoot for a periodic orbit of a smooth map: Newton's method in the slow coordinates alone.
+
+    y = slow part of F(z, λ),   w = rest of F(z, λ),   z = basis y + w
+
+The rest is taken over from one period to the next (Picard). Nothing is averaged, so this needs a
+map whose derivative by kicks of some per cent is that of the map itself.
+
+Source: Lust, Roose, Spence, Champneys, SIAM J. Sci. Comput. 19 (1998) 1188-1209.
+
+Solve for an orbit of the mean map: Newton in the slow coordinates, Picard in the rest.
+
+    y = slow part of F(z, λ),  w = rest of F(z, λ),   z = basis y + w                       (N1)
+
+Newton's method needs the derivative in the few slow coordinates alone; the rest decays by itself
+from one period to the next and is taken over. With λ unknown too, the equations are bordered by
+
+    t · (x - x_predicted) = 0,   x = (y / scale, λ / span)                                  (N2)
+
+which passes folds. F is known to its standard error only. An iteration ends when the residual lies
+within that error; a residual that stays above it is reported as it is.
+
+Source: Lust, Roose, Spence, Champneys, SIAM J. Sci. Comput. 19 (1998) 1188-1209.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.studies.orbits.maps import PeriodMap
+
+
+@dataclass(frozen=True)
+class Perturbations:
+    """Fixed small perturbations in antithetic pairs, and the size of kicks.
+
+    Attributes:
+        copies: k, an even number of perturbed states.
+        size: standard deviation of the perturbations, relative to the state [-].
+        kick: size of the kicks, relative to the state [-].
+        seed: of the random numbers.
+    """
+
+    copies: int = 48
+    size: float = 0.01
+    kick: float = 0.02
+    seed: int = 0
+
+    def offsets(self, m: int) -> FloatArray:
+        """Return the perturbations of m coordinates, shape (k, m); row i + k/2 is minus row i."""
+        half = np.random.default_rng(self.seed).standard_normal((self.copies // 2, m))
+        return np.asarray(self.size / np.sqrt(m) * np.concatenate([half, -half]))
+
+    def shifts(self) -> FloatArray:
+        """Return the shift of each step grid, evenly within a step about 0, shape (k,)."""
+        half = (np.arange(self.copies // 2) + 0.5) / self.copies
+        order = np.random.default_rng(self.seed + 1).permutation(half.size)
+        return np.concatenate([half[order], -half[order]])
+
+
+USUAL = Perturbations()
+PERIODS = 40
+"""Periods of the orbit for which kicks are followed."""
+LARGEST = 1.5
+"""Size relative to the first at which a kick has left the neighbourhood of the orbit."""
+
+
+@dataclass(frozen=True)
+class Mean:
+    """The mean of a map over the perturbations.
+
+    Attributes:
+        state: F(z), shape (2 n,).
+        slow: its slow coordinates, shape (m,).
+        covariance: of these as a mean, shape (m, m).
+    """
+
+    state: FloatArray
+    slow: FloatArray
+    covariance: FloatArray
+
+    @property
+    def error(self) -> FloatArray:
+        """Standard errors of the slow coordinates, shape (m,)."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+
+@dataclass(frozen=True)
+class Ensemble:
+    """A map over some periods and the perturbations over which it is averaged.
+
+    Attributes:
+        map: map of one period.
+        periods: P, number of periods of the drive in one of the orbit.
+        perturbations: what the mean is taken over.
+    """
+
+    map: PeriodMap
+    periods: int = 1
+    perturbations: Perturbations = USUAL
+
+    def mean(self, state: FloatArray, parameter: float, scale: float) -> Mean:
+        """Return the mean of the map about a state.
+
+        Args:
+            state: z, shape (2 n,).
+            parameter: λ.
+            scale: norm of slow coordinates to which the size of perturbations is relative.
+
+        Raises:
+            ArithmeticError: a perturbed motion diverges.
+        """
+        copies, shifts = self._copies(state, scale)
+        ends = self._ends(copies, parameter, shifts)
+        pairs = 0.5 * np.add(*np.split(self.map.slow.of(ends), 2))
+        covariance = np.atleast_2d(np.cov(pairs.T)) / len(pairs)
+        return Mean(ends.mean(axis=0), pairs.mean(axis=0), covariance)
+
+    def derivatives(self, state: FloatArray, parameter: float, scale: float) -> FloatArray:
+        """Return the derivative of the slow coordinates for each pair, shape (k/2, m, m).
+
+        Their mean is that of F; column j is the response to kicks of coordinate j, to both sides.
+
+        Args:
+            state: z, shape (2 n,).
+            parameter: λ.
+            scale: norm of slow coordinates to which sizes are relative.
+        """
+        copies, shifts = self._copies(state, scale)
+        slow, kick = self.map.slow, scale * self.perturbations.kick
+        columns = []
+        for direction in slow.basis.T:
+            kicked = np.concatenate([copies + kick * direction, copies - kick * direction])
+            ends = slow.of(self._ends(kicked, parameter, np.tile(shifts, 2)))
+            columns.append(np.subtract(*np.split(ends, 2)) / (2.0 * kick))
+        each = np.stack(columns, axis=-1)
+        return np.asarray(0.5 * np.add(*np.split(each, 2)))
+
+    def decays(self, state: FloatArray, parameter: float, scale: float) -> FloatArray:
+        """Return kicks before and after each of some periods, relative to their first size.
+
+        A kick is half the difference of two motions that are kicked to both sides of the orbit in
+        a random direction; each is on another grid. One that has grown to `LARGEST` is replaced by
+        a new one.
+
+        Args:
+            state: z, shape (2 n,).
+            parameter: λ.
+            scale: norm of slow coordinates to which sizes are relative.
+
+        Returns:
+            Shape (`PERIODS`, 2, k, m); NaN before the first period of a kick, in which the
+            other coordinates do not follow the slow ones yet.
+
+        Raises:
+            ArithmeticError: a kicked motion diverges.
+        """
+        slow, given = self.map.slow, self.perturbations
+        rng, size = np.random.default_rng(given.seed + 2), given.kick * scale
+        kicks = np.full((max(given.copies // 2, slow.size), slow.size), np.nan)
+        shifts = (np.arange(len(kicks)) + 0.5) / len(kicks) - 0.5
+        states, found = np.tile(state, (2, len(kicks), 1)), []
+        for _ in range(PERIODS):
+            is_new = ~(np.linalg.norm(kicks, axis=1) <= LARGEST)
+            new = rng.standard_normal((int(is_new.sum()), slow.size))
+            aside = slow.lifted(size / np.linalg.norm(new, axis=1, keepdims=True) * new)
+            states[:, is_new] = state + np.array([aside, -aside])
+            states = self._ends(np.concatenate(states), parameter, np.tile(shifts, 2))
+            states = states.reshape(2, len(kicks), -1)
+            before = np.where(is_new[:, None], np.nan, kicks)
+            kicks = slow.of(states[0] - states[1]) / (2.0 * size)
+            found.append([before, kicks])
+        return np.array(found)
+
+    def _copies(self, state: FloatArray, scale: float) -> tuple[FloatArray, FloatArray]:
+        """Return the perturbed states and the shifts of their grids."""
+        slow = self.map.slow
+        offsets = scale * self.perturbations.offsets(slow.size)
+        return state + slow.lifted(offsets), self.perturbations.shifts()
+
+    def _ends(self, states: FloatArray, parameter: float, shifts: FloatArray) -> FloatArray:
+        for _ in range(self.periods):
+            states = self.map.after(states, parameter, shifts)
+        if not np.isfinite(states).all():
+            raise ArithmeticError("a perturbed motion diverges")
+        return states
+
+
+EXACT = 1e-10
+"""Relative residual at which an orbit counts as exact."""
+DIFFERENCE = 1e-7
+"""Relative size of the differences; the derivative is good to about this."""
+FLOOR = 1e-11
+"""Relative residual at which the iteration ends."""
+ITERATIONS = 9
+SLOWEST, FAILURES = 0.5, 2
+"""Factor by which an iteration should reduce the residual, and how often in a row it may not."""
+BATCH = 64
+"""Differences computed at a time; bounds the memory."""
+
+
+@dataclass(frozen=True)
+class Root:
+    """Where Newton's method ended.
+
+    Attributes:
+        state: z, shape (2 n,).
+        shift: of the grid of time steps on which it is an orbit, as a share of a step.
+        residual: rms change of the coordinates in P periods, relative to the largest of its part
+            of the state (displacements, velocities).
+        derivative: of the map of P periods, shape (2 n, 2 n).
+        iterations: Newton steps.
+    """
+
+    state: FloatArray
+    shift: float
+    residual: float
+    derivative: FloatArray
+    iterations: int
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether the residual is that of an exact orbit."""
+        return self.residual <= EXACT
+
+
+def newton(
+    map_: PeriodMap, state: FloatArray, parameter: float, periods: int = 1, *, shift: float = 0.0
+) -> Root:
+    """Look for a fixed point of the map of some periods.
+
+    Args:
+        map_: the map of one period.
+        state: where to start, shape (2 n,).
+        parameter: λ.
+        periods: P.
+        shift: of the grid of time steps, as a share of a step.
+
+    Returns:
+        The point with the smallest residual, exact or not.
+    """
+    powered = Powered(map_, parameter, periods, shift)
+    best, failures = (np.inf, state, np.zeros((0, 0)), 0), 0
+    for number in range(ITERATIONS):
+        change = powered.after(state[None])[0] - state
+        sizes = map_.nature.scales(state)
+        residual = float(np.sqrt(np.mean((change / sizes) ** 2)))
+        if not np.isfinite(residual):
+            break
+        failures = 0 if residual < SLOWEST * best[0] else failures + 1
+        if residual < best[0]:
+            D = derivative(powered, state)
+            best = residual, state, D, number
+        elif failures < FAILURES:
+            D = derivative(powered, state)
+        if failures == FAILURES or best[0] <= FLOOR:
+            break
+        try:
+            state = state + sizes * np.linalg.solve(np.eye(state.size) - D, change / sizes)
+        except np.linalg.LinAlgError:
+            break
+    residual, state, D, number = best
+    return Root(state, shift, residual, D, number)
+
+
+@dataclass(frozen=True)
+class Powered:
+    """The map of P periods at a parameter, on a shifted grid of time steps."""
+
+    map: PeriodMap
+    parameter: float
+    periods: int = 1
+    shift: float = 0.0
+
+    def after(self, states: FloatArray) -> FloatArray:
+        """Return the states P periods later, shape (k, 2 n)."""
+        shifts = np.full(len(states), self.shift)
+        for _ in range(self.periods):
+            states = self.map.after(states, self.parameter, shifts)
+        return states
+
+
+def derivative(powered: Powered, state: FloatArray, size: float = DIFFERENCE) -> FloatArray:
+    """Return the derivative of the map by two-sided differences, in units of `Nature.scales`.
+
+    Args:
+        powered: the map.
+        state: z, shape (2 n,).
+        size: of the differences, relative to the scales.
+
+    Returns:
+        Shape (2 n, 2 n); its eigenvalues are those of the derivative in any units.
+    """
+    sizes, n = powered.map.nature.scales(state), state.size
+    columns = np.empty((n, n))
+    for first in range(0, n, BATCH):
+        kicks = size * np.diag(sizes)[first : first + BATCH]
+        ends = powered.after(np.concatenate([state + kicks, state - kicks]))
+        columns[first : first + BATCH] = np.subtract(*np.split(ends, 2)) / (2.0 * size * sizes)
+    return columns.T
+
+
+SOLVED = 1e-11
+"""Relative residual at which an iteration ends."""
+LONGEST = 0.3
+"""Longest step, relative to the slow coordinates."""
+RENEWED, SELDOM = 8, 4
+"""First iterations with a new derivative each, and every how many later ones have one."""
+
+
+@dataclass(frozen=True)
+class Shot:
+    """The best point of an iteration.
+
+    Attributes:
+        state: z.
+        residual: of the slow coordinates, relative to their norm.
+        multipliers: of kicks of the given size, by decreasing modulus, shape (m,).
+        residuals: of all iterations.
+    """
+
+    state: FloatArray
+    residual: float
+    multipliers: npt.NDArray[np.complex128]
+    residuals: tuple[float, ...]
+
+
+def shoot(
+    strobe: PeriodMap,
+    start: FloatArray,
+    parameter: float,
+    *,
+    kick: float = 0.03,
+    iterations: int = 25,
+    periods: int = 1,
+    shift: float = 0.0,
+) -> Shot:
+    """Iterate from a state near a periodic orbit, and return the best point.
+
+    Args:
+        strobe: the map.
+        start: a state near the orbit.
+        parameter: of the map.
+        kick: size of two-sided kicks for the derivative, relative to the slow coordinates.
+        iterations: largest number of iterations.
+        periods: P, number of periods of the drive in one of the orbit.
+        shift: of the grid of time steps, as a share of a step.
+
+    Raises:
+        ArithmeticError: the motion diverges.
+    """
+    slow, z, residuals = strobe.slow, start, []
+    powered = Powered(strobe, parameter, periods, shift)
+    scale, best = float(np.linalg.norm(slow.of(start))), start
+    derivative = np.eye(slow.size)
+    for number in range(iterations):
+        after, y = powered.after(z[None])[0], slow.of(z)
+        gap = slow.of(after) - y
+        residuals.append(float(np.linalg.norm(gap)) / scale)
+        if not np.isfinite(residuals[-1]):
+            raise ArithmeticError("shooting: the motion diverges; start nearer to the orbit")
+        if residuals[-1] == min(residuals):
+            best = z
+        if residuals[-1] < SOLVED:
+            break
+        if number < RENEWED or number % SELDOM == 0:
+            derivative = derivative_at(powered, z, kick * scale)
+        step: Any = np.linalg.solve(np.eye(slow.size) - derivative, gap)
+        step *= min(1.0, LONGEST * scale / float(np.linalg.norm(step)))
+        z = after - slow.lifted(slow.of(after)) + slow.lifted(y + step)
+    values = np.linalg.eigvals(derivative_at(powered, best, kick * scale))
+    ordered = values[np.argsort(-np.abs(values))].astype(np.complex128)
+    return Shot(best, min(residuals), ordered, tuple(residuals))
+
+
+def derivative_at(powered: Powered, state: FloatArray, size: float) -> FloatArray:
+    """Return the derivative of the slow coordinates by two-sided kicks, shape (m, m)."""
+    slow = powered.map.slow
+    kicks = size * slow.basis.T
+    ends = slow.of(powered.after(np.concatenate([state + kicks, state - kicks])))
+    return np.asarray((ends[: len(kicks)] - ends[len(kicks) :]).T / (2.0 * size))
+
+
+FEWEST, MOST = 3, 14
+"""Iterations: so many that the rest has settled, and so many before a step is given up."""
+WITHIN = 2.0
+"""Standard errors within which a residual counts as zero."""
+SMOOTH = 1e-9
+"""Relative residual that is small enough however small its standard error is."""
+
+
+@dataclass(frozen=True)
+class Guess:
+    """A state near an orbit.
+
+    Attributes:
+        state: z, shape (2 n,).
+        parameter: λ.
+        scale: norm of the slow coordinates to which residuals and kicks are relative.
+    """
+
+    state: FloatArray
+    parameter: float
+    scale: float
+
+
+@dataclass(frozen=True)
+class Border:
+    """The plane N2 in which a point of a branch is sought.
+
+    Attributes:
+        tangent: t, of length 1, shape (m + 1,).
+        predicted: x_predicted, shape (m + 1,).
+        span: unit of λ.
+        by_parameter: derivative of the slow coordinates of F by λ, shape (m,).
+    """
+
+    tangent: FloatArray
+    predicted: FloatArray
+    span: float
+    by_parameter: FloatArray
+
+
+@dataclass(frozen=True)
+class Solved:
+    """A point at which the iteration ended.
+
+    Attributes:
+        state: z, shape (2 n,).
+        parameter: λ.
+        scale: as in the guess.
+        residual: |y - slow F| / scale.
+        residual_error: its standard error, relative to the scale too.
+        uncertainty: standard error of x that follows from it, shape (m,), or (m + 1,) with λ.
+        iterations: number of evaluations of F.
+        away: distance of x from where it was predicted; 0 without a border.
+    """
+
+    state: FloatArray
+    parameter: float
+    scale: float
+    residual: float
+    residual_error: float
+    uncertainty: FloatArray
+    iterations: int
+    away: float = 0.0
+
+    def guess(self, scale: float) -> Guess:
+        """Return the point as a guess, with a scale of its own."""
+        return Guess(self.state, self.parameter, scale)
+
+    @property
+    def is_solved(self) -> bool:
+        """Whether the residual is zero within its error."""
+        return is_zero(self.residual, self.residual_error)
+
+
+def is_zero(residual: float, error: float) -> bool:
+    """Return whether a residual is zero within its standard error, or smooth."""
+    return residual <= SMOOTH or residual <= WITHIN * error < np.inf
+
+
+def solved(
+    ensemble: Ensemble, guess: Guess, derivative: FloatArray, border: Border | None = None
+) -> Solved:
+    """Iterate N1 from a guess, and N2 if there is a border; return the best point.
+
+    Args:
+        ensemble: the mean map.
+        guess: where to start.
+        derivative: of the slow coordinates of F by those of z, near the guess, shape (m, m).
+        border: None: λ stays.
+
+    Raises:
+        ArithmeticError: a motion diverges, or the equations are singular.
+    """
+    slow, scale = ensemble.map.slow, guess.scale
+    matrix = _matrix(derivative, border, scale)
+    best: Solved | None = None
+    for number in range(1, MOST + 1):
+        mean = ensemble.mean(guess.state, guess.parameter, scale)
+        y = slow.of(guess.state)
+        equations = _equations(guess, mean, y, border)
+        found = _point(guess, mean, y, matrix, number)
+        if border is not None:
+            x = np.append(y / scale, guess.parameter / border.span)
+            found = replace(found, away=float(np.linalg.norm(x - border.predicted)))
+        if number >= FEWEST and (best is None or found.residual < best.residual):
+            best = found
+        if best is not None and best.is_solved:
+            return best
+        step = -np.linalg.solve(matrix, equations)
+        step *= min(1.0, LONGEST / max(float(np.linalg.norm(step)), 1e-300))
+        rest = mean.state - slow.lifted(mean.slow)
+        guess = replace(
+            guess,
+            state=rest + slow.lifted(y + scale * step[: slow.size]),
+            parameter=guess.parameter + (0.0 if border is None else border.span * float(step[-1])),
+        )
+    assert best is not None
+    return best
+
+
+def _matrix(derivative: FloatArray, border: Border | None, scale: float) -> FloatArray:
+    """Return the derivative of the equations in units of the scale and the span."""
+    matrix = derivative - np.eye(len(derivative))
+    if border is None:
+        return np.asarray(matrix)
+    column = border.by_parameter * border.span / scale
+    return np.vstack([np.c_[matrix, column], border.tangent])
+
+
+def _equations(guess: Guess, mean: Mean, y: FloatArray, border: Border | None) -> FloatArray:
+    """Return what N1 and N2 should make 0, in units of the scale and the span."""
+    residual = (mean.slow - y) / guess.scale
+    if border is None:
+        return np.asarray(residual)
+    x = np.r_[y / guess.scale, guess.parameter / border.span]
+    return np.append(residual, border.tangent @ (x - border.predicted))
+
+
+def _point(guess: Guess, mean: Mean, y: FloatArray, matrix: FloatArray, number: int) -> Solved:
+    """Return the present point with its residual and the errors that follow from it."""
+    m, scale = y.size, guess.scale
+    inverse = np.linalg.inv(matrix)[:, :m] / scale
+    return Solved(
+        guess.state,
+        guess.parameter,
+        scale,
+        float(np.linalg.norm(mean.slow - y)) / scale,
+        float(np.sqrt(np.trace(mean.covariance))) / scale,
+        np.sqrt(np.einsum("ij,jk,ik->i", inverse, mean.covariance, inverse)),
+        number,
+    )
+
+
+def by_parameter(ensemble: Ensemble, guess: Guess, step: float) -> FloatArray:
+    """Return the derivative of the slow coordinates of F by λ, from both sides, shape (m,)."""
+    ends = [
+        ensemble.mean(guess.state, guess.parameter + sign * step, guess.scale).slow
+        for sign in (1.0, -1.0)
+    ]
+    return np.asarray((ends[0] - ends[1]) / (2.0 * step))

@@ -1,1 +1,0 @@
-"""Cases with a few modes of each lamina: run them, and give their maps to studies of orbits."""

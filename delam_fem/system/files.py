@@ -1,0 +1,348 @@
+"""Write files under temporary names, and claim the folder of a result for one process.
+
+Take a folder for the results of one process, and refuse a folder that holds others.
+
+The lock is on the folder itself, so that a process that is killed leaves nothing behind.
+"""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import hashlib
+import io
+import logging
+import os
+import shutil
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager, nullcontext
+from contextvars import ContextVar
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from delam_fem.system.errors import CaseError
+
+PREFIX = ".delam_fem-"
+"""Prefix of temporary names, which no file of a user has: what a killed process left is removed.
+The suffix stays the same, because writers choose the format by it."""
+
+
+_DIGEST = "digest"
+
+
+@contextmanager
+def atomic(path: Path) -> Iterator[Path]:
+    """Yield a temporary path to write to, and rename it to the final path if the block succeeds.
+
+    The temporary path lies in the folder of the final path. If the block fails, the final path
+    stays as it was and the temporary file is removed.
+
+    Args:
+        path: final path of the file or folder; replaces an existing one. Its parent must exist.
+
+    Yields:
+        The path to write to.
+
+    Raises:
+        OSError: the block wrote nothing, or the written file cannot be renamed. It names the file.
+    """
+    temporary = path.with_name(f"{PREFIX}{path.name}")
+    _remove(temporary)  # left behind by a process that was killed
+    try:
+        yield temporary
+        if not temporary.exists():
+            raise OSError(0, "could not be written; is the disk full?", str(path))
+        if temporary.is_dir() and path.exists():
+            _remove(path)  # a folder cannot be replaced in one step
+        os.replace(temporary, path)
+    except BaseException as error:
+        _remove(temporary)
+        if isinstance(error, OSError) and error.filename in (None, str(temporary), temporary):
+            raise OSError(error.errno or 0, error.strerror or str(error), str(path)) from error
+        raise
+
+
+@contextmanager
+def atomic_file(path: Path) -> Iterator[DiskFile]:
+    """Yield a binary file that gets its final name when it is complete and on the disk.
+
+    Libraries that crash when a write fails may write to it: see `DiskFile`.
+
+    Args:
+        path: final path of the file; replaces an existing one. Its folder must exist.
+
+    Raises:
+        OSError: the file cannot be written, for example because the disk is full.
+    """
+    with atomic(path) as temporary, temporary.open("w+b", buffering=0) as raw:
+        file = DiskFile(raw)
+        yield file
+        if file.error is not None:
+            raise file.error
+        os.fsync(raw.fileno())
+
+
+def write_text(path: Path, text: str) -> Path:
+    """Write a text as UTF-8 and wait until it is on the disk.
+
+    Args:
+        path: path of the file; replaces an existing one. Its folder must exist.
+        text: content of the file.
+
+    Returns:
+        The path of the file.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    with atomic(path) as temporary, temporary.open("w", encoding="utf-8") as file:
+        file.write(text)
+        file.flush()
+        os.fsync(file.fileno())
+    return path
+
+
+def write_arrays(path: Path, arrays: Mapping[str, Any]) -> Path:
+    """Write arrays by name to an archive of NumPy, with a digest of their content.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    content = {name: np.asarray(values) for name, values in arrays.items()}
+    with atomic_file(path) as temporary:
+        np.savez(temporary, **content, **{_DIGEST: np.array(_digest(content))})
+    return path
+
+
+def read_arrays(path: Path) -> dict[str, Any]:
+    """Return the arrays of an archive that `write_arrays` wrote.
+
+    Raises:
+        ValueError: the file is damaged, was changed, or is of another kind.
+    """
+    try:
+        with path.open("rb") as file, np.load(file) as archive:
+            content = {name: archive[name] for name in archive.files}
+        digest = str(content.pop(_DIGEST))
+    except Exception as error:  # a damaged archive raises a dozen different ones
+        text = str(error).splitlines()[0][:80] if str(error) else type(error).__name__
+        raise ValueError(text) from error
+    if digest != _digest(content):
+        raise ValueError("changed after it was written")
+    return content
+
+
+def _digest(arrays: Mapping[str, Any]) -> str:
+    """Return a digest of names, types, shapes and values."""
+    found = hashlib.sha256()
+    for name, values in sorted(arrays.items()):
+        found.update(f"{name} {values.dtype.str} {values.shape}\n".encode())
+        found.update(values.tobytes())
+    return found.hexdigest()
+
+
+class DiskFile(io.RawIOBase):
+    """A binary file that keeps the first failure instead of raising it.
+
+    HDF5 ends the process when it cannot write. It therefore writes to this file, which after a
+    failure takes everything and stores nothing.
+
+    Attributes:
+        error: the first failure; None: none so far.
+    """
+
+    def __init__(self, raw: io.FileIO) -> None:
+        """Store the open file, which the caller closes."""
+        self._raw = raw
+        self.error: OSError | None = None
+
+    def readable(self) -> bool:
+        """Return True."""
+        return True
+
+    def writable(self) -> bool:
+        """Return True."""
+        return True
+
+    def seekable(self) -> bool:
+        """Return True."""
+        return True
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        """Move to a position."""
+        return self._raw.seek(offset, whence)
+
+    def truncate(self, size: int | None = None) -> int:
+        """Set the size, unless a write has failed."""
+        try:
+            if self.error is None:
+                return self._raw.truncate(size)
+        except OSError as error:
+            self.error = error
+        return size or 0
+
+    def readinto(self, buffer: Any) -> int:
+        """Read into a buffer; after a failure, what was never stored is read as zeros."""
+        view = memoryview(buffer).cast("B")
+        count = self._raw.readinto(view) or 0
+        if self.error is not None:
+            view[count:] = bytes(len(view) - count)
+            count = len(view)
+        return count
+
+    def write(self, data: Any) -> int:
+        """Write all data, unless a write has failed."""
+        view = memoryview(data).cast("B")
+        size = len(view)
+        try:
+            while self.error is None and len(view):
+                view = view[self._raw.write(view) or 0 :]
+        except OSError as error:
+            self.error = error
+        return size
+
+
+def _remove(path: Path) -> None:
+    """Remove a file or a folder, if it exists."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)
+
+
+OUTPUTS = frozenset({
+    "case.toml", "checkpoint.npz", "state.npz", "result.nc", "summary.json", "report.html",
+    "figures", "fields", "sweep.toml", "sweep.nc", "sweep.json", "sweep.journal",
+    "convergence.json", "tables.md", "detection.json",
+    "orbit.json", "orbit.npz", "branch.nc", "points", "checkpoints",
+})  # fmt: skip
+"""Names that runs, sweeps, ladders, orbits and branches give to what they write."""
+
+_log = logging.getLogger(__name__)
+_held: ContextVar[frozenset[Path]] = ContextVar("_held", default=frozenset())
+"""The folders that this thread has locked."""
+
+
+@contextmanager
+def claimed(
+    directory: Path,
+    *,
+    inputs: Collection[Path] = (),
+    may_hold_results: bool = False,
+    is_shared: bool = False,
+) -> Iterator[Path]:
+    """Make and lock a folder; no other process can claim it until the context ends.
+
+    A folder that this call has made is removed again if the input turns out to be bad or nothing
+    was written.
+
+    Args:
+        directory: the folder.
+        inputs: files of the user that the command reads; they may lie in the folder, but must not
+            be called like an output there.
+        may_hold_results: whether the folder may hold files, because the user asked to go on with
+            them or to replace them.
+        is_shared: whether other processes write to the folder at the same time, each to files of
+            its own; nothing is locked then.
+
+    Yields:
+        The folder.
+
+    Raises:
+        CaseError: the folder cannot be made or written, another process has claimed it, it is not
+            empty, or an output would replace an input.
+    """
+    made = _make(directory)
+    try:
+        with nullcontext() if is_shared else _locked(directory):
+            _spare(directory, inputs)
+            if not (may_hold_results or is_shared):
+                _require_empty(directory, inputs)
+            yield directory
+    finally:
+        _remove_empty(made)
+
+
+def _make(directory: Path) -> list[Path]:
+    """Make a folder and its parents; return those that are new, innermost first."""
+    new = [path for path in (directory, *directory.parents) if not path.exists()]
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        if not os.access(directory, os.W_OK | os.X_OK):
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+    except OSError as error:
+        _remove_empty(new)
+        raise CaseError(
+            f"output folder {directory}: cannot be written ({error.strerror}); choose another "
+            "with -o DIR"
+        ) from None
+    return new
+
+
+def _remove_empty(folders: list[Path]) -> None:
+    """Remove folders that are empty, innermost first."""
+    for folder in folders:
+        try:
+            folder.rmdir()
+        except OSError:
+            return
+
+
+@contextmanager
+def _locked(directory: Path) -> Iterator[None]:
+    """Hold the lock of a folder; a file system without locks is used without.
+
+    A command and the run within it, in one thread, hold it together.
+    """
+    real = directory.resolve()
+    if real in _held.get():
+        yield
+        return
+    handle = os.open(directory, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise CaseError(
+                f"output folder {directory}: another process is writing there; wait for it, or "
+                "choose another with -o DIR"
+            ) from None
+        except OSError as error:  # some network file systems
+            _log.debug("%s cannot be locked (%s)", directory, error.strerror)
+        token = _held.set(_held.get() | {real})
+        try:
+            yield
+        finally:
+            _held.reset(token)
+    finally:
+        os.close(handle)
+
+
+def _spare(directory: Path, inputs: Collection[Path]) -> None:
+    """Refuse a folder in which an output would replace an input."""
+    home = directory.resolve()
+    for path in inputs:
+        real = path.resolve()
+        if home in real.parents and real.relative_to(home).parts[0] in OUTPUTS:
+            raise CaseError(
+                f"output folder {directory}: the results would replace {path}, which the case "
+                "reads; choose another folder with -o DIR, or rename the file"
+            )
+
+
+def _require_empty(directory: Path, inputs: Collection[Path]) -> None:
+    """Refuse a folder with files that are neither inputs nor left over from a killed process."""
+    known = {path.resolve() for path in inputs}
+    found = sorted(
+        entry.name
+        for entry in directory.iterdir()
+        if not entry.name.startswith(".") and entry.resolve() not in known
+    )
+    if found:
+        shown = ", ".join(found[:3]) + (" …" if len(found) > 3 else "")
+        raise CaseError(
+            f"output folder {directory}: is not empty ({shown}); choose another with -o DIR, go on "
+            "with --resume, or replace what is there with --overwrite"
+        )

@@ -1,0 +1,89 @@
+"""The one door to MPI: no other module imports `mpi4py.MPI`, whose import starts MPI.
+
+A process that no launcher has started needs no network. Open MPI nevertheless opens listening
+sockets on all interfaces, unless it is told before its start to stay alone. PETSc is started to
+leave signals to the package, and files in the working folder unread.
+"""
+
+from __future__ import annotations
+
+import gc
+import os
+import sys
+from typing import Any
+
+from delam_fem.system.imports import added, elsewhere
+
+LAUNCHED = ("OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_RANK", "PMI_SIZE", "MPI_LOCALNRANKS")
+"""Variables that a launcher (mpirun, srun) sets for the processes it starts."""
+
+ALONE = {
+    "OMPI_MCA_ess_singleton_isolated": "1",
+    "OMPI_MCA_btl": "self,vader",
+    "OMPI_MCA_opal_signal": "",
+}
+"""Variables that keep Open MPI, in a process that is alone, from opening sockets and from answering
+a deadly signal with a page of text, in which it may hang."""
+
+PETSC_ARGUMENTS = ("-no_signal_handler", "-skip_petscrc")
+"""Handlers would answer a closed terminal or pipe with a page of text; .petscrc may load code."""
+
+with added({} if any(name in os.environ for name in LAUNCHED) else ALONE):
+    from mpi4py import MPI  # an mpirun that this process may start does not inherit them
+
+__all__ = ["MPI", "end_with_any", "hold", "release", "start_petsc"]
+
+_held: list[Any] = []
+"""PETSc's copies of communicators that `hold` keeps."""
+
+
+def start_petsc(comm: MPI.Intracomm | None = None) -> None:
+    """Start PETSc, unless it runs; the options in PETSC_OPTIONS count.
+
+    Args:
+        comm: communicator of PETSc; None: all ranks.
+    """
+    import petsc4py.lib
+
+    with elsewhere():  # it may look for petsc.cfg, which says where PETSc is
+        arch = petsc4py.lib.ImportPETSc().__arch__
+    petsc4py.init(PETSC_ARGUMENTS, arch, comm)
+
+
+def hold(comm: MPI.Intracomm) -> None:
+    """Keep PETSc's copy of a communicator until the end of the process (collective).
+
+    PETSc frees its copy with the last object on it, and makes a new one, collectively, when it
+    cleans up at the end. If one rank still has an object then, the others wait forever.
+    """
+    if comm.size > 1 and not _held:
+        from petsc4py import PETSc
+
+        _held.append(PETSc.Comm(comm).duplicate())
+
+
+def end_with_any(comm: MPI.Intracomm) -> None:
+    """End all ranks, with its traceback, when an exception that nobody catches ends one of them.
+
+    The others would wait for it forever. A script of one's own needs this as the command does.
+    """
+    if comm.size == 1 or sys.excepthook is not sys.__excepthook__:
+        return  # in a notebook or debugger somebody else shows exceptions, and goes on
+
+    def show_and_abort(*what: Any) -> None:
+        sys.__excepthook__(*what)
+        sys.stderr.flush()
+        comm.Abort(1)
+
+    sys.excepthook = show_and_abort
+
+
+def release(comm: MPI.Intracomm) -> None:
+    """Free unused PETSc and dolfinx objects on all ranks at the same place (collective)."""
+    if comm.size > 1:
+        from petsc4py import PETSc
+
+        gc.collect()
+        if hasattr(PETSc, "garbage_cleanup"):
+            PETSc.garbage_cleanup(PETSc.Comm(comm))
+        comm.Barrier()
