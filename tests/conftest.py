@@ -4,6 +4,7 @@ import os
 import tempfile
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 import hypothesis
 import pytest
@@ -77,3 +78,9 @@ def unlabelled(figure: Figure) -> list[Axes]:
         for axes in panels
         if not axes.get_xlabel() or not axes.xaxis.get_tick_params()["labelbottom"]
     ]
+
+
+@pytest.fixture
+def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Work in an empty folder."""
+    monkeypatch.chdir(tmp_path)

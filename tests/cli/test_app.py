@@ -12,8 +12,9 @@ from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
 import pytest
+from kit import invoke
 from rich.console import Console
-from typer.testing import CliRunner, Result
+from typer.testing import CliRunner
 
 import delam_fem
 from delam_fem.case.definition import Case
@@ -23,11 +24,6 @@ from delam_fem.cli.progress import PlainProgress, progress
 from delam_fem.system.errors import CaseError
 
 PERIODS = 20
-
-
-def invoke(*arguments: str | Path) -> Result:
-    """Call the command."""
-    return CliRunner().invoke(app, [str(argument) for argument in arguments])
 
 
 class FakeRun:

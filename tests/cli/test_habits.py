@@ -9,37 +9,18 @@ import sys
 from pathlib import Path
 
 import pytest
+from kit import SMALL, SWEEP, invoke
 from rich.console import Console
-from typer.testing import CliRunner, Result
 
 from delam_fem.case.files import load_case, preset
 from delam_fem.cli import console as messages
-from delam_fem.cli.app import app
 from delam_fem.cli.progress import progress
 from delam_fem.studies.diagrams.page import require_drawable
 from delam_fem.studies.sweeps.grid import Sweep, sweep_of
 from delam_fem.system.errors import CaseError
 
-SMALL = ("--set", "mesh.elements=4", "--set", "time.steps_per_period=60", "--set", "time.periods=3")
+pytestmark = pytest.mark.usefixtures("elsewhere")
 AXIS: dict[str, object] = {"key": "excitation.frequency", "values": [3.0, 3.5]}
-SWEEP = """base = "paper"
-[set]
-"mesh.elements" = 4
-"time.periods" = 3
-"time.steps_per_period" = 60
-[[axis]]
-key = "excitation.frequency"
-values = [3.0, 3.5]
-"""
-
-
-@pytest.fixture(autouse=True)
-def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-
-
-def invoke(*arguments: str) -> Result:
-    return CliRunner().invoke(app, arguments)
 
 
 def test_a_new_case_is_valid_and_never_replaced() -> None:

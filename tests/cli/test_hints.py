@@ -11,35 +11,16 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from kit import SMALL, SWEEP, invoke
 from rich.console import Console
-from typer.testing import CliRunner, Result
 
 import delam_fem as df
 from delam_fem.case.files import preset, save_case
 from delam_fem.case.toml import apply_overrides
-from delam_fem.cli.app import app
 from delam_fem.cli.progress import progress
 from delam_fem.system.errors import CaseError
 
-SMALL = ("--set", "mesh.elements=4", "--set", "time.steps_per_period=60", "--set", "time.periods=3")
-SWEEP = """base = "paper"
-[set]
-"mesh.elements" = 4
-"time.periods" = 3
-"time.steps_per_period" = 60
-[[axis]]
-key = "excitation.frequency"
-values = [3.0, 3.5]
-"""
-
-
-@pytest.fixture(autouse=True)
-def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-
-
-def invoke(*arguments: str) -> Result:
-    return CliRunner().invoke(app, arguments)
+pytestmark = pytest.mark.usefixtures("elsewhere")
 
 
 def refused(*arguments: str) -> str:

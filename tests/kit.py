@@ -1,0 +1,27 @@
+"""What tests of the command share: a call in this process, a small case, a small sweep."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from typer.testing import CliRunner, Result
+
+from delam_fem.cli.app import app
+
+SMALL = ("--set", "mesh.elements=4", "--set", "time.steps_per_period=60", "--set", "time.periods=3")
+"""Overrides that make a preset quick."""
+SWEEP = """base = "paper"
+[set]
+"mesh.elements" = 4
+"time.periods" = 3
+"time.steps_per_period" = 60
+[[axis]]
+key = "excitation.frequency"
+values = [3.0, 3.5]
+"""
+"""A sweep file of two such cases."""
+
+
+def invoke(*arguments: str | Path) -> Result:
+    """Call the command in this process."""
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
