@@ -22,7 +22,6 @@ from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
-from scipy.signal import lfilter
 
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.numerics.beams import ComplexArray
@@ -46,6 +45,8 @@ def driven(
     Returns:
         Complex amplitudes, shape (k,) [m].
     """
+    from scipy.signal import lfilter  # loads scipy.stats, which a run does not need
+
     h = float(time[1] - time[0])
     load = np.zeros(time.size, dtype=np.complex128)
     for share in (0.5 - np.sqrt(3.0) / 6.0, 0.5 + np.sqrt(3.0) / 6.0):

@@ -45,8 +45,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize import brentq
-from scipy.special import stdtrit
-from scipy.stats import f as f_distribution
+from scipy.special import fdtrc, stdtrit
 
 from delam_fem.numerics.arrays import FloatArray, IntArray
 
@@ -328,7 +327,7 @@ class Table:
         covariance = np.cov(rest.T).reshape(p, p) + EDGE * np.eye(p)
         squares = float(left @ np.linalg.solve(covariance, left))
         free = near.size - columns.shape[1] - p
-        share = float(f_distribution.sf(squares * free / (p * near.size), p, free))
+        share = float(fdtrc(p, free, squares * free / (p * near.size)))
         return share, int(varies[np.argmax(np.abs(left) / np.sqrt(np.diag(covariance)))])
 
     def coverage(

@@ -586,11 +586,15 @@ def _begin_period(p, log, j):  # type: ignore[no-untyped-def]
 
 
 @njit
-def _pairwise(x, first, n, least):  # type: ignore[no-untyped-def]
-    """Return the sum of n numbers, smaller ones raised to the least, added in pairs of halves."""
+def _sum(x, first, n, least):  # type: ignore[no-untyped-def]
+    """Return the sum of n numbers, smaller ones raised to the least, added in pairs of halves.
+
+    It is NumPy's sum bit for bit, so that both engines count impacts alike; NumPy before 2.4 adds
+    more than 8192 numbers in pieces.
+    """
     if n > 128:
         half = n // 16 * 8
-        return _pairwise(x, first, half, least) + _pairwise(x, first + half, n - half, least)
+        return _sum(x, first, half, least) + _sum(x, first + half, n - half, least)
     total, whole = 0.0, n // 8 * 8
     if whole:
         r = np.zeros(8)
@@ -600,15 +604,6 @@ def _pairwise(x, first, n, least):  # type: ignore[no-untyped-def]
         total = ((r[0] + r[1]) + (r[2] + r[3])) + ((r[4] + r[5]) + (r[6] + r[7]))
     for i in range(first + whole, first + n):
         total += least if x[i] < least else x[i]
-    return total
-
-
-@njit
-def _sum(x, first, n, least):  # type: ignore[no-untyped-def]
-    """Return the sum as NumPy forms it, bit for bit, so that both engines count impacts alike."""
-    total = 0.0
-    for start in range(0, n, 8192):  # the size of NumPy's buffers
-        total += _pairwise(x, first + start, min(n - start, 8192), least)
     return total
 
 

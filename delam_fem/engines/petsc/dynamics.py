@@ -229,9 +229,10 @@ class Dynamics:
         base = self.operators.base
         q, dq, _ = self._base_states[self._step]
         self._M.mult(self.v, self._load)
-        own = [float(base.mass.dot(self.v.array)), self._load.dot(self.v)]
-        self._K.mult(self.u, self._load)
-        own += [self._load.dot(self.u), float(base.stiffness.dot(self.u.array))]
+        with np.errstate(invalid="ignore", over="ignore"):  # the outcome tells of such a motion
+            own = [float(base.mass.dot(self.v.array)), self._load.dot(self.v)]
+            self._K.mult(self.u, self._load)
+            own += [self._load.dot(self.u), float(base.stiffness.dot(self.u.array))]
         momentum, of_mass, of_stiffness, attachment = linear_algebra.added(own, self.comm)
         kinetic = 0.5 * of_mass + dq * momentum
         strain = 0.5 * of_stiffness + q * attachment

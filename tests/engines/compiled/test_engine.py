@@ -418,7 +418,7 @@ def test_a_stopped_block_leaves_the_window_of_its_last_periods() -> None:
 
 def test_impacts_are_added_up_as_numpy_does() -> None:
     rng = np.random.default_rng(2)
-    for n in (0, 1, 7, 8, 100, 129, 1000, 8192, 8259, 20691):
+    for n in (0, 1, 7, 8, 100, 129, 1000, 8185, 8192):
         x = rng.normal(size=n) ** 3
         assert steps._sum(x, 0, n, -np.inf) == x.sum()
         assert steps._sum(x, 0, n, 0.0) == np.maximum(x, 0.0).sum()

@@ -72,11 +72,11 @@ def test_coefficient_knows_cell_and_place() -> None:
 PARALLEL = """
 import sys, numpy as np
 from mpi4py import MPI
-from delam_fem.model.beams import bending
+from delam_fem.model.beams import forms
 from delam_fem.case.files import preset
 case = preset("paper")
-one = bending.assemble(case, comm=MPI.COMM_SELF).operators
-all_ = bending.assemble(case, comm=MPI.COMM_WORLD).operators
+one = forms.assemble(case, comm=MPI.COMM_SELF).operators
+all_ = forms.assemble(case, comm=MPI.COMM_WORLD).operators
 for name in ("mass", "damping", "stiffness"):
     a, b = getattr(one, name), getattr(all_, name)
     assert abs(a - b).max() <= 1e-14 * abs(a).max(), name

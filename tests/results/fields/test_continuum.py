@@ -179,7 +179,7 @@ import delam_fem as df
 from delam_fem.engines.session import session_of
 from delam_fem.model import discretise
 from delam_fem.system.mpi import MPI
-from delam_fem.results.fields import continuum
+from delam_fem.results.fields import derived
 
 comm = MPI.COMM_WORLD
 sys.excepthook = lambda *error: (sys.__excepthook__(*error), comm.Abort())
@@ -187,10 +187,10 @@ case = df.preset("paper", eval(sys.argv[2]))
 structure = discretise.assemble(case, comm=comm)
 with session_of(case, structure.operators, engine="petsc", comm=comm) as opened:
     opened.run(lambda period: False)
-    frames = continuum.collected(structure, opened.recorder, case)
+    frames = derived.collected(structure, opened.recorder, case)
 assert (frames is None) == (comm.rank > 0)
 if frames is not None:
-    continuum.write_solid(frames, Path(sys.argv[1]))
+    derived.write_solid(frames, Path(sys.argv[1]))
 """
 
 
