@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -107,3 +108,25 @@ def test_a_diverged_run_is_not_computed_on(tmp_path: Path) -> None:
     again = df.run(wild, directory=tmp_path, resume=True)
     assert again.summary["outcome"] == "diverged"
     assert again.history.equals(first.history)
+
+
+@pytest.mark.parametrize("engine", ["compiled", "petsc"])
+def test_a_window_across_the_checkpoint_has_the_same_numbers_with_divided_steps(
+    tmp_path: Path, engine: Literal["compiled", "petsc"]
+) -> None:
+    """Marks of divided steps are not kept: the ledger, which reads them, is written before."""
+    refined = case(**{
+        "time.refine": 8, "time.steps_per_period": 40, "time.periods": 24,
+        "output.window_periods": 20, "output.fields_per_period": 4, "excitation.frequency": 3.25,
+    })  # fmt: skip
+    whole = df.run(refined, engine=engine)
+    stopped = df.run(
+        refined, directory=tmp_path, engine=engine,
+        progress=lambda k, n: signal.raise_signal(signal.SIGINT) if k == 10 else None,
+    )  # fmt: skip
+    assert stopped.summary["outcome"] == "interrupted" and stopped.history.sizes["period"] == 10
+    again = df.run(refined, directory=tmp_path, engine=engine, resume=True)
+    assert again.history.equals(whole.history)
+    timing = {"wall_seconds": None, "microseconds_per_step": None}
+    assert again.summary | timing == whole.summary | timing
+    assert whole.summary["steps"] > 24 * 40  # some are divided
