@@ -19,6 +19,7 @@ from delam_fem.numerics.settling import judge
 from delam_fem.numerics.statistics import Table
 from delam_fem.results import quality
 from delam_fem.results.diagnostics import gain_warning
+from delam_fem.results.overlay.alignment import Alignment
 from delam_fem.results.overlay.comparison import Comparison, findings
 from delam_fem.results.pages.verdict import sentence
 from delam_fem.results.quality import is_lost, quality_warnings
@@ -149,10 +150,12 @@ def channel(**changed: float) -> Comparison:
 @pytest.mark.parametrize("name", ["gain", "gain_error", "delay", "delay_error", "unlike"])
 def test_a_channel_without_numbers_does_not_agree(name: str, bad: float) -> None:
     found = [
-        findings([channel(), own], frequency=3.0, measured_frequency=3.0)
+        findings([channel(), own], Alignment(0.0, 0.0, 1.0), 3.0)
         for own in (channel(), channel(**{name: bad}))
     ]
     assert [[own.kind for own in each] for each in found] == [[], ["numbers"]]
+    clock = findings([channel()], Alignment(0.0, 0.0, bad), 3.0)
+    assert [own.kind for own in clock] == ["clock"]
 
 
 @pytest.mark.parametrize("bad", BAD)

@@ -285,8 +285,8 @@ def _correlation(a: FloatArray, b: FloatArray) -> float:
 
 SIGNIFICANT = 3.0
 """Standard deviations from which a difference is not the noise's."""
-SAME_GAIN, SAME_PHASE, SAME_RATE = 0.05, 5.0, 0.01
-"""Differences that are not worth a sentence: of amplitude, of phase [degrees], of frequency."""
+SAME_GAIN, SAME_PHASE, SAME_RATE = 0.05, 5.0, 1e-4
+"""Differences that are not worth a sentence: of amplitude, of phase [degrees], of clocks."""
 SAME_SHAPE = 0.1
 """Share of a motion that the run may leave without a sentence."""
 FACTORS = {
@@ -311,7 +311,7 @@ class Finding:
     """One difference.
 
     Attributes:
-        kind: "frequency", "amplitude", "phase", "shape" or "numbers".
+        kind: "clock", "amplitude", "phase", "shape" or "numbers".
         channel: name; empty: of all channels.
         text: a sentence.
     """
@@ -322,19 +322,16 @@ class Finding:
 
 
 def findings(
-    channels: Sequence[Comparison],
-    *,
-    frequency: float | None,
-    measured_frequency: float | None,
+    channels: Sequence[Comparison], alignment: Alignment, frequency: float | None
 ) -> list[Finding]:
     """Return the differences between a measurement and a run that are worth a sentence.
 
     Args:
         channels: comparisons.
+        alignment: of all channels together.
         frequency: of the run's drive [Hz]; None: there is none.
-        measured_frequency: of the measurement [Hz]; None: not found.
     """
-    found = list(_of_frequency(frequency, measured_frequency))
+    found = list(_of_clock(alignment, frequency))
     reference = next((own for own in channels if own.is_drive), None)
     reference = reference or min(channels, key=lambda own: abs(own.delay))
     for own in channels:
@@ -348,17 +345,17 @@ def findings(
     return found
 
 
-def _of_frequency(frequency: float | None, measured: float | None) -> Iterator[Finding]:
-    """Yield what the frequencies say."""
-    if frequency is None or measured is None:
-        return
-    ratio = measured / frequency
-    if abs(ratio - 1.0) > SAME_RATE:
-        yield Finding(
-            "frequency", "",
-            f"the measurement was driven at {measured:.4g} Hz, the run at {frequency:.4g} Hz; "
-            "phases are compared, which is not the same motion",
+def _of_clock(alignment: Alignment, frequency: float | None) -> Iterator[Finding]:
+    """Yield whether the clocks differ, or the frequencies of the drives, which looks the same."""
+    rate, error = alignment.rate, alignment.rate_error
+    if not abs(rate - 1.0) <= max(SAME_RATE, SIGNIFICANT * error):
+        driven = "" if frequency is None else (
+            f", or the measurement was driven at {rate * frequency:.5g} Hz, the run at "
+            f"{frequency:.5g} Hz, which is not the same motion"
         )  # fmt: skip
+        yield Finding(
+            "clock", "", f"the run's clock is {rate:.6g} ± {error:.1g} times as fast{driven}"
+        )
 
 
 def _of_shape(own: Comparison) -> Iterator[Finding]:

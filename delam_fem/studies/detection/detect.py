@@ -27,7 +27,7 @@ from delam_fem.model.beams.network import n_rigid
 from delam_fem.model.linear import lowest
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.results.measured.reading import scan as measured_scan
-from delam_fem.results.overlay.comparison import SAME_RATE, strongest_frequency
+from delam_fem.results.overlay.comparison import strongest_frequency
 from delam_fem.results.scan import (
     ORDERS,
     ComplexArray,
@@ -49,8 +49,9 @@ LEAST_STEPS = 100
 """Steps per period below which contact is not resolved."""
 SLOWEST = 0.125
 """Share of the excitation's frequency below which a motion is the surroundings'."""
-UNCERTAIN = 0.001
-"""Periods by which a record's drive and the case's may part over the record and be the same."""
+SAME_FREQUENCY, UNCERTAIN = 0.01, 0.001
+"""Relative difference of a record's drive and the case's that may be one of clocks, and periods by
+which both may part over the record and be the same."""
 SETTLED = 0.001
 """Share of a free motion of the lowest mode that may be left when the record begins."""
 
@@ -226,7 +227,7 @@ def read(data: xr.Dataset, case: Case, scan: Scan) -> Measurement:
     times = found["time"].to_numpy()[whole]
     drive = case.excitation.top_frequency
     frequency = strongest_frequency(times, field[whole].T, SLOWEST * drive) or drive
-    if abs(frequency / drive - 1.0) > SAME_RATE:
+    if abs(frequency / drive - 1.0) > SAME_FREQUENCY:
         raise CaseError(
             f"measured: expected a record of {drive:.6g} Hz, the excitation of case {case.name}, "
             f"given one of {frequency:.6g} Hz; was it --set excitation.frequency={frequency:.6g}?"

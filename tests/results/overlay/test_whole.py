@@ -99,6 +99,7 @@ def test_a_clock_that_runs_wrong_is_found(tmp_path: Path, clock: float) -> None:
     assert found.alignment.rate_error < 1e-4
     assert found.measured_frequency == pytest.approx(clock / PERIOD, rel=1e-4)
     assert all(abs(own.gain - 1.0) < 0.01 for own in found.channels)
+    assert kinds(found) == [("clock", "")] and found.numbers["verdict"] == "differs"
 
 
 def test_absolute_times_keep_offset_clock_and_drift(tmp_path: Path) -> None:
@@ -173,7 +174,7 @@ def test_a_turned_sign_is_reported(tmp_path: Path) -> None:
 
 def test_another_frequency_is_reported(tmp_path: Path) -> None:
     found = df.overlay(RUN, measurement(tmp_path, clock=1.05))
-    assert ("frequency", "") in kinds(found)
+    assert ("clock", "") in kinds(found)
     assert "driven at 3.41" in found.findings[0].text
 
 
@@ -247,7 +248,7 @@ def test_stated_errors_contain_the_truth_as_often_as_they_say(
             columns["base"] = base + rng.normal(0.0, 0.1 * NOISE, t.size)
         found = df.overlay(run, write_csv(tmp_path / "m.csv", t, columns))
         own = found.alignment
-        assert not found.findings
+        assert {kind for kind, _ in kinds(found)} <= {"clock"}
         inside += [
             abs(wrapped(found.offset - start, 2 * PERIOD)) < 2.0 * own.start_error,
             abs(own.rate - clock) < 2.0 * own.rate_error,
@@ -267,6 +268,7 @@ def test_the_clock_is_fitted_beside_a_run_that_has_not_settled(tmp_path: Path) -
     found = df.overlay(run, path)
     assert found.alignment.rate == pytest.approx(1.005, abs=2e-4)
     assert found.alignment.rate_error > 0.0
+    assert kinds(found) == [("clock", "")]
     assert found.offset == pytest.approx(time[0] + 0.1, abs=1e-3 * PERIOD)
 
 
