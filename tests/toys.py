@@ -85,3 +85,14 @@ class Cubic(Toy):
 
     def image(self, x: FloatArray, y: FloatArray, parameter: float) -> FloatArray:
         return np.stack([1.0 - parameter * (x - 1.0) + (x - 1.0) ** 3, 0.2 * y], axis=-1)
+
+
+class Steep(Toy):
+    """x' = 1 - a t/6 + 0.6 t² with t = tanh 6(x - 1), y' = y / 5: (1, 0) has the multiplier -a.
+
+    Beyond its doubling the motion is so large that its mean is no place for the derivative.
+    """
+
+    def image(self, x: FloatArray, y: FloatArray, parameter: float) -> FloatArray:
+        t = np.tanh(6.0 * (x - 1.0))
+        return np.stack([1.0 - parameter * t / 6.0 + 0.6 * t**2, 0.2 * y], axis=-1)

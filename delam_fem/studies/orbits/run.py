@@ -181,7 +181,8 @@ class Orbit:
         low, high = m.largest
         lines = [
             f"Decay of kicks of {100.0 * self.coarse.kick:.3g} % of the state: largest multiplier "
-            f"{low:.3f} to {high:.3f} (95 %), {m.stability}."
+            f"{low:.3f} to {high:.3f} (95 %{', with these steps' * self.nature.is_stepped}), "
+            f"{m.stability}."
         ]
         if self.exact is not None:
             blind = " It sees no shift of an impact to another time step, and has no say."

@@ -113,6 +113,8 @@ REACH = 0.25
 that have arrived at two of its states are half of it away from their mean."""
 BESIDE = 0.1
 """Change of each slow coordinate of an orbit from which a motion runs on, in kicks."""
+DERIVATIVES = 6
+"""Most derivatives from which the mean map is solved, each where the last one has led."""
 LARGER = 10.0
 """Second size of differences, relative to the first."""
 
@@ -257,10 +259,14 @@ def coarse_orbit(
         ArithmeticError: a motion diverges, or the equations are singular.
     """
     scale = float(np.linalg.norm(map_.slow.of(guess)))
-    ensemble = Ensemble(map_, periods, perturbations)
-    ensemble = within(ensemble, Guess(guess, parameter, scale), settled_to)
-    J = ensemble.derivatives(guess, parameter, scale).mean(axis=0)
-    at = solved(ensemble, Guess(guess, parameter, scale), J)
+    first = Guess(guess, parameter, scale)
+    ensemble = within(Ensemble(map_, periods, perturbations), first, settled_to)
+    for _ in range(DERIVATIVES):  # the mean of a doubled motion may lie far from the orbit
+        J = ensemble.derivatives(first.state, parameter, scale).mean(axis=0)
+        at = solved(ensemble, first, J)
+        if at.is_solved:
+            break
+        first = at.guess(scale)
     away, multiple = run_on(ensemble, at.guess(scale))
     multiple = max(multiple, settled_to, key=lambda found: found.distance if found else 0.0)
     ensemble = within(ensemble, at.guess(scale), multiple)

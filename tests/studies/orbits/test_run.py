@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from toys import Cubic
+from toys import Cubic, Steep
 
 import delam_fem as df
 
@@ -41,3 +41,13 @@ def test_a_motion_that_leaves_an_orbit_says_so_where_it_started() -> None:
     assert found.stability == "unstable"
     low, high = found.coarse.multipliers.largest
     assert low < 1.1 < high + 0.01
+
+
+def test_an_orbit_is_found_far_from_the_mean_of_the_motion_that_left_it() -> None:
+    """A derivative at that mean leads to a point that does not close, with multipliers below 1."""
+    case = df.preset("default", {"excitation.frequency": 2.0})
+    found = df.orbit(case, map_=Steep(ROUGH), start=np.array([1.01, 0.0]))
+    assert found.coarse.solved.is_solved and found.stability == "unstable"
+    assert found.coarse.solved.state[0] == pytest.approx(1.0, abs=1e-3)
+    low, high = found.coarse.multipliers.largest
+    assert 1.8 < low < high < 2.0
