@@ -10,11 +10,14 @@ import sys
 import time
 from pathlib import Path
 
+import numba
 import pytest
+from numba.core.codegen import JITCodeLibrary
 from project import ROOT
 
 from delam_fem.system import caches
 from delam_fem.system.caches import DamagedError, opened, sealed
+from delam_fem.system.kernels import kept, njit
 
 KERNEL = """
 import logging, sys
@@ -255,3 +258,34 @@ def test_a_temporary_folder_of_others_is_not_used(
         logging.getLogger("delam_fem").setLevel(logging.NOTSET)
     assert found != taken and found.parent == tmp_path
     assert found.stat().st_mode & 0o077 == 0
+
+
+def test_only_the_outermost_function_becomes_machine_code(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Of three functions that call one another Numba alone would compile all three."""
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
+    compiled: list[str] = []
+    finalize = JITCodeLibrary._finalize_specific
+
+    def note(library: JITCodeLibrary) -> None:
+        compiled.append(library.name.rpartition(".")[2])
+        finalize(library)
+
+    monkeypatch.setattr(JITCodeLibrary, "_finalize_specific", note)
+
+    @njit
+    def tripled(x):  # type: ignore[no-untyped-def]
+        return 3.0 * x
+
+    @njit
+    def lowered(x):  # type: ignore[no-untyped-def]
+        return tripled(x) - 1.0
+
+    @kept
+    def outermost(x):  # type: ignore[no-untyped-def]
+        return lowered(x) + tripled(x)
+
+    assert outermost(2.0) == 11.0
+    assert [name for name in compiled if name != "nrt"] == ["outermost"]  # nrt: Numba's own
+    assert lowered(2.0) == lowered(2.0) == 5.0  # Python's own code runs

@@ -670,7 +670,7 @@ _problem, _log = view_at(Problem), view_at(Log)
 _plain_block, _divided_block = _block_of(_plain_steps), _block_of(_divided_steps)
 
 
-@kept(nogil=True, what="steps of one size, for all laws and schemes, about 20 s")
+@kept(nogil=True, what="steps of one size, for all laws and schemes, about 15 s")
 def run_plain(problem_at, log_at, first_period, begin, n_periods):  # type: ignore[no-untyped-def]
     """Compute a block of periods; write their records and rows.
 
@@ -689,7 +689,7 @@ def run_plain(problem_at, log_at, first_period, begin, n_periods):  # type: igno
     return _plain_block(_problem(problem_at), _log(log_at), first_period, begin, n_periods)
 
 
-@kept(nogil=True, what="steps divided near contact, for all laws and schemes, about 25 s")
+@kept(nogil=True, what="steps divided near contact, for all laws and schemes, about 15 s")
 def run_divided(problem_at, log_at, first_period, begin, n_periods):  # type: ignore[no-untyped-def]
     """Do the same as `run_plain` where steps near contact are divided."""
     return _divided_block(_problem(problem_at), _log(log_at), first_period, begin, n_periods)
