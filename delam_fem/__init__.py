@@ -52,7 +52,14 @@ if TYPE_CHECKING:
     from delam_fem.simulation.loop import State
     from delam_fem.studies.branches.follow import follow
     from delam_fem.studies.convergence.run import converge
+    from delam_fem.studies.detection.detect import STUDY as detect
+    from delam_fem.studies.detection.excitation import STUDY as excite
+    from delam_fem.studies.detection.infer import STUDY as infer
+    from delam_fem.studies.detection.modulation import STUDY as modulate
+    from delam_fem.studies.detection.pod import STUDY as pod
     from delam_fem.studies.diagrams.page import diagram
+    from delam_fem.studies.identification.identify import STUDY as identify
+    from delam_fem.studies.identification.resonance import STUDY as resonance
     from delam_fem.studies.models import compare_models
     from delam_fem.studies.modes import modes
     from delam_fem.studies.orbits.run import orbit
@@ -81,24 +88,31 @@ _HOMES = {
     "compare": "reference.compare",
     "compare_models": "studies.models",
     "converge": "studies.convergence.run",
+    "detect": "studies.detection.detect:STUDY",
     "diagram": "studies.diagrams.page",
+    "excite": "studies.detection.excitation:STUDY",
     "follow": "studies.branches.follow",
+    "identify": "studies.identification.identify:STUDY",
+    "infer": "studies.detection.infer:STUDY",
     "load_case": "case.files",
     "load_result": "results.folder",
     "load_sweep": "studies.sweeps.grid",
     "modes": "studies.modes",
+    "modulate": "studies.detection.modulation:STUDY",
     "orbit": "studies.orbits.run",
     "overlay": "results.overlay.whole",
+    "pod": "studies.detection.pod:STUDY",
     "preset": "case.files",
     "read_measured": "results.measured.reading",
     "reduced": "studies.reduced",
     "reduced_case": "model.reduction",
+    "resonance": "studies.identification.resonance:STUDY",
     "run": "pipeline",
     "run_sweep": "studies.sweeps.run",
     "save_case": "case.files",
     "solve": "engines.session",
 }
-"""Module that defines each public name, relative to the package."""
+"""Module that defines each public name, relative to the package; a study is its `STUDY`."""
 
 __all__ = [
     "LAWS",
@@ -121,18 +135,25 @@ __all__ = [
     "compare",
     "compare_models",
     "converge",
+    "detect",
     "diagram",
+    "excite",
     "follow",
+    "identify",
+    "infer",
     "load_case",
     "load_result",
     "load_sweep",
     "modes",
+    "modulate",
     "orbit",
     "overlay",
+    "pod",
     "preset",
     "read_measured",
     "reduced",
     "reduced_case",
+    "resonance",
     "run",
     "run_sweep",
     "save_case",
@@ -149,7 +170,8 @@ def __getattr__(name: str) -> object:
     """Import the module of a public name at its first use, and return the object."""
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value: object = getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+    home, _, own = _HOMES[name].partition(":")
+    value: object = getattr(import_module(f"{__name__}.{home}"), own or name)
     globals()[name] = value
     return value
 

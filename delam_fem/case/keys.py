@@ -14,7 +14,6 @@ must fulfil together is checked when a case is read.
 
 from __future__ import annotations
 
-import inspect
 import re
 import tomllib
 from collections.abc import Iterator, Mapping
@@ -29,9 +28,8 @@ from delam_fem.case.definition import Case
 from delam_fem.case.files import preset_text
 from delam_fem.case.toml import Data, toml_value
 from delam_fem.case.values import Expected, Section
+from delam_fem.system.docstrings import meanings, summary
 
-_ROW = re.compile(r"^ {4}(\w+): (.*(?:\n {5,}.*)*)", re.MULTILINE)
-"""A row of `Attributes` in a docstring: name, and meaning with its further lines."""
 _UNIT = re.compile(r"\[([^\]]+)\]")
 _PLAIN = {str: "text", float: "a number", int: "a whole number", bool: "true or false"}
 
@@ -117,11 +115,9 @@ def _table(
 ) -> Table:
     """Return a table with some keys of its model."""
     kind = model.model_fields.get("kind")
-    own = tuple(_key(model, key, _meanings(model)) for key in keys)
-    meaning = " ".join((inspect.getdoc(model) or "").partition("\n")[0].split())
-    return Table(
-        name, "" if kind is None else kind.default, is_array, is_required, meaning, own, model
-    )
+    own = tuple(_key(model, key, meanings(model)) for key in keys)
+    default = "" if kind is None else kind.default
+    return Table(name, default, is_array, is_required, summary(model), own, model)
 
 
 def _key(model: type[Section], name: str, meanings: dict[str, str]) -> Key:
@@ -139,15 +135,6 @@ def _key(model: type[Section], name: str, meanings: dict[str, str]) -> Key:
     choices = tuple(_choices(annotation))
     type_ = words or _type(annotation, choices)
     return Key(name, type_, choices, unit, is_required, default, meaning)
-
-
-def _meanings(model: type[Section]) -> dict[str, str]:
-    """Return the rows of `Attributes` in the docstrings of a model and of those it extends."""
-    found: dict[str, str] = {}
-    for base in reversed(model.__mro__):
-        _, _, rows = (inspect.cleandoc(base.__doc__ or "")).partition("\nAttributes:\n")
-        found |= {name: " ".join(text.split()) for name, text in _ROW.findall(rows)}
-    return found
 
 
 def _parts(annotation: Any) -> Iterator[Any]:

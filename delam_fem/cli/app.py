@@ -12,15 +12,8 @@ from typing import Annotated, Any, Literal
 import typer
 
 from delam_fem.cli.cases import new_command, schema_command, show_case, validate_command
-from delam_fem.cli.console import reported, say_files, table, tell, with_messages
-from delam_fem.cli.converge import compare_command, converge_command
-from delam_fem.cli.detection import (
-    detect_command,
-    excite_command,
-    infer_command,
-    modulate_command,
-    pod_command,
-)
+from delam_fem.cli.console import reported, with_messages
+from delam_fem.cli.converge import converge_command
 from delam_fem.cli.inputs import (
     CaseArgument,
     DryRun,
@@ -33,15 +26,13 @@ from delam_fem.cli.inputs import (
 )
 from delam_fem.cli.measured import (
     export_command,
-    identify_command,
     measure_command,
     overlay_command,
-    resonance_command,
 )
-from delam_fem.cli.orbits import continue_command, orbit_command
 from delam_fem.cli.paper import paper_command
 from delam_fem.cli.reduction import operators_command, reduce_command, reduced_command
 from delam_fem.cli.run import animate_command, engine_in, report_in_folder, run_in_folder
+from delam_fem.cli.studies import study_command
 from delam_fem.cli.sweep import diagram_command, sweep_command
 
 app = typer.Typer(
@@ -146,46 +137,6 @@ def report_command(
         report_in_folder(directory, quiet=quiet)
 
 
-@app.command("modes")
-def modes_command(
-    case_name: CaseArgument,
-    output: Folder = None,
-    overrides: Overrides = None,
-    *,
-    count: Annotated[
-        int, typer.Option("-n", "--number", metavar="N", help="Modes per lamina or structure.")
-    ] = 6,
-    delaminations: Annotated[
-        Literal["free", "closed"],
-        typer.Option(help="Laminae pass through one another, or are kept together."),
-    ] = "free",
-    quiet: Quiet = False,
-) -> None:
-    """List natural frequencies; laminae that are apart are compared with the exact cantilever."""
-    with reported(quiet):
-        case = case_of(case_name, overrides)
-        from delam_fem.model.beams.network import never_opens
-        from delam_fem.studies.modes import Modes, modes
-        from delam_fem.system.files import claimed
-
-        folder = output or Path("runs") / f"{case.name}-modes"
-        with claimed(folder, may_hold_results=True) as directory:
-            found = modes(case, count, delaminations=delaminations)
-            paths = found.save(directory)
-        if quiet:
-            return
-        whole = found.structure if isinstance(found, Modes) else found
-        if isinstance(found, Modes):
-            heading = ("lamina", "mode", "computed [Hz]", "exact [Hz]", "relative difference")
-            table(f"modes of case {case.name}", heading, found.rows())
-        if whole is not None:
-            title = f"modes of the structure, delaminations {delaminations}"
-            table(title, whole.heading, whole.rows())
-        if message := never_opens(case):
-            tell(f"warning: {message}")
-        say_files(paths)
-
-
 @app.command("presets")
 def presets_command(
     show: Annotated[
@@ -200,24 +151,25 @@ def presets_command(
 
 
 COMMANDS: dict[str, Callable[..., None]] = {
+    "modes": study_command("modes"),
     "new": new_command,
     "validate": validate_command,
     "sweep": sweep_command,
     "diagram": diagram_command,
-    "compare": compare_command,
-    "orbit": orbit_command,
-    "continue": continue_command,
+    "compare": study_command("compare"),
+    "orbit": study_command("orbit"),
+    "continue": study_command("continue"),
     "paper": paper_command,
     "converge": converge_command,
     "animate": animate_command,
     "schema": schema_command,
-    "detect": detect_command,
-    "resonance": resonance_command,
-    "identify": identify_command,
-    "excite": excite_command,
-    "pod": pod_command,
-    "infer": infer_command,
-    "modulate": modulate_command,
+    "detect": study_command("detect"),
+    "resonance": study_command("resonance"),
+    "identify": study_command("identify"),
+    "excite": study_command("excite"),
+    "pod": study_command("pod"),
+    "infer": study_command("infer"),
+    "modulate": study_command("modulate"),
     "measure": measure_command,
     "overlay": overlay_command,
     "export": export_command,

@@ -1,4 +1,4 @@
-"""Define the commands of measured data: `measure`, `overlay`, `export`, `resonance`, `identify`."""
+"""Define the commands of measured data: `measure`, `overlay`, `export`."""
 
 from __future__ import annotations
 
@@ -7,24 +7,11 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from delam_fem.cli.console import reported, say_files, table, tell
-from delam_fem.cli.inputs import (
-    CaseArgument,
-    Folder,
-    Overrides,
-    Overwrite,
-    Quiet,
-    Resume,
-    Uncertain,
-    Workers,
-    case_of,
-    inputs_of,
-)
+from delam_fem.cli.console import reported, say_files, table
+from delam_fem.cli.inputs import Overwrite, Quiet
 
 if TYPE_CHECKING:
     import xarray as xr
-
-    from delam_fem.studies.identification.identify import Experiment, Identification
 
 Files = Annotated[
     list[Path],
@@ -72,22 +59,6 @@ MeasuredFolder = Annotated[
 ]
 
 
-def assigned(channels: list[str] | None) -> dict[str, str]:
-    """Return the assignments of the option --channel by name."""
-    from delam_fem.case.toml import shown
-    from delam_fem.system.errors import CaseError
-
-    found: dict[str, str] = {}
-    for text in channels or []:
-        name, sign, source = text.partition("=")
-        if not sign or not name.strip() or not source.strip():
-            raise CaseError(f"--channel: expected NAME=SOURCE, given {shown(text)}")
-        if name.strip() in found:
-            raise CaseError(f"--channel: expected different names, given {name.strip()!r} twice")
-        found[name.strip()] = source.strip()
-    return found
-
-
 def measure_command(
     files: Files,
     output: MeasuredFolder = None,
@@ -106,6 +77,7 @@ def measure_command(
     with reported(quiet):
         from delam_fem.results.measured.reading import (
             HEADING,
+            assigned,
             lines,
             read_measured,
             rows,
@@ -167,6 +139,7 @@ def overlay_command(
 ) -> None:
     """Lay a measurement over a run: align it, and show how it differs."""
     with reported(quiet):
+        from delam_fem.results.measured.reading import assigned
         from delam_fem.results.overlay.whole import overlay
         from delam_fem.system.files import claimed
 
@@ -204,129 +177,3 @@ def export_command(
         if not quiet:
             typer.echo(FORMATS[to])
             say_files(written)
-
-
-Noise = Annotated[
-    float,
-    typer.Option(metavar="M", min=0.0, help="Standard deviation of a sample in m."),
-]
-Unknowns = Annotated[
-    list[str], typer.Option(metavar="KEY=LOW:HIGH", help="A key that is sought; repeatable.")
-]
-Frequencies = Annotated[
-    list[float], typer.Option(metavar="HZ", help="Frequency of a motion; repeatable.")
-]
-Motions = Annotated[
-    list[Path] | None,
-    typer.Option(
-        metavar="FILE",
-        help="Tips of a motion, one file per frequency; default: the case simulates them.",
-    ),
-]
-Seed = Annotated[int, typer.Option(min=0, help="Seed of the noise and of the prior.")]
-
-
-def resonance_command(
-    case_name: CaseArgument,
-    output: Folder = None,
-    overrides: Overrides = None,
-    *,
-    measured: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Tips in a swept sine; default: the case simulates it."),
-    ] = None,
-    noise: Noise = 0.0,
-    seed: Seed = 1,
-    resume: Resume = False,
-    overwrite: Overwrite = False,
-    quiet: Quiet = False,
-) -> None:
-    """Identify frequency, damping and EI of each lamina from the swept sine of a case."""
-    with reported(quiet):
-        from delam_fem.simulation.checkpoint import of_study
-        from delam_fem.studies.identification.resonance import HEADING, identified
-        from delam_fem.system.files import claimed
-
-        case = case_of(case_name, overrides)
-        folder = output or Path("runs") / f"{case.name}-resonance"
-        inputs = [*inputs_of(case), *filter(None, [measured])]
-        claim = claimed(folder, inputs=inputs, may_hold_results=resume or overwrite)
-        with claim as directory, of_study(directory, resume=resume) as kept:
-            found = identified(case, measured, noise=noise, seed=seed, kept=kept)
-            written = found.save(directory)
-        if not quiet:
-            table(f"resonances of case {case.name}", HEADING, found.rows())
-            for text in found.remarks():
-                tell(text)
-            say_files(written)
-
-
-def identify_command(
-    case_name: CaseArgument,
-    unknown: Unknowns,
-    frequency: Frequencies,
-    output: Folder = None,
-    overrides: Overrides = None,
-    *,
-    measured: Motions = None,
-    noise: Noise = 1e-4,
-    uncertain: Uncertain = None,
-    simulations: Annotated[int, typer.Option(min=100, help="Number of simulations.")] = 2000,
-    calibrate: Annotated[
-        int, typer.Option(min=0, help="Number of simulations that check the intervals.")
-    ] = 100,
-    seed: Seed = 1,
-    workers: Workers = None,
-    resume: Resume = False,
-    overwrite: Overwrite = False,
-    quiet: Quiet = False,
-) -> None:
-    """Identify keys of a case from clapping motions, as a joint posterior."""
-    with reported(quiet):
-        from delam_fem.studies.identification.identify import HEADING, Experiment
-        from delam_fem.studies.unknown import Unknown
-        from delam_fem.system.files import claimed
-
-        case, unknowns = case_of(case_name, overrides), map(Unknown.parse, unknown)
-        doubts = None if uncertain is None else tuple(map(Unknown.parse, uncertain))
-        experiment = Experiment(case, tuple(frequency), tuple(unknowns), noise, uncertain=doubts)
-        folder = output or Path("runs") / f"{case.name}-identification"
-        inputs = [*inputs_of(case), *(measured or [])]
-        claim = claimed(folder, inputs=inputs, may_hold_results=resume or overwrite)
-        with claim as directory:
-            found = _identified(
-                experiment, measured, directory, (simulations, calibrate, seed), workers, quiet
-            )
-            written = found.save(directory)
-        if not quiet:
-            table(f"identification of case {case.name}", HEADING, found.rows())
-            typer.echo(found.sentence())
-            say_files(written)
-
-
-def _identified(
-    experiment: Experiment,
-    measured: list[Path] | None,
-    directory: Path,
-    numbers: tuple[int, int, int],
-    workers: int | None,
-    quiet: bool,
-) -> Identification:
-    """Identify, with a bar of progress; `numbers` are simulations, checks and the seed."""
-    from rich.console import Console
-
-    from delam_fem.cli.progress import progress
-    from delam_fem.studies.identification.identify import identify
-
-    simulations, checks, seed = numbers
-    with progress(Console(stderr=True, quiet=quiet)) as report:
-        return identify(
-            experiment,
-            directory,
-            measured=measured,
-            simulations=simulations,
-            checks=checks,
-            seed=seed,
-            workers=workers,
-            progress=report,
-        )

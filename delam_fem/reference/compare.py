@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import scipy.sparse as sp
@@ -19,8 +18,11 @@ from delam_fem.reference.loop import ReferenceRun, refused_motion, simulate_refe
 from delam_fem.reference.stack import lowest_frequencies
 from delam_fem.results.figures.style import label_x
 from delam_fem.results.folder import Result
-from delam_fem.studies.findings import save_findings
+from delam_fem.studies import options
+from delam_fem.studies.findings import Finding, Report, Table
+from delam_fem.studies.models import ModelComparison, compare_models
 from delam_fem.studies.modes import modes_of, structure_modes
+from delam_fem.studies.study import Place, Study
 from delam_fem.system.errors import CaseError
 
 
@@ -113,7 +115,7 @@ COMPARED_MODES = 6
 
 
 @dataclass(frozen=True)
-class Comparison:
+class Comparison(Finding):
     """Differences between dolfinx and PETSc and the reference for one case.
 
     Attributes:
@@ -136,26 +138,23 @@ class Comparison:
             *(self.motion.rows() if self.motion else [("motion", "not compared")]),
         ]
 
-    def save(self, directory: Path | str) -> list[Path]:
-        """Write compare.json, and compare.png if there are motions.
-
-        Args:
-            directory: folder of the files; it is made if it does not exist.
-
-        Returns:
-            The paths of the files.
-
-        Raises:
-            OSError: the folder cannot be written.
-        """
-        numbers: dict[str, object] = {
+    @property
+    def report(self) -> Report:
+        """What it says in files and on the terminal."""
+        found: dict[str, object] = {
             "matrices_relative": self.matrices,
             "frequencies_relative": self.frequencies,
         }
+        tables = [Table("largest differences", ("what", "difference"), self.rows())]
         if self.motion is None:
-            return save_findings(directory, "compare", {**numbers, "no_motion": self.refusal})
-        return save_findings(
-            directory, "compare", numbers | self.motion.numbers(), self.motion.figure
+            remarks = [f"the motion is not compared: {self.refusal}"]
+            numbers = {**found, "no_motion": self.refusal}
+            return Report(name="compare", numbers=numbers, tables=tables, remarks=remarks)
+        return Report(
+            name="compare",
+            numbers=found | self.motion.numbers(),
+            tables=tables,
+            pictures={"compare": (self.motion.figure, "")},
         )
 
 
@@ -285,3 +284,15 @@ def _same_length(tips: FloatArray, expected: ReferenceRun) -> FloatArray:
             "again, or compare fewer periods"
         )
     return tips
+
+
+def _compare(case: Case, given: options.Compare, place: Place) -> Comparison | ModelComparison:
+    """Compare with options of a user."""
+    if given.models is None:
+        return compare(case, impacts=given.impacts, periods=given.periods or 3)
+    return compare_models(
+        case, given.models, frequencies=given.at, periods=given.periods or 20, modes=given.modes
+    )
+
+
+STUDY = Study(options.Compare, _compare)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -21,12 +22,13 @@ from delam_fem.model.layout import Structure
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.results import diagnostics
 from delam_fem.results.figures.style import BLACK, BLUE, GREEN, ORANGE, VERMILLION, WIDTH, styled
-from delam_fem.studies.findings import save_findings
+from delam_fem.studies.findings import Finding, Report, Table
 from delam_fem.studies.modes import modes_of, structure_modes
 from delam_fem.system.errors import CaseError
 
 Name = Literal["beam", "plane-stress", "solid", "reduced"]
 NAMES: tuple[Name, ...] = get_args(Name)
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -281,7 +283,7 @@ Rows = list[tuple[str, ...]]
 
 
 @dataclass(frozen=True)
-class ModelComparison:
+class ModelComparison(Finding):
     """What several models make of one case; the first one is what the others are compared with.
 
     Attributes:
@@ -327,28 +329,34 @@ class ModelComparison:
         columns = [_column(own.motions[number], first, self.case) for own in self.models]
         return [(name, *(column[name] for column in columns)) for name in columns[0]]
 
-    def save(self, directory: Path | str) -> list[Path]:
-        """Write models.json and models.png.
-
-        Raises:
-            OSError: the folder cannot be written.
-        """
-        numbers: list[dict[str, object]] = [
+    @property
+    def report(self) -> Report:
+        """What it says in files and on the terminal."""
+        heading, first = ("", *self.names), self.models[0].motions
+        models = [
             {
                 "name": own.name,
                 "dofs": own.dofs,
                 "pairs": own.pairs,
                 "assembly_seconds": own.seconds,
-                "frequencies": own.frequencies.tolist(),
-                "compliance": own.compliance.tolist(),
-                "motions": [
-                    _numbers(motion, first)
-                    for motion, first in zip(own.motions, self.models[0].motions, strict=True)
-                ],
+                "frequencies": own.frequencies,
+                "compliance": own.compliance,
+                "motions": [_numbers(*pair) for pair in zip(own.motions, first, strict=True)],
             }
             for own in self.models
         ]
-        return save_findings(directory, "models", {"models": numbers}, self.figure)
+        return Report(
+            name="models",
+            numbers={"models": models},
+            tables=[
+                Table(f"models of case {self.case.name}", heading, self.linear_rows()),
+                *(
+                    Table(f"{own.frequency:g} Hz", heading, self.motion_rows(k))
+                    for k, own in enumerate(first)
+                ),
+            ],
+            pictures={"models": (self.figure, "")},
+        )
 
     def figure(self) -> Figure:
         """Return tip histories and impulses along the contact line of all models."""
@@ -363,7 +371,6 @@ def compare_models(
     periods: int = PERIODS,
     natural: int = MODES,
     modes: int = 20,
-    progress: Callable[[str], None] = lambda name: None,
 ) -> ModelComparison:
     """Compute one case as several models.
 
@@ -374,7 +381,6 @@ def compare_models(
         periods: number of periods of each motion, which begins at rest.
         natural: number of natural frequencies of each lamina, or of a bonded stack.
         modes: number of modes of a reduced model.
-        progress: called with the name of each model before it is computed.
 
     Raises:
         CaseError: a model or a motion cannot be computed.
@@ -389,7 +395,7 @@ def compare_models(
     at = tuple(frequencies) or (case.excitation.top_frequency,)
     found = []
     for model in variants(case, names, modes):
-        progress(model.name)
+        _log.info("computing %s", model.name)
         found.append(measure(model, at, periods, natural))
     return ModelComparison(case, tuple(found))
 

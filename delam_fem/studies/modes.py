@@ -13,7 +13,6 @@ Natural frequencies and mode shapes of all laminae beside those of the exact can
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Literal, get_args
 
 import numpy as np
@@ -29,7 +28,9 @@ from delam_fem.model.linear import keeping_closed, lowest
 from delam_fem.numerics.arrays import FloatArray, IntArray
 from delam_fem.numerics.beams import cantilever_mode
 from delam_fem.results.figures.style import GAP_COLOUR, label_x, lamina_colours
-from delam_fem.studies.findings import save_findings
+from delam_fem.studies import options
+from delam_fem.studies.findings import Finding, Report, Table
+from delam_fem.studies.study import Place, Study
 from delam_fem.system.errors import CaseError
 
 Kind = Literal["free", "closed"]
@@ -43,7 +44,7 @@ _MORE = 4
 
 
 @dataclass(frozen=True)
-class StructureModes:
+class StructureModes(Finding):
     """The lowest modes of a structure.
 
     Attributes:
@@ -103,37 +104,33 @@ class StructureModes:
             "bilinear [Hz]",
         )
 
+    @property
     def numbers(self) -> dict[str, object]:
-        """Return what modes.json has of the structure."""
-        has_partner = self.partners >= 0
-
-        def optional(values: FloatArray) -> list[float | None]:
-            pairs = zip(values.tolist(), has_partner, strict=True)
-            return [value if there else None for value, there in pairs]
-
+        """What modes.json has of the structure."""
+        there = self.partners >= 0
         other = "closed" if self.kind == "free" else "free"
         return {
+            "lamina": self.names,
             "delaminations": self.kind,
-            "structure_frequency_hz": self.frequencies.tolist(),
-            "structure_shape": self.shapes.tolist(),
-            "x_m": self.x.tolist(),
-            "opening": self.openings.tolist(),
-            "opening_of": list(self.places),
-            f"{other}_frequency_hz": optional(self.partner_frequencies),
-            "bilinear_frequency_hz": optional(self.bilinear_frequencies),
+            "structure_frequency_hz": self.frequencies,
+            "structure_shape": self.shapes,
+            "x_m": self.x,
+            "opening": self.openings,
+            "opening_of": self.places,
+            f"{other}_frequency_hz": np.where(there, self.partner_frequencies, np.nan),
+            "bilinear_frequency_hz": np.where(there, self.bilinear_frequencies, np.nan),
         }
 
-    def save(self, directory: Path | str) -> list[Path]:
-        """Write modes.json and modes.png.
-
-        Args:
-            directory: made where it is missing.
-
-        Raises:
-            OSError: the directory cannot be written.
-        """
-        numbers: dict[str, object] = {"lamina": list(self.names)} | self.numbers()
-        return save_findings(directory, "modes", numbers, self.figure)
+    @property
+    def report(self) -> Report:
+        """What it says in files and on the terminal."""
+        title = f"modes of the structure, delaminations {self.kind}"
+        return Report(
+            name="modes",
+            numbers=self.numbers,
+            tables=[Table(title, self.heading, self.rows())],
+            pictures={"modes": (self.figure, "")},
+        )
 
     def figure(self) -> Figure:
         """Draw the shape of each mode; shaded where the laminae are apart."""
@@ -264,7 +261,7 @@ def _delaminations(
 
 
 @dataclass(frozen=True)
-class Modes:
+class Modes(Finding):
     """Natural frequencies and mode shapes, computed and exact.
 
     Attributes:
@@ -303,27 +300,26 @@ class Modes:
             for k in range(n)
         ]
 
-    def save(self, directory: Path | str) -> list[Path]:
-        """Write modes.json and modes.png.
-
-        Args:
-            directory: made where it is missing.
-
-        Returns:
-            The two paths.
-
-        Raises:
-            OSError: the directory cannot be written.
-        """
+    @property
+    def report(self) -> Report:
+        """What it says in files and on the terminal."""
+        heading = ("lamina", "mode", "computed [Hz]", "exact [Hz]", "relative difference")
+        whole = None if self.structure is None else self.structure.report
         numbers: dict[str, object] = {
-            "lamina": list(self.names),
-            "frequency_hz": self.frequencies.tolist(),
-            "exact_hz": self.exact.tolist(),
-            "relative_difference": self.relative_differences.tolist(),
+            "lamina": self.names,
+            "frequency_hz": self.frequencies,
+            "exact_hz": self.exact,
+            "relative_difference": self.relative_differences,
         }
-        if self.structure is not None:
-            numbers |= self.structure.numbers()
-        return save_findings(directory, "modes", numbers, self.figure)
+        return Report(
+            name="modes",
+            numbers=numbers if whole is None else {**numbers, **whole.numbers},
+            tables=[
+                Table("modes of the laminae", heading, self.rows()),
+                *(whole.tables if whole else ()),
+            ],
+            pictures={"modes": (self.figure, "")},
+        )
 
     def figure(self) -> Figure:
         """Draw the computed shapes as dots on the exact lines, lowest mode at the bottom."""
@@ -408,3 +404,11 @@ def _deflections(structure: Structure, number: int, vectors: FloatArray) -> Floa
     whole[:, layout.own_dofs(number)] = vectors.T
     shapes = nodal(layout, whole, np.zeros(n))[0, number]
     return np.asarray(shapes / shapes[:, -1:])
+
+
+def _modes(case: Case, given: options.Modes, place: Place) -> Modes | StructureModes:
+    """Compute modes with options of a user."""
+    return modes(case, given.number, delaminations=given.delaminations)
+
+
+STUDY = Study(options.Modes, _modes)

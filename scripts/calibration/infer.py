@@ -21,6 +21,7 @@ from delam_fem.results.scan import surface_of
 from delam_fem.studies.detection import infer
 from delam_fem.studies.detection.detect import drive_responses, intact
 from delam_fem.studies.detection.population import Population, population
+from delam_fem.studies.options import Infer
 from delam_fem.studies.unknown import drawn, of_rig
 
 NOISE_DB, LOUD_DB, N_LINES = 40.0, 30.5, 14
@@ -103,7 +104,7 @@ def computed(
     case: Case, parameters: FloatArray, folder: Path, also: dict[str, FloatArray]
 ) -> Population:
     """Return the scans of structures at both frequencies."""
-    specimens = infer.specimens_of(parameters, "clamped")
+    specimens = infer.specimens_of(parameters, "clamped", Infer().frequency)
     both = {key: np.tile(values, 2) for key, values in also.items()}
     return population(case, specimens, folder, "serial", also=both, resume=True)
 
@@ -115,7 +116,7 @@ def known_of(
     whole, surface = intact(case), surface_of(case, None)
     sensors = tuple(
         infer.Sensor(NOISE_DB, drive=drive_responses(whole, surface, table.x, f, (2.0,)))
-        for f in infer.FREQUENCIES
+        for f in Infer().frequency
     )
     return infer.knowledge(table, parameters, prior, sensors)
 

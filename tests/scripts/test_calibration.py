@@ -16,7 +16,8 @@ from project import ROOT, script
 
 import delam_fem as df
 from delam_fem.results.scan import shapes_of
-from delam_fem.studies.detection.detect import Scan, intact, simulated
+from delam_fem.studies.detection.detect import intact, simulated
+from delam_fem.studies.options import Scan
 
 page = script("calibrate")
 PUBLISHED = json.loads((ROOT / "docs" / "calibration.json").read_text("utf-8"))

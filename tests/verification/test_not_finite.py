@@ -26,8 +26,9 @@ from delam_fem.results.quality import is_lost, quality_warnings
 from delam_fem.simulation.recorder import LEDGER, Recorder
 from delam_fem.studies.convergence.ladder import Ladder, method
 from delam_fem.studies.convergence.rung import compute as compute_rung
-from delam_fem.studies.detection.detect import Measurement, Scan, detect
+from delam_fem.studies.detection.detect import Measurement, detect
 from delam_fem.studies.detection.modulation import Tones, modulation
+from delam_fem.studies.options import Scan
 from delam_fem.studies.orbits.multipliers import stability_of
 from delam_fem.studies.orbits.newton import is_zero
 from delam_fem.studies.sweeps.grid import sweep_of

@@ -21,6 +21,7 @@ import numpy as np
 import xarray as xr
 from scipy.interpolate import CubicSpline
 
+from delam_fem.case.toml import shown
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.results.folder import write_dataset
 from delam_fem.results.measured import readers
@@ -297,6 +298,21 @@ READERS: dict[str, Callable[[Path], list[Sheet]]] = {
     ".cdf": lambda path: readers.netcdf_sheets(readers.load_netcdf(path), path),
 }
 """Readers by the suffix of the file."""
+
+
+def assigned(channels: Mapping[str, str] | Sequence[str] | None) -> dict[str, str]:
+    """Return what columns are by name, also of texts NAME=SOURCE as the option --channel takes."""
+    if isinstance(channels, Mapping):
+        return dict(channels)
+    found: dict[str, str] = {}
+    for text in channels or ():
+        name, sign, source = text.partition("=")
+        if not sign or not name.strip() or not source.strip():
+            raise CaseError(f"--channel: expected NAME=SOURCE, given {shown(text)}")
+        if name.strip() in found:
+            raise CaseError(f"--channel: expected different names, given {name.strip()!r} twice")
+        found[name.strip()] = source.strip()
+    return found
 
 
 def read_measured(

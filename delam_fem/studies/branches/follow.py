@@ -22,10 +22,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from pydantic_core import PydanticCustomError
 
 from delam_fem.case.definition import Case
 from delam_fem.case.files import save_case
+from delam_fem.case.values import in_si
 from delam_fem.numerics.arrays import FloatArray
+from delam_fem.results.figures.style import styled
 from delam_fem.results.folder import write_dataset
 from delam_fem.simulation.interrupts import stop_signals
 from delam_fem.studies.branches import dataset
@@ -39,24 +42,32 @@ from delam_fem.studies.branches.continuation import (
 )
 from delam_fem.studies.branches.dataset import Branch
 from delam_fem.studies.branches.events import events_of, turns
+from delam_fem.studies.findings import Finding, Report, Table
+from delam_fem.studies.options import Continue
 from delam_fem.studies.orbits.maps import PeriodMap
 from delam_fem.studies.orbits.newton import USUAL, Ensemble, Perturbations
 from delam_fem.studies.orbits.search import (
     SETTLE,
     Model,
+    kicks,
     map_of,
     mean_of_motion,
     settled_map,
     usual,
 )
+from delam_fem.studies.study import Place, Study
+from delam_fem.studies.sweeps.dataset import open_result
+from delam_fem.studies.sweeps.grid import unit_of
 from delam_fem.system.errors import CaseError
-from delam_fem.system.files import read_arrays, write_arrays, write_text
+from delam_fem.system.files import atomic, read_arrays, write_arrays, write_text
 
 if TYPE_CHECKING:
     import xarray as xr
 
 FOLDER = "points"
 """Name of the folder of the points in the folder of a continuation."""
+EVERY = 10
+"""Points between two lines of progress."""
 _ABOUT = "about.txt"
 _NUMBERS = ("parameter", "residual", "residual_error", "parameter_error", "step", "doubled")
 
@@ -127,7 +138,7 @@ class PointJournal:
 
 RESULT = "branch.nc"
 """Name of the dataset in the folder of a continuation."""
-Report = Callable[[int, int, float], None]
+Progress = Callable[[int, int, float], None]
 """Called with the number of the branch, its number of points and λ after each point."""
 
 
@@ -168,7 +179,7 @@ def follow(
     refine: int | None = None,
     step: float = Way.step,
     resume: bool = False,
-    report: Report = lambda branch, count, parameter: None,
+    report: Progress = lambda branch, count, parameter: None,
 ) -> xr.Dataset:
     """Follow the orbit of a case over a key, and the branches of twice the period.
 
@@ -238,7 +249,7 @@ def _branches(
     plan: Plan,
     journal: PointJournal,
     is_stopped: Callable[[], bool],
-    report: Report,
+    report: Progress,
 ) -> list[Branch]:
     """Return all branches; each doubling of one begins another, up to `plan.doublings`."""
     ready = [_First(plan.periods, 0)]
@@ -311,3 +322,94 @@ class _First:
             return doubled_point(ensemble, self.near, self.parameter, plan.way)
         guess, *_ = mean_of_motion(ensemble.map, plan.way.start, state, self.periods)
         return first_point(ensemble, guess, plan.way)
+
+
+@dataclass(frozen=True)
+class Branches(Finding):
+    """Branches that were followed, in the folder that holds their dataset.
+
+    Attributes:
+        data: the dataset of `follow`.
+        swept: a sweep that is drawn behind; None: none.
+    """
+
+    data: xr.Dataset
+    swept: xr.Dataset | None
+
+    @property
+    def report(self) -> Report:
+        """What it says on the terminal."""
+        data, unit = self.data, _behind(self.data["parameter"].attrs["units"])
+        names = ("branch", "kind", "parameter", "low", "high")
+        columns = (data[f"event_{name}"].values for name in names)
+        rows = [
+            (str(int(branch)), str(kind), f"{at:.5g}{unit}", f"{low:.5g} to {high:.5g}{unit}")
+            for branch, kind, at, low, high in zip(*columns, strict=True)
+        ]
+        title, n = f"on the branches over {data.attrs['key']}", data.sizes["point"]
+        return Report(
+            name="branch",
+            numbers={},
+            tables=[Table(title, ("branch", "", "at", "95 %"), rows)],
+            sentences=[
+                f"{n} points, {data.attrs['processor_seconds']:.0f} processor seconds; "
+                f"the branches end: {data.attrs['endings']}"
+            ],
+            left=f"after {n} points" * (data.attrs["outcome"] == "interrupted"),
+        )
+
+    def save(self, directory: Path | str) -> list[Path]:
+        """Draw the diagram beside the dataset, and return both."""
+        from delam_fem.studies.branches.diagram import branch_diagram
+
+        path = Path(directory) / "branch.png"
+        with styled(), atomic(path) as temporary:
+            branch_diagram(self.data, self.swept).savefig(temporary)
+        return [path.parent / RESULT, path]
+
+
+def _number(unit: str, option: str, text: str) -> float:
+    """Return a number of the user in a unit, which it may carry, or another one.
+
+    Raises:
+        CaseError: the text is no number, or its unit does not fit.
+    """
+    try:
+        return float(str(in_si(text, unit)))
+    except (PydanticCustomError, ValueError) as error:
+        reason = error.message() if isinstance(error, PydanticCustomError) else "expected a number"
+        raise CaseError(f"{option}: {reason}, given {text!r}") from None
+
+
+def _behind(unit: str) -> str:
+    """Return what stands behind a number: a unit, or nothing behind a pure number."""
+    return "" if unit == "1" else f" {unit}"
+
+
+def _follow(case: Case, given: Continue, place: Place) -> Branches:
+    """Follow with options of a user, who is told every tenth point."""
+    unit = unit_of(given.key, case)
+    swept = None
+    if given.over is not None:
+        path = given.over / "sweep.nc" if given.over.is_dir() else given.over
+        swept = open_result(path, is_loaded=True)
+
+    def tell(branch: int, count: int, parameter: float) -> None:
+        if count == 1 or count % EVERY == 0:
+            at = f"{given.key} = {parameter:.5g}{_behind(unit)}"
+            _log.info("branch %d: point %d, %s", branch, count, at)
+
+    try:
+        data = follow(
+            case, given.key, _number(unit, "--from", given.start),
+            _number(unit, "--to", given.stop), place.folder, periods=given.period,
+            doublings=given.doublings, perturbations=kicks(given), model=given.model,
+            modes=given.modes, refine=given.refine, step=given.step, resume=place.resume,
+            report=tell,
+        )  # fmt: skip
+    except ArithmeticError as error:
+        raise CaseError(f"case {case.name}: {error}") from None
+    return Branches(data, swept)
+
+
+STUDY = Study(Continue, _follow)

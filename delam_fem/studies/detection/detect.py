@@ -2,20 +2,18 @@
 
 In Python:
 
-    from delam_fem.studies.detection.detect import detect
-    found = detect(df.preset("embedded"))
+    import delam_fem as df
+    found = df.detect(df.preset("embedded"), spacing=0.005)
     found.marks["curvature"].start
 """
 
 from __future__ import annotations
 
-import json
 import math
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import xarray as xr
@@ -26,6 +24,7 @@ from delam_fem.model import discretise
 from delam_fem.model.beams.network import n_rigid
 from delam_fem.model.linear import lowest
 from delam_fem.numerics.arrays import FloatArray
+from delam_fem.results.measured.reading import assigned, read_measured
 from delam_fem.results.measured.reading import scan as measured_scan
 from delam_fem.results.overlay.comparison import strongest_frequency
 from delam_fem.results.scan import (
@@ -38,10 +37,20 @@ from delam_fem.results.scan import (
     shapes_of,
     surface_of,
 )
-from delam_fem.studies.detection.indices import FALSE_CALLS, INDICES, Mark, Repeated, mark, repeated
+from delam_fem.studies.detection.indices import (
+    CONFIDENCE,
+    FALSE_CALLS,
+    INDICES,
+    Mark,
+    Repeated,
+    mark,
+    repeated,
+)
+from delam_fem.studies.findings import Finding, Report, Table
 from delam_fem.studies.linear import closed_motion, closed_response
+from delam_fem.studies.options import Detect, Measured, Scan
+from delam_fem.studies.study import Place, Study
 from delam_fem.system.errors import CaseError
-from delam_fem.system.files import write_text
 
 SAMPLES = 50
 """Samples per period, unless a sampling rate is given."""
@@ -55,58 +64,22 @@ which both may part over the record and be the same."""
 SETTLED = 0.001
 """Share of a free motion of the lowest mode that may be left when the record begins."""
 
-Quantity = Literal["velocity", "displacement"]
 
+def samples_of(scan: Scan, frequency: float) -> int:
+    """Return the number of samples per period.
 
-@dataclass(frozen=True)
-class Scan:
-    """How a structure is measured. The points are measured at once, or one by one with a trigger.
-
-    Attributes:
-        lamina: name of the lamina whose surface is measured; None: the thinner outermost one.
-        spacing: distance of the points [m].
-        first: position of the first point [m].
-        quantity: absolute velocity, or displacement, both in the fixed frame.
-        sampling_rate: rate [Hz], rounded to a whole number of samples per period of the excitation;
-            None: 50 per period.
-        periods: length of the record of a point.
-        averages: number of records that are averaged.
-        noise_db: ratio of the overall root mean square of the signal to that of the noise [dB].
-        noise_density: of the sensor, instead [m/s/√Hz or m/√Hz]; white up to half the sampling
-            rate.
-        seed: of the noise.
+    Raises:
+        CaseError: fewer than five, so that the second harmonic is not seen.
     """
-
-    lamina: str | None = None
-    spacing: float = 0.01
-    first: float = 0.0
-    quantity: Quantity = "velocity"
-    sampling_rate: float | None = None
-    periods: int = 16
-    averages: int = 1
-    noise_db: float = 40.0
-    noise_density: float | None = None
-    seed: int = 1
-
-    def surface(self, case: Case) -> str:
-        """Return the name of the lamina that is measured."""
-        return surface_of(case, self.lamina)
-
-    def samples(self, frequency: float) -> int:
-        """Return the number of samples per period.
-
-        Raises:
-            CaseError: fewer than five, so that the second harmonic is not seen.
-        """
-        if self.sampling_rate is None:
-            return SAMPLES
-        n = round(self.sampling_rate / frequency)
-        if n < 5:
-            raise CaseError(
-                f"sampling rate: expected at least 5 samples per period of {frequency:g} Hz, given "
-                f"{self.sampling_rate:g} Hz"
-            )
-        return n
+    if scan.sampling_rate is None:
+        return SAMPLES
+    n = round(scan.sampling_rate / frequency)
+    if n < 5:
+        raise CaseError(
+            f"sampling rate: expected at least 5 samples per period of {frequency:g} Hz, given "
+            f"{scan.sampling_rate:g} Hz"
+        )
+    return n
 
 
 @dataclass(frozen=True)
@@ -136,7 +109,7 @@ class Measurement:
             single = self.rms * 10.0 ** (-scan.noise_db / 20.0)
         else:
             single = scan.noise_density * math.sqrt(
-                0.5 * scan.samples(self.frequency) * self.frequency
+                0.5 * samples_of(scan, self.frequency) * self.frequency
             )
         return float(single / math.sqrt(scan.averages))
 
@@ -166,7 +139,7 @@ def simulated(case: Case, scan: Scan, kept: Path | None = None) -> Measurement:
     if not case.is_periodic or case.excitation.length is not None:
         raise CaseError('detect: expected a harmonic excitation, given another "excitation.kind"')
     f = case.excitation.top_frequency
-    samples, x = scan.samples(f), scan_positions(case.length, scan.spacing, scan.first)
+    samples, x = samples_of(scan, f), scan_positions(case.length, scan.spacing, scan.first)
     N = samples * math.ceil(max(case.time.steps_per_period, LEAST_STEPS) / samples)
     structure = discretise.assemble(case, needs_dolfinx=False)
     periods = max(case.n_periods, settling_periods(case) + scan.periods)
@@ -183,7 +156,7 @@ def simulated(case: Case, scan: Scan, kept: Path | None = None) -> Measurement:
         outcome = opened.run_kept(kept, changed)
         if outcome != "completed":
             raise CaseError(f"detect: the motion of case {case.name} has {outcome}")
-        times, u, v = scan_field(opened.recorder, structure, scan.surface(case), x)
+        times, u, v = scan_field(opened.recorder, structure, surface_of(case, scan.lamina), x)
     return Measurement(times, x, v if scan.quantity == "velocity" else u, f)
 
 
@@ -216,12 +189,12 @@ def read(data: xr.Dataset, case: Case, scan: Scan) -> Measurement:
     Raises:
         CaseError: fewer than five points are measured, or the record is of another frequency.
     """
-    found = measured_scan(data, scan.quantity, scan.surface(case))
+    found = measured_scan(data, scan.quantity, surface_of(case, scan.lamina))
     field, x = found.to_numpy(), found["position"].to_numpy()
     if x.size < 5 or not np.all(np.diff(x) > 0.0):
         raise CaseError(
             f"measured: expected {scan.quantity} at 5 or more different positions on the lamina "
-            f"{scan.surface(case)!r}, given {x.tolist()}"
+            f"{surface_of(case, scan.lamina)!r}, given {x.tolist()}"
         )
     whole = np.isfinite(field).all(axis=1)
     times = found["time"].to_numpy()[whole]
@@ -257,8 +230,6 @@ def intact(case: Case) -> Case:
     return Case.checked(data, f"case {case.name} without delaminations")
 
 
-RESULT = "detection.json"
-"""Name of the file with the numbers."""
 MAIN = "curvature"
 """The index that calls and locates, unless another is asked for."""
 _INTACT_SEED = 1_000_003
@@ -266,14 +237,14 @@ _INTACT_SEED = 1_000_003
 
 
 @dataclass(frozen=True)
-class Detection:
+class Detection(Finding):
     """A measurement and what the indices say of it.
 
     Attributes:
         case: that was measured.
         scan: how it was measured.
         is_measured: whether the field comes from a file.
-        name: index that calls and locates.
+        index: that calls and locates.
         shapes: of the measurement, with its noise.
         intact_shapes: of the same structure without delaminations, with as much noise.
         marks: what each index says, by name.
@@ -285,7 +256,7 @@ class Detection:
     case: Case
     scan: Scan
     is_measured: bool
-    name: str
+    index: str
     shapes: Shapes
     intact_shapes: Shapes
     marks: Mapping[str, Mark]
@@ -296,7 +267,7 @@ class Detection:
     @property
     def mark(self) -> Mark:
         """What the index says that calls and locates."""
-        return self.marks[self.name]
+        return self.marks[self.index]
 
     @property
     def spans(self) -> list[tuple[float, float]]:
@@ -312,27 +283,28 @@ class Detection:
         starts, ends = zip(*self.spans, strict=True)
         return self.marks[name].contrast(min(starts), max(ends))
 
+    @property
     def numbers(self) -> dict[str, object]:
-        """Return the content of detection.json; lengths in m."""
+        """The content of detection.json; lengths in m."""
         main, again = self.mark, self.repeated
         return {
             "case": self.case.name,
             "frequency": self.shapes.frequency,
-            "index": self.name,
+            "index": self.index,
             "detected": main.is_detected,
             "start": _number(main.start),
             "end": _number(main.end),
             "start_bounds": [_number(value) for value in again.start],
             "end_bounds": [_number(value) for value in again.end],
             "call_rate": again.calls,
-            "contrast": _number(self.contrast(self.name)),
-            "intact_called": self.intact_marks[self.name].is_detected,
+            "contrast": _number(self.contrast(self.index)),
+            "intact_called": self.intact_marks[self.index].is_detected,
             "false_call_rate": FALSE_CALLS,
             "is_measured": self.is_measured,
             "delaminations": [list(span) for span in self.spans],
             "sample_noise": self.sample_noise,
             "shape_noise": _rms(self.shapes.noise),
-            "scan": asdict(self.scan) | {"lamina": self.scan.surface(self.case)},
+            "scan": asdict(self.scan) | {"lamina": surface_of(self.case, self.scan.lamina)},
             "indices": {name: self._of_index(name) for name in self.marks},
         }
 
@@ -364,10 +336,52 @@ class Detection:
             for name, found in self.marks.items()
         ]
 
-    def save(self, directory: Path) -> Path:
-        """Write detection.json into an existing folder and return its path."""
-        text = json.dumps(self.numbers(), indent=2, allow_nan=False)
-        return write_text(directory / RESULT, text + "\n")
+    @property
+    def verdict(self) -> str:
+        """What was found in words: what was called, where, and with what uncertainty."""
+        main, again = self.mark, self.repeated
+        at = f"At {self.shapes.frequency:g} Hz the index {self.index}"
+        if not main.is_detected:
+            less = 100.0 * (1.0 - again.calls)
+            return f"{at} calls nothing; it does so in {less:.0f} % of repetitions."
+        intact = "is" if self.intact_marks[self.index].is_detected else "is not"
+        return (
+            f"{at} marks {main.start:.4g} to {main.end:.4g} m. Over repeated noise it calls "
+            f"{100.0 * again.calls:.0f} %. With {100.0 * CONFIDENCE:.0f} % each, the true start "
+            f"lies within {again.start[0]:.4g}…{again.start[1]:.4g} m and the end within "
+            f"{again.end[0]:.4g}…{again.end[1]:.4g} m (noise and spacing of the points). "
+            f"The same structure without delamination {intact} called{', too' * (intact == 'is')}."
+        )
+
+    @property
+    def report(self) -> Report:
+        """What it says in files and on the terminal."""
+        from delam_fem.studies.detection import figures
+
+        return Report(
+            name="detection",
+            numbers=self.numbers,
+            case=self.case,
+            title=f"Detection in {self.case.name}",
+            tables=[Table(f"indices of case {self.case.name}", HEADING, self.rows())],
+            sentences=[self.verdict],
+            pictures={
+                "figures/detection": (
+                    lambda: figures.detection_figure(self),
+                    "The index that calls, with its limit of noise and 30 % of its largest value. "
+                    "Grey: the delamination of the case. Red bars above: bounds of the true ends.",
+                ),
+                "figures/indices": (
+                    lambda: figures.indices_figure(self),
+                    "All indices. The limit is what noise alone exceeds anywhere in 1 of 100 "
+                    "beams.",
+                ),
+                "figures/shapes": (
+                    lambda: figures.shapes_figure(self),
+                    "Complex shapes at the excitation and at twice its frequency.",
+                ),
+            },
+        )
 
 
 HEADING = ("index", "detected", "start [m]", "end [m]", "contrast", "intact called")
@@ -402,7 +416,7 @@ def detect(
         raise CaseError(f"index: expected one of {', '.join(INDICES)}, given {index!r}")
     if case.is_apart:
         raise CaseError("detect: expected a case with [[delamination]], given laminae apart")
-    whole, surface = intact(case), scan.surface(case)
+    whole, surface = intact(case), surface_of(case, scan.lamina)
     without = simulated(whole, scan, kept)
 
     def shapes(own: Measurement) -> Shapes:
@@ -471,11 +485,28 @@ def _marks(shapes: Shapes) -> dict[str, Mark]:
     return {name: mark(name, shapes) for name in names}
 
 
-def _number(value: float) -> float | None:
-    """Return a number without digits of round-off, or None in place of NaN."""
-    return None if not np.isfinite(value) else float(f"{value:.10g}")
+def _number(value: float) -> float:
+    """Return a number without digits of round-off."""
+    return float(f"{value:.10g}")
 
 
 def _shown(value: float, form: str = ".4g") -> str:
     """Return a number as text, or a dash in place of NaN."""
     return format(value, form) if np.isfinite(value) else "–"
+
+
+def read_scan(files: Sequence[Path], options: Measured, case: Case, scan: Scan) -> Measurement:
+    """Return the field in files of measurements."""
+    channels = assigned(options.channels)
+    data = read_measured(*files, channels=channels, units=options.units, rate=options.rate)
+    return read(data, case, scan)
+
+
+def _detect(case: Case, options: Detect, place: Place) -> Detection:
+    """Detect with options of a user."""
+    scan = options.part(Scan)
+    field = read_scan(options.measured, options, case, scan) if options.measured else None
+    return detect(case, scan, index=options.index, measured=field, kept=place.kept)
+
+
+STUDY = Study(Detect, _detect)

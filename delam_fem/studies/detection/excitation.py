@@ -7,7 +7,6 @@ twice the excitation gives exactly twice the motion.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable
 from concurrent.futures import Executor
@@ -25,12 +24,14 @@ from delam_fem.studies.detection.detect import drive_responses, intact, per_shap
 from delam_fem.studies.detection.indices import SHARE, mark, repeated
 from delam_fem.studies.detection.population import PERIODS, SAMPLES, SETTLED, STEPS, scans
 from delam_fem.studies.executors import ExecutorName
+from delam_fem.studies.findings import Finding, Picture, Report
 from delam_fem.studies.modes import structure_modes
+from delam_fem.studies.options import Excite
+from delam_fem.studies.study import Place, Study
 from delam_fem.studies.sweeps.file import Axis, ScanRecord
 from delam_fem.studies.sweeps.grid import Sweep
 from delam_fem.studies.sweeps.run import run_sweep
 from delam_fem.system.errors import CaseError
-from delam_fem.system.files import write_text
 
 RATIOS = (0.1, 0.3, 1.0, 3.0, 10.0)
 """Values of g₀/A, if there is an opening."""
@@ -47,7 +48,7 @@ _REPETITIONS = 50
 
 
 @dataclass(frozen=True)
-class ExcitationMap:
+class ExcitationMap(Finding):
     """How well each excitation shows a delamination, by the 2f-curvature.
 
     The arrays have the shape (n_ratios, n_frequencies); without an opening n_ratios is 1.
@@ -159,36 +160,55 @@ class ExcitationMap:
                     texts.append(f" {subject} is near {name}, {nearest:.4g} Hz.")
         return "".join(texts)
 
+    @property
     def numbers(self) -> dict[str, object]:
-        """Return the content of excitation.json."""
+        """The content of excitation.json."""
         best = self.recommended
-
-        def listed(values: FloatArray) -> list[list[float | None]]:
-            return [[v if math.isfinite(v) else None for v in row] for row in values.tolist()]
-
         return {
             "case": self.case.name,
             "noise_db": self.noise_db,
-            "recommended_frequency": None if best is None else float(self.frequencies[best[1]]),
-            "recommended_ratio": None
-            if best is None or not math.isfinite(self.ratios[best[0]])
-            else float(self.ratios[best[0]]),
+            "recommended_frequency": None if best is None else self.frequencies[best[1]],
+            "recommended_ratio": None if best is None else self.ratios[best[0]],
             "reason": self.reason,
-            "frequency": self.frequencies.tolist(),
-            "ratio": [v if math.isfinite(v) else None for v in self.ratios.tolist()],
-            "avoided": self.is_avoided.tolist(),
-            "contrast": listed(self.contrast),
-            "visibility": listed(self.visibility),
-            "call_rate": listed(self.calls),
-            "error": listed(self.error),
-            "beam_modes": self.beam_modes.tolist(),
-            "opening_modes": self.opening_modes.tolist(),
+            "frequency": self.frequencies,
+            "ratio": self.ratios,
+            "avoided": self.is_avoided,
+            "contrast": self.contrast,
+            "visibility": self.visibility,
+            "call_rate": self.calls,
+            "error": self.error,
+            "beam_modes": self.beam_modes,
+            "opening_modes": self.opening_modes,
         }
 
-    def save(self, directory: Path) -> Path:
-        """Write excitation.json into an existing folder and return its path."""
-        text = json.dumps(self.numbers(), indent=2, allow_nan=False)
-        return write_text(directory / "excitation.json", text + "\n")
+    @property
+    def report(self) -> Report:
+        """What it says in files and on the terminal."""
+        from delam_fem.studies.detection.figures import excitation_figure, ratio_figure
+
+        drawn: dict[str, Picture] = {
+            "figures/excitation": (
+                lambda: excitation_figure(self),
+                "The 2f-curvature over its limit of noise, over frequency and place; dashed: the "
+                "delamination. Below: its largest value, its contrast without noise, and how often "
+                "it is called.",
+            )
+        }
+        if self.ratios.size > 1:
+            drawn["figures/ratios"] = (
+                lambda: ratio_figure(self),
+                "The largest 2f-curvature over its limit of noise, over frequency and "
+                "opening/amplitude.",
+            )
+        return Report(
+            name="excitation",
+            numbers=self.numbers,
+            case=self.case,
+            is_sweep=True,
+            title=f"Excitation of {self.case.name}",
+            sentences=[self.reason],
+            pictures=drawn,
+        )
 
 
 def excitation_map(
@@ -330,3 +350,18 @@ def _modes(case: Case) -> tuple[FloatArray, FloatArray]:
     free = structure_modes(structure, case, N_MODES, kind="free")
     opening = free.openings.max(axis=1) > OPENS
     return closed, free.frequencies[opening]
+
+
+def _excite(case: Case, options: Excite, place: Place) -> ExcitationMap:
+    """Compute a map with options of a user."""
+    return excitation_map(
+        case,
+        np.linspace(options.lowest, options.highest, options.number),
+        place.folder,
+        noise_db=options.noise_db,
+        spacing=options.spacing,
+        **place.sweeping,
+    )
+
+
+STUDY = Study(Excite, _excite)

@@ -1,17 +1,12 @@
-"""Draw what studies of detection found, and save figures and pages."""
+"""Draw what studies of detection found."""
 
 from __future__ import annotations
-
-from collections.abc import Mapping, Sequence
-from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
-from matplotlib.figure import Figure as Drawing
 
-from delam_fem.case.definition import Case
 from delam_fem.results.figures.style import (
     BASE_COLOUR,
     BLUE,
@@ -21,65 +16,11 @@ from delam_fem.results.figures.style import (
     WIDTH,
     label_x,
     legend_outside,
-    styled,
 )
-from delam_fem.results.pages import html
-from delam_fem.results.pages.html import (
-    Gallery,
-    Link,
-    Paragraph,
-    Preformatted,
-    Section,
-    Table,
-    embedded,
-)
-from delam_fem.studies.detection.detect import HEADING, RESULT, Detection
+from delam_fem.studies.detection.detect import Detection
 from delam_fem.studies.detection.excitation import ExcitationMap
-from delam_fem.studies.detection.indices import CONFIDENCE, SHARE, Mark
+from delam_fem.studies.detection.indices import SHARE, Mark
 from delam_fem.studies.detection.modulation import Modulation
-from delam_fem.system.files import atomic, write_text
-
-
-def save_drawings(drawings: Mapping[str, Drawing], directory: Path) -> list[Path]:
-    """Write figures as PNG by name into a folder, which is made where it is missing."""
-    directory.mkdir(parents=True, exist_ok=True)
-    paths = []
-    with styled():
-        for name, drawing in drawings.items():
-            path = directory / f"{name}.png"
-            with atomic(path) as temporary:
-                drawing.savefig(temporary)
-            paths.append(path)
-    return paths
-
-
-def save_page(
-    title: str,
-    text: str,
-    figures: Mapping[Path, str],
-    case: Case,
-    directory: Path,
-    more: tuple[Section, ...] = (),
-) -> Path:
-    """Write the page of a study.
-
-    Args:
-        title: of the page.
-        text: what was found, in words.
-        figures: captions of the PNG files.
-        case: that was studied.
-        directory: an existing folder.
-        more: further sections.
-    """
-    drawn = [Gallery([embedded(path)], caption, caption) for path, caption in figures.items()]
-    sections = [
-        Section("", [Paragraph(text, "verdict")]),
-        Section("Figures", drawn),
-        *more,
-        Section("Case", [Preformatted(case.to_toml())]),
-    ]
-    return write_text(directory / "report.html", html.page(title, sections, contents=True))
-
 
 _TITLES = {
     "curvature": "2f-curvature  |V₂″|",
@@ -91,30 +32,19 @@ _TITLES = {
 }
 
 
-def save_figures(found: Detection, directory: Path) -> list[Path]:
-    """Write the figures of a detection as PNG into a folder, which is made where it is missing."""
-    with styled():
-        drawings = {
-            "detection": detection_figure(found),
-            "indices": indices_figure(found),
-            "shapes": shapes_figure(found),
-        }
-    return save_drawings(drawings, directory)
-
-
 def detection_figure(found: Detection) -> Figure:
     """Draw the index that calls, with and without the delamination, and the marked interval."""
     figure = Figure(figsize=(WIDTH, 6.0), layout="constrained")
     panels = figure.subplots(2, 1, sharex=True)
     for axes, own, text in (
         (panels[0], found.mark, "measured" if found.is_measured else "with the delamination"),
-        (panels[1], found.intact_marks[found.name], "the same structure without delamination"),
+        (panels[1], found.intact_marks[found.index], "the same structure without delamination"),
     ):
         _spans(axes, found)
         _index(axes, own)
         called = f"called, {own.start:.4g} to {own.end:.4g} m" if own.is_detected else "not called"
         axes.set_title(f"{text}: {called}", loc="left")
-        axes.set_ylabel(_TITLES[found.name])
+        axes.set_ylabel(_TITLES[found.index])
         axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
     label_x(panels, "x [m]")
     again = found.repeated
@@ -269,40 +199,3 @@ def _lines(axes: Axes, found: ExcitationMap, row: int) -> None:
     figure = axes.figure
     assert isinstance(figure, Figure)
     legend_outside(figure, axes, ncols=5, loc="outside lower center")
-
-
-_CAPTIONS = {
-    "detection": "The index that calls, with its limit of noise and 30 % of its largest value. "
-    "Grey: the delamination of the case. Red bars above: bounds of the true ends.",
-    "indices": "All indices. The limit is what noise alone exceeds anywhere in 1 of 100 beams.",
-    "shapes": "Complex shapes at the excitation and at twice its frequency.",
-}
-
-
-def write_page(found: Detection, figures: Sequence[Path], directory: Path) -> Path:
-    """Write the page of a detection into its folder and return its path."""
-    more = (
-        Section("Indices", [Table(HEADING, found.rows())]),
-        Section("Files", [Table(("file", "content"), [(Link(RESULT, RESULT), "all numbers")])]),
-    )
-    captions = {path: _CAPTIONS[path.stem] for path in figures}
-    title = f"Detection in {found.case.name}"
-    return save_page(title, verdict(found), captions, found.case, directory, more)
-
-
-def verdict(found: Detection) -> str:
-    """Return in words what was called, where, and with what uncertainty."""
-    main, again = found.mark, found.repeated
-    at = f"At {found.shapes.frequency:g} Hz the index {found.name}"
-    if not main.is_detected:
-        return (
-            f"{at} calls nothing; it does so in {100.0 * (1.0 - again.calls):.0f} % of repetitions."
-        )
-    intact = "is called, too" if found.intact_marks[found.name].is_detected else "is not called"
-    return (
-        f"{at} marks {main.start:.4g} to {main.end:.4g} m. Over repeated noise it calls "
-        f"{100.0 * again.calls:.0f} %. With {100.0 * CONFIDENCE:.0f} % each, the true start lies "
-        f"within {again.start[0]:.4g}…{again.start[1]:.4g} m and the end within "
-        f"{again.end[0]:.4g}…{again.end[1]:.4g} m (noise and spacing of the points). "
-        f"The same structure without delamination {intact}."
-    )

@@ -10,21 +10,26 @@ follow.
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from delam_fem.case.definition import Case
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.numerics.statistics import UNLIKE, Posterior, Table
+from delam_fem.numerics.statistics import UNLIKE, Posterior
+from delam_fem.numerics.statistics import Table as Simulations
 from delam_fem.results.figures.style import BLUE, VERMILLION, WIDTH
 from delam_fem.results.scan import ComplexArray, Shapes, shapes_of, surface_of
-from delam_fem.studies.detection.detect import Measurement, drive_responses, intact, per_sample
+from delam_fem.studies.detection.detect import (
+    Measurement,
+    drive_responses,
+    intact,
+    per_sample,
+    read_scan,
+)
 from delam_fem.studies.detection.indices import curvature, mark
 from delam_fem.studies.detection.population import (
     PERIODS,
@@ -33,12 +38,12 @@ from delam_fem.studies.detection.population import (
     Specimen,
     population,
 )
+from delam_fem.studies.findings import Finding, Report, Table
+from delam_fem.studies.options import Infer, Scan
+from delam_fem.studies.study import Place, Study
 from delam_fem.studies.unknown import Unknown, drawn, of_rig
 from delam_fem.system.errors import CaseError
-from delam_fem.system.files import write_text
 
-FREQUENCIES = (92.0, 250.0)
-"""Excitations of the scans of one structure [Hz]: a low one and one that shows short ones, too."""
 COMPONENTS = 3
 """Principal components of the curvature along the beam that serve as statistics, per frequency."""
 NAMES = ("start", "end", "depth")
@@ -80,7 +85,7 @@ class Prior:
 
 
 def specimens_of(
-    parameters: FloatArray, support: str, frequencies: tuple[float, ...] = FREQUENCIES
+    parameters: FloatArray, support: str, frequencies: tuple[float, ...]
 ) -> list[Specimen]:
     """Return the structures of parameters at the first frequency, then at the second, …."""
     return [
@@ -124,7 +129,7 @@ class Knowledge:
         sensors: of each frequency.
     """
 
-    table: Table
+    table: Simulations
     bases: tuple[FloatArray, ...]
     frequencies: tuple[float, ...]
     sensors: tuple[Sensor, ...]
@@ -178,7 +183,7 @@ def knowledge(
         bases.append(_basis(np.stack([_profile(shapes) for shapes in noisy])))
         columns.append(np.stack([_statistics(shapes, bases[-1]) for shapes in noisy]))
     frequencies = tuple(found.specimens[row[0]].frequency for row in numbers)
-    table = Table(parameters[whole], np.concatenate(columns, axis=1), prior.bounds)
+    table = Simulations(parameters[whole], np.concatenate(columns, axis=1), prior.bounds)
     return Knowledge(table, tuple(bases), frequencies, sensors)
 
 
@@ -221,7 +226,7 @@ SAME_PLACE = 0.05
 
 
 @dataclass(frozen=True)
-class Inferred:
+class Inferred(Finding):
     """What scans of a case say of its delamination.
 
     Attributes:
@@ -259,21 +264,38 @@ class Inferred:
             for name, true, m, (low, high) in every
         ]
 
-    def save(self, directory: Path) -> Path:
-        """Write inference.json (lengths in m) into an existing folder and return its path."""
-        found = {
+    @property
+    def numbers(self) -> dict[str, object]:
+        """The content of inference.json; lengths in m."""
+        return {
             "case": self.case.name,
             "structures": self.n_structures,
             "uncertain": [asdict(own) for own in self.uncertain],
             "is_measured": self.is_measured,
             "mismatch": self.mismatch,
-            "parameter": list(NAMES),
-            "truth": None if self.is_measured else self.truth.tolist(),
-            "median": self.posterior.quantile(0.5).tolist(),
-            "interval_90": self.posterior.interval().tolist(),
-            "correlation": self.posterior.correlation().tolist(),
+            "parameter": NAMES,
+            "truth": None if self.is_measured else self.truth,
+            "median": self.posterior.quantile(0.5),
+            "interval_90": self.posterior.interval(),
+            "correlation": self.posterior.correlation(),
         }
-        return write_text(directory / "inference.json", json.dumps(found, indent=2) + "\n")
+
+    @property
+    def report(self) -> Report:
+        """What it says in files and on the terminal."""
+        heading = ("parameter", "truth [mm]", "median [mm]", "90 % interval [mm]")
+        caption = "Prior and posterior of start, end and depth."
+        return Report(
+            name="inference",
+            numbers=self.numbers,
+            case=self.case,
+            is_sweep=True,
+            title=f"Delamination of {self.case.name}",
+            tables=[Table(f"posterior, {self.case.name}", heading, self.rows())],
+            sentences=[f"{self.n_structures} structures from the prior."],
+            remarks=[self.mismatch] if self.mismatch else [],
+            pictures={"figures/posterior": (self.figure, caption)},
+        )
 
     def figure(self) -> Figure:
         """Draw the marginal distributions within the prior, and start against end."""
@@ -298,53 +320,34 @@ class Inferred:
         return figure
 
 
-def infer(
-    case: Case,
-    directory: Path,
-    *,
-    number: int = 5000,
-    frequencies: tuple[float, ...] = FREQUENCIES,
-    noise_db: float = 40.0,
-    measured: Sequence[Measurement] | None = None,
-    uncertain: Sequence[Unknown] | None = None,
-    workers: int | None = None,
-    resume: bool = False,
-    progress: Callable[[int, int], None] | None = None,
-) -> Inferred:
-    """Infer start, end and depth of a delamination from scans at some frequencies.
+def _infer(case: Case, options: Infer, place: Place) -> Inferred:
+    """Infer start, end and depth of the one delamination between two laminae.
 
-    Args:
-        case: two laminae with one delamination, whose place is that of simulated scans only.
-        directory: folder of the simulations.
-        number: of structures in the table.
-        frequencies: of the scans [Hz].
-        noise_db: of simulated scans: overall root mean square of the signal over the noise [dB].
-        measured: scans at these frequencies; None: the case simulates them.
-        uncertain: in what the rig may differ from the case, drawn for each structure; None: see
-            `of_rig`.
-        workers: see `run_sweep`.
-        resume: whether to go on with what is in the folder.
-        progress: see `run_sweep`.
+    Its place in the case is that of simulated scans only. The rig differs from the case in what
+    `uncertain` says, drawn for each structure, by default in that of `of_rig`.
 
     Raises:
         CaseError: the case or the scans do not allow it.
         KeyboardInterrupt: it was interrupted; `resume` goes on.
     """
-    prior, doubts = Prior.of(case), of_rig(case) if uncertain is None else tuple(uncertain)
+    number, frequencies, noise_db = options.number, options.frequency, options.noise_db
+    measured = _scans(case, options)
+    given = options.uncertain
+    doubts = of_rig(case) if given is None else tuple(map(Unknown.parse, given))
+    prior = Prior.of(case)
     parameters = prior.sample(number, 7)
     drawn_keys = drawn(doubts, case, number, 8)
     also = {key: np.tile(values, len(frequencies)) for key, values in drawn_keys.items()}
     specimens = specimens_of(parameters, case.support.end, frequencies)
     spacing, first, n_points = _grid(measured)
     runs = population(
-        case, specimens, directory, spacing=spacing, first=first, also=also, workers=workers,
-        resume=resume, progress=progress,
-    ).at_first(n_points)  # fmt: skip
+        case, specimens, place.folder, spacing=spacing, first=first, also=also, **place.sweeping
+    ).at_first(n_points)
     whole, surface = intact(case), surface_of(case, None)
     drives = [drive_responses(whole, surface, runs.x, f, (2.0,)) for f in frequencies]
     if measured is None:
-        own = population(case, observed(case, frequencies), directory / "observation", "serial",
-                         resume=resume)  # fmt: skip
+        seen, folder = observed(case, frequencies), place.folder / "observation"
+        own = population(case, seen, folder, "serial", resume=place.resume)
         rng = np.random.default_rng(1)
         scans = tuple(own.shapes(k, noise_db, rng) for k in range(len(frequencies)))
         sensors = tuple(Sensor(noise_db, drive=drive) for drive in drives)
@@ -357,6 +360,21 @@ def infer(
     return Inferred(
         case, posterior, number, doubts, measured is not None, known.mismatch(scans)
     )  # fmt: skip
+
+
+def _scans(case: Case, options: Infer) -> list[Measurement] | None:
+    """Return the measured scans, one per frequency; None: the case simulates them."""
+    if not options.measured:
+        return None
+    if len(options.measured) != len(options.frequency):
+        raise CaseError(
+            f"--measured: expected one file per frequency, given {len(options.measured)} files and "
+            f"{len(options.frequency)} frequencies"
+        )
+    return [
+        read_scan([path], options, case.with_overrides({"excitation.frequency": f}), Scan())
+        for path, f in zip(options.measured, options.frequency, strict=True)
+    ]
 
 
 def _grid(measured: Sequence[Measurement] | None) -> tuple[float, float, int | None]:
@@ -390,3 +408,6 @@ def observed(case: Case, frequencies: tuple[float, ...]) -> list[Specimen]:
     """Return the case itself as specimens, one for each frequency."""
     start, end, depth = truth_of(case).tolist()
     return [Specimen(start, end, depth, case.support.end, f) for f in frequencies]
+
+
+STUDY = Study(Infer, _infer)

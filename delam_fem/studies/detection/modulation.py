@@ -6,7 +6,6 @@ the pump opens and closes a contact, the motion at the probe's frequency is modu
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import asdict, dataclass, replace
 from fractions import Fraction
@@ -20,22 +19,22 @@ from delam_fem.engines.session import by_period, law_of, scheme_of, session, spa
 from delam_fem.model import discretise
 from delam_fem.model.layout import Structure
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.results.scan import scan_field, scan_positions
+from delam_fem.results.scan import scan_field, scan_positions, surface_of
 from delam_fem.simulation.loop import State
 from delam_fem.studies.detection.detect import (
     LEAST_STEPS,
     Measurement,
-    Scan,
     intact,
+    samples_of,
     settling_periods,
 )
 from delam_fem.studies.detection.indices import FALSE_CALLS, sideband_ratio
+from delam_fem.studies.findings import Finding, Report
 from delam_fem.studies.linear import closed_motion
+from delam_fem.studies.options import Modulate, Scan
+from delam_fem.studies.study import Place, Study
 from delam_fem.system.errors import CaseError
-from delam_fem.system.files import write_text
 
-RESULT = "modulation.json"
-"""Name of the file with the numbers."""
 MOST_TURNS = 1000
 """Largest number of periods of the probe in a common period of both frequencies."""
 _REPETITIONS = 200
@@ -114,7 +113,7 @@ class Tones:
 
 
 @dataclass(frozen=True)
-class Modulation:
+class Modulation(Finding):
     """What a test with two excitations shows.
 
     Attributes:
@@ -152,8 +151,9 @@ class Modulation:
         """Whether some point of the intact structure exceeds its limit."""
         return bool(np.any(self.intact_ratio > self.limits))
 
+    @property
     def numbers(self) -> dict[str, object]:
-        """Return the content of modulation.json; lengths in m."""
+        """The content of modulation.json; lengths in m."""
         return {
             "case": self.case.name,
             "pump_frequency": self.pump,
@@ -170,13 +170,8 @@ class Modulation:
             "intact_sideband_ratio": self.intact_ratio.tolist(),
             "ratio_to_intact": (self.ratio / self.intact_ratio).tolist(),
             "limits": self.limits.tolist(),
-            "scan": asdict(self.scan) | {"lamina": self.scan.surface(self.case)},
+            "scan": asdict(self.scan) | {"lamina": surface_of(self.case, self.scan.lamina)},
         }
-
-    def save(self, directory: Path) -> Path:
-        """Write modulation.json into an existing folder and return its path."""
-        text = json.dumps(self.numbers(), indent=2, allow_nan=False)
-        return write_text(directory / RESULT, text + "\n")
 
     @property
     def verdict(self) -> str:
@@ -186,6 +181,21 @@ class Modulation:
             f"Sidebands of {f:g} Hz at ±{self.pump:g} Hz: "
             f"{'above' if self.is_called else 'not above'} the limit of noise; median ratio "
             f"{np.median(self.ratio):.3g}, {self.gain:.3g} times that of the intact structure."
+        )
+
+    @property
+    def report(self) -> Report:
+        """What it says in files and on the terminal."""
+        from delam_fem.studies.detection.figures import modulation_figure
+
+        caption = "Sideband ratio of each point, and what noise alone exceeds."
+        return Report(
+            name="modulation",
+            numbers=self.numbers,
+            case=self.case,
+            title=f"Modulation of {self.case.name}",
+            sentences=[self.verdict],
+            pictures={"figures/modulation": (lambda: modulation_figure(self), caption)},
         )
 
 
@@ -242,7 +252,7 @@ def two_tone(tones: Tones, scan: Scan, kept: Path | None = None) -> Measurement:
     """
     case, turns = tones.probe, tones.turns
     f = case.excitation.top_frequency
-    samples, x = scan.samples(f), scan_positions(case.length, scan.spacing, scan.first)
+    samples, x = samples_of(scan, f), scan_positions(case.length, scan.spacing, scan.first)
     steps = samples * math.ceil(max(case.time.steps_per_period, LEAST_STEPS) / samples)
     settling = math.ceil(settling_periods(case) / turns)
     structure = discretise.assemble(case, needs_dolfinx=False)
@@ -262,5 +272,18 @@ def two_tone(tones: Tones, scan: Scan, kept: Path | None = None) -> Measurement:
         outcome = opened.run_kept(kept, case, f"compiled, {span}, beside {tones.pump.to_toml()}")
         if outcome != "completed":
             raise CaseError(f"modulate: the motion of case {case.name} has {outcome}")
-        times, u, v = scan_field(opened.recorder, structure, scan.surface(case), x)
+        times, u, v = scan_field(opened.recorder, structure, surface_of(case, scan.lamina), x)
     return Measurement(times, x, v if scan.quantity == "velocity" else u, f)
+
+
+def _modulate(case: Case, options: Modulate, place: Place) -> Modulation:
+    """Measure with options of a user."""
+    scan = Scan(
+        spacing=options.spacing, periods=options.periods, noise_db=options.noise_db,
+        seed=options.seed,
+    )  # fmt: skip
+    tones = Tones.of(case, options.pump_frequency, options.pump_amplitude)
+    return modulation(tones, scan, kept=place.kept)
+
+
+STUDY = Study(Modulate, _modulate)

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import json
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from delam_fem.case.definition import Case
@@ -18,15 +16,17 @@ from delam_fem.studies.detection.population import (
     Curve,
     Population,
     Trials,
+    grid,
     intact_scores,
     logistic,
+    population,
     roc,
     trials,
 )
-from delam_fem.system.files import write_text
+from delam_fem.studies.findings import Finding, Report, Table
+from delam_fem.studies.options import Pod
+from delam_fem.studies.study import Place, Study
 
-NOISES = (40.0, 20.0)
-"""Noises of the study [dB]."""
 _WORDS = {"clamped": "clamped at both ends", "free": "cantilever", "pinned": "clamped and pinned"}
 
 
@@ -60,7 +60,7 @@ class Line:
 
 
 @dataclass(frozen=True)
-class Pod:
+class PodStudy(Finding):
     """The study.
 
     Attributes:
@@ -83,12 +83,8 @@ class Pod:
         )
 
     @property
-    def rows(self) -> list[tuple[str, ...]]:
-        """Table rows, one for each support and noise; lengths over the length of the beam."""
-        return [_row(self.best(*key), self.case.length) for key in self.recommended]
-
     def numbers(self) -> dict[str, object]:
-        """Return the content of pod.json; lengths in m."""
+        """The content of pod.json; lengths in m."""
         return {
             "case": self.case.name,
             "recommended": [
@@ -98,19 +94,38 @@ class Pod:
             "lines": [_numbers(line) for line in self.lines],
         }
 
-    def save(self, directory: Path) -> Path:
-        """Write pod.json into an existing folder and return its path."""
-        text = json.dumps(self.numbers(), indent=2, allow_nan=False)
-        return write_text(directory / "pod.json", text + "\n")
+    @property
+    def report(self) -> Report:
+        """What it says in files and on the terminal; lengths over the length of the beam."""
+        rows = [_row(self.best(*key), self.case.length) for key in self.recommended]
+        return Report(
+            name="pod",
+            numbers=self.numbers,
+            case=self.case,
+            is_sweep=True,
+            title=f"POD of {self.case.name}",
+            tables=[Table(f"probability of detection, {self.case.name}", HEADING, rows)],
+            pictures={
+                "figures/pod": (
+                    self.pod_figure,
+                    "Hits over length, the logistic regression on ln a, and its lower 95 % bound. "
+                    "Each support and noise at its best frequency.",
+                ),
+                "figures/roc": (
+                    self.roc_figure,
+                    "Rates of detection and of false calls for every threshold, in classes of "
+                    "length.",
+                ),
+            },
+        )
 
     def pod_figure(self) -> Figure:
         """Draw POD curves with their bounds and the hits, for each support and noise."""
         figure = Figure(figsize=(WIDTH, 6.5), layout="constrained")
-        keys = list(self.recommended)
-        panels = figure.subplots(-(-len(keys) // 2), 2, sharey=True, squeeze=False).ravel()
+        keys, panels = self._panels(figure)
         L = self.case.length
         a = np.linspace(0.01, 0.45, 200) * L
-        for axes, key in zip(panels, keys, strict=False):
+        for axes, key in zip(panels, keys, strict=True):
             line = self.best(*key)
             own = line.trials
             lengths = np.unique(own.lengths.round(9))
@@ -123,18 +138,17 @@ class Pod:
             axes.set_title(
                 f"{_WORDS[line.support]}, {own.noise_db:g} dB, {line.frequency:g} Hz", loc="left"
             )
-        label_x(panels[: len(keys)], "length of the delamination a/L")
+        label_x(panels, "length of the delamination a/L")
         panels[0].legend(loc="lower right")
         return figure
 
     def roc_figure(self) -> Figure:
         """Draw ROC curves for each support and noise, in classes of length."""
         figure = Figure(figsize=(WIDTH, 6.5), layout="constrained")
-        keys = list(self.recommended)
-        panels = figure.subplots(-(-len(keys) // 2), 2, sharey=True, squeeze=False).ravel()
+        keys, panels = self._panels(figure)
         L = self.case.length
         classes = ((0.0, 0.075), (0.075, 0.175), (0.175, 0.5))
-        for axes, key in zip(panels, keys, strict=False):
+        for axes, key in zip(panels, keys, strict=True):
             line = self.best(*key)
             share = line.trials.lengths / L
             for (low, high), colour in zip(classes, lamina_colours(3), strict=True):
@@ -146,19 +160,27 @@ class Pod:
             axes.set_title(
                 f"{_WORDS[line.support]}, {key[1]:g} dB, {line.frequency:g} Hz", loc="left"
             )
-        label_x(panels[: len(keys)], "rate of false calls")
+        label_x(panels, "rate of false calls")
         panels[-1].legend(loc="lower right")
         return figure
+
+    def _panels(self, figure: Figure) -> tuple[list[tuple[str, float]], list[Axes]]:
+        """Return supports and noises with a panel for each."""
+        keys = list(self.recommended)
+        panels = figure.subplots(-(-len(keys) // 2), 2, sharey=True, squeeze=False).ravel()
+        for axes in panels[len(keys) :]:
+            axes.remove()
+        return keys, panels[: len(keys)].tolist()
 
 
 HEADING = (
     "support", "noise [dB]", "frequency [Hz]", "hits", "a90/L", "a90/95 /L", "error of ends /L",
     "false calls",
 )  # fmt: skip
-"""Heading of the table of `Pod.rows`."""
+"""Heading of the table of a study."""
 
 
-def pod(case: Case, found: Population, noises: Sequence[float] = NOISES) -> Pod:
+def pod(case: Case, found: Population, noises: Sequence[float]) -> PodStudy:
     """Judge a population and intact beams at each noise.
 
     The recommended frequency of a support and a noise is that with the most hits; of equal ones the
@@ -178,7 +200,7 @@ def pod(case: Case, found: Population, noises: Sequence[float] = NOISES) -> Pod:
                 curve = logistic(judged.lengths, judged.hit)
                 lines.append(Line(support, f, judged, curve, scores))
     order = {key: recommended[key] for key in sorted(recommended, key=lambda k: (k[0], -k[1]))}
-    return Pod(case, tuple(lines), order)
+    return PodStudy(case, tuple(lines), order)
 
 
 def _chosen(found: Population, support: str, frequency: float) -> BoolArray:
@@ -206,24 +228,30 @@ def _row(line: Line, L: float) -> tuple[str, ...]:
 def _numbers(line: Line) -> dict[str, object]:
     """Return the numbers of a result."""
     own = line.trials
-
-    def number(value: float) -> float | None:
-        return value if math.isfinite(value) else None
-
     return {
         "support": line.support,
         "frequency": line.frequency,
         "noise_db": own.noise_db,
         "hits": int(own.hit.sum()),
         "specimens": own.hit.size,
-        "beta": [number(value) for value in line.curve.beta.tolist()],
-        "a90": number(line.a90),
-        "a90_95": number(line.a90_95),
-        "median_end_error": number(own.error),
+        "beta": line.curve.beta,
+        "a90": line.a90,
+        "a90_95": line.a90_95,
+        "median_end_error": own.error,
         "false_calls": int((line.intact > 1.0).sum()) if line.intact.size else None,
         "intact_beams": line.intact.size,
-        "length": own.lengths.tolist(),
+        "length": own.lengths,
         "depth": [specimen.thickness for specimen in own.specimens],
         "middle": [0.5 * (specimen.start + specimen.end) for specimen in own.specimens],
-        "hit": own.hit.tolist(),
+        "hit": own.hit,
     }
+
+
+def _pod(case: Case, options: Pod, place: Place) -> PodStudy:
+    """Compute the structures of a grid, and judge them."""
+    specimens = grid(case, options.supports, options.frequencies)
+    found = population(case, specimens, place.folder, name="pod", **place.sweeping)
+    return pod(case, found, options.noise_db)
+
+
+STUDY = Study(Pod, _pod)

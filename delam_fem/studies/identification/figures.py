@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.results.figures.style import BLUE, GREEN, VERMILLION, styled
+from delam_fem.results.figures.style import BLUE, GREEN, VERMILLION
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -24,7 +24,6 @@ PANEL = 2.2
 """Size of a panel [in]."""
 
 
-@styled()
 def posterior_figure(
     posterior: Posterior, unknowns: tuple[Unknown, ...], truth: list[float] | None
 ) -> Figure:
@@ -91,7 +90,6 @@ def _posterior_title(truth: list[float] | None) -> str:
     return text if truth is None else f"{text}; red: the truth"
 
 
-@styled()
 def resonance_figure(found: Resonance) -> Figure:
     """Draw measured amplitudes, the fit, the peak and the natural frequency."""
     import matplotlib.pyplot as plt

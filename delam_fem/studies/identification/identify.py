@@ -14,7 +14,6 @@ drawn from the prior for each frequency, and the harmonics of both tips as stati
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -28,14 +27,17 @@ from delam_fem.case.definition import Case
 from delam_fem.case.files import save_case
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.numerics.beams import ComplexArray
-from delam_fem.numerics.statistics import FEWEST, UNLIKE, Posterior, Table
+from delam_fem.numerics.statistics import FEWEST, UNLIKE, Posterior
+from delam_fem.numerics.statistics import Table as Simulations
 from delam_fem.results.measured.reading import read_measured
+from delam_fem.studies import options
 from delam_fem.studies.executors import ExecutorName
+from delam_fem.studies.findings import Finding, Report, Table
+from delam_fem.studies.study import Place, Study
 from delam_fem.studies.sweeps.grid import sweep_of
 from delam_fem.studies.sweeps.run import run_sweep
 from delam_fem.studies.unknown import Unknown, drawn, of_rig, value_of
 from delam_fem.system.errors import CaseError
-from delam_fem.system.files import atomic, write_text
 
 
 def tips_of(case: Case, path: Path) -> tuple[FloatArray, FloatArray]:
@@ -244,7 +246,7 @@ class Experiment:
     def table(
         self, harmonics: ComplexArray, parameters: FloatArray, seed: int,
         finer: ComplexArray | None = None,
-    ) -> Table:  # fmt: skip
+    ) -> Simulations:  # fmt: skip
         """Return the simulations with noise as a table for the inference.
 
         The steps of the simulations are not those of a rig. To each simulation is added, times a
@@ -272,7 +274,7 @@ class Experiment:
                 f"{good.size} were completed"
             )
         bounds = np.array([(unknown.low, unknown.high) for unknown in self.unknowns])
-        return Table(parameters[good], values[good], bounds)
+        return Simulations(parameters[good], values[good], bounds)
 
     def draw(self, n: int, seed: int) -> FloatArray:
         """Return parameters from the prior, shape (n, n_unknowns)."""
@@ -327,11 +329,10 @@ def _shifted(
 HEADING = ("key", "median", "90 % interval", "prior", "truth", "covered")
 SEPARATED = 0.5
 """Two unknowns with a larger correlation than this are hardly separated."""
-NAME = "identification.json"
 
 
 @dataclass(frozen=True)
-class Identification:
+class Identification(Finding):
     """What a measurement says of the unknowns.
 
     Attributes:
@@ -384,36 +385,40 @@ class Identification:
             text = f"These motions hardly separate {'; '.join(pairs)}."
         return f"{text} {self.mismatch}" if self.mismatch else text
 
-    def save(self, directory: Path) -> list[Path]:
-        """Write identification.json and the figure; return their paths."""
+    @property
+    def report(self) -> Report:
+        """What it says in files and on the terminal."""
         from delam_fem.studies.identification.figures import posterior_figure
 
-        middle, interval = self.posterior.quantile(0.5), self.posterior.interval(0.9)
+        experiment, posterior, truth = self.experiment, self.posterior, self.truth
+        middle, interval = posterior.quantile(0.5), posterior.interval(0.9)
         numbers = {
             "unknowns": {
                 unknown.key: {
                     "median": middle[k],
-                    "interval_90": interval[k].tolist(),
+                    "interval_90": interval[k],
                     "prior": [unknown.low, unknown.high],
-                    "truth": None if self.truth is None else self.truth[k],
+                    "truth": None if truth is None else truth[k],
                     "coverage_of_90": None if self.coverage is None else self.coverage[k],
                 }
-                for k, unknown in enumerate(self.experiment.unknowns)
+                for k, unknown in enumerate(experiment.unknowns)
             },
-            "correlation": self.posterior.correlation().tolist(),
-            "frequencies_hz": list(self.experiment.frequencies),
-            "noise_m": self.experiment.noise,
+            "correlation": posterior.correlation(),
+            "frequencies_hz": experiment.frequencies,
+            "noise_m": experiment.noise,
             "simulations": self.completed,
             "checks": self.checks,
-            "uncertain": [asdict(own) for own in self.experiment.doubts],
+            "uncertain": [asdict(own) for own in experiment.doubts],
             "mismatch": self.mismatch,
         }
-        path, image = directory / NAME, directory / "posterior.png"
-        write_text(path, json.dumps(numbers, indent=2) + "\n")
-        figure = posterior_figure(self.posterior, self.experiment.unknowns, self.truth)
-        with atomic(image) as temporary:
-            figure.savefig(temporary)
-        return [path, image]
+        draw = partial(posterior_figure, posterior, experiment.unknowns, truth)
+        return Report(
+            name="identification",
+            numbers=numbers,
+            tables=[Table(f"identification of {experiment.case.name}", HEADING, self.rows())],
+            sentences=[self.sentence()],
+            pictures={"posterior": (draw, "")},
+        )
 
 
 def identify(
@@ -474,7 +479,7 @@ def identify(
     )  # fmt: skip
 
 
-def mismatch(experiment: Experiment, table: Table, observed: FloatArray) -> str | None:
+def mismatch(experiment: Experiment, table: Simulations, observed: FloatArray) -> str | None:
     """Return in which way an observation is unlike all simulations; None: it is not."""
     share, number = table.misfit(observed)
     if share > UNLIKE:
@@ -506,3 +511,22 @@ def _read(experiment: Experiment, files: Sequence[Path]) -> tuple[Experiment, Fl
         samples.append(tips.shape[1])
     known = replace(experiment, noise=max(noise), n_samples=min(samples))
     return known, np.concatenate(rows)
+
+
+def _identify(case: Case, given: options.Identify, place: Place) -> Identification:
+    """Identify with options of a user."""
+    unknowns = tuple(map(Unknown.parse, given.unknown))
+    doubts = None if given.uncertain is None else tuple(map(Unknown.parse, given.uncertain))
+    return identify(
+        Experiment(case, given.frequency, unknowns, given.noise, uncertain=doubts),
+        place.folder,
+        measured=given.measured,
+        simulations=given.simulations,
+        checks=given.calibrate,
+        seed=given.seed,
+        workers=place.workers,
+        progress=place.progress,
+    )
+
+
+STUDY = Study(options.Identify, _identify)

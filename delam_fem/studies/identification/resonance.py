@@ -12,9 +12,9 @@ vibrates from before, a and b say when the record began and how fast its clock r
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import product
 from pathlib import Path
 
@@ -33,11 +33,13 @@ from delam_fem.numerics.arrays import BoolArray, FloatArray
 from delam_fem.numerics.beams import ComplexArray, cantilever_roots
 from delam_fem.numerics.oscillator import driven, pole
 from delam_fem.simulation.loop import first_mode
+from delam_fem.studies import options
+from delam_fem.studies.findings import Finding, Report, Table
 from delam_fem.studies.identification.identify import tips_of
 from delam_fem.studies.linear import first_frequencies
+from delam_fem.studies.study import Place, Study
 from delam_fem.studies.sweeps.quantities import probe_motion
 from delam_fem.system.errors import CaseError
-from delam_fem.system.files import atomic, write_text
 
 FIRST_DAMPING, FIRST_SHIFTS = (0.001, 0.003, 0.01, 0.03, 0.1), (0.0, 0.3, 0.6, 0.9)
 """Damping ratios, and distances of the peak over the root of Hz/s (0.86 without damping), of which
@@ -373,7 +375,7 @@ HEADING = ("lamina", "peak read off", "frequency", "damping ratio", "EI", "EI of
 
 
 @dataclass(frozen=True)
-class Found:
+class Found(Finding):
     """The resonances of the laminae of a case.
 
     Attributes:
@@ -406,8 +408,9 @@ class Found:
         pairs = zip(self.case.lamina, self.resonances, strict=True)
         return [f"{lamina.name}: {text}" for lamina, one in pairs for text in one.remarks]
 
-    def save(self, directory: Path) -> list[Path]:
-        """Write resonance.json and a figure for each lamina; return their paths."""
+    @property
+    def report(self) -> Report:
+        """What it says in files and on the terminal."""
         from delam_fem.studies.identification.figures import resonance_figure
 
         numbers = {}
@@ -429,13 +432,17 @@ class Found:
                 "bending_stiffness_error_N_m2": error,
                 "relative_rms": one.residual,
             }
-        paths = [write_text(directory / "resonance.json", json.dumps(numbers, indent=2) + "\n")]
-        for lamina, one in zip(self.case.lamina, self.resonances, strict=True):
-            image = directory / f"resonance-{lamina.name}.png"
-            with atomic(image) as temporary:
-                resonance_figure(one).savefig(temporary)
-            paths.append(image)
-        return paths
+        pictures = zip(self.case.lamina, self.resonances, strict=True)
+        return Report(
+            name="resonance",
+            numbers=numbers,
+            tables=[Table(f"resonances of case {self.case.name}", HEADING, self.rows())],
+            remarks=self.remarks(),
+            pictures={
+                f"resonance-{lamina.name}": (partial(resonance_figure, one), "")
+                for lamina, one in pictures
+            },
+        )
 
 
 def identified(
@@ -518,3 +525,11 @@ def _simulated(case: Case, kept: Path | None) -> tuple[FloatArray, FloatArray, l
     own = [math.sqrt((u @ o.stiffness @ u) / (u @ o.mass @ u)) for u in modes]
     ratios = [a / b for a, b in zip(own, first_frequencies(case), strict=True)]
     return np.arange(1, tips.shape[1] + 1) * free.time_step, tips, ratios
+
+
+def _resonance(case: Case, given: options.Resonance, place: Place) -> Found:
+    """Identify with options of a user."""
+    return identified(case, given.measured, noise=given.noise, seed=given.seed, kept=place.kept)
+
+
+STUDY = Study(options.Resonance, _resonance)

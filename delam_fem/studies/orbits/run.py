@@ -19,10 +19,10 @@ from typing import Any
 import numpy as np
 
 from delam_fem.case.definition import Case
-from delam_fem.case.files import save_case
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.results.provenance import versions
-from delam_fem.studies.findings import save_findings
+from delam_fem.studies import options
+from delam_fem.studies.findings import Finding, Report, Table
 from delam_fem.studies.orbits.maps import FREQUENCY, KeptCaseMap, Nature, Passage, PeriodMap
 from delam_fem.studies.orbits.multipliers import Stability, stability_of
 from delam_fem.studies.orbits.newton import EXACT, Perturbations
@@ -34,12 +34,14 @@ from delam_fem.studies.orbits.search import (
     Model,
     coarse_orbit,
     exact_orbit,
+    kicks,
     map_of,
     mean_of_motion,
     settled,
     settled_map,
     usual,
 )
+from delam_fem.studies.study import Place, Study
 from delam_fem.system.errors import CaseError
 from delam_fem.system.files import atomic_file
 
@@ -50,7 +52,7 @@ LISTED = 0.05
 
 
 @dataclass(frozen=True)
-class Orbit:
+class Orbit(Finding):
     """A periodic orbit of a case.
 
     Attributes:
@@ -210,27 +212,48 @@ class Orbit:
         kept = np.abs(self.exact.values) > LISTED
         return self.exact.values[kept], self.exact.errors[kept]
 
+    @property
+    def report(self) -> Report:
+        """What it says in files and on the terminal."""
+        from delam_fem.studies.orbits.figures import orbit_figure
+
+        shown = {
+            "kind": "", "model": "", "residual": "", "residual_error": "", "period": "s",
+            "stability": "", "largest_multiplier": "", "settled_scatter": "",
+            "smallest_tip_gap": "m", "processor_seconds": "s",
+        }  # fmt: skip
+        numbers = self.numbers
+        rows = [
+            (name.replace("_", " "), f"{_shown(numbers[name])} {unit}".strip())
+            for name, unit in shown.items()
+        ]
+        return Report(
+            name="orbit",
+            numbers=numbers,
+            case=self.case,
+            tables=[Table(f"orbit of {self.case.name}", ("", "value"), rows)],
+            sentences=self.words,
+            pictures={"orbit": (lambda: orbit_figure(self), "")},
+        )
+
     def save(self, directory: str | Path) -> list[Path]:
-        """Write case.toml, orbit.npz, orbit.json and orbit.png to a folder.
+        """Write case.toml, orbit.json, orbit.png and orbit.npz to a folder.
 
         Raises:
             OSError: the folder cannot be written.
         """
-        from delam_fem.results.figures.style import styled
-        from delam_fem.studies.orbits.figures import orbit_figure
-
-        directory = Path(directory)
-        written = [save_case(self.case, directory)]
-        path = directory / "orbit.npz"
+        written, path = super().save(directory), Path(directory) / "orbit.npz"
         parts = self.nature.split(self.state)
         with atomic_file(path) as temporary:
             np.savez(temporary, tip_displacement=self.passage.history, **parts)
-        with styled():
-            return [
-                *written,
-                path,
-                *save_findings(directory, "orbit", self.numbers, lambda: orbit_figure(self)),
-            ]
+        return [*written, path]
+
+
+def _shown(value: object) -> str:
+    """Return a value as text."""
+    if isinstance(value, list):
+        return ", ".join(_shown(entry) for entry in value)
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def _pairs(values: Any) -> list[list[float]]:
@@ -308,3 +331,14 @@ def orbit(
         time.process_time() - began,
         getattr(map_, "evaluations", 0),
     )
+
+
+def _orbit(case: Case, given: options.Orbit, place: Place) -> Orbit:
+    """Find an orbit with options of a user."""
+    return orbit(
+        case, periods=given.period, settle=given.settle, perturbations=kicks(given),
+        model=given.model, modes=given.modes, refine=given.refine, kept=place.kept,
+    )  # fmt: skip
+
+
+STUDY = Study(options.Orbit, _orbit)

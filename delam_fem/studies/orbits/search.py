@@ -17,6 +17,7 @@ import numpy as np
 from delam_fem.case.definition import Case
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.numerics.settling import LEAVES, LONGEST
+from delam_fem.studies.options import OfOrbits
 from delam_fem.studies.orbits.maps import CaseFamily, CaseMap, PeriodMap
 from delam_fem.studies.orbits.multipliers import (
     ComplexArray,
@@ -86,6 +87,12 @@ def usual(model: Model) -> Perturbations:
     """Return the perturbations that suit the map of a model."""
     check(model)
     return USUAL if model == "full" else SMOOTH
+
+
+def kicks(given: OfOrbits) -> Perturbations:
+    """Return the perturbations with the size of kicks and the seed that a user gives."""
+    found = replace(usual(given.model), seed=given.seed)
+    return found if given.kick is None else replace(found, kick=given.kick)
 
 
 def check(model: str) -> None:

@@ -57,7 +57,7 @@ def test_a_coarse_orbit_says_so(tmp_path: Path) -> None:
     ("arguments", "message"),
     [
         (("paper", "--period", "0"), "period: expected 1 to 64"),
-        (("paper", "--model", "small"), "model: expected full or reduced, given 'small'"),
+        (("paper", "--model", "small"), "'small' is not one of"),
         (("paper", "--modes", "8"), "modes: expected with model 'reduced' only"),
         (("nothing",), "neither a file nor a preset"),
     ],

@@ -9,15 +9,9 @@ import pytest
 from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
 from delam_fem.results.scan import shapes_of
-from delam_fem.studies.detection.detect import (
-    Scan,
-    detect,
-    intact,
-    per_sample,
-    per_shape,
-    simulated,
-)
+from delam_fem.studies.detection.detect import detect, intact, per_sample, per_shape, simulated
 from delam_fem.studies.detection.indices import mark
+from delam_fem.studies.options import Scan
 from delam_fem.system.errors import CaseError
 
 
@@ -84,7 +78,7 @@ def test_what_is_written(tmp_path: Path) -> None:
 
 def test_a_beam_without_delamination_is_not_called() -> None:
     found = detect(intact(embedded(80.0)), repetitions=50)
-    numbers = found.numbers()
+    numbers = found.numbers
     assert (numbers["detected"], numbers["start"], numbers["contrast"]) == (False, None, None)
     assert found.repeated.calls <= 0.06
 

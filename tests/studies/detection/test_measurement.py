@@ -6,9 +6,10 @@ import pytest
 from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
 from delam_fem.model.beams import closed_form
-from delam_fem.results.scan import scan_positions, shapes_of
-from delam_fem.studies.detection.detect import Scan, intact, settling_periods, simulated
+from delam_fem.results.scan import scan_positions, shapes_of, surface_of
+from delam_fem.studies.detection.detect import intact, settling_periods, simulated
 from delam_fem.studies.linear import closed_motion, linear_amplitudes
+from delam_fem.studies.options import Scan
 from delam_fem.system.errors import CaseError
 
 COARSE = {"mesh.elements": 20, "time.steps_per_period": 100}
@@ -67,8 +68,8 @@ def test_noise_in_decibels_and_as_a_density() -> None:
 
 
 def test_the_thinner_lamina_is_measured() -> None:
-    assert Scan().surface(embedded()) == "upper"
-    assert Scan(lamina="lower").surface(embedded()) == "lower"
+    assert surface_of(embedded(), None) == "upper"
+    assert surface_of(embedded(), "lower") == "lower"
 
 
 def test_a_light_damping_takes_long_to_settle() -> None:

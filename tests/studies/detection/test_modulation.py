@@ -5,9 +5,9 @@ import pytest
 
 from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
-from delam_fem.studies.detection.detect import Scan
 from delam_fem.studies.detection.indices import sideband_ratio
 from delam_fem.studies.detection.modulation import Tones, modulation, two_tone
+from delam_fem.studies.options import Scan
 from delam_fem.system.errors import CaseError
 
 PUMP, PROBE = 60.0, 350.0

@@ -8,7 +8,6 @@ import pytest
 
 from delam_fem.case.files import preset
 from delam_fem.numerics.statistics import Posterior
-from delam_fem.studies.detection.figures import save_drawings
 from delam_fem.studies.detection.infer import Inferred, Prior, observed, truth_of
 
 CASE = preset("embedded")
@@ -30,9 +29,10 @@ def test_a_posterior_is_written_and_drawn(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
     samples = truth_of(CASE) * rng.normal(1.0, 0.02, size=(400, 3))
     found = Inferred(CASE, Posterior(samples, np.full(400, 1 / 400)), 400)
-    numbers = json.loads(found.save(tmp_path).read_text("utf-8"))
+    path, picture, _ = found.save(tmp_path)
+    numbers = json.loads(path.read_text("utf-8"))
     np.testing.assert_allclose(numbers["median"], truth_of(CASE), rtol=0.01)
     low, high = np.array(numbers["interval_90"]).T
     np.testing.assert_allclose((high - low) / truth_of(CASE), 2 * 1.645 * 0.02, rtol=0.2)
     assert found.rows()[0][:2] == ("start", "120")
-    assert save_drawings({"posterior": found.figure()}, tmp_path)[0].is_file()
+    assert picture == tmp_path / "figures" / "posterior.png" and picture.is_file()

@@ -1,0 +1,119 @@
+"""A study: what a command computes, and what Python calls under the same name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Generic, TypeVar
+
+from delam_fem.case.definition import Case
+from delam_fem.simulation.checkpoint import of_study
+from delam_fem.studies.findings import Finding
+from delam_fem.studies.options import Options
+from delam_fem.studies.sweeps.dataset import remove_results
+from delam_fem.system.docstrings import summary
+from delam_fem.system.files import claimed
+
+Chosen = TypeVar("Chosen", bound=Options)
+Found = TypeVar("Found", bound=Finding)
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where and how a study computes.
+
+    Attributes:
+        folder: of the results, which is there.
+        kept: folder for checkpoints, which is removed when the study is complete.
+        resume: whether to go on with what is in the folder.
+        workers: number of processes; None: one per core.
+        progress: called with the numbers of finished and of all runs; None: nobody is told.
+    """
+
+    folder: Path
+    kept: Path
+    resume: bool = False
+    workers: int | None = None
+    progress: Progress | None = None
+
+    @property
+    def sweeping(self) -> dict[str, Any]:
+        """Options with which a sweep is computed here."""
+        return {"resume": self.resume, "workers": self.workers, "progress": self.progress}
+
+
+@dataclass(frozen=True)
+class Study(Generic[Chosen, Found]):
+    """A study of a case.
+
+    Attributes:
+        options: class of its options.
+        compute: computes what it finds.
+    """
+
+    options: type[Chosen]
+    compute: Callable[[Case, Chosen, Place], Found]
+
+    @property
+    def __doc__(self) -> str:  # type: ignore[override]
+        """First line of the docstring of the options."""
+        return summary(self.options)
+
+    def __call__(
+        self,
+        case: Case,
+        folder: str | Path | None = None,
+        *,
+        resume: bool = False,
+        overwrite: bool = False,
+        workers: int | None = None,
+        progress: Progress | None = None,
+        **options: Any,
+    ) -> Found:
+        """Compute the study of a case.
+
+        Args:
+            case: the case.
+            folder: the results are written there, as the command writes them, and what is
+                interrupted can be resumed; None: nothing is kept.
+            resume: whether to go on with what is in the folder.
+            overwrite: whether to replace what is in the folder.
+            workers: number of processes; None: one per core.
+            progress: called with the numbers of finished and of all runs.
+            options: those of `self.options`.
+
+        Raises:
+            CaseError: an option, the case or the folder does not allow it.
+            KeyboardInterrupt: it was interrupted; `resume` goes on.
+        """
+        chosen = self.options(**options)
+        if folder is None:
+            with TemporaryDirectory() as scratch:
+                place = Place(Path(scratch), Path(scratch), False, workers, progress)
+                return self.compute(case, chosen, place)
+        return self.saved(case, chosen, Path(folder), resume, overwrite, workers, progress)[0]
+
+    def saved(
+        self,
+        case: Case,
+        options: Chosen,
+        folder: Path,
+        resume: bool = False,
+        overwrite: bool = False,
+        workers: int | None = None,
+        progress: Progress | None = None,
+    ) -> tuple[Found, list[Path]]:
+        """Compute the study in a folder; return what it finds and the files; see `__call__`."""
+        may = resume or overwrite or not options.common
+        inputs = [*case.files.values(), *options.inputs]
+        with claimed(folder, inputs=inputs, may_hold_results=may) as directory:
+            if overwrite:
+                remove_results(directory)
+            with of_study(directory, resume=resume) as kept:
+                found = self.compute(
+                    case, options, Place(directory, kept, resume, workers, progress)
+                )
+                return found, found.save(directory)

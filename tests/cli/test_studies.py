@@ -1,0 +1,133 @@
+"""What all commands of studies have in common: help, checks, folder, words, exit status."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import pytest
+from kit import invoke
+from matplotlib.figure import Figure
+
+import delam_fem as df
+from delam_fem.cli.studies import STUDIES
+from delam_fem.studies.detection import excitation
+from delam_fem.studies.findings import Finding, Report, Table
+from delam_fem.studies.options import Detect, Excite, Infer, Modulate, Pod, Scan
+from delam_fem.studies.study import Place, Study
+from delam_fem.system.docstrings import meanings, summary
+
+pytestmark = pytest.mark.usefixtures("elsewhere")
+MID_PLANE = ("--set", "lamina.1.thickness=0.001", "--set", "lamina.2.thickness=0.001")
+
+
+class Found(Finding):
+    """Something that a study has found."""
+
+    left = ""
+    grid: bool | None = None
+
+    @property
+    def report(self) -> Report:
+        """Return all that a report can have."""
+
+        def draw() -> Figure:
+            Found.grid = matplotlib.rcParams["axes.grid"]
+            return Figure(figsize=(1, 1))
+
+        return Report(
+            name="found", numbers={"value": float("nan")}, case=df.preset("embedded"),
+            title="A title", tables=[Table("A table", ("a [m]",), [("1",)])],
+            sentences=["A sentence."], remarks=["a remark"], left=self.left,
+            pictures={"figures/one": (draw, "A caption")},
+        )  # fmt: skip
+
+
+@pytest.fixture
+def places(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, Place]]:
+    """Put a study in place of `excite` that computes nothing, and return what it is given."""
+    given: list[tuple[Any, Place]] = []
+
+    def compute(case: df.Case, options: Excite, place: Place) -> Found:
+        given.append((options, place))
+        return Found()
+
+    monkeypatch.setattr(excitation, "STUDY", Study(Excite, compute))
+    return given
+
+
+def test_a_command_gives_its_options_and_writes_and_says_what_was_found(
+    places: list[tuple[Any, Place]],
+) -> None:
+    done = invoke("excite", "embedded", "--from", "50", "-n", "3", "-j", "2", "-o", "out")
+    assert done.exit_code == 0, done.output
+    ((options, place),) = places
+    assert options == Excite(lowest=50.0, number=3)
+    assert (place.folder, place.workers, place.resume) == (Path("out"), 2, False)
+    written = {path.relative_to("out").as_posix() for path in Path("out").rglob("*.*")}
+    assert written == {"case.toml", "found.json", "figures/one.png", "report.html"}
+    assert json.loads(Path("out/found.json").read_text("utf-8")) == {"value": None}
+    assert Found.grid, "pictures have the style of the house"
+    page = Path("out/report.html").read_text("utf-8")
+    for text in ("A title", "A table", "A sentence. a remark", "A caption", "a [m]"):
+        assert text in page
+    for text in ("A sentence.", "a [m]", "out/found.json"):
+        assert text in done.stdout
+    assert "warning: a remark" in done.stderr
+    assert invoke("excite", "embedded", "-o", "out").exit_code == 2
+    for option in ("--resume", "--overwrite"):
+        assert invoke("excite", "embedded", "-o", "out", option, "-q").stdout == ""
+    assert invoke("excite", "embedded").exit_code == 0 and Path("runs/embedded-excite").is_dir()
+
+
+def test_what_is_left_is_told(
+    places: list[tuple[Any, Place]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Found, "left", "after 3 points")
+    cut = invoke("excite", "embedded", "-o", "out")
+    assert (cut.exit_code, Path("out/found.json").is_file()) == (130, True)
+    assert "interrupted after 3 points; --resume goes on" in cut.stderr
+
+
+def test_every_study_says_that_no_delamination_opens(places: list[tuple[Any, Place]]) -> None:
+    told = invoke("excite", "embedded", *MID_PLANE, "-o", "out")
+    assert "warning: no delamination ever opens" in told.stderr
+    assert "ever opens" not in invoke("excite", "embedded", "-o", "other").stderr
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_help_is_the_docstring_of_the_options_with_units(name: str) -> None:
+    text = " ".join(re.sub("[│╭╮╰╯─]", " ", invoke(name, "--help").stdout).split())
+    own = STUDIES[name].options
+    assert summary(own) in text
+    for meaning in meanings(own).values():
+        words = meaning[1:].split("[")
+        assert all(f"[{word[:4]}" in text for word in words[1:]), meaning
+
+
+@pytest.mark.parametrize(
+    ("make", "told"),
+    [
+        (lambda: Detect(index="V9"), "index: expected one of curvature, V2, .* given 'V9'"),
+        (lambda: Detect(periods=3), "periods: expected a whole number of at least 4, given 3"),
+        (lambda: Scan(averages=1.5), "averages: expected a whole number .* given 1.5"),
+        (lambda: Scan(spacing="far"), "spacing: expected a number, given 'far'"),
+        (lambda: Modulate(pump_frequency=60, pump_amplitude=float("nan")), "at least 0, given nan"),
+        (lambda: Pod(frequencies="92,high"), "frequencies: expected a number .*, given 'high'"),
+        (lambda: Infer(number=10), "number: .* at least 100, given 10"),
+    ],
+)
+def test_options_are_checked_when_they_are_made(make: Any, told: str) -> None:
+    with pytest.raises(df.CaseError, match=told):
+        make()
+
+
+def test_python_takes_numbers_as_well_as_texts() -> None:
+    assert Pod(frequencies="92, 250") == Pod(frequencies=[92, 250.0])
+    assert Infer(measured=["a.csv"]).inputs == [Path("a.csv")]
+    for study in (df.detect, df.excite, df.pod, df.infer, df.modulate, df.resonance, df.identify):
+        with pytest.raises(TypeError, match="spacings"):
+            study(df.preset("embedded"), spacings=1.0)
