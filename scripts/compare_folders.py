@@ -118,7 +118,9 @@ def is_same(first: Path, second: Path, homes: tuple[Path, Path]) -> bool:
     if first.suffix == ".npz":
         with np.load(first) as one, np.load(second) as two:
             return set(one) == set(two) and all(
-                np.array_equal(one[k], two[k], equal_nan=True) for k in one if one[k].dtype.kind in "fiu"
+                np.array_equal(one[k], two[k], equal_nan=True)
+                for k in one
+                if one[k].dtype.kind in "fiu"
             )
     if first.suffix in (".vtkhdf", ".vtu", ".h5"):
         return first.stat().st_size == second.stat().st_size
