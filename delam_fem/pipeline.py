@@ -18,11 +18,12 @@ import xarray as xr
 
 from delam_fem.case import plausible
 from delam_fem.case.definition import Case
-from delam_fem.case.files import save_case
+from delam_fem.case.files import CaseSource, find_case, save_case
 from delam_fem.engines.session import EngineName, Session, session_of
 from delam_fem.model import _dolfinx, discretise
 from delam_fem.model.beams.network import never_opens
 from delam_fem.model.layout import Structure
+from delam_fem.model.operators import Operators
 from delam_fem.results import dataset, diagnostics, quality
 from delam_fem.results.fields import derived
 from delam_fem.results.folder import Result, json_ready
@@ -43,7 +44,7 @@ _log = logging.getLogger(__name__)
 
 
 def run(
-    case: Case,
+    case: CaseSource,
     engine: EngineName = "petsc",
     *,
     directory: str | Path | None = None,
@@ -59,7 +60,7 @@ def run(
     """Compute a case and return its result.
 
     Args:
-        case: the case to compute.
+        case: the case to compute; also the name of a preset, or the path of a case file.
         engine: name of the engine that computes the steps.
         directory: folder for the checkpoint, which `Result.save` removes when all results are on
             the disk; it is made and locked meanwhile. None: no checkpoints.
@@ -85,6 +86,7 @@ def run(
         CaseError: the case cannot be computed, there is no checkpoint to resume from, there is one
             that would be replaced, or another process is writing to `directory`.
     """
+    case = _case(case)
     plausible.tell(case)
     if case.unread:
         _log.debug("this run ignores keys that are given, but not read: %s", ", ".join(case.unread))
@@ -119,6 +121,21 @@ def run(
     result = _result(case, structure, recorder, state, summary, decay)
     final = arrays if outcome == "completed" else None
     return replace(result, final=final, checkpoint=None if outcome == "interrupted" else kept)
+
+
+def _case(given: object) -> Case:
+    """Return the case that is meant; refuse what `solve` computes."""
+    if isinstance(given, Operators | Structure):
+        raise CaseError(
+            f"run: expected a case, given {type(given).__name__}; for operators of your own write "
+            'df.solve(operators, "newton", "moreau-jean", df.HarmonicMotion(f, amplitude), '
+            "steps_per_period=1000, periods=20)"
+        )
+    if not isinstance(given, Case | str | Path):
+        raise CaseError(
+            f"run: expected a case, the name of a preset or a case file, given {given!r}"
+        )
+    return find_case(given)
 
 
 def _gathered(

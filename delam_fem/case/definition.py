@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import math
 import tomllib
 from collections.abc import Mapping
@@ -46,7 +47,7 @@ from delam_fem.numerics.arrays import FloatArray
 from delam_fem.numerics.beams import transmissibility
 from delam_fem.system.errors import CaseError
 
-_ROUND_OFF = 1e-9
+ROUND_OFF = 1e-9
 """Share of a period by which round-off alone may make a sweep longer than whole periods."""
 PARTS = 100
 """Parts of a run with a given time step; each stands for a period."""
@@ -116,6 +117,18 @@ class Case(Section):
     output: Output = Output()
     point_mass: tuple[PointMass, ...] = ()
     sensor: tuple[Sensor, ...] = ()
+
+    def __init__(self, /, **sections: object) -> None:
+        """Check a case that is written in Python, table by table, as `tomllib` returns a file.
+
+        Raises:
+            CaseError: the sections do not describe a valid case.
+        """
+        try:
+            super().__init__(**sections)
+        except ValidationError as error:
+            label = f"case {sections.get('name', '')}".rstrip()
+            raise CaseError(message(label, error, sections)) from None
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -188,7 +201,7 @@ class Case(Section):
             return
         end = self.n_periods * self.period
         begin = end - self.n_window_periods * self.period
-        margin = _ROUND_OFF * end
+        margin = ROUND_OFF * end
         if blow.start < begin - margin or blow.start + blow.duration > end + margin:
             raise inconsistent(
                 "excitation.start",
@@ -230,7 +243,7 @@ class Case(Section):
         if own.sampling_rate is None:
             return
         most = 1.0 / (self.time.step or self.time_step)
-        if own.sampling_rate > most * (1.0 + _ROUND_OFF):
+        if own.sampling_rate > most * (1.0 + ROUND_OFF):
             raise inconsistent(
                 f"{key}.sampling_rate",
                 f"expected at most {most:g} Hz, one sample a step, given {own.sampling_rate:g} Hz",
@@ -325,7 +338,7 @@ class Case(Section):
             return self.time.most_periods if periods == "settled" else periods
         if self.time.step is not None:
             return math.ceil(self._least_steps / self.steps_per_period)
-        return max(1, math.ceil(self._length * self.excitation.top_frequency - _ROUND_OFF))
+        return max(1, math.ceil(self._length * self.excitation.top_frequency - ROUND_OFF))
 
     @property
     def _length(self) -> float:
@@ -338,7 +351,7 @@ class Case(Section):
     @property
     def _least_steps(self) -> int:
         """Number of steps that are no longer than `time.step`."""
-        return math.ceil(self._length / (self.time.step or math.inf) * (1.0 - _ROUND_OFF))
+        return math.ceil(self._length / (self.time.step or math.inf) * (1.0 - ROUND_OFF))
 
     @property
     def steps_per_period(self) -> int:
@@ -462,7 +475,9 @@ class Case(Section):
             raise CaseError(f"case: not valid TOML: {error}") from None
         return cls.checked(data, "case")
 
-    def with_overrides(self, overrides: Mapping[str, object]) -> Self:
+    def with_overrides(
+        self, overrides: Mapping[str, object] | None = None, **by_word: object
+    ) -> Self:
         """Return the case with some keys replaced.
 
         A key that is one of several alternatives (`mesh.file`, `gap.shape`, `excitation.kind`, …)
@@ -471,6 +486,8 @@ class Case(Section):
         Args:
             overrides: values by key (`excitation.frequency`, `lamina.thick.length`); None removes
                 an optional key. File names are relative to the working directory.
+            **by_word: values by the last part of a key, if one key alone of this case ends in it:
+                `frequency=3.65`.
 
         Returns:
             The new case, checked as a whole.
@@ -479,8 +496,27 @@ class Case(Section):
             CaseError: a key is unknown, a value is not valid, or a file is missing.
         """
         data = tomllib.loads(toml_text(self.model_dump(exclude_unset=True, exclude_none=True)))
-        apply_overrides(data, overrides)
+        named = {self._key_of(word): value for word, value in by_word.items()}
+        apply_overrides(data, {**(overrides or {}), **named})
         return self.checked(data, f"case {self.name}").with_files_checked(f"case {self.name}")
+
+    def _key_of(self, word: str) -> str:
+        """Return the only key of this case whose last part is a word."""
+        keys = []
+        for name in type(self).model_fields:
+            value = getattr(self, name)
+            entries = value if isinstance(value, tuple) else (value,)
+            for number, entry in enumerate(entries, start=1):
+                part = f".{getattr(entry, 'name', number)}" if isinstance(value, tuple) else ""
+                keys += [f"{name}{part}.{key}" for key in getattr(type(entry), "model_fields", ())]
+        fitting = [key for key in keys if key.endswith(f".{word}")]
+        if len(fitting) == 1:
+            return fitting[0]
+        if fitting:
+            raise CaseError(f"{word}: say which: " + " or ".join(f'{{"{k}": …}}' for k in fitting))
+        near = difflib.get_close_matches(word, [key.rsplit(".", 1)[-1] for key in keys], n=1)
+        hint = f"did you mean {near[0]}?" if near else 'write {"section.key": …}'
+        raise CaseError(f"{word}: no key of case {self.name} ends in it; {hint}")
 
     @classmethod
     def checked(cls, data: Data, label: str) -> Self:
@@ -493,8 +529,10 @@ class Case(Section):
         Raises:
             CaseError: the dictionary does not describe a valid case.
         """
+        case = cls.__new__(cls)
         try:
-            return cls.model_validate(data)
+            Section.__init__(case, **data)  # `Case(…)` would name the case in another way
+            return case
         except ValidationError as error:
             raise CaseError(message(label, error, data)) from None
 
@@ -523,7 +561,7 @@ class Case(Section):
         if duration is None:
             time = self.time.model_copy(update={"duration": length})
             return self.model_copy(update={"time": time})
-        if duration > length * (1.0 + _ROUND_OFF):
+        if duration > length * (1.0 + ROUND_OFF):
             raise CaseError(
                 f"{label}: excitation.file: expected times up to time.duration = {duration:g} s, "
                 f"given {length:g} s"

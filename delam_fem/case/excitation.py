@@ -29,7 +29,7 @@ from delam_fem.case.drive import (
     read_series,
 )
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.system.errors import CaseError
+from delam_fem.system.errors import CaseError, require
 
 _LAST = 1e-9
 """Share of a table's length by which round-off may move the last step of a run."""
@@ -111,6 +111,12 @@ class HarmonicMotion:
 
     frequency: float
     amplitude: float
+
+    def __post_init__(self) -> None:
+        """Refuse what is no motion with a CaseError."""
+        is_frequency = math.isfinite(self.frequency) and self.frequency > 0.0
+        require(is_frequency, "frequency", "a number above 0 [Hz]", self.frequency)
+        require(math.isfinite(self.amplitude), "amplitude", "a finite number [m]", self.amplitude)
 
     def states(self, times: npt.ArrayLike) -> FloatArray:
         """Return displacement, velocity and acceleration, shape (k, 3); see `BaseMotion`."""

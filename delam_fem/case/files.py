@@ -8,14 +8,42 @@ import tomllib
 from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
+from typing import TypeAlias
 
 from delam_fem.case.definition import Case
-from delam_fem.case.toml import Data, apply_overrides, read_toml, set_key, toml_text
+from delam_fem.case.toml import Data, apply_overrides, read_toml, set_key, shown, toml_text
 from delam_fem.system.errors import CaseError
 from delam_fem.system.files import OUTPUTS, atomic, write_text
 
+CaseSource: TypeAlias = Case | str | Path
+"""A case, the name of a preset, or the path of a case file."""
 PRESETS = ("paper", "default", "embedded", "edge")
 """Names of the presets: the cases that come with the package."""
+
+
+def find_case(what: CaseSource, overrides: Mapping[str, object] | None = None) -> Case:
+    """Return the case that is meant: a case itself, a preset by its name, or a case file.
+
+    Args:
+        what: a case, the name of a preset, or the path of a case file.
+        overrides: see `Case.with_overrides`.
+
+    Raises:
+        CaseError: there is no such preset or file, or the case is not valid.
+    """
+    if isinstance(what, Case):
+        return what.with_overrides(overrides) if overrides else what
+    path = Path(what)
+    try:
+        is_file = path.suffix == ".toml" or len(path.parts) > 1 or path.is_file()
+    except OSError as error:
+        raise CaseError(f"case {shown(what)}: cannot be read ({error.strerror})") from None
+    if not is_file and what not in PRESETS:
+        raise CaseError(
+            f"case {shown(what)}: neither a file nor a preset; expected a case file (.toml) or one "
+            f"of {', '.join(PRESETS)}"
+        )
+    return load_case(path, overrides) if is_file else preset(str(what), overrides)
 
 
 def load_case(path: str | Path, overrides: Mapping[str, object] | None = None) -> Case:
@@ -44,12 +72,13 @@ def load_case(path: str | Path, overrides: Mapping[str, object] | None = None) -
     return _case(data, overrides, f"case {path}")
 
 
-def preset(name: str, overrides: Mapping[str, object] | None = None) -> Case:
+def preset(name: str, overrides: Mapping[str, object] | None = None, **by_word: object) -> Case:
     """Return a preset, a case that comes with the package.
 
     Args:
         name: one of `PRESETS`.
         overrides: see `Case.with_overrides`.
+        **by_word: see `Case.with_overrides`.
 
     Returns:
         The case.
@@ -57,7 +86,8 @@ def preset(name: str, overrides: Mapping[str, object] | None = None) -> Case:
     Raises:
         CaseError: there is no such preset, or an override is not valid.
     """
-    return _case(tomllib.loads(preset_text(name)), overrides, f"case {name}")
+    case = _case(tomllib.loads(preset_text(name)), overrides, f"case {name}")
+    return case.with_overrides(None, **by_word) if by_word else case
 
 
 def preset_text(name: str) -> str:

@@ -59,22 +59,12 @@ Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Show no progress, no
 
 def case_of(name: str, overrides: list[str] | None) -> Case:
     """Return the case of a preset or a case file, with the overrides of the command line."""
-    from delam_fem.case.files import PRESETS, load_case, preset
-    from delam_fem.case.toml import parse_override, shown
+    from delam_fem.case.files import find_case
+    from delam_fem.case.toml import parse_override
     from delam_fem.system.errors import CaseError
 
     keys = dict(parse_override(text) for text in overrides or [])
-    path = Path(name)
-    try:
-        is_file = path.suffix == ".toml" or len(path.parts) > 1 or path.is_file()
-    except OSError as error:
-        raise CaseError(f"case {shown(name)}: cannot be read ({error.strerror})") from None
-    if not is_file and name not in PRESETS:
-        raise CaseError(
-            f"case {shown(name)}: neither a file nor a preset; expected a case file (.toml) or one "
-            f"of {', '.join(PRESETS)}"
-        )
-    case = load_case(path, keys) if is_file else preset(name, keys)
+    case = find_case(name, keys)
     window, longest = keys.get("output.window_periods"), case.n_periods
     if case.is_periodic and isinstance(window, int) and window > longest:
         raise CaseError(

@@ -10,10 +10,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Literal, Protocol
+from typing import Literal, Protocol, get_args
 
 from delam_fem.contact.decision import Setting, Supervisor
 from delam_fem.numerics.schemes import SCHEMES, Scheme
+from delam_fem.system.errors import require, require_number
 
 LawName = Literal["none", "newton", "newton-penalty", "penalty"]
 Impulse = Literal["lumped", "consistent"]
@@ -49,6 +50,8 @@ class ContactLaw(Protocol):
 class Law:
     """A contact law of the table with its parameters; a law ignores parameters it does not need.
 
+    A parameter that no law can have is refused with a CaseError.
+
     Attributes:
         name: the law's name in case files.
         restitution: e [-].
@@ -66,6 +69,15 @@ class Law:
     penalty_stiffness: float = 0.0
     penalty_damping: float = 0.0
     threshold_velocity: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse an unknown name, and parameters out of range."""
+        require(self.name in LAWS, "law", f"one of {', '.join(LAWS)}", self.name)
+        kinds = get_args(Impulse)
+        require(self.impulse in kinds, "impulse", f"one of {', '.join(kinds)}", self.impulse)
+        require_number("restitution", self.restitution, most=1.0)
+        for key in ("penalty_stiffness", "penalty_damping", "threshold_velocity"):
+            require_number(key, getattr(self, key))
 
     @property
     def spring(self) -> tuple[float, float]:

@@ -17,30 +17,34 @@ a motion of the base are enough.
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, Protocol, get_args
+from typing import TYPE_CHECKING, Any, Literal, Protocol, get_args
 
 import numpy as np
+import numpy.typing as npt
 
-from delam_fem.case.definition import Case
+from delam_fem.case.definition import PARTS, ROUND_OFF, Case
 from delam_fem.case.excitation import HarmonicMotion, drive
-from delam_fem.contact.laws import ContactLaw, Law, combination
+from delam_fem.contact.laws import ContactLaw, Law, LawName, combination
 from delam_fem.model.linear import require_stable
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.arrays import FloatArray, IntArray
-from delam_fem.numerics.schemes import SCHEMES, Scheme
+from delam_fem.numerics.schemes import SCHEMES, Scheme, SchemeName
 from delam_fem.simulation import checkpoint
 from delam_fem.simulation.interrupts import Watch, stop_signals
 from delam_fem.simulation.loop import ASKED_EVERY, Engine, Outcome, State, set_initial, simulate
 from delam_fem.simulation.recorder import LEDGER, N_BASE, PeriodRecord, Recorder
 from delam_fem.simulation.refinement import NOT_REFINED, Refinement, Span
-from delam_fem.system.errors import CaseError
+from delam_fem.system.errors import CaseError, require
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from delam_fem.system.mpi import MPI
 
 EngineName = Literal["petsc", "compiled"]
@@ -228,6 +232,11 @@ class Solution:
     @cached_property
     def displacement(self) -> FloatArray:
         """Displacements of the probes at the times `time`, shape (k, n_probes) [m]."""
+        if not self.recorder.strobe.shape[2]:
+            raise CaseError(
+                "operators: probes: missing, so no displacement is recorded; give Operators(…, "
+                "probes=P), P of shape (n_probes, n_dofs)"
+            )
         first, *_ = records = self.records
         rows = np.concatenate([first.u[:1], *(r.u[1 : r.n_steps + 1] for r in records)])
         n = self.recorder.strobe.shape[2]
@@ -259,6 +268,38 @@ class Solution:
             before += record.n_steps
         time_, pair, impulse, rate_pre = np.concatenate(rows, axis=1)
         return ImpactTable(time_, pair.astype(np.int64), impulse, rate_pre)
+
+    @cached_property
+    def history(self) -> xr.Dataset:
+        """What the run recorded, with units: probes, impacts, strobes and energies."""
+        import xarray as xr
+
+        def of(
+            dims: tuple[str, ...], values: npt.NDArray[Any], unit: str, meaning: str
+        ) -> xr.Variable:
+            return xr.Variable(dims, values, {"units": unit, "long_name": meaning})
+
+        n, impacts, at = self.recorder.n_closed, self.impacts, ("impact",)
+        energies = {
+            f"energy_{name}": of(("period",), column, "J", f"energy: {name.replace('_', ' ')}")
+            for name, column in self.energy.items()
+        }
+        return xr.Dataset(
+            {
+                "displacement": of(("probe", "time"), self.displacement.T, "m", "probes of u"),
+                "velocity": of(("probe", "time"), self.velocity.T, "m/s", "probes of v"),
+                "strobe_displacement": of(
+                    ("probe", "period"), self.recorder.strobe[:n, 0].T, "m", "at ends of periods"
+                ),
+                "impact_time": of(at, impacts.time, "s", "end of the step of an impulse"),
+                "impact_pair": of(at, impacts.pair, "1", "contact pair, from 0"),
+                "impact_impulse": of(at, impacts.impulse, "N s", "impulse on the pair"),
+                "impact_rate_pre": of(at, impacts.rate_pre, "m/s", "gap rate before it"),
+                **energies,
+            },
+            {"time": of(("time",), self.time, "s", "time since the start of the window")},
+            {"outcome": self.outcome, "energy_residual": self.recorder.energy_residual()},
+        )
 
     @property
     def energy(self) -> dict[str, FloatArray]:
@@ -409,12 +450,13 @@ def session_of(
 
 def solve(
     operators: Operators,
-    law: ContactLaw,
-    scheme: Scheme,
+    law: ContactLaw | LawName,
+    scheme: Scheme | SchemeName,
     motion: Prescribed | None = None,
     *,
-    steps_per_period: int,
-    periods: int,
+    steps_per_period: int | None = None,
+    periods: int | None = None,
+    until: float | None = None,
     refinement: Refinement = NOT_REFINED,
     time_step: float | None = None,
     window_periods: int | None = None,
@@ -429,11 +471,14 @@ def solve(
 
     Args:
         operators: the semi-discrete problem, from any discretisation.
-        law: the contact law: `Law`, or a law of your own (`contact.laws.ContactLaw`).
-        scheme: one of `SCHEMES`, or a `Scheme` with other numbers.
+        law: the contact law: `Law` or the name of one, or a law of your own
+            (`contact.laws.ContactLaw`).
+        scheme: one of `SCHEMES` or its name, or a `Scheme` with other numbers.
         motion: motion of the base; None: the base does not move.
-        steps_per_period: N; a period is any stretch of N steps.
-        periods: number of periods to compute.
+        steps_per_period: N; a period is any stretch of N steps. None: with `until` and `time_step`,
+            a hundredth of the run.
+        periods: number of periods to compute; None: as many as `until` needs.
+        until: time that the run covers at least [s], instead of `periods`.
         refinement: how steps near contact are divided.
         time_step: Δt [s]; None: 1/(N f) of a harmonic motion.
         window_periods: number of last periods that are recorded at every step; None: all.
@@ -451,12 +496,16 @@ def solve(
         CaseError: the law does not go with the scheme or the engine, or the time step is missing or
             exceeds the stability limit.
     """
-    window = periods if window_periods is None else window_periods
+    law = Law(law) if isinstance(law, str) else law
+    if isinstance(scheme, str):
+        require(scheme in SCHEMES, "scheme", f"one of {', '.join(SCHEMES)}", scheme)
+        scheme = SCHEMES[scheme]
+    dt, n_steps, periods = _length(time_step, motion, steps_per_period, periods, until)
     span = Span(
-        _time_step(time_step, motion, steps_per_period),
-        steps_per_period,
+        dt,
+        n_steps,
         periods,
-        window,
+        periods if window_periods is None else window_periods,
         frames_per_period,
         limit,
         refinement,
@@ -469,16 +518,32 @@ def solve(
         return opened.solution(outcome)
 
 
-def _time_step(given: float | None, motion: Prescribed | None, steps_per_period: int) -> float:
-    """Return the time step [s]; if it is not given, take it from the motion."""
-    if given is not None:
-        return given
-    if not isinstance(motion, HarmonicMotion):
-        raise CaseError(
-            "time_step: missing; give time_step, or a harmonic motion of the base, whose frequency "
-            "determines it"
-        )
-    return 1.0 / (steps_per_period * motion.frequency)
+def _length(
+    time_step: float | None,
+    motion: Prescribed | None,
+    n_steps: int | None,
+    periods: int | None,
+    until: float | None,
+) -> tuple[float, int, int]:
+    """Return the time step [s], the steps of a period and the periods of a run."""
+    if (periods is None) == (until is None):
+        raise CaseError("solve: expected either periods or until [s]; given both or none")
+    if until is not None:
+        require(0.0 < until < math.inf, "until", "a number above 0 [s]", until)
+    if n_steps is None and until is not None and time_step:
+        n_steps = math.ceil(until / (PARTS * time_step) * (1.0 - ROUND_OFF))
+    if n_steps is None:
+        raise CaseError("steps_per_period: missing; give it, or until and time_step [s]")
+    if time_step is None:
+        if not isinstance(motion, HarmonicMotion):
+            raise CaseError(
+                "time_step: missing; give time_step, or a harmonic motion of the base, whose "
+                "frequency determines it"
+            )
+        time_step = 1.0 / (n_steps * motion.frequency)
+    if periods is None and until is not None:
+        periods = math.ceil(until / (n_steps * time_step) * (1.0 - ROUND_OFF))
+    return time_step, n_steps, periods or 0
 
 
 def _states(motion: Prescribed, span: Span) -> BaseStates:

@@ -17,6 +17,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from delam_fem.numerics.arrays import FloatArray
+from delam_fem.system.errors import CaseError, require
 
 
 @dataclass(frozen=True)
@@ -167,8 +168,19 @@ class Operators(Recorded):
         """Check the shapes; replace missing probes and sensors by an empty matrix.
 
         Raises:
+            CaseError: a matrix is not sparse or not finite, or a mass is negative.
             ValueError: a matrix or vector does not fit the number of dofs or of pairs.
         """
+        for name in ("mass", "damping", "stiffness", "gap_matrix"):
+            given = getattr(self, name)
+            if not sp.issparse(given):
+                raise CaseError(
+                    f"operators: {name}: expected a sparse matrix, given {type(given).__name__}; "
+                    f"write scipy.sparse.csr_matrix({name})"
+                )
+            require(np.isfinite(given.data).all(), f"operators: {name}", "finite numbers", given)
+        least = float(self.mass.diagonal().min(initial=0.0))
+        require(least >= 0.0, "operators: mass", "a diagonal without negative numbers", least)
         n = self.n_dofs
         square = {"mass": (n, n), "damping": (n, n), "stiffness": (n, n)}
         self._complete(n, square, "operators: {name} has shape {given}, expected {expected}")

@@ -10,7 +10,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Literal
+from typing import Literal, get_args
+
+from delam_fem.system.errors import require, require_number
 
 SchemeName = Literal["newmark", "central-difference", "moreau-jean"]
 
@@ -30,6 +32,14 @@ class Scheme:
     beta: float = 0.25
     gamma: float = 0.5
     theta: float = 0.5
+
+    def __post_init__(self) -> None:
+        """Refuse an unknown name, and parameters out of range, with a CaseError."""
+        names = get_args(SchemeName)
+        require(self.name in names, "scheme", f"one of {', '.join(names)}", self.name)
+        require_number("beta", self.beta)
+        require_number("gamma", self.gamma)
+        require_number("theta", self.theta, least=0.5, most=1.0)
 
     @property
     def has_impulses_within(self) -> bool:

@@ -9,6 +9,7 @@ import scipy.sparse as sp
 from matplotlib.figure import Figure
 
 from delam_fem.case.definition import Case
+from delam_fem.case.files import CaseSource, find_case
 from delam_fem.model.discretise import require_kind
 from delam_fem.model.layout import Structure
 from delam_fem.model.operators import Operators
@@ -158,7 +159,7 @@ class Comparison(Finding):
         )
 
 
-def compare(case: Case, *, impacts: int = 20, periods: int = 3) -> Comparison:
+def compare(case: CaseSource, *, impacts: int = 20, periods: int = 3) -> Comparison:
     """Compare the matrices and frequencies of a case with the reference, and its motion from rest.
 
     The reference computes the motion of some laws with Newmark and a harmonic excitation. Each
@@ -176,6 +177,7 @@ def compare(case: Case, *, impacts: int = 20, periods: int = 3) -> Comparison:
     Raises:
         CaseError: a number is below 1.
     """
+    case = find_case(case)
     for name, number in (("impacts", impacts), ("periods", periods)):
         if number < 1:
             raise CaseError(f"{name}: expected at least 1, given {number}")

@@ -21,6 +21,7 @@ from delam_fem.contact.decision import Decision, Kinematics, Supervisor
 from delam_fem.model.layout import Structure
 from delam_fem.numerics.arrays import BoolArray, FloatArray
 from delam_fem.simulation.recorder import PeriodRecord, Recorder, Stepper
+from delam_fem.system.errors import require
 
 Outcome = Literal["completed", "diverged", "interrupted"]
 
@@ -44,6 +45,14 @@ class State:
     resting: BoolArray
     losses: tuple[float, float] = (0.0, 0.0)
     internal: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse arrays of another form with a CaseError."""
+        shape = np.shape(self.motion)
+        is_motion = len(shape) == 2 and shape[0] == 3
+        require(is_motion, "state.motion", "the shape (3, n): u, v, a", shape)
+        kind = np.asarray(self.resting).dtype
+        require(kind == np.bool_, "state.resting", "an array of bool, one per pair", kind.name)
 
 
 class Moving(Stepper, Protocol):
@@ -231,7 +240,11 @@ def set_initial(engine: Engine, initial: State | None, base_state: FloatArray) -
         initial: state at the start, whose losses are ignored; None: the present state.
         base_state: (q, q', q'') of the base at the start, shape (3,).
     """
-    initial = engine.state() if initial is None else initial
+    present = engine.state()
+    initial = present if initial is None else initial
+    for name in ("motion", "resting"):
+        needed, given = getattr(present, name).shape, getattr(initial, name).shape
+        require(given == needed, f"initial.{name}", f"the shape {needed}", given)
     engine.restore(State(initial.motion, initial.resting), base_state)
     engine.stepper.renew_acceleration()
 

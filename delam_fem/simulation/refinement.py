@@ -23,6 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from delam_fem.numerics.arrays import IntArray
+from delam_fem.system.errors import require, require_number
 from delam_fem.system.kernels import kept, njit
 
 SAFETY = 2.0
@@ -154,3 +155,14 @@ class Span:
     frames_per_period: int = 0
     limit: float = math.inf
     refinement: Refinement = NOT_REFINED
+
+    def __post_init__(self) -> None:
+        """Refuse numbers without a meaning with a CaseError."""
+        is_step = math.isfinite(self.time_step) and self.time_step > 0.0
+        require(is_step, "time_step", "a number above 0 [s]", self.time_step)
+        for key in ("steps_per_period", "periods"):
+            given = getattr(self, key)
+            require(given == int(given) and given >= 1, key, "a whole number from 1", given)
+        require_number("window_periods", self.window_periods, most=self.periods)
+        require_number("frames_per_period", self.frames_per_period, most=self.steps_per_period)
+        require(self.limit > 0.0, "limit", "a number above 0 [m]", self.limit)

@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from scipy.sparse.linalg import splu
 
 from delam_fem.case.definition import Case
+from delam_fem.case.files import CaseSource, find_case
 from delam_fem.engines.session import EngineName
 from delam_fem.model import discretise
 from delam_fem.model.layout import Structure
@@ -364,7 +365,7 @@ class ModelComparison(Finding):
 
 
 def compare_models(
-    case: Case,
+    case: CaseSource,
     names: Sequence[str],
     *,
     frequencies: Sequence[float] = (),
@@ -385,6 +386,7 @@ def compare_models(
     Raises:
         CaseError: a model or a motion cannot be computed.
     """
+    case = find_case(case)
     if periods < 2:
         raise CaseError(f"periods: expected at least 2, given {periods}")
     if not case.is_periodic:

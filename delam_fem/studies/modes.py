@@ -21,6 +21,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from delam_fem.case.definition import Case
+from delam_fem.case.files import CaseSource, find_case
 from delam_fem.model import discretise
 from delam_fem.model.beams.network import n_rigid
 from delam_fem.model.layout import Structure, nodal
@@ -341,7 +342,7 @@ class Modes(Finding):
         return figure
 
 
-def modes(case: Case, n: int = 6, *, delaminations: Kind = "free") -> Modes | StructureModes:
+def modes(case: CaseSource, n: int = 6, *, delaminations: Kind = "free") -> Modes | StructureModes:
     """Return the lowest modes from the weak forms in dolfinx.
 
     Args:
@@ -357,6 +358,7 @@ def modes(case: Case, n: int = 6, *, delaminations: Kind = "free") -> Modes | St
     Raises:
         CaseError: n is below 1 or above the number of dofs.
     """
+    case = find_case(case)
     structure = discretise.assemble(case)
     if not case.is_apart or case.point_mass:
         return structure_modes(structure, case, n, kind=delaminations)

@@ -28,6 +28,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from delam_fem.case.definition import Case
+from delam_fem.case.files import CaseSource, find_case
 from delam_fem.engines.modal import Drive, Period, Periods
 from delam_fem.engines.session import BaseStates, motion_of, span_of
 from delam_fem.model import discretise
@@ -274,7 +275,7 @@ class ReducedMotion:
 
 
 def reduced(
-    case: Case,
+    case: CaseSource,
     modes: int = MODES,
     *,
     refine: int = REFINE,
@@ -291,6 +292,7 @@ def reduced(
     Raises:
         CaseError: the case cannot be reduced to so many modes.
     """
+    case = find_case(case)
     structure = discretise.assemble(case, needs_dolfinx=False) if structure is None else structure
     try:
         operators = structure.operators

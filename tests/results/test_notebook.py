@@ -71,7 +71,7 @@ def test_studies_are_functions_of_the_package(
     monkeypatch.setattr(ladders, "run_ladder", lambda *a, **keys: asked.append((a, keys)))
     case = df.preset("paper", {"mesh.elements": 5})
     df.converge(case, tmp_path, laws=["newton@moreau-jean"], steps=[100, 200], workers=1)
-    df.converge(case, tmp_path, meshes=[5, 10], limit_steps=0, resume=True)
+    df.converge(case, tmp_path, elements=[5, 10], limit_steps=0, resume=True)
     (first, directory), keys = asked[0]
     assert (first.case, first.meshes, first.steps) == (case, (5,), (100, 200))
     assert [m.name for m in first.methods] == ["newton@moreau-jean"]

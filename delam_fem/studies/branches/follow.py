@@ -25,7 +25,7 @@ import numpy as np
 from pydantic_core import PydanticCustomError
 
 from delam_fem.case.definition import Case
-from delam_fem.case.files import save_case
+from delam_fem.case.files import CaseSource, find_case, save_case
 from delam_fem.case.values import in_si
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.results.figures.style import styled
@@ -164,7 +164,7 @@ class Plan:
 
 
 def follow(
-    case: Case,
+    case: CaseSource,
     key: str,
     start: float,
     stop: float,
@@ -210,6 +210,7 @@ def follow(
         ArithmeticError: there is no orbit at the start.
         OSError: the folder cannot be written.
     """
+    case = find_case(case)
     if not start != stop:
         raise CaseError(f"{key}: expected a range to follow, given {start:g} to {stop:g}")
     perturbations = perturbations or usual(model)

@@ -22,7 +22,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from delam_fem.case.definition import Case
+from delam_fem.case.files import CaseSource, find_case
 from delam_fem.engines.cost import FILE_BYTES, STUDY_SECONDS, WORKER_BYTES, Cost, run_cost
 from delam_fem.engines.session import EngineName
 from delam_fem.results.folder import json_ready
@@ -113,11 +113,12 @@ def run_ladder(
 
 
 def converge(
-    case: Case,
-    directory: str | Path,
+    case: CaseSource,
+    directory: str | Path | None = None,
     *,
     laws: Sequence[str] = METHODS,
-    meshes: Sequence[MeshChoice] = (),
+    elements: Sequence[int] = (),
+    meshes: Sequence[MeshChoice | str] = (),
     steps: Sequence[int] = (),
     periods: int = PERIODS,
     limit_steps: int = LIMIT_STEPS,
@@ -129,11 +130,11 @@ def converge(
     """Refine a case: compute a ladder of runs with all methods side by side.
 
     Args:
-        case: the case to refine.
-        directory: folder of the results.
+        case: the case to refine; also the name of a preset, or the path of a case file.
+        directory: folder of the results; None: runs/NAME-converge.
         laws: methods, as "newton@moreau-jean".
-        meshes: numbers of elements per lamina or mesh files, from coarse to fine; none: the mesh
-            of the case.
+        elements: numbers of elements per lamina, increasing.
+        meshes: mesh files, from coarse to fine; with neither: the mesh of the case.
         steps: numbers of steps per period, increasing; none: those of the case.
         periods: number of periods in the statistics.
         limit_steps: steps per period of the rigid limit; 0: no limit.
@@ -145,11 +146,13 @@ def converge(
     Raises:
         CaseError: the ladder is not valid, or the folder holds another one.
     """
+    case = find_case(case)
+    directory = directory or Path("runs") / f"{case.name}-converge"
     own = case.mesh.elements or Path(case.mesh.file or "")  # a case has one of them
     ladder = Ladder(
         case,
         tuple(method(text) for text in laws),
-        tuple(meshes) or (own,),
+        (*elements, *(Path(m) if isinstance(m, str) else m for m in meshes)) or (own,),
         tuple(steps) or (case.time.steps_per_period,),
         periods,
         limit_steps,

@@ -205,7 +205,7 @@ def scans(name: str, case: Case, axes: tuple[Axis, ...], scan: ScanRecord) -> Sw
     file = SweepFile.model_validate(
         dict(name=name, base="case.toml", combine="zip", start="steady", axis=axes, record=record)
     )
-    sweep = Sweep(file, case)
+    sweep = Sweep(case, file)
     require_valid(sweep)
     return sweep
 

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from delam_fem.case.definition import Case
+from delam_fem.case.files import CaseSource, find_case
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.results.provenance import versions
 from delam_fem.studies import options
@@ -265,7 +266,7 @@ MOST_PERIODS = 64
 
 
 def orbit(
-    case: Case,
+    case: CaseSource,
     *,
     periods: int = 1,
     settle: int = SETTLE,
@@ -300,6 +301,7 @@ def orbit(
     Raises:
         CaseError: the drive is not periodic, the motion diverges, or P is out of range.
     """
+    case = find_case(case)
     if not 1 <= periods <= MOST_PERIODS:
         raise CaseError(f"period: expected 1 to {MOST_PERIODS} periods, given {periods}")
     began = time.process_time()

@@ -11,7 +11,7 @@ import difflib
 import math
 import pickle
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from html import escape
@@ -21,7 +21,7 @@ import numpy as np
 from pydantic_core import PydanticCustomError
 
 from delam_fem.case.definition import Case
-from delam_fem.case.files import PRESETS, load_case, preset
+from delam_fem.case.files import PRESETS, CaseSource, find_case, load_case, preset
 from delam_fem.case.toml import Data, apply_overrides, message, read_toml, toml_text
 from delam_fem.case.values import in_si
 from delam_fem.numerics.arrays import IntArray
@@ -78,17 +78,42 @@ class Dimension:
     along: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, init=False)
 class Sweep:
     """A sweep: a grid of points, each with its case.
 
     Attributes:
-        file: content of the sweep file.
         base: base case with the overrides of the file.
+        file: content of the sweep file.
     """
 
-    file: SweepFile
     base: Case
+    file: SweepFile
+
+    def __init__(
+        self,
+        base: CaseSource,
+        axes: SweepFile | Mapping[str, Iterable[Value]],
+        **options: object,
+    ) -> None:
+        """Describe a sweep, as in `Sweep("default", {"excitation.frequency": [3.2, 3.3]})`.
+
+        Args:
+            base: the case that is varied; also the name of a preset, or the path of a case file.
+            axes: values by key of the case; or the content of a sweep file, used as it is.
+            **options: further keys of a sweep file, such as order="up" or record={"strobes": 80}.
+
+        Raises:
+            CaseError: a key or a value is not valid.
+        """
+        object.__setattr__(self, "base", find_case(base))
+        if isinstance(axes, SweepFile):
+            object.__setattr__(self, "file", axes)
+            return
+        given = [{"key": k, "values": np.asarray(v).tolist()} for k, v in axes.items()]
+        data = {"name": self.base.name, "base": self.base.name, "axis": given, **options}
+        object.__setattr__(self, "file", _file_of(data))
+        require_valid(self)
 
     @cached_property
     def dimensions(self) -> tuple[Dimension, ...]:
@@ -278,21 +303,25 @@ def sweep_of(
     Raises:
         CaseError: see `load_sweep`.
     """
-    from pydantic import ValidationError
-
-    label = f"sweep {data.get('name')}"
-    try:
-        file = SweepFile.model_validate(_with_numbers(data))
-    except ValidationError as error:
-        raise CaseError(message(label, error, data)) from None
+    label, file = f"sweep {data.get('name')}", _file_of(data)
     values = file.set | dict(overrides or {})
     clash = next((axis.key for axis in file.axis if axis.key in (overrides or {})), None)
     if clash is not None:
         raise CaseError(f"override {clash}: is an axis of {label}; change it in the file")
     base = preset(file.base, values) if file.base in PRESETS else _file(file.base, values, folder)
-    sweep = Sweep(file, base)
+    sweep = Sweep(base, file)
     require_valid(sweep)
     return sweep
+
+
+def _file_of(data: Data) -> SweepFile:
+    """Return the content of a sweep file as the model that checks it."""
+    from pydantic import ValidationError
+
+    try:
+        return SweepFile.model_validate(_with_numbers(data))
+    except ValidationError as error:
+        raise CaseError(message(f"sweep {data.get('name')}", error, data)) from None
 
 
 def _with_numbers(data: Data) -> Data:

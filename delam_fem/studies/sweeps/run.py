@@ -305,7 +305,7 @@ def _schedule(
 ) -> Iterator[Schedule]:
     """Yield a schedule of the missing points, on an executor that is open in this context."""
     ready = deque(left)
-    packed = pickle.dumps(Sweep(sweep.file, sweep.base))  # without what it has cached
+    packed = pickle.dumps(Sweep(sweep.base, sweep.file))  # without what it has cached
     if isinstance(executor, Executor):
         yield Schedule(packed, workers or executors.size_of(executor), ready, executor)
         return
