@@ -1,9 +1,8 @@
 """Define the section `[excitation]` of a case, and read a course of values from a table.
 
-Define the section `[excitation]` of a case: what makes the laminae move.
-
-The base moves, or a force acts at a point of a lamina. Every kind has the properties `acts_on`,
-`is_periodic`, `top_frequency` and `length`, so that other code need not know the kinds.
+Define the section `[excitation]` of a case: what makes the laminae move. The base moves, or a force
+acts at a point of a lamina. Every kind has the properties `acts_on`, `is_periodic`, `top_frequency`
+and `length`, so that other code need not know the kinds.
 """
 
 from __future__ import annotations

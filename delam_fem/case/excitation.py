@@ -2,8 +2,6 @@
 
 Compute the force at a point of a lamina in time: the blow of a hammer, or a table.
 
-A sine or a swept sine has the course of a motion of the base; see `excitation.py`.
-
 Motions of the base start at t = 0 with the displacement 0 but not with the velocity 0: the base
 starts abruptly while the laminae are at rest, as in the paper.
 """

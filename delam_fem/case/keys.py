@@ -1,15 +1,13 @@
 """List all keys of a case file: as a reference, as a JSON schema, as a commented template.
 
-List every key of a case file with its type, unit, default and meaning, read from the models.
-
-The models of `sections.py` and its neighbours are the only source: types and defaults are those of
+List every key of a case file with its type, unit, default and meaning, read from the models. The
+models of `sections.py` and its neighbours are the only source: types and defaults are those of
 their fields, units and meanings those of the `Attributes` in their docstrings. Commented case files
 and pages of documentation are written from this list.
 
-Describe a case file by a JSON schema, with which editors check and complete it.
-
-The schema follows from the models. It is a little more lenient than they are: what several keys
-must fulfil together is checked when a case is read.
+Describe a case file by a JSON schema, with which editors check and complete it. The schema follows
+from the models. It is a little more lenient than they are: what several keys must fulfil together
+is checked when a case is read.
 """
 
 from __future__ import annotations

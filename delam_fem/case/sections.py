@@ -1,8 +1,7 @@
 """Define the sections of a case as frozen, strict models.
 
-Young's modulus and density of named materials: nominal values for a first model.
-
-Sheets of one name differ by some percent: where natural frequencies matter, identify the modulus.
+Young's modulus and density of named materials: nominal values for a first model. Sheets of one name
+differ by some percent: where natural frequencies matter, identify the modulus.
 
 Sources:
     aluminium: EN 1999-1-1, 3.2.5.

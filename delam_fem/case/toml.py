@@ -1,7 +1,5 @@
 """Read and write TOML as plain dictionaries, with overrides of single keys and readable messages.
 
-Read and write TOML as plain dictionaries, and put validation errors into readable messages.
-
 This module does not know what a case contains; `sections.py` and `definition.py` define that.
 """
 

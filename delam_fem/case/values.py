@@ -1,8 +1,7 @@
 """The types of the values of a case, and values that carry a unit.
 
-Read values that carry a unit, such as "2 mm", "70 GPa" or "3.25 Hz"; everything else is SI.
-
-The names of units are those of pint, which is imported only where a text has a unit.
+Read values that carry a unit, such as "2 mm", "70 GPa" or "3.25 Hz"; everything else is SI. The
+names of units are those of pint, which is imported only where a text has a unit.
 """
 
 from __future__ import annotations

@@ -1,13 +1,11 @@
 """The terminal: messages once each, tables, progress without readers, the exit status.
 
-Show the messages of the package on the terminal, once each, and keep them in a file.
+Show the messages of the package on the terminal, once each, and keep them in a file. Every command
+has `-v` and `--log FILE`, which `with_messages` adds.
 
-Every command has `-v` and `--log FILE`, which `with_messages` adds.
-
-Keep a command alive when nobody reads its output any more.
-
-A reader may go away (`… | head`), a terminal may be closed, a disk may be full. What cannot be
-written is dropped; the computation and its files go on.
+Keep a command alive when nobody reads its output any more. A reader may go away (`… | head`), a
+terminal may be closed, a disk may be full. What cannot be written is dropped; the computation and
+its files go on.
 """
 
 from __future__ import annotations

@@ -1,18 +1,18 @@
 """The rules of the contact laws: who is hit, who rests, and with which impulses.
 
 Formulas of the contact laws as pure functions of gaps and gap rates, without time or state.
-
 Impulses [N s] and forces [N] act on pairs; H^T maps them to the dofs. A positive impulse or force
 pushes the laminae apart.
 
-Newton's impact law between two steps, alone or with springs for pairs that stay closed.
+Newton's impact law between two steps, alone or with springs for pairs that stay closed. The laws
+are "newton" (paper 3.1) and "newton-penalty" (paper 3.2, eq. 17 as corrected). They go with schemes
+that ask the law at the end of a step.
 
-The laws are "newton" (paper 3.1) and "newton-penalty" (paper 3.2, eq. 17 as corrected). They go
-with schemes that ask the law at the end of a step.
+Newton's impact law with impulses inside the step, as the Moreau–Jean scheme needs it:
 
-Newton's impact law with impulses inside the step, as the Moreau–Jean scheme needs it.
+    0 <= p  ⊥  U̇⁺ + e U̇ >= 0
 
-0 <= p  ⊥  U̇⁺ + e U̇ >= 0 on every pair whose gap, predicted for the middle of the step, is closed.
+on every pair whose gap, predicted for the middle of the step, is closed.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """March a reduced problem through its periods: exact modes, rigid contact, fine steps near contact.
 
-The exact motion of modes in a step, as numbers that compiled code needs.
-
-A mode q'' + c q' + ω² q = F has the load F = F0 + ΔF τ/h in a step of length h. Then exactly
+The exact motion of modes in a step, as numbers that compiled code needs. A mode q'' + c q' + ω² q =
+F has the load F = F0 + ΔF τ/h in a step of length h. Then exactly
 
     q1 = a11 q0 + a12 v0 + b1 F0 + d1 ΔF,   v1 = a21 q0 + a22 v0 + b2 F0 + d2 ΔF              (P1)
     c ∫ v² dτ = xᵀ Q x,   x = (q0, v0, F0, ΔF)                                                 (P2)

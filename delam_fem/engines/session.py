@@ -1,14 +1,10 @@
 """Set up and run a computation: choose the engine, give it a problem, collect the solution.
 
-Choose the engine, the contact law and the scheme of a case by their names.
+Choose the engine, the contact law and the scheme of a case by their names. An engine is imported
+only when it is chosen, so that a worker that needs one engine starts fast.
 
-An engine is imported only when it is chosen, so that a worker that needs one engine starts fast.
-
-Set a run up: its length, and the motion of its base period by period, with or without a case.
-
-This module imports neither dolfinx nor PETSc, so that the workers of a sweep start fast.
-
-Set up and run a computation: put a problem, an engine and a recorder together.
+Set a run up: its length, and the motion of its base period by period, with or without a case. This
+module imports neither dolfinx nor PETSc, so that the workers of a sweep start fast.
 
 This is the only place where a run is set up. `solve` needs no case: operators, a law, a scheme and
 a motion of the base are enough.

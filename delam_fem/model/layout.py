@@ -3,10 +3,9 @@
 `Operators` contain only numbers. A layout says which dof belongs to which point of which part,
 between which points the contact pairs are, and which points the probes record at every step.
 
-Contact pairs: the gap operator, the weights of pairs, the rows of probes.
-
-A pair is at two opposite points, or inside two opposite cells, where the gap is that of the cubic
-Hermite interpolants of both parts.
+Contact pairs: the gap operator, the weights of pairs, the rows of probes. A pair is at two opposite
+points, or inside two opposite cells, where the gap is that of the cubic Hermite interpolants of
+both parts.
 """
 
 from __future__ import annotations

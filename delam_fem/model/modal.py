@@ -1,16 +1,14 @@
 """Structures in modes: a few modes of each body, and the flexibility of those that are left out.
 
-The bodies of a structure: groups of dofs that M, C and K do not couple, and their modes.
-
-A body is factorised once. The factors give its lowest modes by inverse iteration in a Krylov space
-(ARPACK), and the static shapes of its loads.
+The bodies of a structure: groups of dofs that M, C and K do not couple, and their modes. A body is
+factorised once. The factors give its lowest modes by inverse iteration in a Krylov space (ARPACK),
+and the static shapes of its loads.
 
 A body that is not held has a singular stiffness. All is then solved with K + s M: the modes are the
 same, and static shapes follow by iteration, see `Body.static`.
 
-Modes and residual flexibility as one basis V, in which M is the identity and K diagonal.
-
-Of each body the basis has
+Modes and residual flexibility as one basis V, in which M is the identity and K diagonal. Of each
+body the basis has
 
 - the lowest normal modes Φ,
 - what the omitted modes give statically way to by a force at each contact pair, by the motion of

@@ -1,10 +1,9 @@
 """Reduce a case to modes, and keep the reduced structure in a file.
 
-The file of a reduced structure: written by `delam-fem reduce`, read for `kind = "reduced"`.
-
-It is an archive of NumPy (.npz) with the operators, the layout and the case that was reduced. Each
-array has a checksum. A case that is computed with it must agree with that case in everything that
-was assembled; gaps at rest are computed again, and sensors are set up again from the readings.
+The file of a reduced structure: written by `delam-fem reduce`, read for `kind = "reduced"`. It is
+an archive of NumPy (.npz) with the operators, the layout and the case that was reduced. Each array
+has a checksum. A case that is computed with it must agree with that case in everything that was
+assembled; gaps at rest are computed again, and sensors are set up again from the readings.
 """
 
 from __future__ import annotations

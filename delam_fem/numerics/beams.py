@@ -1,9 +1,8 @@
 """Exact formulas of Euler–Bernoulli beams, clamped or struck at a free end.
 
 Exact formulas of the Euler-Bernoulli cantilever: wave numbers, modes, response to base motion.
-
-Nothing is discretised here. B is the dimensionless wave number,
-B^4 = rho A omega^2 L^4 / (E I), and xi = x/L runs from the clamp (0) to the free end (1).
+Nothing is discretised here. B is the dimensionless wave number, B^4 = rho A omega^2 L^4 / (E I),
+and xi = x/L runs from the clamp (0) to the free end (1).
 
 Source: any textbook of vibrations; e.g. Meirovitch, "Fundamentals of Vibrations", section 8.
 

@@ -9,7 +9,6 @@ With λ = ω₀ (-D + i √(1 - D²)) and ω_d = ω₀ √(1 - D²), w = 2 Re y 
     y' = λ y - z''/(2 i ω_d)                                                                  (O2)
 
 (O2) is solved exactly but for the integral of z'' over a step, which two points of Gauss take.
-
 Compute the coefficients of Rayleigh damping C = alpha M + beta K from a damping ratio.
 
 Mode k has the damping ratio D_k = (alpha / omega_k + beta omega_k) / 2.

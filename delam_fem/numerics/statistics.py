@@ -1,8 +1,7 @@
 """Limits, intervals and posteriors of numbers that are known from few values.
 
-Compute observed orders of convergence and extrapolate a refined sequence to its limit.
-
-If a value depends on a size h as f(h) = f* + C h^p, three members of the sequence give p and f*:
+Compute observed orders of convergence and extrapolate a refined sequence to its limit. If a value
+depends on a size h as f(h) = f* + C h^p, three members of the sequence give p and f*:
 
     (f_1 - f_2) / (f_2 - f_3) = (h_1^p - h_2^p) / (h_2^p - h_3^p)                      (X1)
     f* = f_3 - (f_2 - f_3) h_3^p / (h_2^p - h_3^p)                                      (X2)
@@ -12,16 +11,14 @@ therefore applied only if successive orders agree and the differences exceed the
 
 Source: Roache, "Verification and Validation in Computational Science and Engineering", ch. 5.
 
-Mean and confidence interval of a number that fluctuates, from the means of blocks.
+Mean and confidence interval of a number that fluctuates, from the means of blocks. Successive
+values of a motion depend on one another, so that their scatter says too little about the error of
+their mean. Means over blocks that are longer than this memory are nearly independent and nearly
+normal; Student's t gives the interval (batch means; Law & Kelton, Simulation Modeling and Analysis,
+chapter 9).
 
-Successive values of a motion depend on one another, so that their scatter says too little about the
-error of their mean. Means over blocks that are longer than this memory are nearly independent and
-nearly normal; Student's t gives the interval (batch means; Law & Kelton, Simulation Modeling and
-Analysis, chapter 9).
-
-Infer parameters from simulations alone: approximate Bayesian computation by regression.
-
-A table of simulations with parameters from the prior serves every observation:
+Infer parameters from simulations alone: approximate Bayesian computation by regression. A table of
+simulations with parameters from the prior serves every observation:
 
 1. A ridge regression of the parameters on the statistics and their products predicts as many
    summary statistics as there are parameters (semi-automatic statistics: Fearnhead and Prangle,

@@ -1,7 +1,5 @@
 """The claims of the paper beside the computation, and the pieces that judge them.
 
-The claims of the paper, and the table that compares them with the computation.
-
 A claim is one statement of the paper that a number can decide. It holds the paper's words, the
 computed result, and a verdict. A verdict follows from criteria, each a number and its bound, so
 that it states its margin. A number whose own uncertainty contains the bound decides nothing.

@@ -1,9 +1,8 @@
 """Compute the motions, sweeps and swept sines that the figures of the paper need, each once.
 
-The four reference motions of the paper.
-
-The paper excites the laminae at four frequencies and describes the motion at each. `MOTIONS` holds
-these descriptions; every other module takes frequencies and descriptions from here.
+The four reference motions of the paper. The paper excites the laminae at four frequencies and
+describes the motion at each. `MOTIONS` holds these descriptions; every other module takes
+frequencies and descriptions from here.
 
 A plan says how much is computed. A laboratory does the computing: single histories with `run`
 (dolfinx assembles, compiled code computes the steps), many points with `run_sweep`. It remembers

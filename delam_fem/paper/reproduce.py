@@ -1,7 +1,6 @@
 """Reproduce the figures of the paper: measure, judge, draw, and write files and pages.
 
 Write the HTML page of the paper's figures, and the tables of its claims for the documentation.
-
 Everything is made from the figNN.json files in a folder; nothing is computed here.
 
 Each figure is described by a `Piece` in one of the modules of `figures`; page.py writes the page

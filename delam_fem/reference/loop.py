@@ -1,8 +1,7 @@
 """Run the plain time loop of the reference: Newmark, then contact, as in the paper.
 
-Decide on contact in the reference: hit pairs, pairs on springs, velocities after impacts.
-
-All functions are pure and follow the paper equation by equation (section 3, with corrections).
+Decide on contact in the reference: hit pairs, pairs on springs, velocities after impacts. All
+functions are pure and follow the paper equation by equation (section 3, with corrections).
 
 The loop is written for clarity, not for speed. On purpose it differs from the main path of the
 package: the springs are part of the matrix, which is factorised again whenever they change.

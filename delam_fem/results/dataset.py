@@ -1,7 +1,5 @@
 """Turn the record of a run into one dataset, and into groups that share a long dimension.
 
-The dataset of a run in groups whose variables share their long dimension.
-
 The whole dataset has no table: its dimensions do not go together. Each group has one
 (`to_dataframe()`).
 """

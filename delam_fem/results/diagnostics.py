@@ -1,9 +1,8 @@
 """Pure functions of a recorded motion: gaps, strikes, periodicity, energy, the summary.
 
-What impacts have added to the energy of a run, and what helps.
-
-An impulse that acts through another mass matrix than that of the time integration may do work on
-the motion instead of taking from it; see docs/convergence.md.
+What impacts have added to the energy of a run, and what helps. An impulse that acts through another
+mass matrix than that of the time integration may do work on the motion instead of taking from it;
+see docs/convergence.md.
 
 Each lamina has one reference probe, at the node `tip_node` of the dataset. Functions that need
 whole periods of the excitation use the last whole periods of the window, so that an interrupted run

@@ -1,7 +1,5 @@
 """Write a run, or the operators of a case, in the formats of other programs.
 
-Write the operators of a case for other programs: NumPy's .npz, or MATLAB's .mat.
-
     M u'' + C u' + K u = -(m_b q_b'' + c_b q_b' + k_b q_b) + Hᵀ λ,   gap = H u + g0
 
 The numbers are SI, and the matrices are dense: beams have some hundred dofs at most.

@@ -1,12 +1,10 @@
 """Judge the motion of a run: settled or not, good or not, and its numbers with intervals.
 
 Judge the motion that a recorder has kept: settled, not settled or irregular; when to stop.
-
 `numerics/settling.py` has the model and the thresholds; here are the strobes that it is given.
 
-The numbers of an irregular motion with intervals: means over windows, and how far to trust them.
-
-A motion without a period has no extremes and no spectrum of its own: longer runs give larger
+The numbers of an irregular motion with intervals: means over windows, and how far to trust them. A
+motion without a period has no extremes and no spectrum of its own: longer runs give larger
 extremes. Its means per period are numbers that longer runs repeat within the interval.
 """
 

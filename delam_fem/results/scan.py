@@ -1,8 +1,7 @@
 """The motion of a row of points as a scanning vibrometer measures it, and its complex shapes.
 
-Split a measured motion into its complex shapes at multiples of the excitation, and its noise.
-
-A field v has shape (time, point). Its shape of order k is V_k in
+Split a measured motion into its complex shapes at multiples of the excitation, and its noise. A
+field v has shape (time, point). Its shape of order k is V_k in
 
     v(t, x) = c(x) + Σ_k Re( V_k(x) exp(2πi k f t) ) + noise                                   (D1)
 

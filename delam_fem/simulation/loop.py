@@ -1,9 +1,8 @@
 """Run the time loop period by period, from a given state or one in the first modes.
 
-Run the time loop: period by period, and in each step stepper → contact law → recorder.
-
-This is the only time loop of the package. Stepper, supervisor and recorder are arguments; the loop
-knows no law, no scheme and no file.
+Run the time loop: period by period, and in each step stepper → contact law → recorder. This is the
+only time loop of the package. Stepper, supervisor and recorder are arguments; the loop knows no
+law, no scheme and no file.
 """
 
 from __future__ import annotations

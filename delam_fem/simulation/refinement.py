@@ -1,9 +1,8 @@
 """How long a run is, and how its steps are divided near contact.
 
-Refine steps near contact: the sizes of steps, and the motion of the base within a step.
-
-A coarse step Δt is made if no gap is small. Otherwise it is divided into middle steps, and a middle
-step near contact into fine steps of Δt/r. Contact laws are asked after every step, as always.
+Refine steps near contact: the sizes of steps, and the motion of the base within a step. A coarse
+step Δt is made if no gap is small. Otherwise it is divided into middle steps, and a middle step
+near contact into fine steps of Δt/r. Contact laws are asked after every step, as always.
 
 The gap of a pair is a parabola within a step of constant acceleration. It stays open if
 

@@ -4,10 +4,7 @@ Free: laminae pass through one another where they are apart. Closed: they share 
 there and slide. A motion with contact lies between both: while a delamination opens and closes
 along one shape, its frequency is the bilinear one, 2 f_free f_closed / (f_free + f_closed). Modes
 of both kinds are paired by their shape, never by their number: a mode that breathes has no partner.
-
-Natural frequencies and mode shapes of all laminae beside those of the exact cantilever.
-
-`modes.py` has the modes of a whole structure.
+The modes of single laminae stand beside those of the exact cantilever.
 """
 
 from __future__ import annotations

@@ -1,19 +1,16 @@
 """Run a case with a few modes of each part, and map it from period to period.
 
-Record the periods of a reduced case as a run of the whole structure is recorded.
-
-Energies are those of the energy ledger, with two differences. The damping loss includes the creep
-of the omitted modes, and the impact loss is the loss at instants of closing, which tends to 0 with
-the fine steps. The base work leaves out what mass-proportional damping takes from the motion of the
-base itself.
+Record the periods of a reduced case as a run of the whole structure is recorded. Energies are those
+of the energy ledger, with two differences. The damping loss includes the creep of the omitted
+modes, and the impact loss is the loss at instants of closing, which tends to 0 with the fine steps.
+The base work leaves out what mass-proportional damping takes from the motion of the base itself.
 
 The contact is rigid and takes no energy. A case's law, restitution and scheme have no effect, but
 for the law "none", which lets the laminae pass through one another.
 
-The map of a reduced case from one period to the next, for studies of orbits.
-
-A state is (q, q', s of each part), see `model.reduced`. The same fine steps resolve contact in
-every call, so the map is one fixed function; it needs no shifted step grids.
+The map of a reduced case from one period to the next, for studies of orbits. A state is (q, q', s
+of each part), see `model.reduced`. The same fine steps resolve contact in every call, so the map is
+one fixed function; it needs no shifted step grids.
 """
 
 from __future__ import annotations

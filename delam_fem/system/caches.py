@@ -1,11 +1,10 @@
 """Keep compiled libraries in private folders, sealed by checksums.
 
-Keep the libraries that FFCx compiles where no kill and no damage can spoil them.
-
-FFCx writes into the folder that all processes read. If a process ends while it compiles, every
-later one waits for it and fails; an empty or truncated library ends the process that loads it. Here
-FFCx compiles each library in a private folder, which is sealed with a checksum and renamed when it
-is on the disk. What is stale or damaged is compiled anew.
+Keep the libraries that FFCx compiles where no kill and no damage can spoil them. FFCx writes into
+the folder that all processes read. If a process ends while it compiles, every later one waits for
+it and fails; an empty or truncated library ends the process that loads it. Here FFCx compiles each
+library in a private folder, which is sealed with a checksum and renamed when it is on the disk.
+What is stale or damaged is compiled anew.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Write files under temporary names, and claim the folder of a result for one process.
 
-Take a folder for the results of one process, and refuse a folder that holds others.
-
-The lock is on the folder itself, so that a process that is killed leaves nothing behind.
+Take a folder for the results of one process, and refuse a folder that holds others. The lock is on
+the folder itself, so that a process that is killed leaves nothing behind.
 """
 
 from __future__ import annotations

@@ -1,10 +1,9 @@
 """Linear algebra in compiled code, in lane order or in band order.
 
-Sparse rows and a banded factorisation, for systems that do not fit the lane order.
-
-This is scalar code without assumptions on the operators, for example for a mass on a spring, a bar,
-or laminae that have their own damping. The dofs are in reverse Cuthill–McKee order, which keeps the
-band narrow.
+Sparse rows and a banded factorisation, for systems that do not fit the lane order. This is scalar
+code without assumptions on the operators, for example for a mass on a spring, a bar, or laminae
+that have their own damping. The dofs are in reverse Cuthill–McKee order, which keeps the band
+narrow.
 """
 
 from __future__ import annotations

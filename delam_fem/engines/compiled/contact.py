@@ -1,11 +1,8 @@
 """Contact in compiled code: pairs that are hit or rest, and the springs of those that rest.
 
-Springs of resting pairs in compiled code, and the accelerations that they cause.
-
-A step is first computed without springs and then corrected by their forces (newmark.py, N2). If
-pairs have weights w, the springs act on gaps times √w.
-
-Contact in compiled code: find the pairs that are hit or rest, and change the state accordingly.
+Springs of resting pairs in compiled code, and the accelerations that they cause. A step is first
+computed without springs and then corrected by their forces (N2 of petsc/newmark.py). If pairs have
+weights w, the springs act on gaps times √w.
 
 The decisions are those of the laws in contact/. They are carried out as in engines/petsc, in the
 same order. Only few steps have contact, so the code is scalar and runs over sparse rows.

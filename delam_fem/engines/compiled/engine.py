@@ -2,7 +2,7 @@
 
 It implements `simulation.loop.Engine`. Laws, schemes, energy ledger and records are the same as in
 the PETSc engine, and so are the results, to round-off. This file translates between the Python
-objects of the time loop and the arrays of compiled code. The method is in loop.py and contact.py,
+objects of the time loop and the arrays of compiled code. The method is in steps.py and contact.py,
 the kernels are in lanes.py and algebra.py.
 """
 

@@ -1,15 +1,13 @@
 """Two laminae as four chains of nodes, computed side by side by vectors of four numbers.
 
-Vectors of four doubles in compiled code, so that one instruction works on four chains.
-
-Numba by itself leaves loops over four lanes scalar: they are too short for its loop vectoriser, and
+Vectors of four doubles in compiled code, so that one instruction works on four chains. Numba by
+itself leaves loops over four lanes scalar: they are too short for its loop vectoriser, and
 vectorisation of straight code is off. `float64x4` is LLVM's <4 x double>. On a machine without
 registers of that width it takes two or four instructions.
 
-Compute a step in lane order (lanes.py): sweeps over the rows, four chains at a time.
-
-All fields of the state are in one array X; field number k begins at k times the size. The θ-scheme,
-and the average acceleration as its case θ = 1/2, is a step from (u, v) to
+A step in lane order: sweeps over the rows, four chains at a time. All fields of
+the state are in one array X; field number k begins at k times the size. The θ-scheme, and the
+average acceleration as its case θ = 1/2, is a step from (u, v) to
 
     A v_θ = M v + θ Δt (f_θ - K u),   A = M + θ Δt C + θ² Δt² K
     u⁺ = u + Δt v_θ,   v⁺ = v_θ/θ - ρ v,   ρ = 1/θ - 1
@@ -25,11 +23,10 @@ right. With z = v_θ/θ = v⁺ + ρ v the step becomes
 with s = c_K/(θ Δt c_M). L4 needs no product with a matrix if M is diagonal. A step computes no
 accelerations; they follow from the equation of motion.
 
-Store two laminae as four chains of nodes that run from both ends to the middle, side by side.
-
-Each lamina is a chain of 2×2 blocks (u, φ) that are coupled to their neighbours only. Eliminating
-it from the clamp and from the tip at once, up to the middle, makes two chains of half the length.
-Two laminae make four chains, and these are the four lanes of a vector:
+The storage of two laminae: four chains of nodes that run from both ends to the middle. Each lamina
+is a chain of 2×2 blocks (u, φ) that are coupled to their neighbours only. Eliminating it
+from the clamp and from the tip at once, up to the middle, makes two chains of half the length. Two
+laminae make four chains, and these are the four lanes of a vector:
 
     row      lane 0 (lamina 1)   lane 1 (lamina 1)   lane 2 (lamina 2)   lane 3 (lamina 2)
     0        node 1              node n              node 1              node n

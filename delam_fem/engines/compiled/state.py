@@ -1,7 +1,5 @@
 """The arrays that compiled code changes while it runs, and their hand-over as one address.
 
-Hand named tuples of numbers and arrays to compiled code as one address.
-
 Numba takes a named tuple apart leaf by leaf in each call, and passes the leaves on one by one: with
 some 250 of them a call costs 70 µs, and compiling takes minutes. `packed` writes the leaves once
 into a table: numbers as they are, arrays as their addresses. Compiled code reads the members of a

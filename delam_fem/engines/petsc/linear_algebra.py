@@ -1,9 +1,8 @@
 """PETSc objects of a stepper: matrices, products, factors, and the compliance of contact pairs.
 
-PETSc objects of a stepper: local matrices, products, factors that are kept, shared vectors.
-
-All vectors of a stepper are the own shares of its rank, sequential PETSc vectors. If the ranks are
-not coupled, or there is only one, matrices and factors are sequential too. Otherwise products and
+PETSc objects of a stepper: local matrices, products, factors that are kept, shared vectors. All
+vectors of a stepper are the own shares of its rank, sequential PETSc vectors. If the ranks are not
+coupled, or there is only one, matrices and factors are sequential too. Otherwise products and
 solves copy the shares into distributed vectors and back, which costs little beside them.
 """
 

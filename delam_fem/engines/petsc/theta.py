@@ -1,7 +1,5 @@
 """The Moreau–Jean θ-scheme in PETSc, with Rayleigh damping at one product with K and one with M.
 
-Rayleigh damping in the θ-scheme with one product with K and one with M in a step.
-
     C = α M + β K,   α and β constant on each body, so that they commute with M and K
 
 The forces before a solve need one product with K, because M v is kept up to date:

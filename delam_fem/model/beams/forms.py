@@ -1,17 +1,15 @@
 """Assemble Euler–Bernoulli laminae and bonded stacks from weak forms in dolfinx.
 
-Cubic Hermite beams on a mixed P1 × P1 space (u, phi = u'), in UFL.
+Cubic Hermite beams on a mixed P1 × P1 space (u, phi = u'), in UFL. A P1 field f has the values f -
+X J f' and f + (1 - X) J f' at the ends of its cell, where X in [0, 1] is the local coordinate and J
+the signed Jacobian. The Hermite interpolant of (u, phi) is therefore an algebraic expression in
+UFL. It needs no C1 element from the library, and its slopes are physical on any graded or reversed
+cell.
 
-A P1 field f has the values f - X J f' and f + (1 - X) J f' at the ends of its cell, where X in
-[0, 1] is the local coordinate and J the signed Jacobian. The Hermite interpolant of (u, phi) is
-therefore an algebraic expression in UFL. It needs no C1 element from the library, and its slopes
-are physical on any graded or reversed cell.
-
-Bonded laminae have a third P1 field, the axial displacement.
-
-Nodes keep the numbers that they have in `Hermite.on_line`. In every gathered matrix node j has the
-dofs 2 j (u) and 2 j + 1 (phi), however dolfinx and the partitioning number them; with an axial
-field, 3 j (u), 3 j + 1 (phi) and 3 j + 2 (axial).
+Bonded laminae have a third P1 field, the axial displacement. Nodes keep the numbers that they have
+in `Hermite.on_line`. In every gathered matrix node j has the dofs 2 j (u) and 2 j + 1 (phi),
+however dolfinx and the partitioning number them; with an axial field, 3 j (u), 3 j + 1 (phi) and 3
+j + 2 (axial).
 
     m(w, v) = ∫ rho A w v dx + Σ m_j w(x_j) v(x_j)         (mass; point masses: network.py)
     k(w, v) = ∫ E I w'' v'' dx                             (stiffness)
@@ -20,8 +18,6 @@ field, 3 j (u), 3 j + 1 (phi) and 3 j + 2 (axial).
 w and v are the Hermite interpolants of (u, phi). All laminae lie on one mesh as separate
 lines; E I, rho A, alpha and beta are functions of x on this mesh. The clamped dofs are separated
 after the assembly (paper eq. 9, 10).
-
-Assemble a bonded stack from weak forms in dolfinx, lamina by lamina.
 
     m(w, v) = ∫ rho A w v dx                                                      (mass)
     k(w, v) = ∫ E I w'' v'' dx + ∫ E A (u' - zeta w'') (r' - zeta v'') dx         (stiffness)

@@ -1,8 +1,7 @@
 """Beams in layers: laminae side by side, or bonded here and delaminated there.
 
-Bonded here, delaminated there: the segments of a stack, its unknowns, and how they follow.
-
-A junction is an edge of a delamination or an end of the structure. Between two junctions lies a
+Bonded here, delaminated there: the segments of a stack, its unknowns, and how they follow. A
+junction is an edge of a delamination or an end of the structure. Between two junctions lies a
 segment, in which each group of bonded laminae is one Euler–Bernoulli beam about its neutral axis.
 At a node the laminae that are bonded on either side form a cluster: a plane section with one
 deflection w, one slope w' and, at junctions, one axial displacement u of its neutral axis. Lamina i
@@ -19,11 +18,10 @@ behind couples the slopes at the edges of a delamination.
 Source: P. M. Mujumdar, S. Suryanarayan, "Flexural vibrations of beams with delaminations", J. Sound
 Vib. 125 (1988), for one delamination in a homogeneous beam.
 
-The layout of the paper's structure: laminae side by side, clamped at x = 0, free at x = L.
-
-Both discretisations (closed_form.py and forms.py) number their dofs in the order of this layout:
-lamina by lamina, node by node from the clamp to the tip, displacement before slope. The clamped
-nodes are left out.
+The layout of the paper's structure: laminae side by side, clamped at x = 0, free at x = L. Both
+discretisations (closed_form.py and forms.py) number their dofs in the order of this layout: lamina
+by lamina, node by node from the clamp to the tip, displacement before slope. The clamped nodes are
+left out.
 
 Point masses on laminae: what they add to the mass of a structure.
 
@@ -33,10 +31,9 @@ w and v are Hermite interpolants, so a mass m at x adds m N N^T, where N are the
 Hermite functions there. The lumped mass gets the share m (1 - X) and m X at the ends of the cell.
 The masses are part of M in the damping C = alpha M + beta K; their rotatory inertia is neglected.
 
-Operators and layout of a bonded stack, from the matrices of its unknowns.
-
-Both discretisations (closed_form.py and forms.py) give mass and stiffness in the unknowns of
-`network.py`; this module does the rest, which both share.
+Operators and layout of a bonded stack, from the matrices of its unknowns. Both discretisations
+(closed_form.py and forms.py) give mass and stiffness in the unknowns of `network.py`; this module
+does the rest, which both share.
 """
 
 from __future__ import annotations

@@ -1,14 +1,12 @@
 """The body of a solid structure, and the readings that stand for its laminae.
 
 The body of a solid structure: what its free dofs move, what it is made of, where it may touch.
-
 Output reads it: operators and layout know dofs, pairs and readings alone. The first rank gets the
 displacements of all nodes, state by state; nothing else of a state is gathered.
 
-What stands for a solid lamina: deflection and slope of its middle line, as of a beam.
-
-The middle line lies at half of the height and half of the width. Reading 2 (p n + k) is the
-deflection u_y of part p at its point k, of n points; the next one is the slope ∂u_y/∂x there.
+What stands for a solid lamina: deflection and slope of its middle line, as of a beam. The middle
+line lies at half of the height and half of the width. Reading 2 (p n + k) is the deflection u_y of
+part p at its point k, of n points; the next one is the slope ∂u_y/∂x there.
 """
 
 from __future__ import annotations

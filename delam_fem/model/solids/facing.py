@@ -6,20 +6,18 @@ the distance along the normal; its rate is
 
     n · (u̇(place on the upper lamina) − u̇(point on the lower lamina)),
 
-with n constant: the rotations of contact surfaces are small.
-
-Contact pressure: the forces of pairs, spread over the surfaces on which they act.
+with n constant: the rotations of contact surfaces are small. Contact pressure: the forces of pairs,
+spread over the surfaces on which they act.
 
 A pair shares its force among the vertices of the facet on which it lies, by their linear functions
 N_v. The pressure at a vertex is its force over the integral of N_v, and linear between vertices.
 The integral of the pressure over the surface is therefore the sum of the forces.
 
-The contact pairs of a case: where they are, the gap matrix, their interfaces and weights.
-
-On the structured mesh of a case the pairs are where those of its beams are along x; in 3D each of
-them is a row of points across the width, at the vertices. On a mesh from a file they are the
-vertices of the lower sides; of tetrahedra the middles of the edges there, because a pressure on a
-quadratic triangle loads these alone.
+The contact pairs of a case: where they are, the gap matrix, their interfaces and weights. On the
+structured mesh of a case the pairs are where those of its beams are along x; in 3D each of them is
+a row of points across the width, at the vertices. On a mesh from a file they are the vertices of
+the lower sides; of tetrahedra the middles of the edges there, because a pressure on a quadratic
+triangle loads these alone.
 """
 
 from __future__ import annotations

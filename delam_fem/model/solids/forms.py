@@ -8,23 +8,20 @@ Laminae as linearly elastic solids on dolfinx: the space of displacements, mass 
     plane stress   sigma = E / (1 - nu²) ((1 - nu) eps + nu tr(eps) I)                  (2D)
     3D             sigma = E / (1 + nu) (eps + nu / (1 - 2 nu) tr(eps) I),   b = 1
 
-b is the width. All integrals are exact on cells whose mapping is affine: full integration.
+b is the width. All integrals are exact on cells whose mapping is affine: full integration. The
+space is Lagrange of degree 2 or 3. Degree 1 locks on thin sheets: the shear of a cell as long as
+ten thicknesses makes it a hundred times too stiff. Reduced integration has modes without energy.
 
-The space is Lagrange of degree 2 or 3. Degree 1 locks on thin sheets: the shear of a cell as long
-as ten thicknesses makes it a hundred times too stiff. Reduced integration has modes without energy.
+Displacements and their derivatives at points inside the cells of a solid, as sparse rows. The cell
+of a point is found on the mesh as it was given (`mesh.locate`), so that all ranks find the same
+one. The rank that owns the cell evaluates the basis there.
 
-Displacements and their derivatives at points inside the cells of a solid, as sparse rows.
-
-The cell of a point is found on the mesh as it was given (`cells.locate`), so that all ranks find
-the same one. The rank that owns the cell evaluates the basis there.
-
-Stresses of a solid at its nodes.
-
-sigma follows from the gradients of the displacement by Hooke's law, as in `elasticity`. In a
-quadrilateral or hexahedron of degree p it is most accurate at Gauss's points of p points in each
-direction (J. Barlow, Int. J. Numer. Meth. Engng 10 (1976) 243); the polynomial of degree p - 1
-through its values there is continued to the nodes. In a triangle or tetrahedron it is taken at the
-nodes themselves. The stress of a node is the mean over the cells of the same lamina that share it.
+Stresses of a solid at its nodes. sigma follows from the gradients of the displacement by Hooke's
+law. In a quadrilateral or hexahedron of degree p it is most accurate at Gauss's
+points of p points in each direction (J. Barlow, Int. J. Numer. Meth. Engng 10 (1976) 243); the
+polynomial of degree p - 1 through its values there is continued to the nodes. In a triangle or
+tetrahedron it is taken at the nodes themselves. The stress of a node is the mean over the cells of
+the same lamina that share it.
 """
 
 from __future__ import annotations

@@ -1,14 +1,12 @@
 """The mesh of laminae as solids, and the geometry of its straight-edged cells.
 
-The mesh of laminae as solids: plain arrays, whether they come from a case or from a file.
-
-Axes: x along the laminae from 0 to their length, y upwards through the thickness (the direction of
-the deflection), z across the width, centred on 0. The bottom of the lowest lamina is y = 0. Laminae
+The mesh of laminae as solids: plain arrays, whether they come from a case or from a file. Axes: x
+along the laminae from 0 to their length, y upwards through the thickness (the direction of the
+deflection), z across the width, centred on 0. The bottom of the lowest lamina is y = 0. Laminae
 that are apart touch geometrically and have vertices of their own; bonded ones share theirs.
 
-The geometry of straight-edged cells and facets: reference coordinates, points, lines that meet.
-
-It needs only the arrays of the mesh, so that all ranks find the same cells.
+The geometry of straight-edged cells and facets: reference coordinates, points, lines that meet. It
+needs only the arrays of the mesh, so that all ranks find the same cells.
 """
 
 from __future__ import annotations

@@ -1,13 +1,10 @@
 """Make the mesh of solids: the structured mesh of a case, or the user's own file.
 
-The structured mesh of a case: quadrilaterals or hexahedra in rows along each lamina.
-
-Along x the vertices are those of `mesh.elements`, with one at every edge of a delamination. Each
-lamina has `model.layers` cells through its thickness and, in 3D, `model.strips` across its width.
-Bonded laminae share their vertices. Over a delamination each has its own; the vertices at its edges
-are shared.
-
-The user's own mesh of solids, read by meshio.
+The structured mesh of a case: quadrilaterals or hexahedra in rows along each lamina. Along x the
+vertices are those of `mesh.elements`, with one at every edge of a delamination. Each lamina has
+`model.layers` cells through its thickness and, in 3D, `model.strips` across its width. Bonded
+laminae share their vertices. Over a delamination each has its own; the vertices at its edges are
+shared.
 
 Physical groups say what is what: one for each lamina (its name) with its cells; "start" and "end"
 with the facets of the ends that are held; "LOWER-UPPER lower" and "LOWER-UPPER upper" with the

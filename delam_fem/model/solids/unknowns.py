@@ -10,9 +10,8 @@ theory:
 
     u_x = -(y - y_0) phi,   u_y = q                                                           (S2)
 
-phi is a free dof. Laminae that are bonded at the end turn together.
-
-Displacements relative to one node of each column through the thickness, against round-off.
+phi is a free dof. Laminae that are bonded at the end turn together. Displacements relative to one
+node of each column through the thickness, against round-off.
 
 A cell of a sheet is 10⁸ times and more stiffer through its thickness than the sheet is in bending:
 in the displacements of nodes, round-off of that stiffness is as large as a part in 10⁴ of the
@@ -29,10 +28,9 @@ is computed with B_q T, whose derivatives along y vanish for d_r before anything
 exact arithmetic K_d = Tᵀ K T. Columns are found in cells whose edges are upright; without any, as
 in meshes of triangles, T = 1. Nodes that are held keep their displacements.
 
-The free dofs of a solid: their order, and matrices restricted to them.
-
-The order follows the bodies one after another, and each body along x, then upwards and across. The
-matrices of slender laminae are then narrow bands. On several ranks each one orders its own dofs.
+The free dofs of a solid: their order, and matrices restricted to them. The order follows the bodies
+one after another, and each body along x, then upwards and across. The matrices of slender laminae
+are then narrow bands. On several ranks each one orders its own dofs.
 """
 
 from __future__ import annotations

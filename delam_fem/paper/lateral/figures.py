@@ -1,7 +1,5 @@
 """Draw figures 6 and 7 with the studies that they need (paper 2.3).
 
-The paper's experiments on lateral impact (section 2.3), with the studies that its figures need.
-
 `rolling` lets a strip fall on the ground on which it lies. `tip_block` lets its tip fall on a
 block. `rolling_study` repeats the first with other strips, heights, laws, meshes and time steps.
 """

@@ -1,15 +1,13 @@
 """Fields that follow from the dataset of a run, of beams and of solids.
 
-Fields that follow from the dataset: gaps, impulses, contact forces and curvatures of laminae.
-
-A lamina between two others has two interfaces: it shows the smaller of both gaps, and the sums of
+Fields that follow from the dataset: gaps, impulses, contact forces and curvatures of laminae. A
+lamina between two others has two interfaces: it shows the smaller of both gaps, and the sums of
 impulses and of forces.
 
-The fields of a solid at the frames of a run, and their file for ParaView.
-
-The dataset of a run keeps what the middle lines read; here is the whole body. fields/solid.vtkhdf
-has all frames on one mesh: the laminae at rest, each with points of its own, every cell divided
-into linear ones between its nodes. "Warp By Vector" with the displacement shows the motion.
+The fields of a solid at the frames of a run, and their file for ParaView. The dataset of a run
+keeps what the middle lines read; here is the whole body. fields/solid.vtkhdf has all frames on one
+mesh: the laminae at rest, each with points of its own, every cell divided into linear ones between
+its nodes. "Warp By Vector" with the displacement shows the motion.
 """
 
 from __future__ import annotations

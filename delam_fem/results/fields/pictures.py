@@ -1,9 +1,7 @@
 """The deformed laminae at some instants: pictures, and VTK files for ParaView.
 
-The laminae as files: VTK fields for ParaView, and a rendered picture.
-
-`ribbons` makes the grids, `vtkhdf` the file of a whole series, `snapshots` the scene of the
-picture.
+The laminae as files: VTK fields for ParaView, and a rendered picture. `ribbons` makes the grids,
+`vtkhdf` the file of a whole series.
 """
 
 from __future__ import annotations

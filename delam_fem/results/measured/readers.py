@@ -1,13 +1,11 @@
 """Read columns from tables of text, NetCDF, MATLAB and universal files.
 
-The sets of a universal file as bytes, and what is put right in them before they are parsed.
+The sets of a universal file as bytes, and what is put right in them before they are parsed. Real
+files have tags with trailing blanks, lines with trailing blanks, D for E in exponents, empty lines,
+and stray line ends about the binary data of a set 58b, which may itself look like a tag.
 
-Real files have tags with trailing blanks, lines with trailing blanks, D for E in exponents, empty
-lines, and stray line ends about the binary data of a set 58b, which may itself look like a tag.
-
-Read measurements from universal files (UFF): sets 58 and 58b with units and positions.
-
-pyuff reads the sets; what it stumbles over in real files is put right before, byte by byte.
+Read measurements from universal files (UFF): sets 58 and 58b with units and positions. pyuff reads
+the sets; what it stumbles over in real files is put right before, byte by byte.
 """
 
 from __future__ import annotations

@@ -1,7 +1,5 @@
 """Read measurements of any known format into one dataset whose names are those of a run.
 
-Put measured channels into one dataset whose names are those of a run's dataset.
-
 `tip_displacement(lamina, time)`, `tip_velocity`, `base_displacement(time)`, `force(time)`,
 `sensor_NAME(time)` and `gap0(node)` with `x(node)` mean what they mean there. Besides:
 

@@ -1,8 +1,7 @@
 """Frequency responses from measured histories: blows of a hammer, coherence, poles, pictures.
 
-Find the blows of a hammer in a measured force, and cut the record into a segment for each.
-
-A segment reaches from before a blow to before the next. If the response decays in it, the ratio of
+Find the blows of a hammer in a measured force, and cut the record into a segment for each. A
+segment reaches from before a blow to before the next. If the response decays in it, the ratio of
 the spectra needs no window. If not, force and response are multiplied by exp(-a t); their ratio is
 then H(iω + a), and `on_axis` leads it back to H(iω).
 """

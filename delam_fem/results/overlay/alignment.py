@@ -1,8 +1,7 @@
 """Put a measurement on the clock of a run, channel by channel.
 
-Find where on the clock of a run a measurement begins, and how fast its clock runs.
-
-A sample at the time t of the measurement belongs to the time
+Find where on the clock of a run a measurement begins, and how fast its clock runs. A sample at the
+time t of the measurement belongs to the time
 
     u = tau + s (t - t_first)
 

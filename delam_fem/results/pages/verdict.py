@@ -1,7 +1,5 @@
 """What a run shows: a sentence, a table of its numbers, and both in a notebook.
 
-What a run shows, in one sentence made of its numbers.
-
 Each clause is a function of the numbers that returns its words, or nothing. A new clause is a
 function and its place in `CLAUSES`.
 """

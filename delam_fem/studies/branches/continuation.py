@@ -1,10 +1,9 @@
 """Follow a branch of orbits past its folds, point by point.
 
-Follow a branch of orbits past its folds: pseudo-arclength in the slow coordinates and λ.
-
-A step predicts along the tangent and corrects in the plane across it (N2 of newton.py). It is
-accepted if the residual is zero within its confidence and the correction is small beside the step.
-A point depends only on the points before it, so a branch that is broken off goes on the same.
+Follow a branch of orbits past its folds: pseudo-arclength in the slow coordinates and λ. A step
+predicts along the tangent and corrects in the plane across it (N2 of newton.py). It is accepted if
+the residual is zero within its confidence and the correction is small beside the step. A point
+depends only on the points before it, so a branch that is broken off goes on the same.
 """
 
 from __future__ import annotations

@@ -1,13 +1,11 @@
 """Describe a ladder: one case by several methods, refined as far as the beam has a meaning.
 
-Tell where refinement goes below what the beam and its damping can mean.
+Tell where refinement goes below what the beam and its damping can mean. Two lengths bound what a
+finer mesh adds. Waves of modes that are overdamped do not wave: a bump that short creeps back. And
+a beam knows nothing of what happens within its thickness.
 
-Two lengths bound what a finer mesh adds. Waves of modes that are overdamped do not wave: a bump
-that short creeps back. And a beam knows nothing of what happens within its thickness.
-
-Describe a ladder: one case by several methods, on finer and finer meshes, with smaller steps.
-
-One run of a ladder is a rung. This module describes the rungs; `rung.py` computes one rung, and
+Describe a ladder: one case by several methods, on finer and finer meshes, with smaller steps. One
+run of a ladder is a rung. This module describes the rungs; `rung.py` computes one rung, and
 `run.py` computes all of them.
 """
 

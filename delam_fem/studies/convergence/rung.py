@@ -1,7 +1,6 @@
 """Compute one rung of a ladder, and reduce its run to a few numbers with their scatter.
 
 Reduce the periods of a motion to numbers, and these numbers to means with their scatter.
-
 Trajectories of an impacting motion depend on round-off; these statistics do not. The scatter of a
 motion that repeats after P periods is taken between blocks of P periods, so that alternating cycles
 do not count as scatter. The names of statistics contain the number of the lamina: 1, 2, ….

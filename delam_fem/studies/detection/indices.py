@@ -1,7 +1,5 @@
 """Damage indices along a beam with limits of noise, and the interval that they mark.
 
-Damage indices along a beam: pure functions of the shapes of a motion, with limits of noise.
-
 Each index is one number per point. Its limit is the value that noise alone exceeds anywhere on the
 beam with a given probability, the false-call rate. `index_of` takes a field (time, point).
 

@@ -1,15 +1,13 @@
 """Many structures with a delamination, and the probability that it is detected.
 
-Many structures with a delamination, computed as a sweep: each gives the shapes of a scan.
+Many structures with a delamination, computed as a sweep: each gives the shapes of a scan. Noise is
+added to the shapes afterwards, so that one run serves any noise. The journal of the sweep makes a
+study resumable, and any executor can compute it.
 
-Noise is added to the shapes afterwards, so that one run serves any noise. The journal of the sweep
-makes a study resumable, and any executor can compute it.
-
-Probability of detection: hit or miss over length, depth and position; ROC curves.
-
-A specimen is a hit if the index calls it and marks something of its delamination. The logistic
-regression of hits on ln a follows MIL-HDBK-1823A (appendix G): POD(a) = 1 / (1 + exp(-β₀ - β₁ ln
-a)); a90 is where it is 0.9, a90/95 where its lower 95 % bound is.
+Probability of detection: hit or miss over length, depth and position; ROC curves. A specimen is a
+hit if the index calls it and marks something of its delamination. The logistic regression of hits
+on ln a follows MIL-HDBK-1823A (appendix G): POD(a) = 1 / (1 + exp(-β₀ - β₁ ln a)); a90 is where it
+is 0.9, a90/95 where its lower 95 % bound is.
 """
 
 from __future__ import annotations

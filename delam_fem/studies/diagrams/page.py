@@ -1,9 +1,8 @@
 """Draw a diagram of a sweep by its name, and show a sweep as one page.
 
-A sweep as one page: what came out, its diagrams, a map of the points, and a run for each.
-
-The run of a point is made by the command that its row shows. It writes to the folder to which the
-row leads, so that the link works as soon as the run is done.
+A sweep as one page: what came out, its diagrams, a map of the points, and a run for each. The run
+of a point is made by the command that its row shows. It writes to the folder to which the row
+leads, so that the link works as soon as the run is done.
 """
 
 from __future__ import annotations

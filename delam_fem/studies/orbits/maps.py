@@ -1,16 +1,14 @@
 """The stroboscopic map of a case, with one key as the parameter, and its values on disk.
 
-What a map of one period must offer, so that orbits of it can be found and followed.
+What a map of one period must offer, so that orbits of it can be found and followed. A state z at
+the beginning of a period of the drive is (u, v), shape (2 n,), or what else a map says of its
+`Nature`. The map Φ(z, λ) leads to the state one period later; λ is any number that the map depends
+on, such as a frequency. Nothing here knows what computes the map: an engine, a reduced model or a
+formula.
 
-A state z at the beginning of a period of the drive is (u, v), shape (2 n,), or what else a map says
-of its `Nature`. The map Φ(z, λ) leads to the state one period later; λ is any number that the map
-depends on, such as a frequency.
-Nothing here knows what computes the map: an engine, a reduced model or a formula.
-
-The stroboscopic map of a case, stepped by the compiled engine.
-
-A state (u, v) says nothing of pairs at rest, which carry a spring in some laws. A pair counts as
-resting where its gap is closed at the section: that is what the laws leave behind.
+The stroboscopic map of a case, stepped by the compiled engine. A state (u, v) says nothing of pairs
+at rest, which carry a spring in some laws. A pair counts as resting where its gap is closed at the
+section: that is what the laws leave behind.
 """
 
 from __future__ import annotations

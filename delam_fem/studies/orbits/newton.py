@@ -1,7 +1,6 @@
 """Solve for an orbit by Newton's method: on a smooth map, on its slow coordinates, or on its mean.
 
 The mean of a map over fixed small perturbations of a state, and its derivative by finite kicks.
-
 Where impacts are sharp, the map Φ of a period is rough below some scale: which pair is hit first,
 and in which step, changes from one state to the next. Its mean over states that lie close together,
 
@@ -14,13 +13,10 @@ rough scale. What becomes of kicks in many periods says whether an orbit is stab
 
 Source: Schilder, Bureau, Santos, Thomsen, Starke, J. Sound Vib. 358 (2015) 251-266.
 
-Newton's method on the map itself, where it is smooth enough to have an orbit to round-off.
-
-The derivative is a finite difference in all coordinates, one piece of a piecewise smooth map (a
+Newton's method on the map itself, where it is smooth enough to have an orbit to round-off. The
+derivative is a finite difference in all coordinates, one piece of a piecewise smooth map (a
 semismooth Newton method). Where contact changes from one state to the next, the iteration stalls,
 and there is nothing exact to be had: `newton.py` then says what can be said.
-
-Shoot for a periodic orbit of a smooth map: Newton's method in the slow coordinates alone.
 
     y = slow part of F(z, λ),   w = rest of F(z, λ),   z = basis y + w
 
@@ -28,8 +24,6 @@ The rest is taken over from one period to the next (Picard). Nothing is averaged
 map whose derivative by kicks of some per cent is that of the map itself.
 
 Source: Lust, Roose, Spence, Champneys, SIAM J. Sci. Comput. 19 (1998) 1188-1209.
-
-Solve for an orbit of the mean map: Newton in the slow coordinates, Picard in the rest.
 
     y = slow part of F(z, λ),  w = rest of F(z, λ),   z = basis y + w                       (N1)
 

@@ -1,7 +1,5 @@
 """Find the periodic orbit of a case, and say what is known of it in numbers and in words.
 
-Find the periodic orbit of a case.
-
 In Python:
 
     import delam_fem as df

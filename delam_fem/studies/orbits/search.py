@@ -1,7 +1,5 @@
 """Find a periodic orbit near where a motion settles, with the models whose orbits can be sought.
 
-Find a periodic orbit near where a motion settles: exactly if there is one, coarsely otherwise.
-
 The grid of time steps lies anywhere: a stepped motion may have an exact orbit on one grid and none
 on another. The exact search tries several, and the result says which one it is.
 """

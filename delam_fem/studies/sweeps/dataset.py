@@ -1,10 +1,7 @@
 """Write the result of a sweep from its journal to one dataset, and open it again.
 
-Write the points of a sweep's journal to one NetCDF file that xarray can plot directly.
-
-The file is written slab by slab, so that the memory does not grow with the number of points.
-
-Write the result of a sweep from its journal: of a run, or of many shards.
+Write the points of a sweep's journal to one NetCDF file that xarray can plot directly. The file is
+written slab by slab, so that the memory does not grow with the number of points.
 
 However the points were computed, the same points give the same bytes.
 """

@@ -1,7 +1,6 @@
 """Read a sweep file, and turn it into a grid of cases in an order.
 
 Turn the content of a sweep file into a grid: the case of each point, the order of the points.
-
 `grid.py` reads and checks sweep files.
 """
 

@@ -1,17 +1,12 @@
 """Keep every finished point of a sweep in part files that show whether they are whole.
 
-Write and read the part files of a journal: records that show whether they are whole.
-
 A part file is written by one process, which only appends to it. Each record has a mark, its length
 and a checksum. A record that was torn by a kill, or is damaged, is left out, and reading goes on at
 the next mark. The first record says to which sweep the file belongs; the others are chunks.
 
-Join the part files of a journal: each point once, in order, whoever computed it.
-
-Two processes may have computed the same point, because one was started twice or a killed one had
-more on the disk than was known. Both have the same numbers; if not, that is reported.
-
-Keep every finished point of a sweep on disk: the journal, a folder of part files.
+Join the part files of a journal: each point once, in order, whoever computed it. Two processes may
+have computed the same point, because one was started twice or a killed one had more on the disk
+than was known. Both have the same numbers; if not, that is reported.
 
 Each process writes a part file of its own, named by shard, machine and process, and only appends to
 it. Nothing depends on locks, which network file systems may not have: two processes that compute

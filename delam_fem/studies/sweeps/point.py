@@ -1,8 +1,7 @@
 """Compute points of a sweep in a worker: case, structure, run, row of numbers.
 
-Estimate the largest Lyapunov exponent from two neighbouring motions.
-
-A second motion starts at the distance d0 from the first one, in the energy norm
+Estimate the largest Lyapunov exponent from two neighbouring motions. A second motion starts at the
+distance d0 from the first one, in the energy norm
 
     |δ|² = δvᵀ M δv + δuᵀ K δu      (Y1)
 

@@ -1,12 +1,9 @@
 """Share points among machines, and submit them to an executor in chunks of about equal time.
 
-Share the points of a sweep among machines that do not talk to each other.
-
-A share depends on the sweep, the number of shards and nothing else. Points (or whole tracks) are
-dealt in rounds: every round gives each shard one of n neighbours. A hash of the round says who
-begins, so that a shard does not get the same value of an axis again and again.
-
-Submit points to an executor in chunks of about equal time, and collect the results.
+Share the points of a sweep among machines that do not talk to each other. A share depends on the
+sweep, the number of shards and nothing else. Points (or whole tracks) are dealt in rounds: every
+round gives each shard one of n neighbours. A hash of the round says who begins, so that a shard
+does not get the same value of an axis again and again.
 
 Any `concurrent.futures.Executor` can be used. The points of a track are computed one after another;
 all other points go to any free worker.
