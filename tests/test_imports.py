@@ -26,7 +26,7 @@ PURE = {"system", "numerics", "case", "contact", "model", "simulation"}
 BELOW_STUDIES = PURE | {"engines", "results", "pipeline"}
 ALLOWED: dict[str, set[str]] = {
     "system": set(),
-    "numerics": set(),
+    "numerics": {"system"},
     "case": {"system", "numerics", "contact"},
     "contact": {"system", "numerics"},
     "model": {"system", "numerics", "case", "contact"},
