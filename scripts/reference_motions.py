@@ -20,7 +20,7 @@ from delam_fem.case.files import preset
 from delam_fem.paper.lab import MOTIONS, Motion, contacts, strikes
 
 if TYPE_CHECKING:
-    from delam_fem.paper.lab import EngineName
+    from delam_fem.engines.session import EngineName
     from delam_fem.results.folder import Result
 
 HEADINGS = (

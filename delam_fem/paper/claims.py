@@ -1,24 +1,26 @@
-"""The claims of the paper beside the computation, and the pieces that judge them.
+"""What the paper states beside what the computation gives, and the pieces that are compared.
 
-A claim is one statement of the paper that a number can decide. It holds the paper's words, the
-computed result, and a verdict. A verdict follows from criteria, each a number and its bound, so
-that it states its margin. A number whose own uncertainty contains the bound decides nothing.
+A statement is a row of data: the paper's words, where they stand, what came out in words, and the
+criteria that decide. `judge` turns all rows into claims. A verdict follows from criteria, each a
+number and its bound, so that it states its margin. A number whose own uncertainty contains the
+bound decides nothing.
 
-A piece: one figure of the paper, described by three functions.
+A piece is one figure of the paper: two functions and its statements.
 
-    measure (laboratory → numbers)    draw (numbers → picture)    judge (numbers → claims)
+    measure (laboratory → numbers)    draw (numbers → picture)    statements (numbers → claims)
 
-The numbers are a frozen dataclass, so that a test can check a verdict with any numbers. Only `draw`
-and `film` import matplotlib, and only when they are called.
+Numbers stand by their names, so that a test can check a verdict with any numbers. Only `draw` and
+`film` import matplotlib, and only when they are called.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
+from types import MappingProxyType, SimpleNamespace
+from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -96,6 +98,21 @@ def yes(name: str, is_so: bool) -> Criterion:
     return Criterion(name, float(is_so), "=", 1.0, YES_OR_NO)
 
 
+def between(
+    name: str,
+    value: float,
+    bounds: tuple[float, float],
+    unit: str = "",
+    within: tuple[float, float] | None = None,
+) -> list[Criterion]:
+    """Return the criteria that a number lies between two bounds; see `Criterion`."""
+    low, high = bounds
+    return [
+        Criterion(name, value, ">", low, unit, within),
+        Criterion(name, value, "<", high, unit, within),
+    ]
+
+
 @dataclass(frozen=True)
 class Claim:
     """One statement of the paper with the computed result.
@@ -138,42 +155,61 @@ def markdown_table(claims: Iterable[Claim], columns: tuple[str, ...] = HEADING) 
     return "\n".join([lines[0], "|" + "---|" * len(keep), *lines[1:]]) + "\n"
 
 
-NOT_IN_JSON: Mapping[str, Any] = {"is_in_json": False}
-"""Metadata of a `Numbers` field that is not written to figNN.json, often a curve of the picture:
-`x: FloatArray = field(metadata=NOT_IN_JSON)`."""
+class Numbers(SimpleNamespace):
+    """The numbers of a figure as attributes."""
+
+    def __init__(self, kept: Mapping[str, Any] = MappingProxyType({}), **drawn: Any) -> None:
+        """Name the numbers.
+
+        Args:
+            kept: the numbers of figNN.json by name.
+            drawn: what only the picture and the claims need, often whole results.
+        """
+        super().__init__(**{**kept, **drawn, "kept": kept})
 
 
 @dataclass(frozen=True)
-class Numbers:
-    """The measured numbers of a figure; each figure has its own subclass."""
+class Statement:
+    """A statement of the paper that the numbers of a figure decide; each function takes them.
 
-    def to_json(self) -> Mapping[str, Any]:
-        """Return the fields of figNN.json by name: all fields except those with `NOT_IN_JSON`."""
-        kept = [entry for entry in fields(self) if entry.metadata.get("is_in_json", True)]
-        return {entry.name: getattr(self, entry.name) for entry in kept}
+    Attributes:
+        text: the paper's statement.
+        source: section of the paper that makes the statement.
+        measured: function that returns the computed result, in words and numbers.
+        criteria: function that returns the criteria which must all hold.
+    """
 
-
-N = TypeVar("N", bound=Numbers)
+    text: str
+    source: str
+    measured: Callable[[Any], str]
+    criteria: Callable[[Any], Iterable[Criterion]]
 
 
 @dataclass(frozen=True)
-class Piece(Generic[N]):
+class Piece:
     """A figure of the paper with everything that belongs to it.
 
     Attributes:
         name: short name, for example "2a".
         title: subject of the figure.
-        caption: explanation of the comparison; {0.name} stands for a field of the numbers.
+        caption: explanation of the comparison; {0.name} stands for a number.
         measure: function that computes everything the figure needs and returns its numbers.
         draw: function that returns the picture of the numbers.
-        judge: function that returns the claims that the numbers decide.
+        statements: what the numbers decide.
         film: function that writes a GIF of the numbers to a path; None: there is no film.
     """
 
     name: str
     title: str
     caption: str
-    measure: Callable[[Laboratory], N]
-    draw: Callable[[N], Figure]
-    judge: Callable[[N], tuple[Claim, ...]]
-    film: Callable[[N, Path], None] | None = None
+    measure: Callable[[Laboratory], Numbers]
+    draw: Callable[[Any], Figure]
+    statements: tuple[Statement, ...]
+    film: Callable[[Any, Path], None] | None = None
+
+    def judge(self, numbers: Numbers) -> tuple[Claim, ...]:
+        """Return the claims that the numbers decide."""
+        return tuple(
+            Claim(self.name, s.text, s.source, s.measured(numbers), *judged(*s.criteria(numbers)))
+            for s in self.statements
+        )

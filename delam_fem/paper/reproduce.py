@@ -1,10 +1,8 @@
 """Reproduce the figures of the paper: measure, judge, draw, and write files and pages.
 
-Write the HTML page of the paper's figures, and the tables of its claims for the documentation.
-Everything is made from the figNN.json files in a folder; nothing is computed here.
-
-Each figure is described by a `Piece` in one of the modules of `figures`; page.py writes the page
-that shows all figures.
+Each figure is described by a `Piece` in one of the modules beside this one. The HTML page of all
+figures and the tables of their claims for the documentation are made from the figNN.json files in a
+folder.
 """
 
 from __future__ import annotations
@@ -20,25 +18,17 @@ from typing import Any
 
 import numpy as np
 
-from delam_fem.paper.claims import HEADING, IN_SHORT, Claim, Piece, markdown_table
-from delam_fem.paper.figures import (
-    chart,
-    detail,
+from delam_fem.paper import (
     histories,
-    impact_portraits,
-    linear,
-    mesh,
-    plane,
+    lateral,
+    parameters,
     portraits,
-    response,
-    rolling_strip,
+    responses,
     shapes,
     spectra,
-    strikes,
-    struck_tip,
     system,
-    threshold,
 )
+from delam_fem.paper.claims import HEADING, IN_SHORT, Claim, Piece, markdown_table
 from delam_fem.paper.lab import Laboratory
 from delam_fem.results.figures.style import styled
 from delam_fem.results.pages import html
@@ -208,26 +198,26 @@ def _table(claims: Sequence[Claim], figures: Sequence[Entry]) -> Table:
     return Table(HEADING, rows, [_ROW_CLASS[claim.verdict] for claim in claims])
 
 
-FIGURES: dict[str, Piece[Any]] = {
+FIGURES: dict[str, Piece] = {
     piece.name: piece
     for piece in (
         system.SYSTEM,
-        linear.WITHOUT_CONTACT,
-        response.WITH_CONTACT,
+        responses.WITHOUT_CONTACT,
+        responses.WITH_CONTACT,
         histories.HISTORIES,
         shapes.SHAPES,
         spectra.SPECTRA,
-        rolling_strip.ROLLING_STRIP,
-        struck_tip.STRUCK_TIP,
-        strikes.VELOCITIES,
-        impact_portraits.IMPACT_PORTRAITS,
-        detail.IMPACTS,
-        chart.CHART,
+        lateral.ROLLING_STRIP,
+        lateral.STRUCK_TIP,
+        histories.VELOCITIES,
+        portraits.IMPACT_PORTRAITS,
+        histories.IMPACTS,
+        shapes.CHART,
         portraits.PORTRAITS,
-        detail.CONTACT,
-        mesh.FINER_MESH,
-        plane.PLANES,
-        threshold.THRESHOLD,
+        histories.CONTACT,
+        portraits.FINER_MESH,
+        parameters.PLANES,
+        parameters.THRESHOLD,
     )
 }
 """The figures by their short names, in the order of the page."""
@@ -283,26 +273,29 @@ def reproduce(lab: Laboratory, directory: Path, names: Sequence[str]) -> list[Pa
     return paths
 
 
-def _write(piece: Piece[Any], lab: Laboratory, directory: Path, begin: float) -> list[Path]:
+def _write(piece: Piece, lab: Laboratory, directory: Path, begin: float) -> list[Path]:
     """Write picture, numbers and film of a piece; each file appears only when it is complete."""
-    picture, kept = (directory / f"{file_stem(piece.name)}.{end}" for end in ("png", "json"))
-    numbers = piece.measure(lab)
-    with styled(), atomic(picture) as temporary:
-        piece.draw(numbers).savefig(temporary, format="png")
-    paths = [picture, kept]
-    if piece.film is not None:
-        film = picture.with_suffix(".gif")
-        with styled(), atomic(film) as temporary:
-            piece.film(numbers, temporary)
-        paths.append(film)
+    from matplotlib import rc_context
+
+    picture, kept, film = (
+        directory / f"{file_stem(piece.name)}.{end}" for end in ("png", "json", "gif")
+    )
+    paths, numbers = [picture, kept], piece.measure(lab)
+    with styled(), rc_context({"axes.titlelocation": "left"}):
+        with atomic(picture) as temporary:
+            piece.draw(numbers).savefig(temporary, format="png")
+        if piece.film is not None:
+            with atomic(film) as temporary:
+                piece.film(numbers, temporary)
+            paths.append(film)
     content = {
         "name": piece.name,
         "title": piece.title,
         "caption": piece.caption.format(numbers),
         "claims": [asdict(claim) for claim in piece.judge(numbers)],
-        "animation": None if piece.film is None else f"{file_stem(piece.name)}.gif",
+        "animation": None if piece.film is None else film.name,
         "seconds": round(time.perf_counter() - begin, 2),
-        "numbers": plain(numbers.to_json()),
+        "numbers": plain(numbers.kept),
     }
     write_text(kept, json.dumps(content, indent=1, ensure_ascii=False) + "\n")
     return paths

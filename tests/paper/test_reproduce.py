@@ -14,11 +14,9 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from delam_fem.cli.app import app
-from delam_fem.paper import measures, reproduce
+from delam_fem.paper import histories, parameters, reproduce, responses, shapes, spectra, system
 from delam_fem.paper import reproduce as page_module
 from delam_fem.paper.claims import HEADING, IN_SHORT, Claim, markdown_table
-from delam_fem.paper.figures import chart, response, spectra, system
-from delam_fem.paper.figures import strikes as strike_figure
 from delam_fem.paper.lab import (
     BAND,
     Laboratory,
@@ -122,27 +120,27 @@ def test_distortion_of_the_thin_lamina_grows_with_each_derivative_at_every_node(
 
 
 def test_every_recorded_decision_follows_the_corrected_partition(lab: Laboratory) -> None:
-    (result,) = lab.motions([chart.detailed_case(lab)])
-    found = chart.decisions(result)
+    (result,) = lab.motions([shapes.detailed_case(lab)])
+    found = shapes.decisions(result)
     assert found.violations == 0
     assert found.counts.sum() == found.state.size == (2 * 1000 - 1) * 20
-    hits = found.counts[chart.STRUCK] + found.counts[chart.BEGUN]
+    hits = found.counts[shapes.STRUCK] + found.counts[shapes.BEGUN]
     assert hits == pytest.approx(result.history.sizes["event"], abs=1)
-    assert found.counts[chart.BEGUN] > 0
+    assert found.counts[shapes.BEGUN] > 0
     shifted = result.history.copy()
     shifted["contact_state"] = shifted["contact_state"].roll(frame=7)
     broken = type(result)(result.case, shifted, result.summary, result.state)
-    assert chart.decisions(broken).violations > 0
+    assert shapes.decisions(broken).violations > 0
 
 
 def test_restitution_of_the_computed_strikes_is_near_the_given_one(lab: Laboratory) -> None:
-    numbers = strike_figure.measure(lab)
+    numbers = histories.measure_velocities(lab)
     assert numbers.restitution.size == 10
     assert numbers.restitution.mean() == pytest.approx(0.1, abs=0.05)
 
 
 def test_eq_4_as_printed_gives_the_gap_rate_times_two_plus_e() -> None:
-    ratio = strike_figure.printed_ratio(np.array([0.6, -0.5]), 0.1, 1.942)
+    ratio = histories.printed_ratio(np.array([0.6, -0.5]), 0.1, 1.942)
     assert ratio == pytest.approx(2.1, abs=1e-12)
 
 
@@ -158,13 +156,13 @@ def test_planes_are_computed_and_drawn(lab: Laboratory, tmp_path: Path) -> None:
 
 def test_scatter_of_a_doubled_motion_is_that_of_its_two_points() -> None:
     strobes = np.tile([1.0, -1.0], (2, 50))
-    assert measures.one_period_scatter(strobes, np.array([2.0, 4.0])) == pytest.approx(1.0)
+    assert parameters.one_period_scatter(strobes, np.array([2.0, 4.0])) == pytest.approx(1.0)
 
 
 def test_main_effects_share_the_variance() -> None:
     e, k = np.meshgrid(np.linspace(0, 1, 5), np.linspace(0, 1, 5), indexing="ij")
     values = np.stack([3.0 * e + k, k], axis=-1)
-    by_e, by_k = (measures.main_effect(values, axis) for axis in (0, 1))
+    by_e, by_k = (parameters.main_effect(values, axis) for axis in (0, 1))
     assert by_e == pytest.approx([0.9, 0.0]) and by_k == pytest.approx([0.1, 1.0])
 
 
@@ -173,8 +171,8 @@ def test_best_decade_has_the_most_one_periodic_points() -> None:
     kind = np.array([[1, 1], [1, 1], [0, 1], [0, 0], [0, 1], [0, 0], [1, 1]])
     amplitude = np.ones((7, 2, 2))
     amplitude[3, 0] = 3.0, 1.0
-    best = measures.best_decade(damping, kind, amplitude)
-    assert best.begin == pytest.approx(damping[3])  # 5 of 6, as many as nowhere else
+    best = parameters.best_decade(damping, kind, amplitude)
+    assert best.kept["from"] == pytest.approx(damping[3])  # 5 of 6, as many as nowhere else
     assert best.one_periodic == pytest.approx(5.0 / 6.0)
     chosen = [3.0, 1.0, 1.0, 1.0, 1.0, 1.0]
     assert best.amplitude_spread == pytest.approx([np.std(chosen) / np.mean(chosen), 0.0])
@@ -182,8 +180,8 @@ def test_best_decade_has_the_most_one_periodic_points() -> None:
 
 def test_jumps_are_told_from_slopes() -> None:
     f = np.arange(10.0)
-    assert response.jumps(f, np.array([1, 1.1, 1.2, 1.3, 5, 5.1, 5.2, 5.3, 5.4, 5.5])) == [3.5]
-    assert response.jumps(f, 2.0**f) == []
+    assert responses.jumps(f, np.array([1, 1.1, 1.2, 1.3, 5, 5.1, 5.2, 5.3, 5.4, 5.5])) == [3.5]
+    assert responses.jumps(f, 2.0**f) == []
 
 
 def test_rough_part_keeps_what_is_above_the_limit() -> None:

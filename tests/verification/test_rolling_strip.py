@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from delam_fem.model.beams import closed_form
-from delam_fem.paper.lateral.rolling import FRONT_FROM, FRONT_WITHIN, rolling
+from delam_fem.paper.strip import FRONT_FROM, FRONT_WITHIN, rolling
 
 E_MODULUS, DENSITY, WIDTH, G = 2.1e11, 7850.0, 0.040, 9.81
 POINTS = 32

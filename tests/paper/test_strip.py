@@ -5,14 +5,14 @@ import pytest
 from scipy.integrate import trapezoid
 from scipy.sparse.linalg import spsolve
 
+from delam_fem.contact.laws import Law
 from delam_fem.engines.session import ImpactTable
 from delam_fem.model.beams import closed_form
 from delam_fem.numerics.beams import cantilever_roots
-from delam_fem.paper.figures import rolling_strip
-from delam_fem.paper.lateral import rolling as ground_run
-from delam_fem.paper.lateral.figures import RollingStudy, StripRung, figure06, figure07, tip_block
-from delam_fem.paper.lateral.rolling import LIFT, GroundLaw, Rolling, rolling
-from delam_fem.paper.lateral.tip import TipBlock
+from delam_fem.numerics.schemes import SCHEMES
+from delam_fem.paper import lateral
+from delam_fem.paper import strip as strips
+from delam_fem.paper.strip import LIFT, Energy, Rolling, RollingStudy, TipBlock, rolling, tip_block
 from delam_fem.results.figures.style import styled
 
 ROUND_OFF = 1e-9
@@ -129,32 +129,17 @@ def test_wrong_places_and_meshes_are_refused() -> None:
 def test_without_a_law_the_strip_swings_through_the_ground_and_keeps_its_energy() -> None:
     strip = closed_form.steel_strip()
     operators = closed_form.on_ground(strip, N, "everywhere")
-    start = ground_run.released(closed_form.lifted(strip, N, 0.05, "first mode"), operators)
-    out = ground_run.run(
-        GroundLaw("none"), operators, start, time_step=1e-5, steps_per_stretch=500, n_stretches=5
-    )
-    assert out.u[-1, 0] == pytest.approx(-0.05, rel=1e-4)  # half a period of 50 ms
-    assert out.energy.stored == pytest.approx(out.energy.stored[0], rel=ROUND_OFF)
-    assert out.time[-1] == pytest.approx(0.025)
-    assert out.frames[-1, 0, -2] == out.u[-1, 0]
-    assert out.impulses.time.size == 0
-
-
-def test_a_run_can_be_stopped_between_stretches() -> None:
-    strip = closed_form.steel_strip()
-    operators = closed_form.on_ground(strip, N, "tip")
-    start = ground_run.released(closed_form.lifted(strip, N, 0.05, "tip force"), operators)
-    out = ground_run.run(
-        GroundLaw("none"),
-        operators,
-        start,
-        time_step=1e-5,
-        steps_per_stretch=100,
-        n_stretches=50,
-        stop=lambda u, v: u < 0.025,
-    )
-    assert out.outcome == "interrupted"
-    assert 0.0 < out.u[-1, 0] < 0.025 < out.u[-101, 0]
+    start = strips.released(closed_form.lifted(strip, N, 0.05, "first mode"), operators)
+    out = strips.run(
+        Law("none"), SCHEMES["newmark"], operators, start,
+        time_step=1e-5, stretch=500, n_stretches=5,
+    )  # fmt: skip
+    energy = Energy.of(out)
+    assert out.displacement[-1, 0] == pytest.approx(-0.05, rel=1e-4)  # half a period of 50 ms
+    assert energy.stored == pytest.approx(energy.stored[0], rel=ROUND_OFF)
+    assert out.time[-1] == energy.time[-1] == pytest.approx(0.025)
+    assert out.frames[-1, 0, -2] == out.displacement[-1, 0]
+    assert out.impacts.time.size == 0
 
 
 @pytest.fixture(scope="module")
@@ -236,34 +221,34 @@ def test_before_the_touch_all_blocks_are_none(block: TipBlock) -> None:
     assert block.free.tip[early].min() > 0.0 > block.free.tip[~early].max() - 1e-9
 
 
+def rung(elements: int, steps: int) -> dict[str, object]:
+    """Return a rung of the ladder."""
+    shares = {"impacts": 0.2, "damping": 0.7, "left": 0.1}
+    grid = {"damping_ratio": 0.002, "elements": elements, "steps_per_period": steps}
+    return {"law": lateral.MAIN, **grid, **shares, "outcome": "completed"}
+
+
 def test_rows_about_the_strip_tell_rolling_from_landing_with_the_tip(block: TipBlock) -> None:
     thin = rolling(n_elements=40, steps_per_period=5000)
-    rung = StripRung("newton@moreau-jean", 0.002, 40, 5000, 0.2, 0.7, 0.1, "completed")
 
     def rows(run: Rolling) -> list[str]:
-        study = RollingStudy({"newton@moreau-jean": run}, thin, {0.05: thin}, (rung,))
-        numbers = rolling_strip.RollingStrip.of(study, block)
-        return [claim.verdict for claim in rolling_strip.judge(numbers)]
+        study = RollingStudy({lateral.MAIN: run}, thin, {0.05: thin}, [rung(40, 5000)])
+        claims = lateral.ROLLING_STRIP.judge(lateral.rolling_numbers(study, block))
+        return [claim.verdict for claim in claims]
 
     assert rows(thin) == ["holds"] * 3
     assert rows(rolling(height=0.15, n_elements=20, steps_per_period=5000))[0] == "does not hold"
 
 
 def test_figures_have_their_labels(block: TipBlock) -> None:
-    ladder = tuple(
-        StripRung("newton@moreau-jean", 0.002, n, steps, 0.2, 0.7, 0.1, "completed")
-        for n in (20, 40)
-        for steps in (20_000, 5_000)
-    )
+    ladder = [rung(n, steps) for n in (20, 40) for steps in (20_000, 5_000)]
     heavy = rolling(n_elements=20, steps_per_period=5000)
-    study = RollingStudy({"newton@moreau-jean": heavy}, heavy, {0.05: heavy}, ladder)
-    assert [rung.steps_per_period for rung in study.rungs("newton@moreau-jean", 0.002, 40)] == [
-        5_000,
-        20_000,
-    ]
-    assert study.numbers()["ladder"][0]["impacts"] == 0.2
+    study = RollingStudy({lateral.MAIN: heavy}, heavy, {0.05: heavy}, ladder)
+    runs = lateral.completed(study, lateral.MAIN, 0.002, 40)
+    assert [run["steps_per_period"] for run in runs] == [5_000, 20_000]
+    numbers = lateral.rolling_numbers(study, block)
     with styled():
-        figures = figure06(study, block), figure07(block)
+        figures = lateral.draw_rolling(numbers), lateral.draw_struck(numbers)
         for figure, n_axes in zip(figures, (7, 7), strict=True):
             figure.canvas.draw()
             labels = [(a.get_xlabel(), a.get_ylabel()) for a in figure.axes]

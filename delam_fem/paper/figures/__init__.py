@@ -1,1 +1,0 @@
-"""The figures of the paper; each is a `Piece` of three functions: measure, draw, judge."""

@@ -1,0 +1,527 @@
+"""Histories of the tips: Fig. 3 (motions), 8 (velocities), 10 and 13 (the contact phase)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.restitution import Strike, identify
+from delam_fem.paper.claims import Criterion, Numbers, Piece, Statement, between
+from delam_fem.paper.lab import (
+    BEATS,
+    FREQUENCIES,
+    LAWS,
+    RESONANT,
+    Laboratory,
+    PaperMethod,
+    both_methods,
+    motion_case,
+    strikes,
+)
+from delam_fem.paper.measures import (
+    CLEARLY,
+    SMOOTH_HARMONICS,
+    described,
+    motion_numbers,
+    roughness,
+    tip_positions,
+)
+from delam_fem.results import diagnostics
+from delam_fem.results.figures.style import (
+    BLACK,
+    GAP_COLOUR,
+    HISTORY_PERIODS,
+    LAMINA_COLOURS,
+    PORTRAIT_PERIODS,
+    canvas,
+    label_x,
+    lamina_colours,
+    legend_above,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from delam_fem.results.folder import Result
+
+# -- Fig. 3: the four motions -----------------------------------------------------------------
+
+LARGE = 0.1
+"""A contact phase longer than this share of the period counts as relatively large."""
+
+
+def measure_histories(lab: Laboratory) -> Numbers:
+    """Compute the four motions by both methods.
+
+    Returns:
+        motions: numbers of each motion, and results: the results themselves, both by frequency [Hz]
+        and method; approach: mean speed of approach before strikes by method 3.2, by frequency
+        [m/s]; weakness: largest impulse at 1.25 Hz over that at 3.25 Hz by method 3.2 [-]; reach:
+        largest distance of an impact from the clamp at 1.25 Hz by method 3.2 [m]; length: of the
+        laminae [m].
+    """
+    found = both_methods(lab)
+    low, thick = found[FREQUENCIES[0], "3.2"], found[RESONANT, "3.2"]
+    x = low.history["x"].to_numpy()[low.history["event_node"].to_numpy()]
+    weak, strong = (float(r.history["event_impulse"].max()) for r in (low, thick))
+    motions = {key: motion_numbers(result) for key, result in found.items()}
+    return Numbers(
+        {f"{f:g} Hz, {m}": motion.kept for (f, m), motion in motions.items()},
+        motions=motions,
+        results=found,
+        approach={f: strikes(found[f, "3.2"]).approach for f in FREQUENCIES},
+        weakness=weak / strong,
+        reach=float(x.max(initial=0.0)),
+        length=low.case.lamina[0].length,
+    )
+
+
+def draw_histories(numbers: Numbers) -> Figure:
+    """Draw the positions of both tips over four periods at four frequencies, by both methods."""
+    figure, panels = four_by_two(
+        9.6, numbers.results, _draw_history, "time t/T [–]", "tip [mm]", sharex=True, sharey="row"
+    )
+    legend_above(panels[0, 1])
+    return figure
+
+
+def _draw_history(panel: Axes, result: Result) -> None:
+    """Draw the positions of both tips and the gap between them."""
+    t, y = tip_positions(result, HISTORY_PERIODS)
+    panel.fill_between(t, y[0], y[1], where=y[1] >= y[0], color=GAP_COLOUR)
+    for i in range(2):
+        panel.plot(t, y[i], color=LAMINA_COLOURS[i], label=f"$y_{i + 1}$")
+    panel.margins(x=0.0)
+
+
+def four_by_two(
+    height: float,
+    results: Mapping[tuple[float, PaperMethod], Result],
+    draw: Callable[[Axes, Result], None],
+    x: str,
+    y: str,
+    **shared: Any,
+) -> tuple[Figure, Any]:
+    """Draw the four motions in rows, and both methods in columns.
+
+    Args:
+        height: height of the figure [in].
+        results: motions by frequency and method.
+        draw: draws one motion.
+        x: label of the horizontal axes.
+        y: label of the vertical axes.
+        shared: which panels share their axes.
+
+    Returns:
+        The figure and its panels, shape (4, 2).
+    """
+    figure = canvas(height)
+    panels = figure.subplots(4, 2, **shared)
+    for (frequency, method), result in results.items():
+        row = FREQUENCIES.index(frequency)
+        panel = panels[row, int(method == "3.2")]
+        draw(panel, result)
+        panel.set_title(f"[{'abcd'[row]}] {frequency:.2f} Hz, method {method}")
+        panels[row, 0].set_ylabel(y)
+    label_x(panels.flat, x)
+    return figure, panels
+
+
+HISTORIES = Piece(
+    "3",
+    "Time histories",
+    "Positions y₁ = q₁ and y₂ = g₀(L) + q₂ of both tips. The paper shows measured histories "
+    "(Fig. 3) and those of method 3.2 (Fig. 12); only what its text says of them is compared.",
+    measure_histories,
+    draw_histories,
+    (
+        Statement(
+            "1.25 Hz: almost harmonic, no contact at the tip", "sec. 2.2",
+            lambda n: "d = {:.3f} / {:.3f} %, {}, smallest tip gap {:.1f} mm".format(
+                *(100 * d for d in n.motions[1.25, "3.2"].distortion_factor),
+                n.motions[1.25, "3.2"].kind, 1e3 * n.motions[1.25, "3.2"].minimum_tip_gap,
+            ),
+            lambda n: [
+                *described(n.motions[1.25, "3.2"], 1),
+                Criterion(
+                    "larger d", max(n.motions[1.25, "3.2"].distortion_factor), "<", 0.01, "%"
+                ),
+                Criterion(
+                    "smallest tip gap", 1e3 * n.motions[1.25, "3.2"].minimum_tip_gap, ">", 0.0, "mm"
+                ),
+            ],
+        ),
+        Statement(
+            "1.25 Hz: weak contacts near the clamp", "sec. 2.2",
+            lambda n: f"impacts up to x = {1e3 * n.reach:.0f} mm of {1e3 * n.length:.0f}, the "
+            f"strongest {100 * n.weakness:.1f} % of that at 3.25 Hz",
+            lambda n: [
+                *between("farthest impact over length", n.reach / n.length, (0.0, 0.5), "%"),
+                Criterion("strongest impulse over that at 3.25 Hz", n.weakness, "<", 0.1, "%"),
+            ],
+        ),
+        Statement(
+            "1.60 Hz: the thin lamina beats the thick one", "sec. 2.2",
+            lambda n: n.motions[1.6, "3.2"].kind,
+            lambda n: [
+                *described(n.motions[1.6, "3.2"], 1),
+                Criterion(
+                    "thin over thick speed",
+                    abs(np.divide(*n.motions[1.6, "3.2"].strike_velocities[::-1])), ">", BEATS,
+                ),
+            ],
+        ),
+        Statement(
+            "3.25 Hz: the thick beats the thin, opposite velocities before contact", "sec. 2.2",
+            lambda n: n.motions[3.25, "3.2"].kind,
+            lambda n: [
+                *described(n.motions[3.25, "3.2"], 1),
+                Criterion("thick", n.motions[3.25, "3.2"].strike_velocities[0], ">", 0.0, "m/s"),
+                Criterion("thin", n.motions[3.25, "3.2"].strike_velocities[1], "<", 0.0, "m/s"),
+            ],
+        ),
+        Statement(
+            "3.25 Hz gives the maximum strike of all", "sec. 2.2",
+            lambda n: "speed of approach before the strike: "
+            + ", ".join(f"{n.approach[f]:.2f} m/s at {f:.2f} Hz" for f in FREQUENCIES[1:]),
+            lambda n: [
+                Criterion(
+                    "3.25 Hz over the next",
+                    n.approach[RESONANT] / max(v for f, v in n.approach.items() if f != RESONANT),
+                    ">", 1.0,
+                )
+            ],
+        ),
+        Statement(
+            "3.65 Hz: period doubling, one contact in two periods", "sec. 2.2",
+            lambda n: n.motions[3.65, "3.2"].kind,
+            lambda n: described(n.motions[3.65, "3.2"], 2),
+        ),
+        Statement(
+            "1.60 … 3.65 Hz: the interval of contact is relatively large", "sec. 2.2",
+            lambda n: "the tips are less than 1 mm apart for "
+            + ", ".join(f"{100 * n.motions[f, '3.2'].near_share:.0f} %" for f in FREQUENCIES[1:])
+            + " of the time; the tip pair itself is closed for a few steps at each strike",
+            lambda n: [
+                Criterion(
+                    "smallest share", min(n.motions[f, "3.2"].near_share for f in FREQUENCIES[1:]),
+                    ">", LARGE, "%",
+                )
+            ],
+        ),
+    ),
+)  # fmt: skip
+
+# -- Fig. 8: velocities, and the coefficient of restitution that follows ------------------------
+
+SHOWN_PERIODS = 2
+MEASURED = (0.0, 0.1)
+"""Range of e from the paper's experiment."""
+SAMPLES = (1, 2, 3, 5, 10, 20)
+"""Numbers of samples on each side of a jump from which e is read."""
+MARGIN = 0.05
+"""Distance up to which two ratios of gap rates count as the same."""
+
+
+def measure_velocities(lab: Laboratory) -> Numbers:
+    """Compute the motion at 3.25 Hz and find the jumps of the tip velocities.
+
+    Returns:
+        strike_time_s: times of the strikes, shape (n,); before, after: velocities of both tips
+        before and after a strike, shape (n, 2) [m/s]; restitution: e by eq. 3, shape (n,) [-];
+        restitution_by_samples: mean of e by eq. 3 by the number of samples on each side to which a
+        line is fitted, with one the sample itself is taken [-]; restitution_by_lamina: e by eq. 4,
+        shape (n, 2) [-]; apparent_mass_ratio: m1/m2 from the velocity jumps, shape (n,) [-];
+        mass_ratio: m1/m2 of the laminae [-]; result: the result.
+    """
+    (result,) = lab.motions([motion_case(RESONANT, lab.plan)])
+    found = tip_strikes(result)
+    return Numbers(
+        {
+            "strike_time_s": np.array([s.time for s in found]),
+            "before": np.array([s.before for s in found]).reshape(-1, 2),
+            "after": np.array([s.after for s in found]).reshape(-1, 2),
+            "restitution": np.array([s.restitution for s in found]),
+            "restitution_by_samples": {
+                n: float(np.mean([s.restitution for s in tip_strikes(result, n)])) for n in SAMPLES
+            },
+            "restitution_by_lamina": np.array([s.restitution_by_body for s in found]).reshape(
+                -1, 2
+            ),
+            "apparent_mass_ratio": np.array([s.apparent_mass_ratio for s in found]),
+            "mass_ratio": mass_ratio(result),
+        },
+        result=result,
+    )
+
+
+def mass_ratio(result: Result) -> float:
+    """Return m1/m2 of a result's laminae [-]."""
+    thick, thin = result.case.lamina
+    return thick.mass_per_length / thin.mass_per_length
+
+
+def tip_strikes(result: Result, fit_samples: int = 1) -> tuple[Strike, ...]:
+    """Find strikes from the tip velocities alone, as the experiment does; at most one per period.
+
+    `lab.strikes` finds strikes from the gap, which the experiment does not measure.
+
+    Args:
+        result: of a run with strikes.
+        fit_samples: number of samples on each side of a jump to which a line is fitted; waves that
+            arrive at the tip distort the line, so that e depends on this number.
+    """
+    history = result.history
+    return identify(
+        history["time"].to_numpy(),
+        history["tip_velocity"].to_numpy(),
+        mass_ratio(result),
+        fit_samples=fit_samples,
+        apart=0.5 * result.case.period,
+        smallest_jump=0.5,
+    )
+
+
+def printed_ratio(before: FloatArray, e: float, mass_ratio: float) -> float:
+    """Return the ratio of gap rates after and before by eq. 4 with the signs as printed [-].
+
+    Args:
+        before: velocities of laminae 1 and 2 before the strike, shape (2,) [m/s].
+        e: coefficient of restitution [-].
+        mass_ratio: m1/m2 [-].
+    """
+    rate = before[1] - before[0]
+    thick = before[0] - (1.0 + e) / (1.0 + mass_ratio) * rate
+    thin = before[1] + (1.0 + e) * mass_ratio / (1.0 + mass_ratio) * rate
+    return float((thin - thick) / rate)
+
+
+def _printed(numbers: Numbers) -> float:
+    """Return the mean of `printed_ratio` over the strikes with the mean e [-]."""
+    e = numbers.restitution_by_samples[1]
+    return float(np.mean([printed_ratio(v, e, numbers.mass_ratio) for v in numbers.before]))
+
+
+def draw_velocities(numbers: Numbers) -> Figure:
+    """Draw the tip velocities over two periods with the jumps from which e follows."""
+    figure = canvas(7.0)
+    above, below = figure.subplots(2, 2, width_ratios=[3, 1])
+    whole = above[0].get_gridspec()
+    for panel in above:
+        panel.remove()
+    _draw_velocities(figure.add_subplot(whole[0, :]), numbers)
+    _draw_restitution(below[0], numbers)
+    _draw_samples(below[1], numbers)
+    return figure
+
+
+def _draw_velocities(panel: Axes, numbers: Numbers) -> None:
+    """Draw the velocities of both tips, with marks before and after each strike."""
+    history, case = numbers.result.history, numbers.result.case
+    time, T = history["time"].to_numpy(), case.period
+    shown = time > time[-1] - SHOWN_PERIODS * T
+    start, v = time[shown][0], history["tip_velocity"].to_numpy()[:, shown]
+    for i, colour in enumerate(lamina_colours(2)):
+        label = f"{case.lamina[i].name}  $\\dot y_{i + 1}$"
+        panel.plot((time[shown] - start) / T, v[i], color=colour, label=label)
+    for k, strike in enumerate(np.flatnonzero(numbers.strike_time_s >= start)):
+        at = np.full(4, (numbers.strike_time_s[strike] - start) / T)
+        ends = np.concatenate([numbers.before[strike], numbers.after[strike]])
+        name = "before and after the strike" if k == 0 else None
+        panel.plot(at, ends, "o", color=BLACK, markersize=4, label=name)
+    panel.set(xlabel="time t/T [–]", ylabel="velocity of the tip [m/s]")
+    panel.margins(x=0.0)
+    legend_above(panel)
+
+
+def _draw_restitution(panel: Axes, numbers: Numbers) -> None:
+    """Draw e of each strike, with the paper's range and the given value."""
+    e, given = numbers.restitution, numbers.result.case.contact.restitution
+    number = np.arange(1, e.size + 1)
+    panel.plot(number, e, "o", color=BLACK, label="eq. 3")
+    for i, (marker, colour) in enumerate(zip("^v", lamina_colours(2), strict=True)):
+        by_lamina = numbers.restitution_by_lamina[:, i]
+        panel.plot(number, by_lamina, marker, color=colour, label=f"eq. 4, lamina {i + 1}")
+    panel.axhspan(*MEASURED, color="#e9e9e9", label="paper's range")
+    panel.axhline(given, color=BLACK, linewidth=0.8, label="given e")
+    panel.set(xlabel="number of the strike", ylabel="coefficient of restitution e [–]")
+    legend_above(panel)
+
+
+def _draw_samples(panel: Axes, numbers: Numbers) -> None:
+    """Draw how the mean of e depends on the samples that it is read from."""
+    by_samples = numbers.restitution_by_samples
+    panel.semilogx(list(by_samples), list(by_samples.values()), "o-", color=BLACK)
+    panel.axhspan(*MEASURED, color="#e9e9e9")
+    panel.set_xticks(list(by_samples), [str(n) for n in by_samples])
+    panel.minorticks_off()
+    panel.set(xlabel="samples on each side", ylabel="mean e by eq. 3 [–]")
+
+
+def _range(by_samples: Mapping[int, float]) -> tuple[float, float]:
+    """Return the smallest and the largest e over the numbers of samples [-]."""
+    return min(by_samples.values()), max(by_samples.values())
+
+
+VELOCITIES = Piece(
+    "8",
+    "Impact-dominated velocities",
+    f"Method 3.2 at {RESONANT} Hz. e by eq. 3 from the gap rates before and after the strike, "
+    "and by eq. 4 (signs corrected) from each lamina with m1/m2 = ρ₁A₁/ρ₂A₂. The paper's "
+    "signals are not available; below on the right: e depends on the number of samples on each "
+    "side of a jump to which a line is fitted; compared is the range of e that it read off them.",
+    measure_velocities,
+    draw_velocities,
+    (
+        Statement(
+            "velocities jump at the beginning of contact", "sec. 2.3",
+            lambda n: f"{n.restitution.size} jumps in 10 periods; the gap rate changes by "
+            f"{np.abs(n.after - n.before).sum(axis=1).mean():.2f} m/s within one step (T/1000)",
+            lambda n: [Criterion("jumps in 10 periods", n.restitution.size, ">", 0.0)],
+        ),
+        Statement(
+            "0 ≤ e ≤ 0.1 from the velocities before and after", "sec. 2.3",
+            lambda n: f"e = {n.restitution_by_samples[1]:.2f} (from {n.restitution.min():.2f} to "
+            f"{n.restitution.max():.2f}, {n.restitution.size} strikes) by eq. "
+            "3 with one sample on each side of the jump, "
+            + ", ".join(f"{e:.2f}" for k, e in n.restitution_by_samples.items() if k > 1)
+            + f" with {', '.join(str(k) for k in n.restitution_by_samples if k > 1)} samples: "
+            "waves follow the strike at once, so e is not a property of the strike alone; "
+            "{:.2f} and {:.2f} from thick and thin by eq. 4 corrected; "
+            "0.10 was given to every pair".format(*n.restitution_by_lamina.mean(axis=0)),
+            lambda n: between(
+                "e", n.restitution_by_samples[1], MEASURED, "", _range(n.restitution_by_samples)
+            ),
+        ),
+        Statement(
+            "eq. 4 as printed", "sec. 2.3",
+            lambda n: "from the velocities before these strikes it gives with e = "
+            f"{n.restitution_by_samples[1]:.2f} a gap rate "
+            f"after of {_printed(n):+.2f} times that before, the laminae gain speed through one "
+            f"another; computed {-n.restitution_by_samples[1]:+.2f} times; with both signs changed "
+            "it is eq. 14",
+            lambda n: [
+                Criterion(
+                    "printed less computed", abs(_printed(n) + n.restitution_by_samples[1]),
+                    "<", MARGIN,
+                )
+            ],
+        ),
+    ),
+)  # fmt: skip
+
+# -- Figs. 10 and 13: the contact phase by method 3.1, and by method 3.2 beside it --------------
+
+DETAIL = (0.10, 0.25)
+"""Time before and after the strike that details show, in periods."""
+
+
+def measure_contact(lab: Laboratory) -> Numbers:
+    """Compute the motion at 3.25 Hz by both methods.
+
+    Returns:
+        roughness_near: roughness of both tips while they are near, by method [-]; ratio: roughness
+        by method 3.2 over that by method 3.1, shape (2,) [-]; results: by method.
+    """
+    found = {m: lab.motions([motion_case(RESONANT, lab.plan, m)])[0] for m in LAWS}
+    rough = {m: roughness(r, free=False) for m, r in found.items()}
+    return Numbers(
+        {"roughness_near": rough, "ratio": np.divide(rough["3.2"], rough["3.1"])}, results=found
+    )
+
+
+def measure_impacts(lab: Laboratory) -> Numbers:
+    """Compute the motion at 3.25 Hz by both methods.
+
+    Returns:
+        roughness_velocity, roughness_displacement: roughness of both tips while they are near, by
+        method 3.1 [-]; impacts_per_period: by method 3.1 and by method 3.2; results: by method.
+    """
+    found = measure_contact(lab).results
+    kept = {
+        f"roughness_{name}": roughness(found["3.1"], free=False, quantity=f"tip_{name}")
+        for name in ("velocity", "displacement")
+    }
+    impacts = [float(r.summary["impacts_per_period"]) for r in found.values()]
+    return Numbers(kept | {"impacts_per_period": impacts}, results=found)
+
+
+def _draw_strikes(numbers: Numbers, *methods: PaperMethod) -> Figure:
+    """Draw the phase portrait and the history around a strike; one row per method.
+
+    The strike is the last one whose details are all in the window.
+    """
+    figure = canvas(0.5 + 4.1 * len(methods))
+    panels = figure.subplots(len(methods), 2, squeeze=False, sharex="col", sharey="col")
+    for row, method in zip(panels, methods, strict=True):
+        result = numbers.results[method]
+        N = result.case.time.steps_per_period
+        t, y = tip_positions(result, PORTRAIT_PERIODS)
+        v = diagnostics.phase_portrait(result.history, result.case, PORTRAIT_PERIODS)[:, 1]
+        steps = strikes(result).step
+        at = int(steps[steps + DETAIL[1] * N < t.size][-1])
+        part = slice(max(at - int(DETAIL[0] * N), 0), at + int(DETAIL[1] * N))
+        for i, lamina in enumerate(result.case.lamina):
+            style = {
+                "color": LAMINA_COLOURS[i], "label": lamina.name,
+                "linewidth": 0.7, "marker": ".", "markersize": 2.5,
+            }  # fmt: skip
+            row[0].plot(y[i, part], v[i, part], **style)
+            row[1].plot(t[part] - t[at], y[i, part], **style)
+        row[0].set(title=f"[a] phase portrait, method {method}", ylabel="velocity of the tip [m/s]")
+        row[1].set(
+            title="[b] history", ylabel="position of the tip [mm]", xticks=np.arange(-1, 3) / 10.0
+        )
+    label_x(panels[:, 0], "position of the tip [mm]")
+    label_x(panels[:, 1], "time since the strike  t/T [–]")
+    legend_above(panels[0][1])
+    return figure
+
+
+IMPACTS = Piece(
+    "10",
+    "Contact phase by method 3.1",
+    f"Method 3.1 at {RESONANT} Hz about one strike, every time step a dot.",
+    measure_impacts,
+    lambda numbers: _draw_strikes(numbers, "3.1"),
+    (
+        Statement(
+            "permanent contact is captured by numerous single impacts", "sec. 3.1",
+            lambda n: f"{n.impacts_per_period[0]:.0f} impacts on all pairs per period at "
+            f"{RESONANT} Hz ({n.impacts_per_period[1]:.0f} by method 3.2)",
+            lambda n: [Criterion("impacts per period", n.impacts_per_period[0], ">", 1.0)],
+        ),
+        Statement(
+            "the time history is hardly affected by successive impacts", "sec. 3.1",
+            lambda n: f"share of the motion above harmonic {SMOOTH_HARMONICS} while the tips are "
+            "near: velocity {:.0f} / {:.0f} %, displacement {:.1f} / {:.1f} % (thick / thin)"
+            .format(*(100 * r for r in (*n.roughness_velocity, *n.roughness_displacement))),
+            lambda n: [
+                Criterion(
+                    "displacement over velocity",
+                    max(n.roughness_displacement) / max(n.roughness_velocity), "<", 0.1, "%",
+                )
+            ],
+        ),
+    ),
+)  # fmt: skip
+
+CONTACT = Piece(
+    "13",
+    "Contact phase by method 3.2",
+    f"{RESONANT} Hz about one strike by both methods, every time step a dot.",
+    measure_contact,
+    lambda numbers: _draw_strikes(numbers, "3.2", "3.1"),
+    (
+        Statement(
+            "permanent contact makes the contact phase more realistic", "sec. 3.2",
+            lambda n: f"velocity above harmonic {SMOOTH_HARMONICS} while the tips are near, 3.2 "
+            f"over 3.1: {n.ratio[0]:.2f} (thick), {n.ratio[1]:.2f} (thin)",
+            lambda n: [Criterion("larger ratio", float(np.max(n.ratio)), "<", CLEARLY)],
+        ),
+    ),
+)  # fmt: skip

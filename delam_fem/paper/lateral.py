@@ -1,0 +1,576 @@
+"""Lateral impact of a steel strip: Fig. 6 (on the ground) and 7 (its tip on a block)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from delam_fem.model.beams import closed_form
+from delam_fem.paper.claims import Criterion, Numbers, Piece, Statement
+from delam_fem.paper.lab import Laboratory
+from delam_fem.paper.strip import (
+    LIFT,
+    LONG,
+    Rolling,
+    RollingStudy,
+    TipBlock,
+    exact_beam,
+    rolling_study,
+    tip_block,
+)
+from delam_fem.results.figures.style import (
+    BASE_COLOUR,
+    BLACK,
+    BLUE,
+    GREEN,
+    ORANGE,
+    PURPLE,
+    SKY,
+    VERMILLION,
+    canvas,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# -- Fig. 6: a strip that falls on the ground on which it lies ----------------------------------
+
+MAIN = "newton@moreau-jean"
+"""The law of the thin strip that the statements are about."""
+NEARLY_ALL = 0.9
+"""A share of the energy above this counts as nearly all."""
+FROM_CLAMP = 0.5
+"""With a larger rank correlation of place and time, the contact line runs from clamp to tip."""
+
+
+NO_REBOUND = 0.05
+"""A rebound below this share of the speed or height before the impact counts as none."""
+LAW_COLOURS = {"newton@moreau-jean": BLUE, "newton-penalty@newmark": ORANGE}
+MARKERS = {20: ("s", "□"), 40: ("^", "△"), 80: ("o", "○")}
+"""Markers of the meshes of a ladder, and how a title shows them, by number of elements."""
+SHOWN_LANDING = (-0.02, 0.06)
+SHOWN_ENERGY = (-0.05, 0.25)
+"""Parts of the period around the first hit that are drawn."""
+
+
+GAUGE_COLOURS = (BLUE, VERMILLION)
+
+
+def measure_rolling(lab: Laboratory) -> Numbers:
+    """Compute the first experiment and its variations; compute the second at the same time.
+
+    Returns:
+        by_law, stiff, by_height_mm, ladder: from `RollingStudy.numbers`; study: all results of the
+        first experiment; block: results of the second experiment, whose set-up is drawn.
+    """
+    begun = lab.begin("rolling study", rolling_study, fast=not lab.plan.has_long_ladders)
+    block = struck_block(lab)
+    return rolling_numbers(begun.result(), block)
+
+
+def rolling_numbers(study: RollingStudy, block: TipBlock) -> Numbers:
+    """Return the numbers of a study."""
+    return Numbers(study.numbers(), study=study, block=block)
+
+
+def struck_block(lab: Laboratory) -> TipBlock:
+    """Compute the second experiment once; other computations may run at the same time."""
+    return lab.begin("tip block", tip_block).result()
+
+
+def draw_rolling(numbers: Numbers) -> Figure:
+    """Draw the set-up of the second experiment and the results of the first."""
+    figure, study = canvas(12.6), numbers.study
+    rows = figure.subfigures(4, 1, height_ratios=(1.0, 1.35, 1.35, 1.35))
+    _draw_setup(rows[0].subplots(), numbers.block)
+    main = study.by_law["newton@moreau-jean"]
+    for axes, run in zip(rows[1].subplots(1, 2), (main, study.stiff), strict=True):
+        _draw_contact_line(axes, run)
+    left, right = rows[2].subplots(1, 2)
+    _draw_energy(left, main)
+    _draw_tips(right, study)
+    left, right = rows[3].subplots(1, 2)
+    _draw_ladder(left, study)
+    _draw_heights(right, study)
+    return figure
+
+
+def _draw_setup(axes: Axes, block: TipBlock) -> None:
+    """Draw the strip with its sensors to scale, once lifted and once free of stress."""
+    from matplotlib.patches import Rectangle
+
+    strip, n = block.lamina, 100
+    x = 1e3 * np.concatenate([[0.0], closed_form.nodes(strip, n)])
+    length, t = 1e3 * strip.length, 1e3 * strip.thickness
+    up = 1e3 * np.concatenate([[0.0], closed_form.lifted(strip, n, LIFT, "tip force")[::2]])
+    axes.fill_between(x, 0.0, t, color=BASE_COLOUR, linewidth=0.0)
+    axes.plot(x, up + 0.5 * t, color=BLACK, linestyle="--", label="lifted, before the release")
+    axes.add_patch(Rectangle((-22.0, -16.0), 22.0, 35.0, facecolor="#c8c8c8", hatch="///"))
+    axes.add_patch(Rectangle((length - 12.0, -16.0), 14.0, 16.0, facecolor=ORANGE))
+    axes.annotate(
+        "[3] block and force transducer",
+        (length - 5.0, -10.0),
+        (length - 40.0, -13.0),
+        ha="right",
+        va="center",
+        arrowprops={"arrowstyle": "-"},
+    )
+    for number, (place, colour) in enumerate(zip(block.gauges, GAUGE_COLOURS, strict=True), 1):
+        at = 1e3 * float(place)
+        axes.plot([at - 4.0, at + 4.0], [t + 1.5] * 2, color=colour, linewidth=4.0)
+        axes.text(at, t + 6.0, f"[{number}]", color=colour, ha="center")
+    axes.annotate(
+        "", (length + 6.0, t), (length + 6.0, t + 1e3 * LIFT), arrowprops={"arrowstyle": "<->"}
+    )
+    axes.text(length + 9.0, 0.5e3 * LIFT, f"{1e3 * LIFT:g} mm", va="center")
+    frequency = float(strip.angular_frequencies(1)[0]) / (2.0 * np.pi)
+    section = f"{1e3 * strip.width:g} mm × {t:g} mm × {length:.0f} mm"
+    axes.set(
+        title=f"steel strip {section}, lowest frequency {frequency:.0f} Hz", aspect="equal",
+        xlabel="place  x  [mm]", xlim=(-30.0, length + 45.0),
+        ylabel="height  [mm]", ylim=(-20.0, 62.0),
+    )  # fmt: skip
+    axes.legend(loc="upper left", bbox_to_anchor=(0.08, 1.0), frameon=False)
+
+
+def _draw_contact_line(axes: Axes, run: Rolling) -> None:
+    """Draw the hits of the nodes over time and place, with the first hit of each node on top."""
+    pushes, x = run.impulses, 1e3 * run.x
+    shown = run.landing[0] + run.period * np.array(SHOWN_LANDING)
+    is_shown = (pushes.time > shown[0]) & (pushes.time < shown[1])
+    time, pair = pushes.time[is_shown], pushes.pair[is_shown]
+    apart = np.ptp(shown) / 400.0  # more dots than that cannot be distinguished
+    _, seen = np.unique(np.stack([np.floor(time / apart), pair]), axis=1, return_index=True)
+    axes.plot(
+        1e3 * time[seen], x[pair[seen]], ".", color=SKY, markersize=2.5, label="node is pushed"
+    )
+    look: dict[str, Any] = {"color": BLACK, "markersize": 4.5, "label": "for the first time"}
+    axes.plot(1e3 * run.contact_line, x, ".", **look)
+    direction, speed = run.front()
+    words = "clamp → tip" if direction > 0.0 else "tip → clamp"
+    size = f"{1e3 * run.lamina.thickness:g} mm × {1e3 * run.lamina.length:.0f} mm"
+    sag = 1e3 * closed_form.sag(run.lamina, run.gravity)
+    axes.set(
+        title=f"{size}, sag {sag:.0f} mm, lifted {1e3 * run.tip[0]:.0f} mm\n"
+        f"{words}, {speed:.0f} m/s",
+        xlabel="time after the release  t  [ms]", xlim=1e3 * shown,
+        ylabel="place  x  [mm]", ylim=(0.0, 1.03e3 * run.lamina.length),
+    )  # fmt: skip
+    axes.legend(loc="upper left" if direction > 0.0 else "center right")
+
+
+def _draw_energy(axes: Axes, run: Rolling) -> None:
+    """Draw the stored and the lost energy over time."""
+    energy = run.energy
+    parts = np.array([energy.stored, energy.damped, energy.impact]) / energy.stored[0]
+    names = ("in the strip", "lost to damping", "lost at impacts")
+    axes.stackplot(1e3 * energy.time, parts, labels=names, colors=(BASE_COLOUR, SKY, VERMILLION))
+    shown = run.landing[0] + run.period * np.array(SHOWN_ENERGY)
+    axes.set(
+        title=f"thin strip, {run.method}, {run.x.size} elements",
+        xlabel="time after the release  [ms]", xlim=1e3 * shown,
+        ylabel="share of the energy  [–]", ylim=(0.0, 1.0),
+    )  # fmt: skip
+    axes.legend(loc="lower right")
+
+
+def _draw_ladder(axes: Axes, study: RollingStudy) -> None:
+    """Draw the total loss and the loss at impacts over the time step, for the damped strip."""
+    from matplotlib.ticker import NullLocator
+
+    damping_ratio = max(rung["damping_ratio"] for rung in study.ladder)
+    for law, colour in LAW_COLOURS.items():
+        for n, (marker, _) in MARKERS.items():
+            rungs = completed(study, law, damping_ratio, n)
+            steps = [rung["steps_per_period"] for rung in rungs]
+            # a law's name stands once in the legend
+            name = law if n == max(MARKERS) else "_nolegend_"
+            drawn = axes.plot(steps, [rung["impacts"] for rung in rungs], label=name)
+            drawn += axes.plot(steps, [1.0 - rung["left"] for rung in rungs], linestyle="--")
+            for line in drawn:
+                line.set(color=colour, marker=marker, markersize=4.5, linewidth=0.9)
+    ticks = sorted({rung["steps_per_period"] for rung in study.ladder})
+    meshes = ", ".join(f"{n} {sign}" for n, (_, sign) in MARKERS.items())
+    axes.set(
+        title=f"dashed: all, solid: at impacts\nelements: {meshes}",
+        xlabel="time steps per lowest period  [–]", xscale="log",
+        ylabel="share lost in half a period  [–]", ylim=(0.0, 1.05),
+    )  # fmt: skip
+    axes.set_xticks(ticks, [f"{n}" for n in ticks])
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.legend(loc="lower left")
+
+
+def completed(
+    study: RollingStudy, law: str, damping_ratio: float, elements: int
+) -> Sequence[Mapping[str, Any]]:
+    """Return the completed runs of a law, a damping and a mesh, by increasing steps."""
+    found = [
+        rung
+        for rung in study.ladder
+        if (rung["law"], rung["damping_ratio"], rung["elements"]) == (law, damping_ratio, elements)
+        and rung["outcome"] == "completed"
+    ]
+    return sorted(found, key=lambda rung: rung["steps_per_period"])
+
+
+def _draw_tips(axes: Axes, study: RollingStudy) -> None:
+    """Draw the height of the tip over time for each law."""
+    for name, run in study.by_law.items():
+        axes.plot(1e3 * run.time, 1e3 * run.tip, color=LAW_COLOURS[name], label=name)
+    axes.set(
+        title="tip of the thin strip", xlabel="time after the release  [ms]",
+        ylabel="height of the tip  [mm]", ylim=(-1.0, 1.02e3 * LIFT),
+    )  # fmt: skip
+    axes.margins(x=0.0)
+    axes.legend(loc="upper right")
+
+
+def _draw_heights(axes: Axes, study: RollingStudy) -> None:
+    """Draw the direction of the contact line over the height of the tip, in sags of the strip."""
+    runs = [*study.by_height.values(), study.stiff]
+    ratio = [run.tip[0] / closed_form.sag(run.lamina, run.gravity) for run in runs]
+    direction = [run.front()[0] for run in runs]
+    axes.plot(ratio[:-1], direction[:-1], "o-", color=BLUE, label="thin strip")
+    axes.plot(ratio[-1:], direction[-1:], "s", color=VERMILLION, label="stiff strip")
+    axes.set(
+        title="1: clamp → tip\n−1: tip → clamp",
+        xlabel="height of the tip / sag  [–]", xscale="log",
+        ylabel="rank correlation, place and time  [–]", ylim=(-1.15, 1.15),
+    )  # fmt: skip
+    axes.legend(loc="center left")
+
+
+def _line(numbers: Numbers) -> str:
+    """Return how the thin and the stiff strip land in words."""
+    main, stiff = numbers.by_law[MAIN], numbers.stiff
+    rolled = [
+        run["height_mm"] / main["sag_mm"]
+        for run in numbers.by_height_mm.values()
+        if run["front_direction"] > FROM_CLAMP
+    ]
+    strip = f"{1e3 * main['strip']['thickness']:g} mm × {1e3 * main['strip']['length']:.0f} mm"
+    reach = f"{min(rolled):.1f} to {max(rolled):.1f}" if rolled else "no"
+    return (
+        f"steel {strip} (sags by {main['sag_mm']:.0f} mm under its weight) lifted "
+        f"{main['height_mm']:.0f} mm at the tip: rank correlation of place and time of contact "
+        f"{main['front_direction']:+.2f}, {main['front_speed_m_s'] or float('inf'):.0f} m/s; so "
+        f"for heights of {reach} sags; a stiff strip ({stiff['height_mm'] / stiff['sag_mm']:.0f} "
+        f"sags) lands tip first ({stiff['front_direction']:+.2f})"
+    )
+
+
+def _dissipation(numbers: Numbers) -> str:
+    """Return where the energy goes at the landing in words."""
+    shares = numbers.by_law[MAIN]["shares_after_landing"]
+    taken = [
+        rung["impacts"]
+        for rung in numbers.ladder
+        if rung["law"] == MAIN and rung["outcome"] == "completed"
+    ]
+    return (
+        f"{100 * shares['lost']:.0f} % are lost 2 % of the lowest period after landing: "
+        f"{100 * shares['impacts']:.0f} % at impacts, {100 * shares['damping']:.0f} % to "
+        "material damping of the waves that impacts make; over meshes and time steps, with and "
+        f"without damping ({MAIN}), impacts take {100 * min(taken):.0f} to "
+        f"{100 * max(taken):.0f} %"
+    )
+
+
+def _highest(numbers: Numbers, name: str) -> float:
+    """Return the largest one of a number of the runs with each law."""
+    return max(float(run[name]) for run in numbers.by_law.values())
+
+
+ROLLING_STRIP = Piece(
+    "6",
+    "Lateral impact of a strip",
+    "Above: the set-up of the second experiment. Below: the first one; a steel strip lies on "
+    "rigid ground, is lifted by a force at its tip and let go. Strip and height are not told, "
+    "and the ratio of the height to the sag under its own weight decides how it lands: a thin "
+    "strip rolls down from the clamp, a stiff one (that of the second experiment, lowest "
+    "period 50 ms) lands with its tip first. Energies and ladders are those of the thin strip. "
+    "Nothing is printed of the strip: compared is what the text says.",
+    measure_rolling,
+    draw_rolling,
+    (
+        Statement(
+            "a contact line that evolves from the clamped end to the free one", "sec. 2.3",
+            _line,
+            lambda n: [
+                Criterion(
+                    "rank correlation", n.by_law[MAIN]["front_direction"], ">", FROM_CLAMP
+                )
+            ],
+        ),
+        Statement(
+            "total dissipation of the energy into the surface", "sec. 2.3",
+            _dissipation,
+            lambda n: [
+                Criterion(
+                    "lost", n.by_law[MAIN]["shares_after_landing"]["lost"], ">", NEARLY_ALL, "%"
+                )
+            ],
+        ),
+        Statement(
+            "no snap-back or local lift-off", "sec. 2.3",
+            lambda n: f"until {LONG:g} of the lowest period the tip rises again to at most "
+            f"{100 * _highest(n, 'rebound_of_tip'):.1f} % of the height it fell from, any place of "
+            f"the strip to {100 * _highest(n, 'lift_off'):.1f} % (three laws); the stiff strip's "
+            f"tip to {100 * n.stiff['rebound_of_tip']:.0f} %",
+            lambda n: [
+                Criterion(
+                    "highest rise of three laws", _highest(n, "lift_off"), "<", NO_REBOUND, "%"
+                )
+            ],
+        ),
+    ),
+)  # fmt: skip
+
+# -- Fig. 7: a strip whose tip falls on a block -------------------------------------------------
+
+MUCH_SMALLER = 0.5
+STRONGLY = 0.5
+"""The contact dissipates strongly if it takes more than this share of the energy."""
+PEAK_US = 30.0
+"""Duration of the force peak in the paper [µs]."""
+EXTREMELY_SHORT = 0.01
+"""A time below this share of the lowest period counts as extremely short."""
+SHOWN_WAVE = 350.0
+"""Time after the touch up to which the wave is drawn [µs]."""
+
+
+def measure_struck(lab: Laboratory) -> Numbers:
+    """Compute the second experiment.
+
+    Returns:
+        The numbers of `TipBlock.numbers`; block: the computed signals.
+    """
+    block = struck_block(lab)
+    return Numbers(block.numbers(), block=block)
+
+
+def draw_struck(numbers: Numbers) -> Figure:
+    """Draw strains and contact force: the signals, the first wave, its dispersion."""
+    figure, block = canvas(8.6), numbers.block
+    axes = figure.subplots(3, 2)
+    for k in (0, 1):
+        _draw_strain(axes[k, 0], block, k)
+    _draw_force(axes[2, 0], block)
+    _draw_waves(axes[0, 1], block)
+    _draw_dispersion(axes[1, 1], block)
+    _draw_peak(axes[2, 1], block)
+    return figure
+
+
+def _draw_strain(axes: Axes, block: TipBlock, gauge: int) -> None:
+    """Draw the strain at a gauge over the impact."""
+    motion = block.spring
+    axes.plot(1e3 * motion.time, 1e6 * motion.strain[gauge], color=GAUGE_COLOURS[gauge])
+    free = block.free.strain[gauge]
+    axes.plot(
+        1e3 * block.free.time, 1e6 * free, color=BASE_COLOUR, linestyle="--", label="no block"
+    )
+    before, place = 1e6 * block.static_strain[gauge], 1e3 * block.gauges[gauge]
+    axes.set(
+        title=f"[{gauge + 1}]  x = {place:.0f} mm, held up: ε = {before:.0f}·10⁻⁶",
+        xlabel="time after the touch  [ms]", ylabel="strain  ε  [10⁻⁶]",
+    )  # fmt: skip
+    axes.margins(x=0.0)
+    axes.legend(loc="best")
+
+
+def _draw_force(axes: Axes, block: TipBlock) -> None:
+    """Draw the contact force over the whole contact."""
+    axes.plot(1e3 * block.spring.time, 1e-3 * block.force, color=BLACK, linewidth=0.9)
+    axes.set(
+        title="[3]  block of finite stiffness",
+        xlabel="time after the touch  [ms]", ylabel="force  [kN]",
+    )  # fmt: skip
+    axes.margins(x=0.0)
+
+
+def _draw_waves(axes: Axes, block: TipBlock) -> None:
+    """Draw the strain that the block causes, with that of the exact beam without a clamp."""
+    time = 1e6 * block.spring.time
+    wave, exact = 1e6 * block.wave(block.spring), 1e6 * block.exact_wave()
+    for k, colour in enumerate(GAUGE_COLOURS):
+        distance = 1e3 * (block.lamina.length - block.gauges[k])
+        axes.plot(time, wave[k], color=colour, label=f"[{k + 1}]  {distance:.0f} mm from the tip")
+    axes.plot(time, exact[1], color=BLACK, linestyle=":", label="[2] exact, no clamp")
+    shown = (time > 0.0) & (time < SHOWN_WAVE)
+    largest = 1.1 * float(np.abs(wave[:, shown]).max())
+    axes.set(
+        xlabel="time after the touch  [µs]", xlim=(0.0, SHOWN_WAVE),
+        ylabel="strain by the block  [10⁻⁶]", ylim=(-largest, 1.9 * largest),
+    )  # fmt: skip
+    axes.legend(loc="upper left")
+
+
+def _draw_dispersion(axes: Axes, block: TipBlock) -> None:
+    """Draw frequency over arrival time at the second gauge, with the dispersion relation."""
+    middle, frequency = block.half_waves()
+    distance = float(block.lamina.length - block.gauges[1])
+    shown = np.geomspace(0.5 * frequency.min(), 1.3 * frequency.max(), 100)
+    arrival = distance / exact_beam(block.lamina).group_speed(shown)
+    slower = distance / exact_beam(block.lamina).timoshenko_group_speed(shown)
+    rod = distance / float(np.sqrt(block.lamina.young_modulus / block.lamina.density))
+    axes.plot(1e6 * arrival, 1e-3 * shown, color=BLACK, label="distance / $c_g$ (bending)")
+    axes.plot(1e6 * slower, 1e-3 * shown, ":", color=BLACK, label="with shear (Timoshenko)")
+    axes.axvline(1e6 * rod, color=PURPLE, linestyle="--", label="distance / $c_0$ (longitudinal)")
+    axes.plot(
+        1e6 * middle, 1e-3 * frequency, "o", color=GAUGE_COLOURS[1], label="half waves at [2]"
+    )
+    axes.set(
+        xlabel="arrival after the largest force  [µs]", xlim=(0.0, 1e6 * float(arrival.max())),
+        ylabel="frequency  [kHz]", ylim=(0.0, 2e-3 * float(shown.max())),
+    )  # fmt: skip
+    axes.legend(loc="upper right")
+
+
+def _draw_peak(axes: Axes, block: TipBlock) -> None:
+    """Draw the first peak of the force, and the impulse of the rigid block."""
+    time = 1e6 * block.spring.time
+    exact_time = np.linspace(0.0, 1e-4, 300)
+    beam = exact_beam(block.lamina)
+    exact = beam.spring_force(exact_time, block.speed, block.stiffness)
+    axes.plot(time, 1e-3 * block.force, color=BLACK, label="force")
+    axes.plot(1e6 * exact_time, 1e-3 * exact, color=ORANGE, linestyle="--", label="exact")
+    _, end = block.peak()
+    axes.set(
+        title=f"[3]  peak of {1e6 * end:.0f} µs", ylabel="force  [kN]",
+        xlabel="time after the touch  [µs]", xlim=(-10.0, 100.0),
+    )  # fmt: skip
+    right = axes.twinx()
+    right.plot(
+        1e6 * block.rigid.time, block.rigid.impulse, color=GREEN, label="impulse, rigid block"
+    )
+    impulse = beam.rigid_impulse(exact_time, block.speed)
+    right.plot(1e6 * exact_time, impulse, color=ORANGE, linestyle="--")
+    right.set(ylim=(0.0, 0.15))
+    right.set_ylabel("impulse  [N s]", color=GREEN)
+    right.grid(visible=False)
+    axes.axvspan(0.0, 1e6 * end, color="#eeeeee", zorder=0)
+    handles = [a.get_legend_handles_labels() for a in (axes, right)]
+    axes.legend(
+        *(first + second for first, second in zip(*handles, strict=True)), loc="upper right"
+    )
+
+
+def _peak(numbers: Numbers) -> str:
+    """Return duration and size of the force peak in words."""
+    duration, blocks = numbers.peak_duration_us, numbers.duration_of_block_us
+    soft, hard = min(blocks, key=float), max(blocks, key=float)
+    return (
+        f"{duration:.1f} µs (1/{1e3 * numbers.lowest_period_ms / duration:.0f} of the period) "
+        f"and {1e-3 * numbers.peak_force_N:.1f} kN with a block of "
+        f"{1e-6 * numbers.block_stiffness_N_m:.0f} N/µm, which is chosen for it; blocks of "
+        f"{1e-6 * float(soft):g} to {1e-6 * float(hard):g} N/µm have {blocks[soft]:.0f} to "
+        f"{blocks[hard]:.0f} µs"
+    )
+
+
+def _dissipated(numbers: Numbers) -> float:
+    """Return the share of the energy that contact and material take [-]."""
+    spring = numbers.spring
+    return float(spring["lost_to_damping"] + spring["lost_at_impacts"])
+
+
+STRUCK_TIP = Piece(
+    "7",
+    "Strain and contact force",
+    "A steel strip, lowest period 50 ms, with its tip alone over a block, lifted by 50 mm and "
+    "let go (without its weight, which moves the tip by 1 mm): strains near the clamp [1] and "
+    "half-way [2], contact force [3], the wave that the block sends and its dispersion. Dotted: "
+    "the dispersion with shear and rotary inertia (Timoshenko), which the computation leaves out. "
+    "The stiffness of the block is chosen such that the exact beam has a peak of 30 µs. The "
+    "paper's signals are not available; compared is what its text says of them.",
+    measure_struck,
+    draw_struck,
+    (
+        Statement(
+            "a force peak of about 30 µs, extremely short beside the period of 50 ms", "sec. 2.3",
+            _peak,
+            lambda n: [
+                Criterion("shortest", min(n.duration_of_block_us.values()),
+                          "<", PEAK_US, "µs"),
+                Criterion("longest", max(n.duration_of_block_us.values()),
+                          ">", PEAK_US, "µs"),
+                Criterion(
+                    "longest over period",
+                    max(n.duration_of_block_us.values())
+                    / (1e3 * n.lowest_period_ms),
+                    "<", EXTREMELY_SHORT, "%",
+                ),
+            ],
+        ),
+        Statement(
+            "no snap-back in the time scope of the impact", "sec. 2.3",
+            lambda n: f"the tip leaves the first peak at "
+            f"{100 * n.restitution_after_peak:.1f} % of its speed before, without any "
+            "restitution given",
+            lambda n: [
+                Criterion(
+                    "speed after", abs(n.restitution_after_peak), "<", NO_REBOUND, "%"
+                )
+            ],
+        ),
+        Statement(
+            "a snap-back in the ensuing oscillation cannot be excluded", "sec. 2.3",
+            lambda n: "the last push comes after {last_push_ms:.1f} ms; then the first mode swings "
+            "back at ".format(**n.spring)
+            + f"{100 * n.spring['restitution_of_first_mode']:.0f} % of its speed",
+            lambda n: [
+                Criterion(
+                    "swings back at", n.spring["restitution_of_first_mode"],
+                    ">", NO_REBOUND, "%",
+                )
+            ],
+        ),
+        Statement(
+            "strong energy dissipation during the contact", "sec. 2.3",
+            lambda n: f"only {100 * _dissipated(n):.0f} % of the energy is dissipated "
+            "within 8 ms, by the material; the first mode has "
+            f"{100 * n.spring['first_mode_after']:.0f} % of the energy "
+            f"({100 * n.spring['first_mode_before']:.0f} % before) and looks strongly "
+            "damped, but the rest still waves; impacts on a rigid block with e = 0 take "
+            f"{100 * n.rigid['lost_at_impacts']:.0f} %",
+            lambda n: [Criterion("dissipated", _dissipated(n), ">", STRONGLY, "%")],
+        ),
+        Statement(
+            "the strain wave decays with the distance from the impact", "sec. 2.3",
+            lambda n: "exact, without a clamp: the peak alone sends {1:.0f} µm/m half-way, {0:.0f} "
+            "µm/m to the clamp; computed half-way, before the clamp's answer: {2:.0f} µm/m; the "
+            "slow part that the lasting contact sends does not decay".format(
+                *(1e6 * strain for strain in n.peak_wave_strain_max_exact),
+                1e6 * n.wave_strain_max[1],
+            ),
+            lambda n: [
+                Criterion(
+                    "at the clamp over half-way",
+                    float(np.divide(*n.peak_wave_strain_max_exact)), "<", 1.0,
+                )
+            ],
+        ),
+        Statement(
+            "the mean wave velocity is much smaller than the longitudinal one", "sec. 2.3",
+            lambda n: f"{n.mean_wave_speed_m_s:.0f} m/s to the second gauge, "
+            f"longitudinal {n.longitudinal_speed_m_s:.0f} m/s; shear and rotary inertia "
+            "(Timoshenko), which are left out, would lower the group speeds by "
+            f"{100 * min(n.timoshenko_lowers_by):.0f} to "
+            f"{100 * max(n.timoshenko_lowers_by):.0f} % at "
+            f"{1e-3 * min(n.half_wave_Hz):.0f} to "
+            f"{1e-3 * max(n.half_wave_Hz):.0f} kHz",
+            lambda n: [
+                Criterion(
+                    "ratio",
+                    n.mean_wave_speed_m_s / n.longitudinal_speed_m_s,
+                    "<", MUCH_SMALLER,
+                )
+            ],
+        ),
+    ),
+)  # fmt: skip

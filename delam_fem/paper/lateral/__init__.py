@@ -1,1 +1,0 @@
-"""Lateral impact of one lamina on the ground (paper 2.3)."""
