@@ -9,11 +9,38 @@ Run these commands in this order:
 from __future__ import annotations
 
 import argparse
+import shutil
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from delam_fem.paper.reproduce import FIGURES, entries, file_stem, write_docs
+from delam_fem.paper.claims import HEADING, Claim
+from delam_fem.paper.reproduce import (
+    ABOUT,
+    FIGURES,
+    PAPER,
+    Entry,
+    claims_of,
+    entries,
+    file_stem,
+    heading,
+    pictures,
+    tally,
+)
+from delam_fem.system.files import atomic, write_text
 
 ROOT = Path(__file__).parents[1]
+IN_SHORT = ("figure", "the paper says", "what came out", "verdict")
+"""Columns of the short table."""
+README_MARKS = ("<!-- paper claims: begin -->", "<!-- paper claims: end -->")
+"""Marks in README.md; the short table stands between them."""
+HEADLINES = (
+    ("3", "1.60 Hz: the thin lamina beats the thick one"),
+    ("3", "3.25 Hz gives the maximum strike of all"),
+    ("3", "3.65 Hz: period doubling, one contact in two periods"),
+    ("14", "50 elements: considerably less high-frequency velocity"),
+    ("15", "the classical penalty law is far more sensitive"),
+)
+"""Figure and text of the claims of the short table. A test keeps README below 8 kB."""
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -30,6 +57,70 @@ def main(arguments: list[str] | None = None) -> None:
         )
     for path in write_docs(given.directory, given.root, figures):
         print(path)
+
+
+def write_docs(directory: Path, root: Path, figures: Sequence[Entry]) -> list[Path]:
+    """Write docs/paper.md and the short table of README.md, and copy the pictures for the docs.
+
+    Args:
+        directory: folder of the figures.
+        root: folder of the project.
+        figures: figures from `entries`.
+
+    Raises:
+        ValueError: README.md lacks the marks.
+        OSError: a file cannot be written.
+    """
+    claims = claims_of(figures)
+    lines = [
+        "# The paper, figure by figure", "", f"{PAPER}. {ABOUT}", "",
+        "This page is written by `scripts/paper_docs.py` from the numbers of `delam-fem paper`.",
+        "", tally(claims), "", markdown_table(claims),
+    ]  # fmt: skip
+    paths = []
+    kept = root / "docs" / "figures"
+    kept.mkdir(parents=True, exist_ok=True)
+    for figure in figures:
+        lines += [f"## {heading(figure)}", "", figure["caption"], ""]
+        for name in pictures(figure):
+            paths.append(kept / f"paper_{name}")
+            with atomic(paths[-1]) as temporary:
+                shutil.copyfile(directory / name, temporary)
+            lines += [f"![{figure['title']}](figures/{paths[-1].name})", ""]
+    readme = root / "README.md"
+    short = markdown_table(headlines(claims), IN_SHORT)
+    text = between(
+        readme.read_text("utf-8"), README_MARKS, f"\n{tally(claims)} Five of them:\n\n{short}"
+    )
+    page = write_text(root / "docs" / "paper.md", "\n".join(lines).rstrip() + "\n")
+    return [page, write_text(readme, text), *paths]
+
+
+def between(text: str, marks: tuple[str, str], content: str) -> str:
+    """Return a text in which the part between two marks is replaced.
+
+    Raises:
+        ValueError: the text does not contain both marks once and in this order.
+    """
+    begin, end = marks
+    if text.count(begin) != 1 or text.count(end) != 1 or text.index(begin) > text.index(end):
+        raise ValueError(f"README.md: expected {begin} and then {end}, once each; add these marks")
+    head, rest = text.split(begin)
+    return f"{head}{begin}\n{content}\n{end}{rest.split(end)[1]}"
+
+
+def headlines(claims: Sequence[Claim]) -> list[Claim]:
+    """Return the claims of the short table, those that are there, in the order of `HEADLINES`."""
+    found = {(claim.figure, claim.text): claim for claim in claims}
+    return [found[key] for key in HEADLINES if key in found]
+
+
+def markdown_table(claims: Iterable[Claim], columns: tuple[str, ...] = HEADING) -> str:
+    """Return claims as a Markdown table with some of the columns of `HEADING`."""
+    keep = [HEADING.index(name) for name in columns]
+    rows = [HEADING, *(claim.row for claim in claims)]
+    lines = ["| " + " | ".join(row[k].replace("|", "\\|") for k in keep) + " |" for row in rows]
+    return "\n".join([lines[0], "|" + "---|" * len(keep), *lines[1:]]) + "\n"
 
 
 if __name__ == "__main__":

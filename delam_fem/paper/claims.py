@@ -33,8 +33,6 @@ allow a verdict."""
 
 HEADING = ("figure", "the paper says", "where", "what came out", "margin", "verdict")
 YES_OR_NO = "yes or no"
-IN_SHORT = ("figure", "the paper says", "what came out", "verdict")
-"""Columns of the short table."""
 
 
 @dataclass(frozen=True)
@@ -145,14 +143,6 @@ def judged(*criteria: Criterion) -> tuple[Verdict, str]:
     order: tuple[Verdict, ...] = ("does not hold", "undecided", "holds")
     verdict: Verdict = next((worst for worst in order if worst in found), "holds")
     return verdict, "; ".join(map(str, criteria))
-
-
-def markdown_table(claims: Iterable[Claim], columns: tuple[str, ...] = HEADING) -> str:
-    """Return claims as a Markdown table with some of the columns of `HEADING`."""
-    keep = [HEADING.index(name) for name in columns]
-    rows = [HEADING, *(claim.row for claim in claims)]
-    lines = ["| " + " | ".join(row[k].replace("|", "\\|") for k in keep) + " |" for row in rows]
-    return "\n".join([lines[0], "|" + "---|" * len(keep), *lines[1:]]) + "\n"
 
 
 class Numbers(SimpleNamespace):

@@ -177,14 +177,13 @@ def transient_seconds(case: Case) -> float:
     return float(-np.log(TRANSIENT_LEFT) / min(rates))
 
 
-def peak_frequency(result: Result, lamina: int) -> float:
-    """Return the frequency of the base at which the amplitude of a tip is the largest [Hz].
+def peak_frequencies(f: FloatArray, amplitude: FloatArray) -> list[float]:
+    """Return the frequencies of the base at which the amplitudes of the tips are the largest [Hz].
 
-    If the largest amplitude occurs at several times, return the mean of their frequencies.
+    If the largest amplitude occurs at several times, return the mean of their frequencies. The
+    arguments are those that `swept_envelope` returns.
     """
-    f, amplitude = swept_envelope(result)
-    top = np.flatnonzero(amplitude[lamina] >= np.nanmax(amplitude[lamina]) * (1.0 - 1e-9))
-    return float(f[top].mean())
+    return [float(f[own >= np.nanmax(own) * (1.0 - 1e-9)].mean()) for own in amplitude]
 
 
 PaperMethod = Literal["3.1", "3.2"]

@@ -1,15 +1,13 @@
 """Reproduce the figures of the paper: measure, judge, draw, and write files and pages.
 
 Each figure is described by a `Piece` in one of the modules beside this one. The HTML page of all
-figures and the tables of their claims for the documentation are made from the figNN.json files in a
-folder.
+figures is made from the figNN.json files in a folder.
 """
 
 from __future__ import annotations
 
 import json
 import logging
-import shutil
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
@@ -28,7 +26,7 @@ from delam_fem.paper import (
     spectra,
     system,
 )
-from delam_fem.paper.claims import HEADING, IN_SHORT, Claim, Piece, markdown_table
+from delam_fem.paper.claims import HEADING, Claim, Piece
 from delam_fem.paper.lab import Laboratory
 from delam_fem.results.figures.style import styled
 from delam_fem.results.pages import html
@@ -50,16 +48,6 @@ ABOUT = (
     "says otherwise, all computations are with the preset paper: 20 elements, T/1000, Newmark, "
     "lumped impulses with the consistent mass matrix."
 )
-README_MARKS = ("<!-- paper claims: begin -->", "<!-- paper claims: end -->")
-"""Marks in README.md; the short table stands between them."""
-HEADLINES = (
-    ("3", "1.60 Hz: the thin lamina beats the thick one"),
-    ("3", "3.25 Hz gives the maximum strike of all"),
-    ("3", "3.65 Hz: period doubling, one contact in two periods"),
-    ("14", "50 elements: considerably less high-frequency velocity"),
-    ("15", "the classical penalty law is far more sensitive"),
-)
-"""Figure and text of the claims of the short table. A test keeps README below 8 kB."""
 _STYLE = """
 td:last-child { white-space: nowrap; font-weight: 600; }
 .holds td:last-child { color: var(--mark); } .no td:last-child { color: var(--bad); }
@@ -115,68 +103,12 @@ def tally(claims: Sequence[Claim]) -> str:
     )
 
 
-def headlines(claims: Sequence[Claim]) -> list[Claim]:
-    """Return the claims of the short table, those that are there, in the order of `HEADLINES`."""
-    found = {(claim.figure, claim.text): claim for claim in claims}
-    return [found[key] for key in HEADLINES if key in found]
-
-
-def write_docs(directory: Path, root: Path, figures: Sequence[Entry]) -> list[Path]:
-    """Write docs/paper.md and the short table of README.md, and copy the pictures for the docs.
-
-    Args:
-        directory: folder of the figures.
-        root: folder of the project.
-        figures: figures from `entries`.
-
-    Raises:
-        ValueError: README.md lacks the marks.
-        OSError: a file cannot be written.
-    """
-    claims = claims_of(figures)
-    lines = [
-        "# The paper, figure by figure", "", f"{PAPER}. {ABOUT}", "",
-        "This page is written by `scripts/paper_docs.py` from the numbers of `delam-fem paper`.",
-        "", tally(claims), "", markdown_table(claims),
-    ]  # fmt: skip
-    paths = []
-    pictures = root / "docs" / "figures"
-    pictures.mkdir(parents=True, exist_ok=True)
-    for figure in figures:
-        lines += [f"## {_heading(figure)}", "", figure["caption"], ""]
-        for name in _pictures(figure):
-            paths.append(pictures / f"paper_{name}")
-            with atomic(paths[-1]) as temporary:
-                shutil.copyfile(directory / name, temporary)
-            lines += [f"![{figure['title']}](figures/{paths[-1].name})", ""]
-    readme = root / "README.md"
-    short = markdown_table(headlines(claims), IN_SHORT)
-    text = between(
-        readme.read_text("utf-8"), README_MARKS, f"\n{tally(claims)} Five of them:\n\n{short}"
-    )
-    page = write_text(root / "docs" / "paper.md", "\n".join(lines).rstrip() + "\n")
-    return [page, write_text(readme, text), *paths]
-
-
-def between(text: str, marks: tuple[str, str], content: str) -> str:
-    """Return a text in which the part between two marks is replaced.
-
-    Raises:
-        ValueError: the text does not contain both marks once and in this order.
-    """
-    begin, end = marks
-    if text.count(begin) != 1 or text.count(end) != 1 or text.index(begin) > text.index(end):
-        raise ValueError(f"README.md: expected {begin} and then {end}, once each; add these marks")
-    head, rest = text.split(begin)
-    return f"{head}{begin}\n{content}\n{end}{rest.split(end)[1]}"
-
-
-def _pictures(figure: Entry) -> list[str]:
+def pictures(figure: Entry) -> list[str]:
     """Return the file names of a figure's picture and of its film, if it has one."""
     return [f"{figure['stem']}.png"] + ([figure["animation"]] if figure.get("animation") else [])
 
 
-def _heading(figure: Entry) -> str:
+def heading(figure: Entry) -> str:
     """Return the heading of a figure."""
     name = str(figure["name"])
     return f"Fig. {name}: {figure['title']}" if name[0].isdigit() else str(figure["title"])
@@ -185,10 +117,10 @@ def _heading(figure: Entry) -> str:
 def _section(figure: Entry, figures: Sequence[Entry]) -> Section:
     """Return the section of a figure: picture, caption and claims."""
     caption = (f"{figure['caption']} ", Link("Numbers", f"{figure['stem']}.json"), ".")
-    blocks: list[Block] = [Gallery(_pictures(figure), _heading(figure), caption)]
+    blocks: list[Block] = [Gallery(pictures(figure), heading(figure), caption)]
     if figure["claims"]:
         blocks.append(_table(claims_of([figure]), figures))
-    return Section(_heading(figure), blocks, anchor=figure["stem"])
+    return Section(heading(figure), blocks, anchor=figure["stem"])
 
 
 def _table(claims: Sequence[Claim], figures: Sequence[Entry]) -> Table:

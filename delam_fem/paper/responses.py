@@ -20,7 +20,7 @@ from delam_fem.paper.lab import (
     SWEEP_SECONDS,
     Laboratory,
     motion_case,
-    peak_frequency,
+    peak_frequencies,
     swept_case,
     swept_envelope,
     swept_extremes,
@@ -116,10 +116,7 @@ def measure_linear(lab: Laboratory) -> Numbers:
                 for a, lam in zip(top, case.lamina, strict=True)
             ],
             "damping_ratio": [lam.damping_ratio for lam in case.lamina],
-            "sweep_peak_hz": {
-                name: [peak_frequency(result, i) for i in range(2)]
-                for name, result in swept.items()
-            },
+            "sweep_peak_hz": {name: peak_frequencies(*own) for name, own in envelopes.items()},
             "sweep_peak_m": {name: np.nanmax(a, axis=1) for name, (_, a) in envelopes.items()},
             "stepped_frequency_hz": f,
             "stepped_amplitude_m": stepped,

@@ -2,42 +2,33 @@
 
 import json
 import re
-import runpy
 from collections.abc import Iterator
 from concurrent.futures import Future
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+import paper_docs
 import pytest
+from paper_docs import IN_SHORT, README_MARKS, between, headlines, markdown_table, write_docs
 from PIL import Image
 from typer.testing import CliRunner
 
 from delam_fem.cli.app import app
 from delam_fem.paper import histories, parameters, reproduce, responses, shapes, spectra, system
-from delam_fem.paper import reproduce as page_module
-from delam_fem.paper.claims import HEADING, IN_SHORT, Claim, markdown_table
+from delam_fem.paper.claims import HEADING, Claim
 from delam_fem.paper.lab import (
     BAND,
     Laboratory,
     Plan,
     laboratory,
     motion_case,
-    peak_frequency,
+    peak_frequencies,
     swept_case,
     swept_envelope,
 )
 from delam_fem.paper.measures import rough_part, settling, tip_positions
-from delam_fem.paper.reproduce import (
-    HEADLINES,
-    README_MARKS,
-    between,
-    entries,
-    headlines,
-    tally,
-    write_docs,
-    write_page,
-)
+from delam_fem.paper.reproduce import entries, tally, write_page
 from delam_fem.studies.executors import Serial
 from delam_fem.system.errors import CaseError
 
@@ -67,10 +58,10 @@ def test_natural_frequencies_and_mass_ratio(lab: Laboratory) -> None:
 def test_thirty_minute_sweep_peaks_where_the_paper_reads_its_frequency(lab: Laboratory) -> None:
     case = swept_case("linear", BAND, "none", 250)
     (result,) = lab.motions([case])
-    thick, thin = (peak_frequency(result, i) for i in range(2))
+    f, amplitude = swept_envelope(result)
+    thick, thin = peak_frequencies(f, amplitude)
     assert 1.455 <= thin <= 1.465
     assert THICK_HZ < thick < THICK_HZ + 0.03
-    f, amplitude = swept_envelope(result)
     exact = motion_case(3.25, PLAN).linear_amplitude(0, f)
     far = (f > 1.0) & (f < 2.5)
     assert amplitude[0, far] == pytest.approx(exact[far], rel=0.05)  # a cycle lasts 3 mHz
@@ -286,7 +277,7 @@ def test_page_links_to_what_is_there(folder: Path) -> None:
 def test_documentation_is_written_from_the_numbers(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(page_module, "HEADLINES", (("1", "c"), ("2a", "not computed")))
+    monkeypatch.setattr(paper_docs, "HEADLINES", (("1", "c"), ("2a", "not computed")))
     root = tmp_path / "root"
     root.mkdir()
     (root / "README.md").write_text(f"head\n{README_MARKS[0]}\noutdated\n{README_MARKS[1]}\ntail\n")
@@ -314,7 +305,7 @@ def test_readme_has_the_headlines_of_the_page() -> None:
     table = [Claim(*row[:4], row[5], row[4]) for row in fields]  # type: ignore[arg-type]
     assert all(claim.margin for claim in table)
     main = headlines(table)
-    assert [(claim.figure, claim.text) for claim in main] == list(HEADLINES)
+    assert [(claim.figure, claim.text) for claim in main] == list(paper_docs.HEADLINES)
     assert tally(table) in page and tally(table) in readme
     assert markdown_table(main, IN_SHORT) in readme
 
@@ -322,9 +313,8 @@ def test_readme_has_the_headlines_of_the_page() -> None:
 def test_script_of_the_documentation_wants_all_figures(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    script = runpy.run_path(str(Path(__file__).parents[2] / "scripts" / "paper_docs.py"))
     with pytest.raises(SystemExit):
-        script["main"]([str(folder)])
+        paper_docs.main([str(folder)])
     assert "no figure 2b, 3, 4" in capsys.readouterr().err
 
 
