@@ -22,6 +22,8 @@ from pathlib import Path
 from types import MappingProxyType, SimpleNamespace
 from typing import TYPE_CHECKING, Any, Literal
 
+from delam_fem.results.figures.style import WIDTH
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
@@ -203,3 +205,10 @@ class Piece:
             Claim(self.name, s.text, s.source, s.measured(numbers), *judged(*s.criteria(numbers)))
             for s in self.statements
         )
+
+
+def canvas(height: float) -> Figure:
+    """Return an empty figure of full width and a height [in]."""
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(WIDTH, height), layout="constrained")

@@ -9,7 +9,7 @@ import numpy as np
 
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.numerics.restitution import Strike, identify
-from delam_fem.paper.claims import Criterion, Numbers, Piece, Statement, between
+from delam_fem.paper.claims import Criterion, Numbers, Piece, Statement, between, canvas
 from delam_fem.paper.lab import (
     BEATS,
     FREQUENCIES,
@@ -36,7 +36,6 @@ from delam_fem.results.figures.style import (
     HISTORY_PERIODS,
     LAMINA_COLOURS,
     PORTRAIT_PERIODS,
-    canvas,
     label_x,
     lamina_colours,
     legend_above,

@@ -167,14 +167,9 @@ def swept_envelope(result: Result) -> tuple[FloatArray, FloatArray]:
     ranges = [slice(max(k - w, 0), k + w + 1) for k, w in enumerate(half.tolist())]
     half_range = [0.5 * (high[:, r].max(axis=1) - low[:, r].min(axis=1)) for r in ranges]
     envelope = np.stack(half_range, axis=1)
-    envelope[:, middle < transient_seconds(result.case)] = np.nan
+    rates = [lam.damping_ratio * lam.angular_frequencies(1)[0] for lam in result.case.lamina]
+    envelope[:, middle < -np.log(TRANSIENT_LEFT) / min(rates)] = np.nan
     return f, envelope
-
-
-def transient_seconds(case: Case) -> float:
-    """Return the time in which free vibrations decay to `TRANSIENT_LEFT` [s]."""
-    rates = [lam.damping_ratio * float(lam.angular_frequencies(1)[0]) for lam in case.lamina]
-    return float(-np.log(TRANSIENT_LEFT) / min(rates))
 
 
 def peak_frequencies(f: FloatArray, amplitude: FloatArray) -> list[float]:

@@ -30,8 +30,7 @@ SERIES_STEP = 4
 def half_ranges(result: Result) -> FloatArray:
     """Return the half peak-to-peak amplitudes of both tips, shape (2,) [m]."""
     s = result.summary
-    half: FloatArray = 0.5 * (np.array(s["tip_max"]) - np.array(s["tip_min"]))
-    return half
+    return np.asarray(0.5 * np.subtract(s["tip_max"], s["tip_min"]))
 
 
 def rough_part(values: FloatArray, n_periods: int, above: int = SMOOTH_HARMONICS) -> FloatArray:

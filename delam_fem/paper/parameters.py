@@ -12,7 +12,7 @@ from delam_fem.model import linear
 from delam_fem.model.beams import closed_form
 from delam_fem.numerics import attractors
 from delam_fem.numerics.arrays import FloatArray, IntArray
-from delam_fem.paper.claims import Criterion, Numbers, Piece, Statement, between
+from delam_fem.paper.claims import Criterion, Numbers, Piece, Statement, between, canvas
 from delam_fem.paper.lab import FREQUENCIES, RESONANT, Laboratory, motion_case
 from delam_fem.paper.measures import half_ranges
 from delam_fem.results import diagnostics
@@ -25,7 +25,6 @@ from delam_fem.results.figures.style import (
     ORANGE,
     SKY,
     VERMILLION,
-    canvas,
     label_x,
     legend_above,
 )
@@ -81,8 +80,7 @@ def one_period_scatter(strobes: FloatArray, half_range: FloatArray) -> FloatArra
         Scatter, shape (...) [-].
     """
     change = np.diff(strobes[..., -diagnostics.STROBES :], axis=-1)
-    scatter: FloatArray = (np.sqrt((change**2).mean(axis=-1)) / half_range).max(axis=-1)
-    return scatter
+    return np.asarray((np.sqrt((change**2).mean(axis=-1)) / half_range).max(axis=-1))
 
 
 def plane_of(data: xr.Dataset) -> Numbers:
@@ -180,10 +178,8 @@ def main_effect(values: FloatArray, axis: int) -> FloatArray:
     """Return the share of a plane's variance that the means along one axis explain, (2,) [-]."""
     means = np.nanmean(values, axis=1 - axis)
     total = np.nanvar(values, axis=(0, 1))
-    share: FloatArray = np.divide(
-        np.nanvar(means, axis=0), total, out=np.zeros_like(total), where=total > 0
-    )
-    return share
+    explained = np.nanvar(means, axis=0)
+    return np.asarray(np.divide(explained, total, out=np.zeros_like(total), where=total > 0))
 
 
 def measure_planes(lab: Laboratory) -> Numbers:
@@ -312,16 +308,11 @@ def _sensitive(numbers: Numbers) -> Iterable[Criterion]:
     share, with_undecided = one_periodic_within(numbers.impact)
     yield Criterion(
         "one-periodic in the best decade over method 3.2",
-        _over(best.one_periodic, share), "<", 1.0, "",
+        best.one_periodic / share if share else math.nan, "<", 1.0, "",
         (best.one_periodic / with_undecided, best.one_periodic_within[1] / share),
     )  # fmt: skip
     ratio = float(np.min(best.amplitude_spread / numbers.impact.amplitude_spread))
     yield Criterion("smaller ratio of the amplitudes' variation", ratio, ">", 1.0)
-
-
-def _over(part: float, whole: float) -> float:
-    """Return a ratio; NaN, with which no criterion holds, if the whole is 0."""
-    return part / whole if whole else math.nan
 
 
 PLANES = Piece(

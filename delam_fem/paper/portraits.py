@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.paper.claims import Criterion, Numbers, Piece, Statement
+from delam_fem.paper.claims import Criterion, Numbers, Piece, Statement, canvas
 from delam_fem.paper.histories import four_by_two
 from delam_fem.paper.lab import FREQUENCIES, RESONANT, Laboratory, both_methods, motion_case
 from delam_fem.paper.measures import (
@@ -29,7 +29,6 @@ from delam_fem.results.figures.style import (
     BLACK,
     LAMINA_COLOURS,
     PORTRAIT_PERIODS,
-    canvas,
     label_x,
     legend_above,
     legend_outside,
@@ -342,8 +341,7 @@ def rough_velocity(result: Result) -> FloatArray:
     """Return the rms of the rough part of both tip velocities, shape (2,) [m/s]."""
     whole = diagnostics.last_periods(result.history, result.case)["tip_velocity"].to_numpy()
     rough = rough_part(whole, whole.shape[1] // result.case.time.steps_per_period)
-    rms: FloatArray = np.sqrt((rough**2).mean(axis=1))
-    return rms
+    return np.asarray(np.sqrt((rough**2).mean(axis=1)))
 
 
 def draw_finer_mesh(numbers: Numbers) -> Figure:

@@ -12,7 +12,7 @@ from delam_fem.case.definition import Case
 from delam_fem.case.sections import Lamina
 from delam_fem.numerics.arrays import BoolArray, FloatArray
 from delam_fem.numerics.beams import frequency_rise
-from delam_fem.paper.claims import Criterion, Numbers, Piece, Statement, between
+from delam_fem.paper.claims import Criterion, Numbers, Piece, Statement, between, canvas
 from delam_fem.paper.lab import (
     BAND,
     FREQUENCIES,
@@ -35,7 +35,6 @@ from delam_fem.results.figures.style import (
     ORANGE,
     SKY,
     VERMILLION,
-    canvas,
     legend_above,
     legend_outside,
 )
@@ -72,14 +71,6 @@ _STYLES = {
 }  # fmt: skip
 _ZOOM = 0.06
 """Half width of the close views, relative to the natural frequency."""
-
-
-def stepped_frequencies(case: Case, step: float) -> FloatArray:
-    """Return the frequencies of the linear stepped sine, evenly spaced but denser at resonances."""
-    even = np.arange(BAND[0], BAND[1] + 0.5 * step, step)
-    near = [_lowest_frequency(lam) * (1.0 + np.linspace(-0.04, 0.04, 17)) for lam in case.lamina]
-    frequencies: FloatArray = np.unique(np.round(np.concatenate([even, *near]), 5))
-    return frequencies
 
 
 def measure_linear(lab: Laboratory) -> Numbers:
@@ -130,8 +121,15 @@ def measure_linear(lab: Laboratory) -> Numbers:
 
 
 def _linear_sine(lab: Laboratory, case: Case) -> tuple[FloatArray, FloatArray]:
-    """Compute the stepped sine: frequencies, (n,) [Hz], and amplitudes of the tips, (2, n) [m]."""
-    frequencies = stepped_frequencies(case, 2.0 * lab.plan.response_step)
+    """Compute the stepped sine at frequencies that are denser at the resonances.
+
+    Returns:
+        Frequencies, shape (n,) [Hz]; amplitudes of the tips, shape (2, n) [m].
+    """
+    step = 2.0 * lab.plan.response_step
+    even = np.arange(BAND[0], BAND[1] + 0.5 * step, step)
+    near = [_lowest_frequency(lam) * (1.0 + np.linspace(-0.04, 0.04, 17)) for lam in case.lamina]
+    frequencies = np.unique(np.round(np.concatenate([even, *near]), 5))
     data = lab.sweep(
         {
             "name": "linear response",
@@ -368,8 +366,7 @@ def _contact_sine(lab: Laboratory) -> xr.Dataset:
 
 def _differ(up: FloatArray, down: FloatArray) -> BoolArray:
     """Return where the amplitudes up and down belong to different motions, same shape as `up`."""
-    differ: BoolArray = np.abs(up - down) > DIFFERS * np.maximum(up, down)
-    return differ
+    return np.asarray(np.abs(up - down) > DIFFERS * np.maximum(up, down))
 
 
 def draw_contact(numbers: Numbers) -> Figure:

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from delam_fem.case.definition import Case
 from delam_fem.numerics.arrays import FloatArray, IntArray
-from delam_fem.paper.claims import Criterion, Numbers, Piece, Statement
+from delam_fem.paper.claims import Criterion, Numbers, Piece, Statement, canvas
 from delam_fem.paper.lab import RESONANT, Laboratory, motion_case
 from delam_fem.results import diagnostics
 from delam_fem.results.diagnostics import gap_field, rest_positions
@@ -23,7 +23,6 @@ from delam_fem.results.figures.style import (
     ORANGE,
     SKY,
     VERMILLION,
-    canvas,
     lamina_colours,
     legend_outside,
 )

@@ -13,11 +13,11 @@ from delam_fem.numerics.harmonics import (
     harmonic_amplitudes,
     total_harmonic_distortion,
 )
-from delam_fem.paper.claims import Criterion, Numbers, Piece, Statement
+from delam_fem.paper.claims import Criterion, Numbers, Piece, Statement, canvas
 from delam_fem.paper.lab import RESONANT, Laboratory, motion_case
 from delam_fem.paper.measures import describe, ends
 from delam_fem.results import diagnostics
-from delam_fem.results.figures.style import BASE_COLOUR, LAMINA_COLOURS, canvas, legend_above
+from delam_fem.results.figures.style import BASE_COLOUR, LAMINA_COLOURS, legend_above
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -55,7 +55,11 @@ def measure(lab: Laboratory) -> Numbers:
     cases = [motion_case(RESONANT, lab.plan, "3.2", {"gap.exponent": p}) for p in exponents]
     found = dict(zip([f"{p:g}" for p in exponents], lab.motions(cases), strict=True))
     result = found[PRESET_EXPONENT]
-    tips, nodes = tip_harmonics(result), node_distortion(result)
+    u = diagnostics.last_periods(result.history, result.case)["tip_displacement"].to_numpy()
+    tips = _harmonics(u, u.shape[1] // result.case.time.steps_per_period, result)
+    u = result.history["displacement"].to_numpy().swapaxes(1, 2)
+    nodes = _harmonics(u, result.case.n_window_periods, result)
+    at_nodes = {order: distortion_factor(a) for order, a in nodes.items()}
 
     def by_gap(name: str) -> dict[str, Any]:
         return {p: r.summary[name] for p, r in found.items()}
@@ -65,8 +69,8 @@ def measure(lab: Laboratory) -> Numbers:
             "harmonics_m": tips["displacement"][:, :COUNTED],
             "d": {order: distortion_factor(a) for order, a in tips.items()},
             "thd": {order: total_harmonic_distortion(a) for order, a in tips.items()},
-            "d_at_nodes": nodes,
-            "thd_at_nodes": {order: np.sqrt((1.0 + d) ** 2 - 1.0) for order, d in nodes.items()},
+            "d_at_nodes": at_nodes,
+            "thd_at_nodes": {order: np.sqrt((1.0 + d) ** 2 - 1.0) for order, d in at_nodes.items()},
             "d_by_gap_exponent": by_gap("distortion_factor"),
             "kind_by_gap_exponent": {p: describe(r) for p, r in found.items()},
             "tip_min_by_gap_exponent": by_gap("tip_min"),
@@ -77,32 +81,20 @@ def measure(lab: Laboratory) -> Numbers:
     )
 
 
-def tip_harmonics(result: Result) -> dict[str, FloatArray]:
-    """Return the harmonics of both tips by order, each of shape (2, n) [m, m/s, m/s2]."""
-    whole = diagnostics.last_periods(result.history, result.case)
-    n_periods = whole.sizes["time"] // result.case.time.steps_per_period
-    return _with_derivatives(
-        harmonic_amplitudes(whole["tip_displacement"].to_numpy(), n_periods), result
-    )
+def _harmonics(u: FloatArray, n_periods: int, result: Result) -> dict[str, FloatArray]:
+    """Return A_n, n ω A_n, (n ω)² A_n by order; those of derivatives only up to `COUNTED`.
 
-
-def node_distortion(result: Result) -> dict[str, FloatArray]:
-    """Return d at every node by order, each of shape (2, n_nodes) [-]."""
-    u = result.history["displacement"].to_numpy().swapaxes(1, 2)
-    amplitudes = harmonic_amplitudes(u, result.case.n_window_periods)
-    return {
-        order: distortion_factor(a) for order, a in _with_derivatives(amplitudes, result).items()
-    }
-
-
-def _with_derivatives(amplitudes: FloatArray, result: Result) -> dict[str, FloatArray]:
-    """Return A_n, n ω A_n, (n ω)^2 A_n by order; those of derivatives only up to `COUNTED`."""
+    Args:
+        u: displacements over whole periods, shape (..., n_samples) [m].
+        n_periods: number of these periods.
+        result: gives ω.
+    """
+    amplitudes = harmonic_amplitudes(u, n_periods)
     rotation = 2.0 * np.pi / result.case.period * np.arange(1, amplitudes.shape[-1] + 1)
-    part = slice(0, COUNTED)
     return {
         "displacement": amplitudes,
-        "velocity": (amplitudes * rotation)[..., part],
-        "acceleration": (amplitudes * rotation**2)[..., part],
+        "velocity": (amplitudes * rotation)[..., :COUNTED],
+        "acceleration": (amplitudes * rotation**2)[..., :COUNTED],
     }
 
 

@@ -10,14 +10,13 @@ import numpy as np
 from delam_fem.case.definition import Case
 from delam_fem.case.gap import initial_gap
 from delam_fem.case.sections import Gap
-from delam_fem.paper.claims import Criterion, Numbers, Piece, Statement
+from delam_fem.paper.claims import Criterion, Numbers, Piece, Statement, canvas
 from delam_fem.paper.lab import RESONANT, Laboratory, motion_case
 from delam_fem.results.figures.style import (
     BASE_COLOUR,
     BLACK,
     GAP_COLOUR,
     GREEN,
-    canvas,
     lamina_colours,
 )
 

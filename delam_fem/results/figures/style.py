@@ -140,13 +140,6 @@ def _second_axis(axes: Axes, factor: float, label: str) -> None:
     second.set_xlabel(label)
 
 
-def canvas(height: float) -> Figure:
-    """Return an empty figure of full width and a height [in]."""
-    from matplotlib.figure import Figure
-
-    return Figure(figsize=(WIDTH, height), layout="constrained")
-
-
 def legend_above(axes: Axes) -> None:
     """Put the legend above the axes on the right, where it hides nothing."""
     axes.legend(
