@@ -46,6 +46,8 @@ if TYPE_CHECKING:
     from delam_fem.numerics.schemes import SCHEMES, Scheme
     from delam_fem.pipeline import run
     from delam_fem.reference.compare import compare
+    from delam_fem.results.export import operators
+    from delam_fem.results.fields.animation import animate
     from delam_fem.results.folder import Result, load_result
     from delam_fem.results.measured.reading import read_measured
     from delam_fem.results.overlay.whole import overlay
@@ -85,6 +87,7 @@ _HOMES = {
     "State": "simulation.loop",
     "Sweep": "studies.sweeps.grid",
     "SweptMotion": "case.excitation",
+    "animate": "results.fields.animation",
     "compare": "reference.compare",
     "compare_models": "studies.models",
     "converge": "studies.convergence.run",
@@ -99,6 +102,7 @@ _HOMES = {
     "load_sweep": "studies.sweeps.grid",
     "modes": "studies.modes",
     "modulate": "studies.detection.modulation:STUDY",
+    "operators": "results.export",
     "orbit": "studies.orbits.run",
     "overlay": "results.overlay.whole",
     "pod": "studies.detection.pod:STUDY",
@@ -132,6 +136,7 @@ __all__ = [
     "Sweep",
     "SweptMotion",
     "__version__",
+    "animate",
     "compare",
     "compare_models",
     "converge",
@@ -146,6 +151,7 @@ __all__ = [
     "load_sweep",
     "modes",
     "modulate",
+    "operators",
     "orbit",
     "overlay",
     "pod",

@@ -73,7 +73,7 @@ values = [3.0, 3.5]
 {"".join(f'"{key}" = {n}' + chr(10) for key, n in {"mesh.elements": 4, "time.periods": 3}.items())}
 """
 CHANGING = re.compile(
-    r"seconds|per_step|per_period_ms|wall|created|history|date|versions|hours|_s$|cost|command|revision"
+    r"seconds|per_step|per_period_ms|wall|created|history|date|versions|hours|_s$|cost|command|revision|checksum"
 )
 """Names of numbers and attributes that differ from run to run."""
 LEFT_OUT = {"sweep.json", "report.html", "tables.md", "error_over_cost.png", "ladder.json"}

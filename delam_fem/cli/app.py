@@ -13,7 +13,6 @@ import typer
 
 from delam_fem.cli.cases import new_command, schema_command, show_case, validate_command
 from delam_fem.cli.console import reported, with_messages
-from delam_fem.cli.converge import converge_command
 from delam_fem.cli.inputs import (
     CaseArgument,
     DryRun,
@@ -160,7 +159,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "orbit": study_command("orbit"),
     "continue": study_command("continue"),
     "paper": paper_command,
-    "converge": converge_command,
+    "converge": study_command("converge"),
     "animate": animate_command,
     "schema": schema_command,
     "detect": study_command("detect"),

@@ -46,14 +46,6 @@ DryRun = Annotated[
         "--dry-run", help="Check everything and tell what it needs; compute and write nothing."
     ),
 ]
-Uncertain = Annotated[
-    list[str] | None,
-    typer.Option(
-        metavar="KEY=LOW:HIGH",
-        help="In what the rig may differ from the case; 0.9x:1.1x are multiples of the case's own "
-        "value; repeatable (default: stiffness ± 5 %, damping 0.5x:2x, clamps that yield).",
-    ),
-]
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Show no progress, no table.")]
 
 

@@ -136,11 +136,8 @@ def operators_command(
 ) -> None:
     """Write M, C, K, H, g0 and the vectors of the base for other programs (NumPy or MATLAB)."""
     with reported(quiet):
-        from delam_fem.model.discretise import assemble, require_kind
-        from delam_fem.results.export import write_operators
+        from delam_fem.results.export import operators
 
-        case = case_of(case_name, overrides)
-        require_kind(case, "operators")
-        path = write_operators(assemble(case, needs_dolfinx=False), case, output)
+        path = operators(case_of(case_name, overrides), output)
         if not quiet:
             say_files([path])

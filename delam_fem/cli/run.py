@@ -28,8 +28,6 @@ from delam_fem.cli.console import (
 from delam_fem.cli.inputs import Quiet, inputs_of
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from delam_fem.case.definition import Case
     from delam_fem.engines.session import EngineName
     from delam_fem.results.folder import Result
@@ -70,71 +68,16 @@ def animate_command(
 ) -> None:
     """Write a film of the laminae, with the pairs that touch lit."""
     with reported(quiet):
-        from rich.console import Console
-
         from delam_fem.cli.progress import progress
-        from delam_fem.results.folder import load_numbers
-        from delam_fem.system.errors import CaseError
+        from delam_fem.results.fields.animation import animate
 
-        for name, value in (("--periods", periods), ("--rate", rate), ("--stretch", stretch)):
-            if not 0.0 < value < float("inf"):
-                raise CaseError(f"{name}: expected a positive number, given {value:g}")
-        name = "solid" if solid else "laminae"
-        paths = output or [run / f"{name}.gif", run / f"{name}.mp4"]
-        _check_suffixes(paths)
-        case, history, _ = load_numbers(run)
-        if not history.sizes.get("frame", 0):
-            raise CaseError(
-                f"{run}: the run kept no frames of its fields; run it again with "
-                "output.fields_per_period above 0"
-            )
-        for folder in {path.parent for path in paths}:
-            folder.mkdir(parents=True, exist_ok=True)
-        with progress(Console(stderr=True, quiet=quiet)) as report:
-            length = None if solid else stretch
-            keys = {"periods": periods, "rate": rate, "progress": report}
-            written = _written(run, history, case, paths, length, keys)
-        if not written:
-            raise CaseError(f"{run}: no frame of the run is finite, so there is nothing to show")
+        with progress(error_console(quiet)) as report:
+            written = animate(
+                run, output, periods=periods, rate=rate, stretch=stretch, solid=solid,
+                progress=report,
+            )  # fmt: skip
         if not quiet:
             say_files(written)
-
-
-def _written(
-    run: Path,
-    history: xr.Dataset,
-    case: Case,
-    paths: list[Path],
-    stretch: float | None,
-    keys: dict[str, Any],
-) -> list[Path]:
-    """Write the film of the laminae, or without `stretch` that of the solid."""
-    if stretch is not None:
-        from delam_fem.results.fields.animation import write_film
-
-        return write_film(history, case, paths, stretch=stretch, **keys)
-    from delam_fem.results.fields import stressed
-    from delam_fem.results.folder import SOLID
-    from delam_fem.system.errors import CaseError
-
-    fields = run / "fields" / SOLID
-    if not fields.is_file():
-        raise CaseError(
-            f'{run}: --solid: expected the run of a solid (model.kind = "plane-stress" or "solid") '
-            f"with frames, found no fields/{SOLID}"
-        )
-    return stressed.write_film(fields, history, case, paths, **keys)
-
-
-def _check_suffixes(paths: list[Path]) -> None:
-    """Refuse files of other formats, and the same file twice."""
-    from delam_fem.system.errors import CaseError
-
-    for path in paths:
-        if path.suffix not in (".gif", ".mp4"):
-            raise CaseError(f"--output: expected a file that ends in .gif or .mp4, given {path}")
-    if len(set(paths)) < len(paths):
-        raise CaseError("--output: expected different files, given one of them twice")
 
 
 STATUS = {"completed": DONE, "diverged": FAILED, "interrupted": INTERRUPTED}

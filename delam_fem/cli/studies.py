@@ -16,12 +16,14 @@ import typer
 from delam_fem.cli.console import INTERRUPTED, error_console, fail, reported, say_files, table, tell
 from delam_fem.cli.inputs import (
     CaseArgument,
+    DryRun,
     Folder,
     Overrides,
     Overwrite,
     Quiet,
     Resume,
     Workers,
+    Yes,
     case_of,
 )
 from delam_fem.studies import options as studies
@@ -48,6 +50,7 @@ STUDIES = {
     "compare": Entry(studies.Compare, "reference.compare"),
     "orbit": Entry(studies.Orbit, "studies.orbits.run"),
     "continue": Entry(studies.Continue, "studies.branches.follow", "branch"),
+    "converge": Entry(studies.Converge, "studies.convergence.run"),
     "detect": Entry(studies.Detect, "studies.detection.detect"),
     "excite": Entry(studies.Excite, "studies.detection.excitation"),
     "pod": Entry(studies.Pod, "studies.detection.pod"),
@@ -62,6 +65,8 @@ COMMON: dict[str, tuple[Any, Any]] = {
     "workers": (Workers, None),
     "resume": (Resume, False),
     "overwrite": (Overwrite, False),
+    "dry_run": (DryRun, False),
+    "yes": (Yes, False),
 }
 """Options of several commands: type and default."""
 
@@ -76,6 +81,7 @@ def study_command(name: str) -> Callable[..., None]:
     ) -> None:  # fmt: skip
         with reported(quiet):
             from delam_fem.cli.progress import progress
+            from delam_fem.engines.cost import require_affordable
             from delam_fem.model.beams.network import never_opens
 
             case = case_of(case_name, overrides)
@@ -83,6 +89,13 @@ def study_command(name: str) -> Callable[..., None]:
             common = {key: given.pop(key) for key in kind.common}
             own = kind(**{key: value for key, value in given.items() if value is not None})
             folder = output or Path("runs") / f"{case.name}-{suffix or name}"
+            is_dry, is_confirmed = common.pop("dry_run", False), common.pop("yes", False)
+            if study.cost is not None:
+                what, cost = study.cost(case, own, common["workers"])
+                require_affordable(cost, what, is_confirmed=is_confirmed, folder=folder)
+                if is_dry:
+                    table(f"{what}, case {case.name}", ("", ""), [("needs", str(cost))])
+                    return
             with progress(error_console(quiet or "workers" not in common)) as report:
                 found, written = study.saved(case, own, folder, **common, progress=report)
             said = found.report

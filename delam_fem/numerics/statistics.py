@@ -263,7 +263,7 @@ class Posterior:
 
     def correlation(self) -> FloatArray:
         """Return the correlations of the parameters, shape (n_parameters, n_parameters)."""
-        covariance = np.cov(self.samples.T, aweights=self.weights)
+        covariance = np.atleast_2d(np.cov(self.samples.T, aweights=self.weights))
         size = np.sqrt(np.diag(covariance))
         return np.asarray(covariance / np.outer(size, size))
 

@@ -17,6 +17,7 @@ import xarray as xr
 from scipy.io import savemat
 
 from delam_fem.case.definition import Case
+from delam_fem.model.discretise import assemble, require_kind
 from delam_fem.model.layout import Structure
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.results.dataset import grouped
@@ -316,6 +317,12 @@ def _write_vtkhdf(history: xr.Dataset, case: Case, path: Path) -> list[Path]:
 
 
 OPERATOR_FORMATS = (".npz", ".mat")
+
+
+def operators(case: Case, path: str | Path) -> Path:
+    """Write M, C, K, H, g0 and the vectors of the base of a case; see `write_operators`."""
+    require_kind(case, "operators")
+    return write_operators(assemble(case, needs_dolfinx=False), case, path)
 
 
 def write_operators(structure: Structure, case: Case, path: str | Path) -> Path:

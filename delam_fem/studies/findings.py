@@ -34,6 +34,12 @@ class Table:
     heading: Sequence[str]
     rows: Sequence[Sequence[str]]
 
+    def markdown(self) -> str:
+        """Return the table as Markdown, with its title in bold."""
+        lines = [self.heading, ["---"] * len(self.heading), *self.rows]
+        body = "\n".join(f"| {' | '.join(line)} |" for line in lines)
+        return f"**{self.title}**\n\n{body}\n"
+
 
 Picture: TypeAlias = "tuple[Callable[[], Figure], str]"
 """Function that draws a picture in the house style, and its caption on a page."""
@@ -45,7 +51,9 @@ class Report:
 
     Attributes:
         name: of the JSON file, without its suffix.
-        numbers: content of the JSON file; what is not finite becomes null there.
+        numbers: content of the JSON file; what is not finite becomes null there. None: the study
+            writes its numbers itself.
+        files: names of files in the folder that the study has written itself.
         case: shown on the page and written as case.toml; None: neither.
         is_sweep: whether the folder is that of a sweep, whose own case.toml stays.
         title: of the page; empty: there is no page.
@@ -57,7 +65,8 @@ class Report:
     """
 
     name: str
-    numbers: Mapping[str, Any]
+    numbers: Mapping[str, Any] | None
+    files: Sequence[str] = ()
     case: Case | None = None
     is_sweep: bool = False
     title: str = ""
@@ -71,10 +80,14 @@ class Report:
         """Write the case, the numbers, the pictures and the page; see `Finding.save`."""
         directory = Path(directory)
         directory.mkdir(parents=True, exist_ok=True)
-        text = json.dumps(json_ready(self.numbers), indent=2, allow_nan=False)
         if self.case is not None and not self.is_sweep:
             save_case(self.case, directory)
-        written, drawn = [write_text(directory / f"{self.name}.json", text + "\n")], []
+        written = [path for name in self.files if (path := directory / name).exists()]
+        drawn = []
+        if self.numbers is not None:
+            text = json.dumps(json_ready(self.numbers), indent=2, allow_nan=False)
+            written.append(write_text(directory / f"{self.name}.json", text + "\n"))
+        links = [html.Paragraph(html.Link(path.name, path.name)) for path in written]
         for name, (draw, caption) in self.pictures.items():
             path = directory / f"{name}.png"
             path.parent.mkdir(exist_ok=True)
@@ -83,16 +96,19 @@ class Report:
             written.append(path)
             drawn.append(html.Gallery([html.embedded(path)], caption, caption))
         if self.title:
-            text, file = " ".join([*self.sentences, *self.remarks]), f"{self.name}.json"
+            text = " ".join([*self.sentences, *self.remarks])
             case = [] if self.case is None else [html.Preformatted(self.case.to_toml())]
             sections = [
                 html.Section("", [html.Paragraph(text, "verdict")]),
                 html.Section("Figures", drawn),
-                *(html.Section(t.title, [html.Table(t.heading, t.rows)]) for t in self.tables),
-                html.Section("Numbers", [html.Paragraph(html.Link(file, file))]),
+                *(
+                    html.Section(t.title[:1].upper() + t.title[1:], [html.Table(t.heading, t.rows)])
+                    for t in self.tables
+                ),
+                html.Section("Files", links),
                 html.Section("Case", case),
             ]
-            page = html.page(self.title, sections, contents=True)
+            page = html.page(self.title, [s for s in sections if s.blocks], contents=True)
             written.append(write_text(directory / "report.html", page))
         return written
 

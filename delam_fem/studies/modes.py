@@ -311,7 +311,7 @@ class Modes(Finding):
         }
         return Report(
             name="modes",
-            numbers=numbers if whole is None else {**numbers, **whole.numbers},
+            numbers=numbers if whole is None else {**numbers, **(whole.numbers or {})},
             tables=[
                 Table("modes of the laminae", heading, self.rows()),
                 *(whole.tables if whole else ()),

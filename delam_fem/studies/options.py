@@ -386,3 +386,33 @@ class Identify(Options):
     simulations: Annotated[int, Flag(least=100)] = 2000
     calibrate: Annotated[int, Flag(least=0)] = 100
     seed: Annotated[int, Flag(least=0)] = 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class Converge(Options):
+    """Refine a case, and show to which limit, how fast and at what cost each method converges.
+
+    Attributes:
+        direction: what to refine; points: contact points inside the elements; both: every mesh
+            with every number of steps.
+        laws: contact laws with their schemes, e.g. newton@moreau-jean, maybe with /lumped or
+            /consistent (default: five of them).
+        elements: elements per lamina (default: 5,10,…,160).
+        meshes: mesh files instead of elements, coarse first.
+        points: contact points per element (default: 1,2,4,8).
+        steps: steps per period (default: 250,500,…,16000).
+        periods: periods in the statistics.
+        limit_steps: steps per period of the limit; 0: no limit.
+        engine: engine that computes the steps.
+    """
+
+    common = ("workers", "resume", "overwrite", "dry_run", "yes")
+    direction: Annotated[Literal["elements", "points", "steps", "both"], Flag(("--in",))] = "steps"
+    laws: Annotated[tuple[str, ...] | None, Flag(metavar="LAW,…", is_joined=True)] = None
+    elements: Annotated[tuple[int, ...] | None, Flag((), "N,…", 1, is_joined=True)] = None
+    meshes: Annotated[tuple[Path, ...] | None, Flag(metavar="FILE,…", is_joined=True)] = None
+    points: Annotated[tuple[int, ...] | None, Flag((), "P,…", 1, is_joined=True)] = None
+    steps: Annotated[tuple[int, ...] | None, Flag((), "N,…", 1, is_joined=True)] = None
+    periods: Annotated[int, Flag(least=1)] = 60
+    limit_steps: Annotated[int, Flag(least=0)] = 64000
+    engine: Literal["petsc", "compiled"] = "compiled"

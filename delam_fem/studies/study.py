@@ -9,6 +9,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, Generic, TypeVar
 
 from delam_fem.case.definition import Case
+from delam_fem.engines.cost import Cost
 from delam_fem.simulation.checkpoint import of_study
 from delam_fem.studies.findings import Finding
 from delam_fem.studies.options import Options
@@ -52,10 +53,14 @@ class Study(Generic[Chosen, Found]):
     Attributes:
         options: class of its options.
         compute: computes what it finds.
+        cost: returns what it is called and needs with a number of workers; None: it is cheap.
+        remove: removes the results in a folder, so that they are computed anew.
     """
 
     options: type[Chosen]
     compute: Callable[[Case, Chosen, Place], Found]
+    cost: Callable[[Case, Chosen, int | None], tuple[str, Cost]] | None = None
+    remove: Callable[[Path], None] = remove_results
 
     @property
     def __doc__(self) -> str:  # type: ignore[override]
@@ -111,7 +116,7 @@ class Study(Generic[Chosen, Found]):
         inputs = [*case.files.values(), *options.inputs]
         with claimed(folder, inputs=inputs, may_hold_results=may) as directory:
             if overwrite:
-                remove_results(directory)
+                self.remove(directory)
             with of_study(directory, resume=resume) as kept:
                 found = self.compute(
                     case, options, Place(directory, kept, resume, workers, progress)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from delam_fem.numerics.statistics import Table
+from delam_fem.numerics.statistics import Posterior, Table
 
 NOISE = 0.05
 BOX = np.array([[-1.0, 1.0], [-1.0, 1.0]])
@@ -30,6 +30,11 @@ def test_parameters_that_one_statistic_cannot_separate_are_correlated() -> None:
     posterior = one.posterior(np.array([0.3]))
     assert posterior.correlation()[0, 1] < -0.8
     assert np.all(np.diff(posterior.interval(0.9), axis=1) > 0.8)
+
+
+def test_a_single_parameter_is_correlated_with_itself_alone() -> None:
+    alone = Posterior(np.linspace(0.0, 1.0, 9)[:, None], np.full(9, 1.0 / 9.0))
+    np.testing.assert_allclose(alone.correlation(), [[1.0]])
 
 
 def test_intervals_cover_the_truth_as_often_as_they_say() -> None:

@@ -18,7 +18,9 @@ from delam_fem.numerics.arrays import FloatArray
 from delam_fem.results.fields import derived, ribbons
 from delam_fem.results.fields.pictures import RIGHT, TO_CAMERA, magnification
 from delam_fem.results.figures.style import lamina_colours, title
+from delam_fem.results.folder import SOLID, load_numbers
 from delam_fem.simulation.recorder import HIT, RESTING
+from delam_fem.system.errors import CaseError
 from delam_fem.system.files import atomic
 
 Picture = npt.NDArray[np.uint8]
@@ -89,6 +91,72 @@ def write_film(
             if progress is not None:
                 progress(done, frames.size)
     return list(paths)
+
+
+def animate(
+    run: str | Path,
+    output: Sequence[str | Path] | None = None,
+    *,
+    periods: float = 2.0,
+    rate: float = 20.0,
+    stretch: float = STRETCH,
+    solid: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+) -> list[Path]:
+    """Write a film of the laminae of a run, with the pairs that touch lit.
+
+    Args:
+        run: folder of the results of a run.
+        output: files that end in .gif or .mp4; None: laminae or solid .gif and .mp4 in the folder.
+        periods: length of the film: the last periods.
+        rate: pictures per second.
+        stretch: factor of lateral lengths; 1: true to scale.
+        solid: whether solids are shown, coloured by their stress.
+        progress: called with the numbers of finished and of all pictures.
+
+    Returns:
+        The files.
+
+    Raises:
+        CaseError: an option is not valid, or the run has nothing to show.
+    """
+    from delam_fem.results.fields import stressed
+
+    for name, value in (("periods", periods), ("rate", rate), ("stretch", stretch)):
+        if not 0.0 < value < float("inf"):
+            raise CaseError(f"--{name}: expected a positive number, given {value:g}")
+    run, name = Path(run), "solid" if solid else "laminae"
+    paths = [Path(path) for path in output or (run / f"{name}.gif", run / f"{name}.mp4")]
+    for path in paths:
+        if path.suffix not in FORMATS:
+            raise CaseError(f"--output: expected a file that ends in .gif or .mp4, given {path}")
+    if len(set(paths)) < len(paths):
+        raise CaseError("--output: expected different files, given one of them twice")
+    case, history, _ = load_numbers(run)
+    if not history.sizes.get("frame", 0):
+        raise CaseError(
+            f"{run}: the run kept no frames of its fields; run it again with "
+            "output.fields_per_period above 0"
+        )
+    fields = run / "fields" / SOLID
+    if solid and not fields.is_file():
+        raise CaseError(
+            f'{run}: --solid: expected the run of a solid (model.kind = "plane-stress" or "solid") '
+            f"with frames, found no fields/{SOLID}"
+        )
+    for folder in {path.parent for path in paths}:
+        folder.mkdir(parents=True, exist_ok=True)
+    if solid:
+        written = stressed.write_film(
+            fields, history, case, paths, periods=periods, rate=rate, progress=progress
+        )
+    else:
+        written = write_film(
+            history, case, paths, periods=periods, rate=rate, stretch=stretch, progress=progress
+        )
+    if not written:
+        raise CaseError(f"{run}: no frame of the run is finite, so there is nothing to show")
+    return written
 
 
 def writer(path: Path, rate: float) -> Any:

@@ -28,7 +28,6 @@ from delam_fem.case.definition import Case
 from delam_fem.case.files import CaseSource, find_case, save_case
 from delam_fem.case.values import in_si
 from delam_fem.numerics.arrays import FloatArray
-from delam_fem.results.figures.style import styled
 from delam_fem.results.folder import write_dataset
 from delam_fem.simulation.interrupts import stop_signals
 from delam_fem.studies.branches import dataset
@@ -59,7 +58,7 @@ from delam_fem.studies.study import Place, Study
 from delam_fem.studies.sweeps.dataset import open_result
 from delam_fem.studies.sweeps.grid import unit_of
 from delam_fem.system.errors import CaseError
-from delam_fem.system.files import atomic, read_arrays, write_arrays, write_text
+from delam_fem.system.files import read_arrays, write_arrays, write_text
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -340,6 +339,8 @@ class Branches(Finding):
     @property
     def report(self) -> Report:
         """What it says on the terminal."""
+        from delam_fem.studies.branches.diagram import branch_diagram
+
         data, unit = self.data, _behind(self.data["parameter"].attrs["units"])
         names = ("branch", "kind", "parameter", "low", "high")
         columns = (data[f"event_{name}"].values for name in names)
@@ -350,23 +351,16 @@ class Branches(Finding):
         title, n = f"on the branches over {data.attrs['key']}", data.sizes["point"]
         return Report(
             name="branch",
-            numbers={},
+            numbers=None,
+            files=[RESULT],
             tables=[Table(title, ("branch", "", "at", "95 %"), rows)],
             sentences=[
                 f"{n} points, {data.attrs['processor_seconds']:.0f} processor seconds; "
                 f"the branches end: {data.attrs['endings']}"
             ],
+            pictures={"branch": (lambda: branch_diagram(data, self.swept), "")},
             left=f"after {n} points" * (data.attrs["outcome"] == "interrupted"),
         )
-
-    def save(self, directory: Path | str) -> list[Path]:
-        """Draw the diagram beside the dataset, and return both."""
-        from delam_fem.studies.branches.diagram import branch_diagram
-
-        path = Path(directory) / "branch.png"
-        with styled(), atomic(path) as temporary:
-            branch_diagram(self.data, self.swept).savefig(temporary)
-        return [path.parent / RESULT, path]
 
 
 def _number(unit: str, option: str, text: str) -> float:

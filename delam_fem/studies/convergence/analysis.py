@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from typing import Literal
 
@@ -24,6 +25,7 @@ from delam_fem.studies.convergence.rung import (
     extrema,
     general,
 )
+from delam_fem.studies.findings import Finding, Report, Table
 from delam_fem.studies.linear import first_frequencies, linear_amplitudes
 
 NOISE = 2.0
@@ -31,7 +33,7 @@ NOISE = 2.0
 
 
 @dataclass(frozen=True)
-class Convergence:
+class Convergence(Finding):
     """A ladder with the results of its finished rungs.
 
     Attributes:
@@ -56,6 +58,31 @@ class Convergence:
     def is_complete(self) -> bool:
         """Whether every rung has a result, with any outcome."""
         return all(rung.key in self.results for rung in self.ladder.rungs())
+
+    @property
+    def report(self) -> Report:
+        """What it says in files and on the terminal."""
+        from delam_fem.studies.convergence.report import pictures
+
+        case, rungs = self.ladder.case, self.ladder.rungs()
+        left = sum(rung.key not in self.results for rung in rungs)
+        there = f"{len(self.results)} of {len(rungs)} runs are there."
+        return Report(
+            name="convergence",
+            numbers=None,
+            files=["convergence.json", "tables.md"],
+            case=case,
+            is_sweep=True,
+            title=f"Convergence of {case.name}",
+            tables=list(overview(self)),
+            sentences=[verdict(self), there],
+            remarks=[] if self.ladder.has_limit else [NO_LIMIT],
+            pictures={
+                f"figures/{name}": (partial(draw, self), name.replace("_", " ").capitalize())
+                for name, draw in pictures(self).items()
+            },
+            left=f"with {left} rungs left" if left else "",
+        )
 
     def value(self, rung: Rung, name: str) -> float:
         """Return the mean of a statistic; NaN if the rung has none."""
@@ -173,27 +200,6 @@ def exact_free_motion(case: Case) -> tuple[list[float], list[float]]:
 Direction = Literal["steps", "elements", "points"]
 NOTHING = "–"
 NO_LIMIT = "The ladder has no limit (0 steps): errors against the rigid limit are left out."
-
-
-@dataclass(frozen=True)
-class Table:
-    """A table of text.
-
-    Attributes:
-        title: title above the table.
-        heading: headings of the columns.
-        rows: rows with one entry per column.
-    """
-
-    title: str
-    heading: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-
-    def markdown(self) -> str:
-        """Return the table as Markdown, with its title in bold."""
-        lines = [self.heading, tuple("---" for _ in self.heading), *self.rows]
-        body = "\n".join(f"| {' | '.join(line)} |" for line in lines)
-        return f"**{self.title}**\n\n{body}\n"
 
 
 def page(found: Convergence, verdict: str) -> str:

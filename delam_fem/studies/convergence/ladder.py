@@ -12,7 +12,6 @@ run of a ladder is a rung. This module describes the rungs; `rung.py` computes o
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -368,17 +367,6 @@ def _plain(mesh: MeshChoice) -> int | Path:
 def _key(method: str, mesh: MeshChoice, steps: int) -> str:
     """Return the key of a rung within its ladder."""
     return f"{method} {mesh} {steps}"
-
-
-def whole_numbers(text: str, what: str) -> tuple[int, ...]:
-    """Return the numbers in a text such as "5,10,20".
-
-    Raises:
-        CaseError: the text is not a list of whole numbers above 0.
-    """
-    if not re.fullmatch(r"\s*[1-9]\d*\s*(,\s*[1-9]\d*\s*)*", text):
-        raise CaseError(f"{what}: expected whole numbers such as 5,10,20, given {text!r}")
-    return tuple(int(word) for word in text.split(","))
 
 
 def _require_rising(what: str, sizes: Sequence[int]) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -26,22 +25,10 @@ from delam_fem.results.figures.style import (
     label_x,
     lamina_colours,
     legend_above,
-    styled,
 )
-from delam_fem.results.pages import html
-from delam_fem.results.pages.html import (
-    Gallery,
-    Link,
-    Paragraph,
-    Preformatted,
-    Section,
-    Table,
-    embedded,
-)
-from delam_fem.studies.convergence.analysis import NO_LIMIT, Convergence, overview, verdict
+from delam_fem.studies.convergence.analysis import Convergence
 from delam_fem.studies.convergence.ladder import FREE, LIMIT, Rung
 from delam_fem.studies.convergence.rung import WORK, Statistic
-from delam_fem.system.files import atomic, write_text
 
 Value = Callable[[Rung], float]
 
@@ -60,20 +47,11 @@ FREE_FLOOR = 1e-13
 """Errors without contact below this value are round-off and are not drawn."""
 
 
-def save_figures(found: Convergence, directory: str | Path) -> list[Path]:
-    """Draw all figures that the rungs of a ladder allow, as PNG files.
+def pictures(found: Convergence) -> dict[str, Callable[[Convergence], Figure]]:
+    """Return the functions that draw what the rungs of a ladder allow, by name.
 
     A ladder without a limit has no figures of errors against the limit.
-
-    Args:
-        found: the ladder with its results.
-        directory: folder of the figures; it is made if it does not exist.
-
-    Returns:
-        Paths of the written files.
     """
-    directory = Path(directory)
-    directory.mkdir(parents=True, exist_ok=True)
     ladder = found.ladder
     makers: dict[str, Callable[[Convergence], Figure]] = {}
     if len(ladder.steps) > 1:
@@ -88,14 +66,7 @@ def save_figures(found: Convergence, directory: str | Path) -> list[Path]:
             makers["error_over_steps"] = error_over_steps
         if len(ladder.meshes) > 1:
             makers[f"limit_over_{ladder.refines}"] = limit_over_meshes
-    written = []
-    with styled():
-        for name, make in makers.items():
-            path = directory / f"{name}.png"
-            with atomic(path) as temporary:
-                make(found).savefig(temporary)
-            written.append(path)
-    return written
+    return makers
 
 
 def error_over_steps(found: Convergence) -> Figure:
@@ -277,60 +248,3 @@ def _title(found: Convergence) -> str:
     case = found.ladder.case
     damping = f"{case.damping.rayleigh} damping, {case.time.mass} mass"
     return f"{case.name}: {1.0 / case.period:g} Hz, {damping}"
-
-
-PAGE = "report.html"
-"""Name of the page in the folder of a ladder."""
-
-
-def write_page(found: Convergence, figures: Sequence[Path], directory: str | Path) -> Path:
-    """Write the page of a ladder.
-
-    Args:
-        found: the ladder with its results.
-        figures: PNG files.
-        directory: folder of the ladder.
-
-    Returns:
-        The file.
-
-    Raises:
-        OSError: the file cannot be written, or a figure cannot be read.
-    """
-    ladder, path = found.ladder, Path(directory) / PAGE
-    n = len(list(ladder.rungs()))
-    text = f"{verdict(found)} {len(found.results)} of {n} runs are there."
-    if not ladder.has_limit:
-        text += f" {NO_LIMIT}"
-    tables = [
-        block
-        for table in overview(found)
-        for block in (Paragraph(_capital(table.title), "title"), Table(table.heading, table.rows))
-    ]
-    drawn = [Gallery([embedded(p)], _words(p), f"{_capital(_words(p))}.") for p in figures]
-    files = [
-        (Link(name, name), meaning)
-        for name, meaning in (
-            ("convergence.json", "all numbers"), ("tables.md", "all tables, Markdown")
-        )
-        if (path.parent / name).exists()
-    ]  # fmt: skip
-    sections = [
-        Section("", [Paragraph(text, "verdict")]),
-        Section("Figures", drawn),
-        Section("Tables", tables),
-        Section("Files", [Table(("file", "content"), files)]),
-        Section("Case", [Preformatted(ladder.case.to_toml())]),
-    ]
-    shown = [section for section in sections if section.blocks]
-    return write_text(path, html.page(f"Convergence of {ladder.case.name}", shown, contents=True))
-
-
-def _capital(text: str) -> str:
-    """Return a text that begins with a capital letter."""
-    return text[:1].upper() + text[1:]
-
-
-def _words(path: Path) -> str:
-    """Return the name of a figure in words."""
-    return path.stem.replace("_", " ")

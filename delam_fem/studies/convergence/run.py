@@ -30,18 +30,24 @@ from delam_fem.results.pages.progress import reporting
 from delam_fem.results.provenance import provenance
 from delam_fem.simulation.interrupts import stop_signals
 from delam_fem.studies import executors
-from delam_fem.studies.convergence.analysis import Convergence
+from delam_fem.studies.convergence.analysis import Convergence, page, verdict
 from delam_fem.studies.convergence.ladder import (
+    ELEMENTS,
     LIMIT_STEPS,
     METHODS,
     PERIODS,
+    POINTS,
+    STEPS,
     Ladder,
     MeshChoice,
+    PointMesh,
     method,
     refinement_warnings,
 )
 from delam_fem.studies.convergence.rung import RungResult, compute, rung_hours
 from delam_fem.studies.executors import ExecutorName
+from delam_fem.studies.options import Converge
+from delam_fem.studies.study import Place, Study
 from delam_fem.system.errors import CaseError
 from delam_fem.system.files import write_text
 
@@ -255,3 +261,39 @@ def _write(path: Path, found: Convergence) -> None:
         "rungs": entries,
     }
     write_text(path, json.dumps(content, indent=1, allow_nan=False))
+
+
+def _ladder(case: Case, given: Converge) -> Ladder:
+    """Return the ladder with options of a user; what is not given follows the direction."""
+    if given.elements is not None and given.meshes is not None:
+        raise CaseError("converge: expected --elements or --meshes, given both")
+    own = case.mesh.elements or Path(case.mesh.file or "")  # a case has one of them
+    meshes: Sequence[int | Path] = given.elements or [p.absolute() for p in given.meshes or ()]
+    steps, points, is_both = given.steps, given.points, given.direction == "both"
+    if not meshes:
+        meshes = ELEMENTS if is_both or given.direction == "elements" else (own,)
+    if steps is None:
+        is_refined = is_both or given.direction == "steps"
+        steps = STEPS if is_refined else (case.time.steps_per_period,)
+    if points is None and given.direction == "points":
+        points = POINTS
+    refined = [PointMesh(mesh, n) for mesh in meshes for n in points or ()]
+    methods = tuple(method(text) for text in given.laws or METHODS)
+    every = tuple(refined or meshes)
+    return Ladder(case, methods, every, steps, given.periods, given.limit_steps, given.engine)
+
+
+def _cost(case: Case, given: Converge, workers: int | None) -> tuple[str, Cost]:
+    """Return the name and the cost of a ladder."""
+    ladder = _ladder(case, given)
+    return f"ladder of {len(ladder.rungs())} runs", ladder_cost(ladder, workers)
+
+
+def _converge(case: Case, given: Converge, place: Place) -> Convergence:
+    """Compute a ladder with options of a user, and write all its tables."""
+    found = run_ladder(_ladder(case, given), place.folder, **place.sweeping)
+    write_text(place.folder / "tables.md", page(found, verdict(found)))
+    return found
+
+
+STUDY = Study(Converge, _converge, _cost, lambda folder: (folder / RESULT).unlink(missing_ok=True))

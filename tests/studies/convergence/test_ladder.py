@@ -18,9 +18,9 @@ from delam_fem.studies.convergence.ladder import (
     PointMesh,
     Rung,
     method,
-    whole_numbers,
 )
 from delam_fem.studies.convergence.rung import compute, fitted_frequency
+from delam_fem.studies.options import Converge
 from delam_fem.system.errors import CaseError
 
 CASE = preset("default", {"damping.rayleigh": "stiffness"})
@@ -89,9 +89,9 @@ def test_unknown_laws_are_refused(text: str) -> None:
 
 @pytest.mark.parametrize("text", ["", "10,,20", "0", "a", "-5", "1.5"])
 def test_lists_of_numbers(text: str) -> None:
-    assert whole_numbers(" 5, 10,20", "elements") == (5, 10, 20)
-    with pytest.raises(CaseError, match="elements: expected whole numbers such as 5,10,20"):
-        whole_numbers(text, "elements")
+    assert Converge(elements=" 5, 10,20").elements == (5, 10, 20)  # type: ignore[arg-type]
+    with pytest.raises(CaseError, match="elements: expected a whole number of at least 1"):
+        Converge(elements=text)  # type: ignore[arg-type]
 
 
 def test_rungs_of_a_ladder() -> None:

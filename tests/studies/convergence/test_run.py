@@ -22,7 +22,6 @@ from delam_fem.studies.convergence.analysis import (
     verdict,
 )
 from delam_fem.studies.convergence.ladder import FREE, LIMIT, EngineName, Ladder, Rung, method
-from delam_fem.studies.convergence.report import save_figures
 from delam_fem.studies.convergence.run import RESULT, load_results, run_ladder
 from delam_fem.studies.convergence.rung import RungResult, converging, extrema
 from delam_fem.system.errors import CaseError
@@ -209,22 +208,21 @@ def test_verdict_on_elastic_impacts_names_no_limit() -> None:
 
 
 def test_figures_of_a_ladder(tmp_path: Path) -> None:
-    names = {path.name for path in save_figures(whole(ladder()), tmp_path)}
-    assert names == {
-        *("free_steps.png", "free_elements.png", "error_over_cost.png", "error_over_steps.png"),
-        *("work_over_steps.png", "limit_over_elements.png"),
+    paths = [path for path in whole(ladder()).save(tmp_path) if path.suffix == ".png"]
+    assert {path.stem for path in paths} == {
+        *("free_steps", "free_elements", "error_over_cost", "error_over_steps"),
+        *("work_over_steps", "limit_over_elements"),
     }
-    assert all((tmp_path / name).stat().st_size > 10_000 for name in names)
+    assert all(path.stat().st_size > 10_000 for path in paths)
     one = whole(ladder(meshes=(20,), limit_steps=0))
-    names = {path.name for path in save_figures(one, tmp_path)}
-    assert names == {"free_steps.png", "work_over_steps.png"}
+    assert set(one.report.pictures) == {"figures/free_steps", "figures/work_over_steps"}
 
 
 def test_figures_of_an_interrupted_ladder(tmp_path: Path) -> None:
     on = ladder(meshes=(20, 40), steps=(1000, 2000))
     first = on.rungs()[0]
     found = Convergence(on, {first.key: synthetic(first, "compiled")})
-    assert len(save_figures(found, tmp_path)) == 6
+    assert len([path for path in found.save(tmp_path) if path.suffix == ".png"]) == 6
 
 
 def test_without_a_limit_nothing_is_compared_with_it() -> None:
