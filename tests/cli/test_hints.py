@@ -122,12 +122,6 @@ def test_the_page_of_a_sweep_is_written_again() -> None:
     assert page.name in found.stdout
 
 
-def test_lengths_in_help_texts_keep_their_unit() -> None:
-    for command in ("detect", "modulate", "excite", "identify"):
-        text = invoke(command, "--help").stdout
-        assert "in m." in " ".join(text.split()) and " ." not in text
-
-
 def test_laminae_that_are_apart_are_not_searched_for_delaminations() -> None:
     told = "detect: expected a case with [[delamination]], given laminae apart"
     assert told in refused("detect", "default", "-o", "d")
