@@ -9,6 +9,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, Generic, TypeVar
 
 from delam_fem.case.definition import Case
+from delam_fem.case.files import CaseSource, find_case
 from delam_fem.engines.cost import Cost
 from delam_fem.simulation.checkpoint import of_study
 from delam_fem.studies.findings import Finding
@@ -69,7 +70,7 @@ class Study(Generic[Chosen, Found]):
 
     def __call__(
         self,
-        case: Case,
+        case: CaseSource,
         folder: str | Path | None = None,
         *,
         resume: bool = False,
@@ -81,7 +82,7 @@ class Study(Generic[Chosen, Found]):
         """Compute the study of a case.
 
         Args:
-            case: the case.
+            case: the case, its file, or the name of a preset.
             folder: the results are written there, as the command writes them, and what is
                 interrupted can be resumed; None: nothing is kept.
             resume: whether to go on with what is in the folder.
@@ -94,7 +95,7 @@ class Study(Generic[Chosen, Found]):
             CaseError: an option, the case or the folder does not allow it.
             KeyboardInterrupt: it was interrupted; `resume` goes on.
         """
-        chosen = self.options(**options)
+        case, chosen = find_case(case), self.options(**options)
         if folder is None:
             with TemporaryDirectory() as scratch:
                 place = Place(Path(scratch), Path(scratch), False, workers, progress)

@@ -130,4 +130,4 @@ def test_python_takes_numbers_as_well_as_texts() -> None:
     assert Infer(measured=["a.csv"]).inputs == [Path("a.csv")]
     for study in (df.detect, df.excite, df.pod, df.infer, df.modulate, df.resonance, df.identify):
         with pytest.raises(TypeError, match="spacings"):
-            study(df.preset("embedded"), spacings=1.0)
+            study("embedded", spacings=1.0)

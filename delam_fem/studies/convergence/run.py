@@ -22,6 +22,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from delam_fem.case.definition import Case
 from delam_fem.case.files import CaseSource, find_case
 from delam_fem.engines.cost import FILE_BYTES, STUDY_SECONDS, WORKER_BYTES, Cost, run_cost
 from delam_fem.engines.session import EngineName
