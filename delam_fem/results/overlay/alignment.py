@@ -290,7 +290,7 @@ def aligned(
     _, errors = _step(residual, slopes, is_rate_free)
     scatter = max(float(errors[0]), _scatter_of_blocks(residual, slopes))
     of_cycles = course.delay_error()
-    rate_error = float(errors[1])
+    rate_error = float(errors[1]) * scatter / (float(errors[0]) or 1.0)  # no whiter for the slope
     if is_rate_free and course.period is not None:  # of a slope through so many cycles
         duration = trial.rate * float(time[-1] - time[0])
         spread = of_cycles * np.sqrt(12.0 / max(duration / course.period, 1.0)) / duration

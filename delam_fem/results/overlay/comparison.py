@@ -189,7 +189,7 @@ class Comparison:
         gain: measured amplitude over that of the run, at the channel's own phase.
         gain_error: its standard deviation.
         delay: time by which the channel comes later than the run after the alignment [s].
-        delay_error: its standard deviation [s].
+        delay_error: standard deviation of the channel's own phase [s].
         correlation: of both after the alignment.
         mean_difference: mean of the measurement minus that of the run.
         residual: root mean square of measured minus computed without the mean difference.
@@ -251,7 +251,7 @@ def compared(
     about: dict[str, Any] = {
         "name": pairs.names[k], "units": pairs.units[k], "is_drive": pairs.is_drive[k],
         "gain": gain, "gain_error": gain_error, "delay": alignment.start - at_own.start,
-        "delay_error": float(np.hypot(at_own.start_error, alignment.start_error)),
+        "delay_error": at_own.start_error,
         "correlation": correlation,
         "mean_difference": float(rest.mean()),
         "residual": float(np.std(rest)),
@@ -381,7 +381,7 @@ def _of_phase(own: Comparison, reference: Comparison, frequency: float) -> Itera
     """Yield whether a channel has another phase than the drive or, without it, than a channel."""
     turn = 360.0 * frequency
     phase = (turn * (own.delay - reference.delay) + 180.0) % 360.0 - 180.0
-    error = turn * max(own.delay_error, reference.delay_error)
+    error = turn * math.hypot(own.delay_error, reference.delay_error)
     if abs(phase) > max(SAME_PHASE, SIGNIFICANT * error):
         hint = "" if reference.is_drive else "; no drive was measured, so either may be wrong"
         yield Finding(

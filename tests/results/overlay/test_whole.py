@@ -133,15 +133,17 @@ def test_a_scaled_channel_is_reported(tmp_path: Path, scale: float) -> None:
     assert abs(wrapped(found.offset - START)) < SIGMAS * found.alignment.start_error
 
 
-def test_a_late_channel_is_reported(tmp_path: Path) -> None:
-    late = 20.0 / 360.0 * PERIOD
+@pytest.mark.parametrize("degrees", [20, 85])
+def test_a_late_channel_is_reported(tmp_path: Path, degrees: int) -> None:
+    """The later it is, the worse both lie on the run together: that is no error of its phase."""
+    late = degrees / 360.0 * PERIOD
     found = df.overlay(RUN, measurement(tmp_path, late=late))
     assert [kind for kind, _ in kinds(found)] == ["phase"]
     thick, thin = found.channels
     assert thin.delay - thick.delay == pytest.approx(late, rel=0.05)
-    text = found.findings[0].text
-    assert re.search(r"thin: measured (20|19)\.\d° .* later than tip thick", text) or re.search(
-        r"thick: measured (20|19)\.\d° .* earlier than tip thin", text
+    text, size = found.findings[0].text, rf"measured ({degrees}|{degrees - 1})\.\d°"
+    assert re.search(rf"thin: {size} .* later than tip thick", text) or re.search(
+        rf"thick: {size} .* earlier than tip thin", text
     )
 
 
