@@ -8,6 +8,9 @@ PROGRAM = f"""
 import sys
 from importlib.metadata import version
 import delam_fem.pipeline, ufl, ffcx
+from delam_fem.results.fields import pictures, vtx
+from delam_fem.results.figures import run
+from delam_fem.results.pages import report
 print(*(name for name in {SLOW} if name in sys.modules))
 assert ufl.__version__ == version("fenics-ufl")
 assert ffcx.__version__ == version("fenics-ffcx")

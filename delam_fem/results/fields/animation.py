@@ -244,7 +244,7 @@ class _Scene:
         self.edge = float(self.at_rest[:, 2].min()) - 0.005 * length
         self.radius = RADIUS * length
         self.meshes = []
-        grid = bodies.grid(0)
+        grid = pv.wrap(bodies.grid(0))
         names = [str(name) for name in history["lamina"].to_numpy()]
         entries = list(zip(names, lamina_colours(len(names)), strict=True))
         for i, (_, colour) in enumerate(entries):

@@ -1,7 +1,6 @@
 """The deformed laminae at some instants: pictures, and VTK files for ParaView.
 
-The laminae as files: VTK fields for ParaView, and a rendered picture. `ribbons` makes the grids,
-`vtkhdf` the file of a whole series.
+`ribbons` makes the grids, `vtkhdf` the file of a whole series.
 """
 
 from __future__ import annotations
@@ -13,14 +12,18 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-import pyvista as pv
 import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
 
 from delam_fem.case.definition import Case
 from delam_fem.numerics.arrays import FloatArray
 from delam_fem.results import diagnostics
 from delam_fem.results.fields import ribbons, vtkhdf
-from delam_fem.results.figures.style import title
+from delam_fem.results.figures.style import DPI, styled, title
 from delam_fem.system.files import atomic
 
 PHASES = (-0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3)
@@ -33,6 +36,16 @@ TO_CAMERA = np.array([np.sin(TILT), -np.cos(TILT) * np.sin(TURN), -np.cos(TILT) 
 """Direction of the camera; x is up and y to the right in the picture."""
 RIGHT = np.cross([1.0, 0.0, 0.0], TO_CAMERA) / np.cos(TILT)
 """Horizontal in the picture: the direction in which the snapshots stand side by side."""
+SCREEN = np.column_stack([RIGHT, np.cross(TO_CAMERA, RIGHT)])
+"""Axes of the picture: places there are points @ SCREEN, shape (3, 2)."""
+ENDS = np.array([-1.0, 1.0])
+PIECES = 100
+"""Pieces of one colour along a lamina."""
+SHADE = 0.7
+"""Brightness of the faces towards -z."""
+BLOCK, OUTLINE = np.array([0.6, 0.6, 0.6, 1.0]), np.array([0.19, 0.19, 0.19, 1.0])
+CLEAR = np.zeros(4)
+"""Colours: supports, outlines, nothing."""
 ROW = 1.42
 """Length of the row of snapshots in lengths of the laminae: it fills the picture."""
 COLOURS = "coolwarm"
@@ -41,8 +54,6 @@ VISIBLE, SHOWN_DEFLECTION = 0.01, 0.04
 """Deflections below the first number are drawn as large as the second, in lengths."""
 NAME_DISTANCE = 0.07
 """Distance of the names of neighbours that touch, in lengths of the laminae."""
-TEXT = 22
-"""Size of the letters [px]."""
 
 
 def strike_frame(history: xr.Dataset, case: Case) -> int:
@@ -80,7 +91,7 @@ def largest_speed(history: xr.Dataset, frames: list[int]) -> float:
     return max(float(np.nanmax(np.abs(v), initial=0.0, where=np.isfinite(v))) for v in speeds)
 
 
-def draw(history: xr.Dataset, case: Case) -> pv.Plotter:
+def draw(history: xr.Dataset, case: Case) -> Figure:
     """Return the scene: the laminae side by side at the instants `PHASES`.
 
     Deflections are true to scale unless they are too small to be seen; the title names the factor.
@@ -88,9 +99,6 @@ def draw(history: xr.Dataset, case: Case) -> pv.Plotter:
     Args:
         history: with the fields of at least one frame; see `schema.VARIABLES`.
         case: its case.
-
-    Returns:
-        An off-screen plotter that the caller closes.
     """
     frames = history["frame"].to_numpy()
     shown_strike = strike_frame(history, case)
@@ -99,31 +107,72 @@ def draw(history: xr.Dataset, case: Case) -> pv.Plotter:
     shown, length = sorted(set(shown)), case.lamina[0].length
     limit = largest_speed(history, shown) or 1.0
     factor = magnification(history, shown, length)
-    bodies = ribbons.Ribbons.of(history, case, factor)
+    u, v = (history[name].to_numpy()[:, shown] for name in ("displacement", "velocity"))
+    at_rest = ribbons.rest_points(history, case, factor)
+    colours = ScalarMappable(Normalize(-limit, limit), COLOURS)
     name = "strike" if diagnostics.is_at_probes(history).any() else "closest"
-    plotter = pv.Plotter(off_screen=True, window_size=list(SIZE))
-    plotter.set_background("white")
+    figure = Figure(figsize=(SIZE[0] / DPI, SIZE[1] / DPI))
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    polygons: list[tuple[FloatArray, FloatArray, FloatArray]] = []
     for k, frame in enumerate(shown):
         place = (k - (len(shown) - 1) / 2) * ROW / len(PHASES) * length * RIGHT
-        laminae = bodies.grid(frame).warp_by_vector("displacement", factor=factor).translate(place)
-        laminae["lateral velocity"] = laminae["velocity"][:, 1]
-        outline = laminae.extract_surface(algorithm="dataset_surface")
-        plotter.add_mesh(outline.extract_feature_edges(60.0), color="#303030", line_width=1.0)
-        for block in _supports(history, case, frame, factor):
-            plotter.add_mesh(block.translate(place), color="#9a9a9a", ambient=0.4)
-        plotter.add_mesh(
-            laminae, scalars="lateral velocity", cmap=COLOURS, clim=(-limit, limit),
-            show_scalar_bar=False, ambient=0.75, diffuse=0.3, specular=0.0,
-        )  # fmt: skip
+        corners = at_rest + place
+        corners[..., 1] += factor * u[:, k, :, None]
+        below, beyond = _supports(case, place, factor * u[0, k])
+        laminae = [
+            (_pieces(points), colours.to_rgba(_pieces(speed)))
+            for points, speed in zip(corners, v[:, k], strict=True)
+        ]
+        for points, painted in [*below, *laminae[::-1], *beyond]:  # each hides those before it
+            polygons += _visible(points, painted)
         after = (frames[frame] - strike) / case.period
         text = f"{after:+.1f} T".replace("-", "−") if frame != shown_strike else name
-        _label(plotter, place - [0.11 * length, 0.0, 0.0], text)
+        _label(axes, place - [0.11 * length, 0.0, 0.0], text)
+    shapes, faces, edges = zip(*polygons, strict=True)
+    drawn = PolyCollection(shapes, linewidths=0.5)
+    drawn.set(facecolors=np.array(faces), edgecolors=np.array(edges))
+    axes.add_collection(drawn, autolim=False)
     aside = -(len(shown) - 1) / 2 * ROW / len(PHASES) * length
-    _name_laminae(plotter, history, shown[0], (aside, factor))
+    _name_laminae(axes, history, shown[0], (aside, factor))
     scale = "true to scale" if factor == 1.0 else f"deflections and gaps × {factor:g}"
-    _dress(plotter, f"{title(case)}; {scale}, T = {case.period:.3g} s")
-    _aim(plotter, length)
-    return plotter
+    figure.text(0.03, 0.955, f"{title(case)}; {scale}, T = {case.period:.3g} s", fontsize=12)
+    bar = figure.add_axes((0.89, 0.2, 0.02, 0.6), label="<colorbar>")
+    figure.colorbar(colours, bar, ticks=np.linspace(-limit, limit, 5).tolist(), format="{x:+.2g}")
+    bar.set_title("lateral velocity [m/s]", pad=12.0)
+    centre = (np.array([0.48 * length, 0.0, 0.0]) + 0.1 * length * RIGHT) @ SCREEN
+    half = 0.65 * length * np.array([SIZE[0] / SIZE[1], 1.0])
+    axes.set(xlim=centre[0] + half[0] * ENDS, ylim=centre[1] + half[1] * ENDS)
+    axes.set_axis_off()
+    return figure
+
+
+def _pieces(values: FloatArray) -> FloatArray:
+    """Return values at all nodes, shape (n, …), at the ends of `PIECES` pieces of the laminae."""
+    place = np.linspace(0.0, len(values) - 1.0, PIECES + 1)
+    before = np.minimum(place.astype(np.int64), len(values) - 2)
+    share = (place - before).reshape(-1, *(1,) * (values.ndim - 1))
+    between: FloatArray = (1.0 - share) * values[before] + share * values[before + 1]
+    return between
+
+
+def _visible(
+    corners: FloatArray, colours: FloatArray
+) -> Iterator[tuple[FloatArray, FloatArray, FloatArray]]:
+    """Yield the faces of a body that the camera sees as polygons, with face and edge colours.
+
+    They look towards -y, -z and +x.
+
+    Args:
+        corners: of the sections of the body, shape (n, 4, 3), in the order of `ribbons.CORNERS`.
+        colours: of the sections, shape (n, 4).
+    """
+    between = (colours[:-1] + colours[1:]) / 2.0
+    for other, shade in ((3, 1.0), (1, SHADE)):
+        sides = corners[:, [0, other]] @ SCREEN
+        for k, colour in enumerate(between * [shade, shade, shade, 1.0]):
+            yield np.concatenate([sides[k], sides[k + 1, ::-1]]), colour, colour
+        yield np.concatenate([sides[:, 0], sides[::-1, 1]]), CLEAR, OUTLINE
+    yield corners[-1] @ SCREEN, colours[-1], OUTLINE
 
 
 def magnification(history: xr.Dataset, frames: list[int], length: float) -> float:
@@ -143,33 +192,41 @@ def magnification(history: xr.Dataset, frames: list[int], length: float) -> floa
     return max(1.0, power * max(step for step in (1, 2, 5) if step * power <= wanted))
 
 
-def _supports(history: xr.Dataset, case: Case, frame: int, factor: float) -> Iterator[pv.PolyData]:
-    """Yield the blocks that hold the laminae at their ends and move with the base."""
+def _supports(
+    case: Case, place: FloatArray, moved: FloatArray
+) -> list[list[tuple[FloatArray, FloatArray]]]:
+    """Return the blocks that hold the laminae at their start and at their end.
+
+    Args:
+        case: of the run.
+        place: offset of the snapshot, shape (3,) [m].
+        moved: drawn displacements of the lowest lamina, shape (n_nodes,) [m].
+
+    Returns:
+        For each end corners (2, 4, 3) [m] and colours (2, 4) of its block; nothing of a free end.
+    """
     length = case.length
-    block = 6.0 * sum(lamina.thickness for lamina in case.lamina)
+    block = 3.0 * sum(lamina.thickness for lamina in case.lamina)
     width = max(lamina.width for lamina in case.lamina)
+    side = np.array([0.0, block, 0.6 * width])
+    section = side * np.column_stack([np.zeros(4), ribbons.UPWARDS, [-1.0, -1.0, 1.0, 1.0]])
+    blocks: list[list[tuple[FloatArray, FloatArray]]] = []
     ends = ((0, case.support.start, 0.0, -1.0), (-1, case.support.end, length, 1.0))
     for node, kind, x, outwards in ends:
-        if kind != "free":
-            depth = (0.05 if kind == "clamped" else 0.01) * length
-            base = factor * float(history["displacement"][0, frame, node])
-            x_bounds = sorted((x, x + outwards * depth))
-            yield pv.Box(
-                bounds=(*x_bounds, base - block / 2, base + block / 2, -0.6 * width, 0.6 * width)
-            )
+        depth = (0.05 if kind == "clamped" else 0.01) * length
+        along = [[[reached, moved[node], 0.0]] for reached in sorted((x, x + outwards * depth))]
+        body = section + along + place, np.full((2, 4), BLOCK)
+        blocks.append([] if kind == "free" else [body])
+    return blocks
 
 
-def _label(plotter: pv.Plotter, point: FloatArray, text: str) -> None:
+def _label(axes: Axes, point: FloatArray, text: str) -> None:
     """Write at a point."""
-    plotter.add_point_labels(
-        point[None, :], [text], font_size=TEXT, text_color="black", shape=None, bold=False,
-        show_points=False, always_visible=True, justification_horizontal="center",
-    )  # fmt: skip
+    x, y = point @ SCREEN
+    axes.text(x, y, text, ha="center")
 
 
-def _name_laminae(
-    plotter: pv.Plotter, history: xr.Dataset, frame: int, drawn: tuple[float, float]
-) -> None:
+def _name_laminae(axes: Axes, history: xr.Dataset, frame: int, drawn: tuple[float, float]) -> None:
     """Write the names of the laminae beyond their probes in the first snapshot.
 
     `drawn` holds the offset of the snapshot and the factor of its deflections.
@@ -182,30 +239,7 @@ def _name_laminae(
         between = NAME_DISTANCE if x == length else 2.5 * NAME_DISTANCE  # beside the laminae
         side = between * (i - (len(at_rest) - 1) / 2) * length
         point = np.array([x + 0.03 * length, y, 0.0]) + (offset + side) * RIGHT
-        _label(plotter, point, str(name))
-
-
-def _dress(plotter: pv.Plotter, text: str) -> None:
-    """Add the title and a scalar bar beside the scene."""
-    plotter.add_text(
-        text, position=(0.03, 0.955), viewport=True, font_size=TEXT // 2 + 2, color="black"
-    )
-    plotter.add_scalar_bar(
-        title="lateral velocity [m/s]\n ", vertical=True, position_x=0.885, position_y=0.2,
-        width=0.05, height=0.6, n_labels=5, fmt="%+.2f", color="black",
-        title_font_size=TEXT, label_font_size=TEXT,
-    )  # fmt: skip
-
-
-def _aim(plotter: pv.Plotter, length: float) -> None:
-    """Point the camera so that the row fills the picture left of the scalar bar."""
-    focus = np.array([0.48 * length, 0.0, 0.0]) + 0.1 * length * RIGHT
-    plotter.camera.focal_point = focus
-    plotter.camera.position = focus + 4.0 * length * TO_CAMERA
-    plotter.camera.up = (1.0, 0.0, 0.0)
-    plotter.enable_parallel_projection()
-    plotter.camera.parallel_scale = 0.65 * length
-    plotter.reset_camera_clipping_range()
+        _label(axes, point, str(name))
 
 
 def write_fields(history: xr.Dataset, case: Case, directory: str | Path) -> list[Path]:
@@ -239,7 +273,7 @@ def write_fields(history: xr.Dataset, case: Case, directory: str | Path) -> list
     names = [f"fields_{k:0{len(str(last.size - 1))}d}.vtu" for k in range(last.size)]
     for frame, name in zip(last, names, strict=True):
         with atomic(directory / name) as temporary:
-            bodies.grid(int(frame)).save(temporary)
+            bodies.grid(int(frame)).write(temporary, file_format="vtu")
     for path in set(directory.glob("fields_*.vtu")) - {directory / name for name in names}:
         path.unlink()
     return [series, _write_collection(directory / "fields.pvd", times[last], names)]
@@ -273,13 +307,8 @@ def render(history: xr.Dataset, case: Case, path: str | Path) -> Path | None:
         return None
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    # without a display, VTK warns before it uses EGL or Mesa
-    with pv.vtk_verbosity("error"), atomic(path) as temporary:
-        plotter = draw(history, case)
-        try:
-            plotter.screenshot(temporary)
-        finally:
-            plotter.close()
+    with styled(), atomic(path) as temporary:
+        draw(history, case).savefig(temporary)
     return path
 
 

@@ -12,9 +12,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import meshio
 import numpy as np
 import numpy.typing as npt
-import pyvista as pv
 import xarray as xr
 
 from delam_fem.case.definition import Case
@@ -125,18 +125,15 @@ class Ribbons:
             self.rest.reshape(-1, 3), cells, "hexahedron", {"lamina": lamina_numbers(*shape)}
         )
 
-    def grid(self, frame: int) -> pv.UnstructuredGrid:
+    def grid(self, frame: int) -> meshio.Mesh:
         """Return the laminae at rest with the fields of one frame.
 
         "Warp by vector" with the displacement shows the deformed laminae. Cell data is lamina (1,
         2, …).
         """
-        cells = {pv.CellType.HEXAHEDRON: hexahedra(*self.rest.shape[:2])}
-        result = pv.UnstructuredGrid(cells, self.rest.reshape(-1, 3))
-        for name, values in self.point_data(frame).items():
-            result.point_data[name] = values
-        result.cell_data["lamina"] = lamina_numbers(*self.rest.shape[:2])
-        return result
+        mesh = self.mesh
+        of_cells = {name: [values] for name, values in mesh.cell_data.items()}
+        return meshio.Mesh(mesh.points, [(mesh.cell, mesh.cells)], self.point_data(frame), of_cells)
 
 
 def lamina_numbers(n_laminae: int, n_nodes: int) -> npt.NDArray[np.int8]:

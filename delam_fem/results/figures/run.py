@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter
+from matplotlib.ticker import LogLocator, NullLocator
 
 from delam_fem.case.definition import Case
 from delam_fem.numerics import harmonics
@@ -138,7 +138,7 @@ def spectra(history: xr.Dataset, case: Case) -> Figure:
         axes.set_ylabel(f"amplitude of {symbol('q', i)} [mm]")
         axes.yaxis.set_major_locator(LogLocator(numticks=12))
         powers_of_ten(axes.yaxis)
-        axes.yaxis.set_minor_formatter(NullFormatter())
+        axes.yaxis.set_minor_locator(NullLocator())  # to lay them out takes most of the time
         axes.set_xlim(0.0, unit * (SHOWN_HARMONICS + 0.5))
     top = np.nanmax(amplitudes[:, 1:], initial=0.0)
     if top > 0.0:
@@ -261,10 +261,6 @@ FIGURES: dict[str, Callable[[xr.Dataset, Case], Figure]] = {
 """The figures of every run by the names of their files."""
 OF_SENSORS = {"sensors": sensors}
 """The figures of runs with sensors."""
-KINDS = ("png", "svg")
-"""Formats of each figure."""
-_METADATA: dict[str, dict[str, str | None]] = {".png": {}, ".svg": {"Date": None}}
-"""What the files say of themselves; without a date, the same figure is the same file."""
 
 
 class Plots:
@@ -301,7 +297,7 @@ def figures_of(history: xr.Dataset) -> dict[str, Callable[[xr.Dataset, Case], Fi
 
 
 def save_figures(history: xr.Dataset, case: Case, directory: str | Path) -> list[Path]:
-    """Draw all figures and write them as PNG and SVG.
+    """Draw all figures and write them as PNG.
 
     A spectrum needs a whole period in the window; without one it is left out.
 
@@ -311,7 +307,7 @@ def save_figures(history: xr.Dataset, case: Case, directory: str | Path) -> list
         directory: made where it does not exist.
 
     Returns:
-        The files, PNG and SVG of each figure, in the order of `figures_of`.
+        The files, in the order of `figures_of`.
 
     Raises:
         OSError: the folder cannot be written or the disk is full.
@@ -322,39 +318,12 @@ def save_figures(history: xr.Dataset, case: Case, directory: str | Path) -> list
     figures = figures_of(history)
     names = [name for name in figures if has_period or name != "spectra"]
     for name in (FIGURES | OF_SENSORS).keys() - set(names):
-        for kind in KINDS:
-            (directory / f"{name}.{kind}").unlink(missing_ok=True)  # of an earlier run
-    return [
-        path
-        for name in names
-        for path in save_figure(figures[name], history, case, directory / name)
-    ]
-
-
-def save_figure(
-    draw: Callable[[xr.Dataset, Case], Figure], history: xr.Dataset, case: Case, path: Path
-) -> list[Path]:
-    """Draw one figure and write it as PNG and SVG.
-
-    Args:
-        draw: function of the history and the case.
-        history: of a run.
-        case: its case.
-        path: of the files, without suffix.
-
-    Returns:
-        The files.
-
-    Raises:
-        OSError: a file cannot be written.
-    """
-    paths = [path.with_suffix(f".{kind}") for kind in KINDS]
-    with styled():
-        figure = draw(history, case)
-        if (layout := figure.get_layout_engine()) is not None:
-            layout.execute(figure)  # once for both files; each would find it twice
-            figure.set_layout_engine(None)
-        for target in paths:
-            with atomic(target) as temporary:
-                figure.savefig(temporary, metadata=_METADATA[target.suffix])
-    return paths
+        (directory / f"{name}.png").unlink(missing_ok=True)  # of an earlier run
+    for name in names:
+        with styled(), atomic(directory / f"{name}.png") as temporary:
+            figure = figures[name](history, case)
+            if (layout := figure.get_layout_engine()) is not None:
+                layout.execute(figure)
+                figure.set_layout_engine(None)  # `savefig` would draw twice to find it
+            figure.savefig(temporary)
+    return [directory / f"{name}.png" for name in names]

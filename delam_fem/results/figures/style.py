@@ -64,7 +64,6 @@ _STYLE: dict[str, object] = {
     "savefig.dpi": DPI,
     "figure.dpi": DPI,
     "figure.facecolor": "white",
-    "svg.hashsalt": "delam_fem",
 }
 
 

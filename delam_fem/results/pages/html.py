@@ -170,14 +170,13 @@ class Section:
 
 
 def embedded(picture: Path) -> str:
-    """Return a PNG or SVG file as an address that contains the picture itself.
+    """Return a PNG file as an address that contains the picture itself.
 
     Raises:
         OSError: the file cannot be read.
     """
     data = base64.b64encode(picture.read_bytes()).decode("ascii")
-    kind = "svg+xml" if picture.suffix == ".svg" else "png"
-    return f"data:image/{kind};base64,{data}"
+    return f"data:image/png;base64,{data}"
 
 
 def page(

@@ -132,9 +132,6 @@ CAPTIONS = {
 }
 """Captions of the figures in the order of the report; missing figures are left out."""
 
-MOST_BYTES = 3_000_000
-"""Size of all pictures up to which they are put in as SVG: a page stays below 5 MB."""
-
 FILES = {
     "case.toml": "the complete case; it repeats the run",
     "result.nc": "all numbers, NetCDF",
@@ -144,7 +141,7 @@ FILES = {
     "fields/fields.pvd": "the laminae of the last period, one file per frame",
     "fields/fields.bp": "the middle lines, for ParaView's ADIOS2 reader",
     "fields/solid.bp": "the solid laminae, for ParaView's ADIOS2 reader",
-    "figures": "the figures as PNG and SVG",
+    "figures": "the figures as PNG",
 }
 """Files beside the page with what they are; missing ones are left out."""
 
@@ -255,15 +252,10 @@ def _verdict(history: xr.Dataset, summary: Mapping[str, Any], case: Case) -> Ite
 
 
 def _figures(directory: Path) -> list[Gallery]:
-    """Return the figures that exist in the folder, embedded; SVG before PNG while there is room."""
-    found, size = [], 0
-    for name, caption in CAPTIONS.items():
-        for picture in (directory / f"{name}.svg", directory / f"{name}.png"):
-            if not picture.is_file():
-                continue
-            own = picture.stat().st_size
-            if picture.suffix == ".png" or size + own <= MOST_BYTES:
-                found.append(Gallery([embedded(picture)], caption, caption))
-                size += own
-                break
-    return found
+    """Return the figures that exist in the folder, embedded."""
+    found = ((directory / f"{name}.png", caption) for name, caption in CAPTIONS.items())
+    return [
+        Gallery([embedded(picture)], caption, caption)
+        for picture, caption in found
+        if picture.is_file()
+    ]

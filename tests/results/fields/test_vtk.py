@@ -31,7 +31,8 @@ def collection_of(history: xr.Dataset, case: Case, directory: Path) -> Path:
 
 def deformed(history: xr.Dataset, case: Case, frame: int) -> pv.UnstructuredGrid:
     """Return the deformed laminae as ParaView's "Warp by vector" makes them."""
-    return ribbons.Ribbons.of(history, case).grid(frame).warp_by_vector("displacement")
+    grid = pv.wrap(ribbons.Ribbons.of(history, case).grid(frame))
+    return grid.warp_by_vector("displacement")
 
 
 def test_fields_read_by_another_reader_give_the_last_period_back(tmp_path: Path) -> None:
@@ -82,7 +83,7 @@ def test_vtk_s_reader_gives_every_frame_of_the_series_back(tmp_path: Path) -> No
     bodies = ribbons.Ribbons.of(history, case)
     for frame in (0, FRAME, len(times) - 1):
         reader.UpdateTimeStep(times[frame])
-        found, expected = pv.wrap(reader.GetOutput()), bodies.grid(frame)
+        found, expected = pv.wrap(reader.GetOutput()), pv.wrap(bodies.grid(frame))
         np.testing.assert_array_equal(found.points, expected.points)
         np.testing.assert_array_equal(found.cell_connectivity, expected.cell_connectivity)
         assert (found.celltypes == pv.CellType.HEXAHEDRON).all()
@@ -265,9 +266,7 @@ def test_names_of_laminae_stand_side_by_side_beyond_their_probes(
     recorded = three_laminae()
     history = recorded.history()
     labels = {}
-    monkeypatch.setattr(
-        pictures, "_label", lambda plotter, point, text: labels.update({text: point})
-    )
+    monkeypatch.setattr(pictures, "_label", lambda axes, point, text: labels.update({text: point}))
     pictures._name_laminae(None, history, FRAME, (0.0, 1.0))
     assert list(labels) == ["thick", "thin", "top"]
     places = np.array(list(labels.values())) @ pictures.RIGHT
