@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -118,7 +119,8 @@ class Study(Generic[Chosen, Found]):
         with claimed(folder, inputs=inputs, may_hold_results=may) as directory:
             if overwrite:
                 self.remove(directory)
-            with of_study(directory, resume=resume) as kept:
+            is_kept = "resume" in options.common  # checkpoints of others are not touched
+            with of_study(directory, resume=resume) if is_kept else nullcontext(directory) as kept:
                 found = self.compute(
                     case, options, Place(directory, kept, resume, workers, progress)
                 )

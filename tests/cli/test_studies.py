@@ -83,6 +83,14 @@ def test_a_command_gives_its_options_and_writes_and_says_what_was_found(
     assert invoke("excite", "embedded").exit_code == 0 and Path("runs/embedded-excite").is_dir()
 
 
+def test_a_study_without_checkpoints_leaves_those_of_others() -> None:
+    Path("out/checkpoints").mkdir(parents=True)
+    Path("out/checkpoints/of_another.npz").write_text("", encoding="utf-8")
+    done = invoke("modes", "paper", "--set", "mesh.elements=3", "-n", "1", "-o", "out", "-q")
+    assert (done.exit_code, done.stdout) == (0, "")
+    assert Path("out/checkpoints/of_another.npz").is_file() and Path("out/modes.json").is_file()
+
+
 def test_what_is_left_is_told(
     places: list[tuple[Any, Place]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
