@@ -74,6 +74,7 @@ COMMON: dict[str, tuple[Any, Any]] = {
 def study_command(name: str) -> Callable[..., None]:
     """Return the command of a study, whose parameters are the options of the study."""
     kind, home, suffix = STUDIES[name]
+    helps = meanings(kind)
 
     def called(
         case_name: str, output: Path | None, overrides: list[str] | None, *, quiet: bool,
@@ -114,7 +115,7 @@ def study_command(name: str) -> Callable[..., None]:
         "case_name": (CaseArgument, inspect.Parameter.empty),
         "output": (Folder, None),
         "overrides": (Overrides, None),
-        **{key: _parameter(kind, key, flag) for key, flag in flags_of(kind).items()},
+        **{key: _parameter(kind, key, flag, helps[key]) for key, flag in flags_of(kind).items()},
         **{key: COMMON[key] for key in kind.common},
         "quiet": (Quiet, False),
     }
@@ -129,7 +130,7 @@ def study_command(name: str) -> Callable[..., None]:
     return called
 
 
-def _parameter(kind: type[Options], name: str, flag: Flag) -> tuple[Any, Any]:
+def _parameter(kind: type[Options], name: str, flag: Flag, text: str) -> tuple[Any, Any]:
     """Return type and default of an option as typer takes them."""
     hint, default = flag.kind, kind.__dataclass_fields__[name].default
     if flag.is_several:
@@ -137,7 +138,6 @@ def _parameter(kind: type[Options], name: str, flag: Flag) -> tuple[Any, Any]:
     if isinstance(default, tuple):
         words = [f"{own:g}" if flag.kind is float else str(own) for own in default]
         default = ",".join(words) if flag.is_joined else words
-    text = meanings(kind)[name]
     unit = _UNIT.search(text)
     own = typer.Option(
         *(flag.names or [f"--{name.replace('_', '-')}"]),
