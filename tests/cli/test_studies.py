@@ -77,7 +77,8 @@ def test_a_command_gives_its_options_and_writes_and_says_what_was_found(
     for text in ("A sentence.", "a [m]", "out/found.json"):
         assert text in done.stdout
     assert "warning: a remark" in done.stderr
-    assert invoke("excite", "embedded", "-o", "out").exit_code == 2
+    again = invoke("excite", "embedded", "-o", "out")
+    assert again.exit_code == 2 and "is not empty" in " ".join(again.stderr.split())
     for option in ("--resume", "--overwrite"):
         assert invoke("excite", "embedded", "-o", "out", option, "-q").stdout == ""
     assert invoke("excite", "embedded").exit_code == 0 and Path("runs/embedded-excite").is_dir()

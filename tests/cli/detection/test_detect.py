@@ -29,10 +29,6 @@ def test_the_command(tmp_path: Path) -> None:
     assert pictures == ["detection.png", "indices.png", "shapes.png"]
     page = (tmp_path / "report.html").read_text("utf-8")
     assert page.count("<img") == 3
-    assert (tmp_path / "case.toml").is_file()
-    status, output = invoke("detect", "embedded", *FAST, "-o", tmp_path)
-    assert status == 2
-    assert "is not empty" in output
 
 
 @pytest.mark.parametrize(
