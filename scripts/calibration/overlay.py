@@ -1,0 +1,142 @@
+"""`overlay`: where a record begins on the clock of a run, "agrees" and "differs".
+
+The run is the preset `paper`, 400 periods, at 3.25 Hz (its cycles differ) or 3.65 Hz (doubled). The
+record is 2 s of the same motion after the end of the run: both tips, with or without the base, from
+any instant, 300 … 600 samples per second, noise of 0.05 … 0.3 mm. Its start is right within 5 % of
+a period of the drive; on the doubled motion there are two to choose from. Records that differ have
+one tip that is wrong, a wrong clock, or a base of another frequency. "Differs" is right if a
+finding of the kind that it should have is about the wrong tip. Which tip is late without the base,
+or a period of the drive late, nobody can tell: there it may be about the other tip.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from calibration.row import Row
+from scipy.interpolate import CubicSpline
+
+import delam_fem as df
+from delam_fem.results.folder import Result
+
+BEFORE, WINDOW, AFTER = 400, 40, 60
+"""Periods of the run, those that it keeps, and those after it, of which records are taken."""
+FREQUENCIES = {1: 3.25, 2: 3.65}
+"""Of the base, by the period of the motion [Hz]."""
+DURATION, STEP = 2.0, 0.05
+"""Of a record [s]; largest distance of a start that is right [periods of the drive]."""
+TWO_ERRORS, MOST, ALL = 0.9545, 0.99, 1.0
+TIPS = ("tip thick", "tip thin")
+
+
+@dataclass(frozen=True)
+class Record:
+    """How a record differs from the motion.
+
+    Attributes:
+        kind: of the finding that it should get; empty: none.
+        gain: of the wrong tip.
+        late: by which it is late [periods of the drive].
+        clock: seconds of the motion in one of the record.
+        frequency: of the base over that of the run.
+    """
+
+    kind: str = ""
+    gain: float = 1.0
+    late: float = 0.0
+    clock: float = 1.0
+    frequency: float = 1.0
+
+
+def changed(rng: np.random.Generator, period: int, has_base: bool) -> dict[str, Record]:
+    """Return records that differ, drawn anew for each truth."""
+    way = rng.choice([-1.0, 1.0])
+    clock = 1.0 + way * np.exp(rng.uniform(*np.log([0.003, 0.02])))
+    found = {
+        "a tip 1.1 … 2 times as large or small": Record("amplitude", rng.uniform(1.1, 2.0) ** way),
+        "a tip 10° … 90° late": Record("phase", late=rng.uniform(10.0, 90.0) / 360.0),
+        "clock 0.3 … 2 % fast or slow": Record("clock", clock=clock),
+        "5 % more frequency": Record("clock", frequency=1.05),
+    }
+    if has_base:
+        found["a tip with its sign turned"] = Record("amplitude", -1.0)
+    if period > 1:
+        found["a tip one period of the drive late"] = Record("shape", late=1.0)
+    return found
+
+
+def rows(is_long: bool, folder: Path) -> list[Row]:
+    """Return the rows of the page."""
+    found: list[Row] = []
+    truths, others = (60, 12) if is_long else (4, 1)
+    for period, frequency in FREQUENCIES.items():
+        run = simulated(frequency, BEFORE, WINDOW)
+        assert run.summary["periodicity"] == period
+        motions = {
+            factor: simulated(factor * frequency, BEFORE + AFTER, AFTER) for factor in (1.0, 1.05)
+        }
+        for has_base in (True, False):
+            rig = f"{frequency:g} Hz with{'' if has_base else 'out'} base"
+            rng = np.random.default_rng([3, period, has_base])
+            setting = (run, motions, folder / "record.csv", has_base, rng)
+            same = np.array([trial(Record(), *setting) for _ in range(truths)])
+            for what, share, k, most in (
+                ("start, of all periods", ALL, 0, STEP), ("start ± 2 errors", TWO_ERRORS, 1, 2.0),
+                ("clock ± 2 errors", TWO_ERRORS, 2, 2.0), ("“agrees”", MOST, 3, 0.5),
+            ):  # fmt: skip
+                found.append(Row(what, rig, share, int((same[:, k] < most).sum()), truths))
+            for name in changed(rng, period, has_base):
+                own = (changed(rng, period, has_base)[name] for _ in range(others))
+                right = sum(bool(trial(one, *setting)[4]) for one in own)
+                found.append(Row(f"“differs”: {name}", rig, ALL, right, others))
+    return found
+
+
+def simulated(frequency: float, periods: int, window: int) -> Result:
+    """Return a run that keeps its last periods."""
+    return df.run(df.preset("paper", {
+        "excitation.frequency": frequency, "time.periods": periods,
+        "output.window_periods": window, "output.fields_per_period": 0,
+    }), engine="compiled")  # fmt: skip
+
+
+def trial(
+    record: Record, run: Result, motions: dict[float, Result], path: Path, has_base: bool,
+    rng: np.random.Generator,
+) -> tuple[float, float, float, int, bool]:  # fmt: skip
+    """Return what `overlay` says of one record.
+
+    Returns:
+        Distance of the start [periods of the drive]; those of start and clock over their errors;
+        the number of findings, and whether the record's own is among them.
+    """
+    turn, history = run.case.period, motions[record.frequency].history
+    time, tips = history["time"].to_numpy(), history["tip_displacement"].to_numpy()
+    noise = np.exp(rng.uniform(*np.log([5e-5, 3e-4])))
+    t = np.arange(0.0, DURATION, 1.0 / rng.uniform(300.0, 600.0))
+    start = rng.uniform(time[0] + 2.0 * turn, time[-1] - 1.1 * DURATION)
+    u, wrong = start + record.clock * t, int(rng.integers(2))
+    channels = {}
+    for k, name in enumerate(TIPS):
+        gain, late = (record.gain, record.late) if k == wrong else (1.0, 0.0)
+        course = CubicSpline(time, gain * tips[k])
+        channels[name] = course(u - late * turn) + noise * rng.standard_normal(t.size)
+    if has_base:
+        frequency = record.frequency / turn
+        channels["base"] = run.case.excitation.amplitude * np.sin(2.0 * np.pi * frequency * u)
+        channels["base"] += 0.01 * noise * rng.standard_normal(t.size)
+    head = ",".join(["time [s]", *(f"{name} [m]" for name in channels)])
+    np.savetxt(path, np.stack([t, *channels.values()]).T, delimiter=",", header=head, comments="")
+    found = df.overlay(run, path)
+    repeats = turn * run.summary["periodicity"]
+    away = abs((found.offset - start + repeats / 2) % repeats - repeats / 2)
+    own = found.alignment
+    is_named = any(
+        one.kind == record.kind
+        and (one.channel in ("", TIPS[wrong]) or not has_base or record.kind == "shape")
+        for one in found.findings
+    )
+    clock = abs(own.rate - record.clock) / own.rate_error
+    return away / turn, away / own.start_error, clock, len(found.findings), is_named
