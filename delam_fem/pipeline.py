@@ -19,8 +19,8 @@ import xarray as xr
 from delam_fem.case import plausible
 from delam_fem.case.definition import Case
 from delam_fem.case.files import CaseSource, find_case, save_case
-from delam_fem.engines.session import EngineName, Session, session_of
-from delam_fem.model import _dolfinx, discretise
+from delam_fem.engines.session import EngineName, Session, available, session_of
+from delam_fem.model import discretise
 from delam_fem.model.beams.network import never_opens
 from delam_fem.model.layout import Structure
 from delam_fem.model.operators import Operators
@@ -28,6 +28,7 @@ from delam_fem.results import dataset, diagnostics, quality
 from delam_fem.results.fields import derived
 from delam_fem.results.folder import Result, json_ready
 from delam_fem.results.pages.progress import reporting
+from delam_fem.results.provenance import solvers
 from delam_fem.simulation import checkpoint
 from delam_fem.simulation.interrupts import CHECKPOINT_SECONDS, Watch, stop_signals
 from delam_fem.simulation.loop import Outcome, State
@@ -86,7 +87,7 @@ def run(
         CaseError: the case cannot be computed, there is no checkpoint to resume from, there is one
             that would be replaced, or another process is writing to `directory`.
     """
-    case = _case(case)
+    case, engine = _case(case), available(engine)
     plausible.tell(case)
     if case.unread:
         _log.debug("this run ignores keys that are given, but not read: %s", ", ".join(case.unread))
@@ -179,7 +180,7 @@ def checked(case: Case, engine: EngineName = "petsc") -> tuple[Structure, list[s
     Raises:
         CaseError: the case cannot be computed.
     """
-    structure = discretise.assemble(case)
+    structure, engine = discretise.assemble(case), available(engine)
     with session_of(case, structure.operators, engine=engine):
         pass
     opening = never_opens(case)
@@ -267,16 +268,13 @@ def _result(
     decay: float,
 ) -> Result:
     """Return the result: the dataset of a run with its summary and warnings."""
-    from petsc4py import PETSc  # after MPI has started
-
     residual = recorder.energy_residual()
     is_lost = summary["outcome"] == "completed" and quality.is_lost(residual)
     summary["outcome"] = "diverged" if is_lost else summary["outcome"]
     attributes = {
         "outcome": summary["outcome"],
         "engine": summary["engine"],
-        "dolfinx": _dolfinx.version,
-        "petsc": ".".join(str(n) for n in PETSc.Sys.getVersion()),
+        **solvers(),
     }
     history = dataset.history(recorder, structure, case, attributes)
     summary |= diagnostics.summary(history, case)

@@ -64,7 +64,7 @@ COMPUTED_BY_THE_CASE = {
 }  # fmt: skip
 """Numbers derived by the case, besides `rayleigh`; the judge derives them by itself."""
 ABOVE_DOLFINX = {
-    "model._dolfinx", "model.beams.forms", "model.solids", "results.fields.vtx", "pipeline",
+    "model._dolfinx", "model.beams.forms", "model.solids", "results.fields.vtx",
 }  # fmt: skip
 ABOVE_PETSC = {"engines.petsc", "system.mpi", *ABOVE_DOLFINX}
 FROM_THE_DISTRIBUTION = {"basix", "dolfinx", "ffcx", "mpi4py", "petsc4py", "slepc4py", "ufl"}

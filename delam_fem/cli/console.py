@@ -306,6 +306,10 @@ def explained(error: BaseException) -> tuple[str, int] | None:
 
     if isinstance(error, CaseError):
         return str(error), BAD_INPUT
+    if isinstance(error, ModuleNotFoundError) and error.name in ("dolfinx", "petsc4py", "mpi4py"):
+        from delam_fem.model.discretise import INSTALL
+
+        return f"{error.name} is not installed, but needed here: {INSTALL}", BAD_INPUT
     if isinstance(error, MemoryError):
         return f"not enough memory ({error or 'no more is to be had'})", FAILED
     if isinstance(error, OSError):

@@ -13,11 +13,13 @@ a motion of the base are enough.
 from __future__ import annotations
 
 import hashlib
+import logging
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property, partial
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Protocol, get_args
 
@@ -44,7 +46,16 @@ if TYPE_CHECKING:
     from delam_fem.system.mpi import MPI
 
 EngineName = Literal["petsc", "compiled"]
+_log = logging.getLogger(__name__)
 ENGINES: tuple[EngineName, ...] = get_args(EngineName)
+
+
+def available(name: EngineName) -> EngineName:
+    """Return the engine of a run: the compiled one where PETSc is not installed, with a warning."""
+    if name == "petsc" and find_spec("petsc4py") is None:
+        _log.warning("PETSc is not installed: the compiled engine computes the steps")
+        return "compiled"
+    return name
 
 
 def engine_of(
@@ -75,6 +86,8 @@ def engine_of(
     """
     if name not in ENGINES:
         raise CaseError(f"engine: expected {' or '.join(map(repr, ENGINES))}, given {name!r}")
+    if name == "petsc" and find_spec("petsc4py") is None:
+        raise CaseError('engine: expected "compiled", as petsc4py is not installed')
     if law.name == "none":
         refinement = NOT_REFINED
     if scheme.is_explicit:

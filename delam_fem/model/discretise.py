@@ -5,7 +5,9 @@ Each one is imported only when it is chosen: only some need dolfinx.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
+from importlib.util import find_spec
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
@@ -16,6 +18,16 @@ from delam_fem.system.errors import CaseError
 
 if TYPE_CHECKING:
     from delam_fem.system.mpi import MPI
+
+INSTALL = "apt-get install python3-dolfinx, or conda install -c conda-forge fenics-dolfinx"
+"""How a user gets dolfinx, and PETSc and MPI with it."""
+_log = logging.getLogger(__name__)
+
+
+def has_dolfinx() -> bool:
+    """Return whether dolfinx is installed, without importing it."""
+    return find_spec("dolfinx") is not None
+
 
 KINDS: Mapping[str, tuple[tuple[ModelKind, ...], str]] = MappingProxyType(
     {
@@ -71,6 +83,11 @@ def assemble(
         CaseError: the case cannot be discretised.
     """
     if case.model.is_continuum:
+        if not has_dolfinx():
+            raise CaseError(
+                f'model.kind: expected "beam" or "reduced", as dolfinx is not installed; given '
+                f'"{case.model.kind}": {INSTALL}'
+            )
         from delam_fem.model.solids import assembly
         from delam_fem.system.mpi import MPI
 
@@ -79,7 +96,9 @@ def assemble(
         from delam_fem.model import reduction
 
         return reduction.load(case)
-    if not needs_dolfinx:
+    if needs_dolfinx and not has_dolfinx():
+        _log.warning("dolfinx is not installed: beams come from closed forms; %s", INSTALL)
+    if not (needs_dolfinx and has_dolfinx()):
         from delam_fem.model.beams import closed_form
 
         return closed_form.assemble(case)

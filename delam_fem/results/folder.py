@@ -15,6 +15,7 @@ import xarray as xr
 
 from delam_fem.case.definition import Case
 from delam_fem.case.files import load_case, save_case
+from delam_fem.model.discretise import has_dolfinx
 from delam_fem.simulation.checkpoint import final_in
 from delam_fem.simulation.loop import State
 from delam_fem.system.errors import CaseError
@@ -181,15 +182,19 @@ def save_views(
     Raises:
         OSError: the folder cannot be written or the disk is full.
     """
-    from delam_fem.results.fields import pictures, vtx
+    from delam_fem.results.fields import pictures
     from delam_fem.results.figures.run import save_figures
     from delam_fem.results.pages.report import write_report
 
     written = save_figures(history, case, directory / "figures")
     if history.sizes.get("frame", 0):
         written += pictures.write_fields(history, case, directory / "fields")
-        lines = vtx.write_lines(history, directory / "fields")
         picture = pictures.render(history, case, directory / "figures" / "laminae.png")
+        lines = None
+        if has_dolfinx():
+            from delam_fem.results.fields import vtx
+
+            lines = vtx.write_lines(history, directory / "fields")
         written += [path for path in (lines, picture) if path is not None]
         written += _views_of_solid(history, case, directory)
     else:

@@ -11,7 +11,7 @@ import shlex
 import subprocess
 import sys
 from functools import cache
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, distribution, version
 from pathlib import Path
 
 import numba
@@ -35,6 +35,18 @@ def versions() -> dict[str, str]:
         "scipy": scipy.__version__,
         "numba": numba.__version__,
     }
+
+
+@cache
+def solvers() -> dict[str, str]:
+    """Return the versions of dolfinx and of PETSc's Python; "none" of what is not installed."""
+    found = {}
+    for name, package in (("dolfinx", "fenics-dolfinx"), ("petsc", "petsc4py")):
+        try:
+            found[name] = distribution(package).version
+        except PackageNotFoundError:
+            found[name] = "none"
+    return found
 
 
 def provenance() -> dict[str, str]:

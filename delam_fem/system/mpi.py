@@ -10,6 +10,7 @@ from __future__ import annotations
 import gc
 import os
 import sys
+from types import SimpleNamespace
 from typing import Any
 
 from delam_fem.system.imports import added, elsewhere
@@ -28,8 +29,18 @@ a deadly signal with a page of text, in which it may hang."""
 PETSC_ARGUMENTS = ("-no_signal_handler", "-skip_petscrc")
 """Handlers would answer a closed terminal or pipe with a page of text; .petscrc may load code."""
 
+
+class _Alone:
+    """The one process of a machine without MPI, as far as a run on one process asks."""
+
+    rank, size = 0, 1
+
+
 with added({} if any(name in os.environ for name in LAUNCHED) else ALONE):
-    from mpi4py import MPI  # an mpirun that this process may start does not inherit them
+    try:
+        from mpi4py import MPI  # an mpirun that this process may start does not inherit them
+    except ModuleNotFoundError:
+        MPI = SimpleNamespace(COMM_SELF=_Alone(), COMM_WORLD=_Alone())  # type: ignore[assignment]
 
 __all__ = ["MPI", "end_with_any", "hold", "release", "start_petsc"]
 
