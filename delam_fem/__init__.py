@@ -38,8 +38,7 @@ if TYPE_CHECKING:
     from delam_fem.case.definition import Case
     from delam_fem.case.excitation import HarmonicMotion, SweptMotion
     from delam_fem.case.files import PRESETS, load_case, preset, save_case
-    from delam_fem.contact.decision import Decision
-    from delam_fem.contact.laws import LAWS, Law
+    from delam_fem.contact.laws import LAWS, Decision, Law
     from delam_fem.engines.session import Solution, solve
     from delam_fem.model.operators import BaseCoupling, Operators
     from delam_fem.model.reduction import reduced_case
@@ -77,7 +76,7 @@ _HOMES = {
     "BaseCoupling": "model.operators",
     "Case": "case.definition",
     "CaseError": "system.errors",
-    "Decision": "contact.decision",
+    "Decision": "contact.laws",
     "HarmonicMotion": "case.excitation",
     "Law": "contact.laws",
     "Operators": "model.operators",

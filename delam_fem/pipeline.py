@@ -28,9 +28,9 @@ from delam_fem.results import dataset, diagnostics, quality
 from delam_fem.results.fields import derived
 from delam_fem.results.folder import Result, json_ready
 from delam_fem.results.pages.progress import reporting
-from delam_fem.results.provenance import solvers
+from delam_fem.results.schema import solvers
 from delam_fem.simulation import checkpoint
-from delam_fem.simulation.interrupts import CHECKPOINT_SECONDS, Watch, stop_signals
+from delam_fem.simulation.checkpoint import CHECKPOINT_SECONDS, Watch, stop_signals
 from delam_fem.simulation.loop import Outcome, State
 from delam_fem.simulation.recorder import N_SIZES, Recorder
 from delam_fem.simulation.refinement import unforeseen_warning

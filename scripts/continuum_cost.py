@@ -42,8 +42,7 @@ def measured(kind: str, elements: int, strips: int) -> dict[str, Any]:
     from delam_fem.engines.petsc.theta import MoreauJean
     from delam_fem.engines.session import motion_of
     from delam_fem.model import discretise
-    from delam_fem.model.distributed import spread
-    from delam_fem.model.operators import Operators
+    from delam_fem.model.operators import Operators, spread
     from delam_fem.system.mpi import MPI
 
     comm = MPI.COMM_WORLD

@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 
 import delam_fem as df
 from delam_fem.case.definition import Case
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.types import FloatArray
 from delam_fem.results.figures.style import LAMINA_COLOURS, WIDTH, styled
 from delam_fem.studies.orbits.maps import FREQUENCY, CaseFamily, PeriodMap
 from delam_fem.studies.reduced import ReducedMap, reduced

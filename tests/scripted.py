@@ -6,11 +6,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from delam_fem.contact.decision import Decision
+from delam_fem.contact.laws import Decision
 from delam_fem.model.operators import BaseCoupling
-from delam_fem.simulation.energy import Energies
 from delam_fem.simulation.loop import State, StepByStep
-from delam_fem.simulation.recorder import PeriodRecord, Recorder
+from delam_fem.simulation.recorder import Energies, PeriodRecord, Recorder
 from delam_fem.simulation.refinement import Span
 
 STEPS, PERIODS, DT = 4, 3, 0.5

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from delam_fem.contact.decision import Setting
+from delam_fem.contact.laws import Setting
 
 
 @dataclass

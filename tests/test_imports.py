@@ -54,7 +54,7 @@ STRANGERS = [
     ({"simulation.loop", "simulation.recorder"}, {"case"}),
 ]
 INPUTS = {
-    "case.definition", "case.excitation", "case.sections", "model.operators", "numerics.arrays",
+    "case.definition", "case.excitation", "case.sections", "model.operators", "numerics.types",
     "system.errors",
 }  # fmt: skip
 """What the judge shares with what it judges. Case sections import the exact cantilever."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.types import FloatArray
 from delam_fem.studies.orbits.maps import Nature, Passage, Slow
 
 

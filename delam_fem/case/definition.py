@@ -43,8 +43,8 @@ from delam_fem.case.toml import Data, apply_overrides, message, toml_text
 from delam_fem.case.values import Section, expected, inconsistent
 from delam_fem.contact.laws import combination
 from delam_fem.numerics import oscillator
-from delam_fem.numerics.arrays import FloatArray
 from delam_fem.numerics.beams import transmissibility
+from delam_fem.numerics.types import FloatArray
 from delam_fem.system.errors import CaseError
 
 ROUND_OFF = 1e-9

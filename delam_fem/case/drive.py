@@ -26,7 +26,7 @@ from delam_fem.case.values import (
     Unit,
     inconsistent,
 )
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.types import FloatArray
 from delam_fem.system.errors import CaseError
 
 _UNITS = {"base": ("m", "m/s2"), "force": ("N",)}

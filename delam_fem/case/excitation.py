@@ -1,9 +1,8 @@
 """Compute the drive in time: the motion of the base with its derivatives, or a force at a point.
 
-Compute the force at a point of a lamina in time: the blow of a hammer, or a table.
-
-Motions of the base start at t = 0 with the displacement 0 but not with the velocity 0: the base
-starts abruptly while the laminae are at rest, as in the paper.
+Compute the force at a point of a lamina in time: the blow of a hammer, or a table. Motions of the
+base start at t = 0 with the displacement 0 but not with the velocity 0: the base starts abruptly
+while the laminae are at rest, as in the paper.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ from delam_fem.case.drive import (
     TableExcitation,
     read_series,
 )
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.types import FloatArray
 from delam_fem.system.errors import CaseError, require
 
 _LAST = 1e-9

@@ -10,8 +10,8 @@ from scipy.interpolate import PchipInterpolator
 
 from delam_fem.case.sections import Delamination, Gap
 from delam_fem.case.tables import in_si_units, read_columns
-from delam_fem.numerics.arrays import FloatArray
 from delam_fem.numerics.beams import cantilever_mode
+from delam_fem.numerics.types import FloatArray
 from delam_fem.system.errors import CaseError
 
 _END_TOLERANCE = 1e-9

@@ -19,7 +19,7 @@ from pydantic_core import PydanticCustomError
 
 from delam_fem.case.toml import MOST_BYTES
 from delam_fem.case.values import in_si
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.types import FloatArray
 from delam_fem.system.errors import CaseError
 
 _DATA = re.compile(r"[+-]?[.,]?\d")

@@ -272,7 +272,7 @@ def reported(quiet: bool = False) -> Iterator[None]:
 
     Ctrl-C, SIGTERM and a closed terminal end the command; output that nobody reads does not.
     """
-    from delam_fem.simulation.interrupts import interruptible
+    from delam_fem.simulation.checkpoint import interruptible
 
     with lasting_streams(), _messages(quiet):
         try:

@@ -273,7 +273,7 @@ def _shown_only(where: tuple[int | None, ExecutorName | None], yes: bool, sweep:
 
 def _finish(data: xr.Dataset, directory: Path, quiet: bool) -> None:
     """Write the page of a sweep; say what has not settled, and which files there are."""
-    from delam_fem.studies.diagrams.lines import is_unsettled
+    from delam_fem.studies.diagrams.draw import is_unsettled
     from delam_fem.studies.diagrams.page import write_page
 
     if moving := int(is_unsettled(data).sum()):

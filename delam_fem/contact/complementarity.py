@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.types import FloatArray
 from delam_fem.system.kernels import kept, njit
 
 TOLERANCE = 1e-13

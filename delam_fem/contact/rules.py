@@ -20,8 +20,8 @@ from __future__ import annotations
 import numpy as np
 
 from delam_fem.contact import complementarity
-from delam_fem.contact.decision import Decision, Kinematics, Setting, is_same_set
-from delam_fem.numerics.arrays import FloatArray, IntArray
+from delam_fem.contact.laws import Decision, Kinematics, Setting, is_same_set
+from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.kernels import kept
 
 

@@ -41,7 +41,7 @@ from scipy.special import roots_legendre
 
 from delam_fem.contact.complementarity import solve_again, solve_into
 from delam_fem.model.reduced import Reduced
-from delam_fem.numerics.arrays import FloatArray, IntArray
+from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.simulation.refinement import SAFETY
 from delam_fem.system.kernels import kept, njit
 

@@ -31,10 +31,10 @@ from delam_fem.case.excitation import HarmonicMotion, drive
 from delam_fem.contact.laws import ContactLaw, Law, LawName, combination
 from delam_fem.model.linear import require_stable
 from delam_fem.model.operators import Operators
-from delam_fem.numerics.arrays import FloatArray, IntArray
 from delam_fem.numerics.schemes import SCHEMES, Scheme, SchemeName
+from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.simulation import checkpoint
-from delam_fem.simulation.interrupts import Watch, stop_signals
+from delam_fem.simulation.checkpoint import Watch, stop_signals
 from delam_fem.simulation.loop import ASKED_EVERY, Engine, Outcome, State, set_initial, simulate
 from delam_fem.simulation.recorder import LEDGER, N_BASE, PeriodRecord, Recorder
 from delam_fem.simulation.refinement import NOT_REFINED, Refinement, Span

@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
 
-from delam_fem.numerics.arrays import FloatArray, IntArray
+from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system import caches
 from delam_fem.system.caches import ensure_home
 from delam_fem.system.mpi import MPI, start_petsc

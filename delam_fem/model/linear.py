@@ -12,7 +12,7 @@ from scipy.sparse.linalg import eigsh, splu
 
 from delam_fem.model.layout import Layout, Structure
 from delam_fem.model.operators import Operators
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.types import FloatArray
 from delam_fem.system.errors import CaseError
 
 DECAYING = 12

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from delam_fem.case.definition import Case
-from delam_fem.numerics.arrays import FloatArray, IntArray
+from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.errors import CaseError
 
 _COUNTS = {2: "two", 3: "three"}

@@ -49,7 +49,7 @@ from scipy.sparse.linalg import LinearOperator, eigsh, splu
 from delam_fem.model.layout import Layout, Reading, Structure
 from delam_fem.model.linear import DENSE_DOFS, lowest
 from delam_fem.model.operators import BaseCoupling, Operators
-from delam_fem.numerics.arrays import BoolArray, FloatArray, IntArray
+from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
 
 Solve = Callable[[FloatArray], FloatArray]
 """Function right sides, shape (n,) or (n, k) -> solutions, same shape."""

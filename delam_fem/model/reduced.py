@@ -35,7 +35,7 @@ from scipy.sparse.linalg import splu
 
 from delam_fem.model.linear import lowest
 from delam_fem.model.operators import Operators
-from delam_fem.numerics.arrays import FloatArray, IntArray
+from delam_fem.numerics.types import FloatArray, IntArray
 
 NOT_RAYLEIGH = 1e-6
 """Largest entry of C - α M - β K relative to that of C, above which C is not of Rayleigh's form."""

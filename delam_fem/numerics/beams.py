@@ -27,7 +27,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import minimize_scalar
 
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.types import FloatArray
 
 ComplexArray = npt.NDArray[np.complex128]
 _Number = TypeVar("_Number", np.float64, np.complex128)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.types import FloatArray
 
 
 def amplitude_spectrum(values: FloatArray) -> FloatArray:

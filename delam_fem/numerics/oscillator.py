@@ -22,8 +22,8 @@ from typing import Literal
 
 import numpy as np
 
-from delam_fem.numerics.arrays import FloatArray
 from delam_fem.numerics.beams import ComplexArray
+from delam_fem.numerics.types import FloatArray
 
 
 def pole(natural: float, damping_ratio: float) -> complex:

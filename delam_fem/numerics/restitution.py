@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.types import FloatArray
 
 SMALLEST_JUMP = 0.2
 """Smallest jump that counts as a strike, as a share of the largest jump; smaller ones are waves or

@@ -28,7 +28,7 @@ from typing import Literal
 
 import numpy as np
 
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.types import FloatArray
 
 Word = Literal["settled", "not settled", "irregular"]
 """The verdicts on a motion."""

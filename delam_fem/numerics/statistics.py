@@ -44,7 +44,7 @@ import numpy.typing as npt
 from scipy.optimize import brentq
 from scipy.special import fdtrc, stdtrit
 
-from delam_fem.numerics.arrays import FloatArray, IntArray
+from delam_fem.numerics.types import FloatArray, IntArray
 
 LOWEST_ORDER, HIGHEST_ORDER = 0.2, 8.0
 """Range of credible orders: below it a sequence hardly converges, above it the order is chance."""

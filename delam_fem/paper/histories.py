@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from delam_fem.numerics.arrays import FloatArray
 from delam_fem.numerics.restitution import Strike, identify
+from delam_fem.numerics.types import FloatArray
 from delam_fem.paper.claims import Criterion, Numbers, Piece, Statement, between, canvas
 from delam_fem.paper.lab import (
     BEATS,

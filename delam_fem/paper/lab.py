@@ -23,7 +23,7 @@ import numpy as np
 from delam_fem.case.definition import Case
 from delam_fem.case.excitation import base_motion
 from delam_fem.case.files import preset
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.types import FloatArray
 from delam_fem.results.diagnostics import Strikes, of_interface
 from delam_fem.results.folder import Result
 from delam_fem.studies import executors

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.types import FloatArray
 from delam_fem.paper.claims import Criterion, Numbers, yes
 from delam_fem.paper.lab import is_as_described, strikes
 from delam_fem.results import diagnostics

@@ -11,7 +11,7 @@ import numpy as np
 from delam_fem.model import linear
 from delam_fem.model.beams import closed_form
 from delam_fem.numerics import attractors
-from delam_fem.numerics.arrays import FloatArray, IntArray
+from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.paper.claims import Criterion, Numbers, Piece, Statement, between, canvas
 from delam_fem.paper.lab import FREQUENCIES, RESONANT, Laboratory, motion_case
 from delam_fem.paper.measures import half_ranges

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.types import FloatArray
 from delam_fem.paper.claims import Criterion, Numbers, Piece, Statement, canvas
 from delam_fem.paper.histories import four_by_two
 from delam_fem.paper.lab import FREQUENCIES, RESONANT, Laboratory, both_methods, motion_case

@@ -10,8 +10,8 @@ import numpy as np
 
 from delam_fem.case.definition import Case
 from delam_fem.case.sections import Lamina
-from delam_fem.numerics.arrays import BoolArray, FloatArray
 from delam_fem.numerics.beams import frequency_rise
+from delam_fem.numerics.types import BoolArray, FloatArray
 from delam_fem.paper.claims import Criterion, Numbers, Piece, Statement, between, canvas
 from delam_fem.paper.lab import (
     BAND,

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from delam_fem.case.definition import Case
-from delam_fem.numerics.arrays import FloatArray, IntArray
+from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.paper.claims import Criterion, Numbers, Piece, Statement, canvas
 from delam_fem.paper.lab import RESONANT, Laboratory, motion_case
 from delam_fem.results import diagnostics

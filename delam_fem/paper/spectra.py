@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from delam_fem.numerics.arrays import FloatArray
 from delam_fem.numerics.harmonics import (
     distortion_factor,
     harmonic_amplitudes,
     total_harmonic_distortion,
 )
+from delam_fem.numerics.types import FloatArray
 from delam_fem.paper.claims import Criterion, Numbers, Piece, Statement, canvas
 from delam_fem.paper.lab import RESONANT, Laboratory, motion_case
 from delam_fem.paper.measures import describe, ends

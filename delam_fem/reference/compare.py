@@ -13,7 +13,7 @@ from delam_fem.case.files import CaseSource, find_case
 from delam_fem.model.discretise import require_kind
 from delam_fem.model.layout import Structure
 from delam_fem.model.operators import Operators
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.types import FloatArray
 from delam_fem.reference import matrices, stack
 from delam_fem.reference.loop import ReferenceRun, refused_motion, simulate_reference
 from delam_fem.reference.stack import lowest_frequencies

@@ -23,7 +23,7 @@ from delam_fem.case.definition import Case
 from delam_fem.case.excitation import base_motion
 from delam_fem.case.sections import Contact
 from delam_fem.model.operators import Operators
-from delam_fem.numerics.arrays import BoolArray, FloatArray
+from delam_fem.numerics.types import BoolArray, FloatArray
 from delam_fem.system.errors import CaseError
 
 Impact = tuple[int, float, float]

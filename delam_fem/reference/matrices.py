@@ -21,7 +21,7 @@ from scipy.optimize import brentq
 from delam_fem.case.definition import Case
 from delam_fem.case.sections import Gap, Lamina
 from delam_fem.model.operators import BaseCoupling, Operators
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.types import FloatArray
 from delam_fem.system.errors import CaseError
 
 DOFS = 2

@@ -25,7 +25,7 @@ from scipy.linalg import eigh
 
 from delam_fem.case.definition import Case
 from delam_fem.model.operators import BaseCoupling, Operators
-from delam_fem.numerics.arrays import BoolArray, FloatArray, IntArray
+from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
 from delam_fem.reference import matrices as elements
 from delam_fem.system.errors import CaseError
 

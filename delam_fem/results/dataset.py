@@ -18,9 +18,8 @@ from delam_fem.case.gap import initial_gap
 from delam_fem.model import layout as fields
 from delam_fem.model.layout import Layout, Structure
 from delam_fem.model.operators import Operators
-from delam_fem.numerics.arrays import FloatArray, IntArray
-from delam_fem.results.provenance import provenance
-from delam_fem.results.schema import INTERFACE, SENSOR, add, with_sensor
+from delam_fem.numerics.types import FloatArray, IntArray
+from delam_fem.results.schema import INTERFACE, SENSOR, add, provenance, with_sensor
 from delam_fem.simulation.recorder import LEDGER, N_BASE, PeriodRecord, Recorder
 from delam_fem.simulation.signals import signals
 

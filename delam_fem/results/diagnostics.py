@@ -18,13 +18,13 @@ import numpy as np
 import numpy.typing as npt
 
 from delam_fem.case.definition import Case
-from delam_fem.numerics.arrays import BoolArray, FloatArray, IntArray
 from delam_fem.numerics.harmonics import (
     distortion_factor,
     harmonic_amplitudes,
     total_harmonic_distortion,
 )
 from delam_fem.numerics.settling import LONGEST, MARGIN, REPEATS
+from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
 from delam_fem.results.schema import by_interface, event_interfaces
 from delam_fem.simulation.recorder import EXCHANGED, LEDGER, Recorder
 

@@ -19,7 +19,7 @@ from scipy.io import savemat
 from delam_fem.case.definition import Case
 from delam_fem.model.discretise import assemble, require_kind
 from delam_fem.model.layout import Structure
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.types import FloatArray
 from delam_fem.results.dataset import grouped
 from delam_fem.results.diagnostics import probe_node
 from delam_fem.system.errors import CaseError
@@ -303,15 +303,15 @@ def export(history: xr.Dataset, case: Case, to: str, path: str | Path) -> list[P
 
 def _write_vtkhdf(history: xr.Dataset, case: Case, path: Path) -> list[Path]:
     """Write the fields of all frames."""
-    from delam_fem.results.fields import ribbons, vtkhdf
+    from delam_fem.results.fields import pictures, vtkhdf
 
-    drawable = ribbons.drawable_frames(history) if history.sizes.get("frame", 0) else history
+    drawable = pictures.drawable_frames(history) if history.sizes.get("frame", 0) else history
     if not drawable.sizes.get("frame", 0):
         raise CaseError(
             "the run kept no finite frames of its fields; run it again with "
             "output.fields_per_period above 0"
         )
-    bodies = ribbons.Ribbons.of(drawable, case)
+    bodies = pictures.Ribbons.of(drawable, case)
     times = drawable["frame"].to_numpy()
     return [vtkhdf.write(bodies.mesh, times, bodies.point_data, path)]
 

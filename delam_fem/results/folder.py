@@ -71,7 +71,7 @@ class Result:
 
     def _repr_html_(self) -> str:
         """Return what a notebook shows."""
-        from delam_fem.results.pages.verdict import of_result
+        from delam_fem.results.pages.report import of_result
 
         return of_result(self.history, self.summary, self.case)
 

@@ -24,7 +24,6 @@ from delam_fem.model.beams.network import n_rigid
 from delam_fem.model.layout import Structure
 from delam_fem.model.linear import slowest_decay
 from delam_fem.model.mesh import NODE_TOLERANCE
-from delam_fem.numerics.arrays import BoolArray, FloatArray
 from delam_fem.numerics.harmonics import (
     distortion_factor,
     harmonic_amplitudes,
@@ -33,6 +32,7 @@ from delam_fem.numerics.harmonics import (
 from delam_fem.numerics.schemes import SCHEMES
 from delam_fem.numerics.settling import Settling, judge
 from delam_fem.numerics.statistics import BLOCKS, block_means, interval
+from delam_fem.numerics.types import BoolArray, FloatArray
 from delam_fem.results import diagnostics
 from delam_fem.simulation.recorder import LEDGER, Recorder
 

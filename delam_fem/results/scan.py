@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from delam_fem.case.definition import Case
 from delam_fem.model.layout import Layout, Structure, interpolation, nodal
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.types import FloatArray
 from delam_fem.simulation.recorder import Recorder
 from delam_fem.system.errors import CaseError
 

@@ -16,9 +16,9 @@ from typing import ClassVar, Literal, Protocol
 import numpy as np
 from scipy.sparse.linalg import splu
 
-from delam_fem.contact.decision import Decision, Kinematics, Supervisor
+from delam_fem.contact.laws import Decision, Kinematics, Supervisor
 from delam_fem.model.layout import Structure
-from delam_fem.numerics.arrays import BoolArray, FloatArray
+from delam_fem.numerics.types import BoolArray, FloatArray
 from delam_fem.simulation.recorder import PeriodRecord, Recorder, Stepper
 from delam_fem.system.errors import require
 

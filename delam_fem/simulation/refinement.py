@@ -21,7 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from delam_fem.numerics.arrays import IntArray
+from delam_fem.numerics.types import IntArray
 from delam_fem.system.errors import require, require_number
 from delam_fem.system.kernels import kept, njit
 

@@ -19,7 +19,7 @@ from delam_fem.case.definition import Case
 from delam_fem.case.sections import Sensor
 from delam_fem.contact.laws import LAWS, combination
 from delam_fem.model.layout import SensorRows, Structure
-from delam_fem.numerics.arrays import BoolArray, FloatArray, IntArray
+from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
 from delam_fem.simulation.recorder import N_BASE, PeriodRecord, Recorder
 
 PASS, STOP, ATTENUATION = 0.4, 0.5, 60.0

@@ -16,7 +16,7 @@ from logging.handlers import QueueHandler, QueueListener
 from multiprocessing.context import SpawnContext, SpawnProcess
 from typing import Any, Literal, ParamSpec, TypeVar
 
-from delam_fem.simulation.interrupts import STOPPING
+from delam_fem.simulation.checkpoint import STOPPING
 from delam_fem.system.errors import CaseError
 from delam_fem.system.imports import added
 

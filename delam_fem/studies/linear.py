@@ -16,8 +16,8 @@ from delam_fem.model.beams import closed_form
 from delam_fem.model.beams.network import n_rigid
 from delam_fem.model.layout import Structure
 from delam_fem.model.linear import keeping_closed, lowest
-from delam_fem.numerics.arrays import FloatArray
 from delam_fem.numerics.beams import ComplexArray
+from delam_fem.numerics.types import FloatArray
 from delam_fem.simulation.loop import State, first_mode
 
 FINE = 320

@@ -20,7 +20,7 @@ from delam_fem.case.files import CaseSource, find_case
 from delam_fem.engines.session import EngineName
 from delam_fem.model import discretise
 from delam_fem.model.layout import Structure
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.types import FloatArray
 from delam_fem.results import diagnostics
 from delam_fem.results.figures.style import BLACK, BLUE, GREEN, ORANGE, VERMILLION, WIDTH, styled
 from delam_fem.studies.findings import Finding, Report, Table

@@ -23,8 +23,8 @@ from delam_fem.model import discretise
 from delam_fem.model.beams.network import n_rigid
 from delam_fem.model.layout import Structure, nodal
 from delam_fem.model.linear import keeping_closed, lowest
-from delam_fem.numerics.arrays import FloatArray, IntArray
 from delam_fem.numerics.beams import cantilever_mode
+from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.results.figures.style import GAP_COLOUR, label_x, lamina_colours
 from delam_fem.studies import options
 from delam_fem.studies.findings import Finding, Report, Table

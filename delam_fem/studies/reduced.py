@@ -32,11 +32,10 @@ from delam_fem.model import discretise
 from delam_fem.model.layout import Structure
 from delam_fem.model.operators import Operators
 from delam_fem.model.reduced import Reduced, reduce
-from delam_fem.numerics.arrays import BoolArray, FloatArray, IntArray
+from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
 from delam_fem.results import dataset, diagnostics
 from delam_fem.results.folder import Result, json_ready
-from delam_fem.simulation.energy import Energies
-from delam_fem.simulation.recorder import N_BASE, N_SIZES, Columns, PeriodRecord, Recorder
+from delam_fem.simulation.recorder import N_BASE, N_SIZES, Columns, Energies, PeriodRecord, Recorder
 from delam_fem.simulation.refinement import NOT_REFINED, Span
 from delam_fem.studies.orbits.maps import FREQUENCY, CaseFamily, Nature, Passage, Slow, tip_of
 from delam_fem.system.errors import CaseError

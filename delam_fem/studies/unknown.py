@@ -10,7 +10,7 @@ import numpy as np
 
 from delam_fem.case.definition import Case
 from delam_fem.model.beams.network import network
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.types import FloatArray
 from delam_fem.system.errors import CaseError
 
 EVERY = "lamina.*."

@@ -19,9 +19,9 @@ from calibration.row import OWN, Row
 import delam_fem as df
 from delam_fem.engines.session import session_of
 from delam_fem.model.beams import closed_form
-from delam_fem.numerics.arrays import FloatArray
 from delam_fem.numerics.beams import ComplexArray
 from delam_fem.numerics.statistics import Table
+from delam_fem.numerics.types import FloatArray
 from delam_fem.studies.identification import identify
 from delam_fem.studies.identification.identify import FINER, Experiment, mismatch
 from delam_fem.studies.sweeps.quantities import probe_motion

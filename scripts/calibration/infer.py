@@ -16,7 +16,7 @@ from calibration.row import OWN, Row
 
 import delam_fem as df
 from delam_fem.case.definition import Case
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.types import FloatArray
 from delam_fem.results.scan import surface_of
 from delam_fem.studies.detection import infer
 from delam_fem.studies.detection.detect import drive_responses, intact

@@ -17,7 +17,7 @@ from calibration.row import Row
 import delam_fem as df
 from delam_fem.engines.session import session_of
 from delam_fem.model.beams import closed_form
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.types import FloatArray
 from delam_fem.results.quality import decay_of, verdict_of
 
 FIRST, LAST = 300, 3000

@@ -20,7 +20,7 @@ from calibration.row import Row
 
 import delam_fem as df
 from delam_fem.case.definition import Case
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.types import FloatArray
 from delam_fem.studies.orbits.maps import FREQUENCY, CaseFamily, StrobeMap
 from delam_fem.studies.orbits.newton import USUAL
 from delam_fem.studies.orbits.run import LEFT, Orbit

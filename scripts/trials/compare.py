@@ -16,7 +16,7 @@ from trials.runners import LIMIT, RESTITUTION, runners
 from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
 from delam_fem.model.beams import closed_form
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.types import FloatArray
 from delam_fem.results.figures.style import (
     BLACK,
     BLUE,

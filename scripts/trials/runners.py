@@ -17,7 +17,7 @@ from trials import steps
 from delam_fem.case.definition import Case
 from delam_fem.engines.session import Session, law_of, motion_of, scheme_of, session, span_of
 from delam_fem.model.operators import BaseCoupling, Operators
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.types import FloatArray
 
 RESTITUTION = 0.1
 """Coefficient of restitution."""

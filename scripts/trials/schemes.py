@@ -11,7 +11,7 @@ import numpy as np
 from scipy.linalg import expm
 
 from delam_fem.model.operators import Operators
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.types import FloatArray
 
 LAWS = ("predicted gaps", "closed gaps", "end gaps", "recovery", "bounded recovery")
 """Constraints on the gap rate at the end of a step.

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from delam_fem.contact.complementarity import solve, solve_again
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.types import FloatArray
 
 ROUND_OFF = 1e-9
 """Of solutions with condition numbers up to about 1e6, relative to the velocities."""

@@ -10,7 +10,7 @@ import pytest
 import scipy.sparse as sp
 
 import delam_fem as df
-from delam_fem.contact.decision import Decision, Kinematics, Setting
+from delam_fem.contact.laws import Decision, Kinematics, Setting
 from delam_fem.engines import session as session_module
 from delam_fem.engines.session import ENGINES, EngineName
 from delam_fem.numerics.schemes import SCHEMES, Scheme

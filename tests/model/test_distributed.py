@@ -9,7 +9,7 @@ import pytest
 
 from delam_fem.case.files import preset
 from delam_fem.model.beams import closed_form
-from delam_fem.model.distributed import DistributedOperators, spread, whole
+from delam_fem.model.operators import DistributedOperators, spread, whole
 from delam_fem.system.mpi import MPI
 
 

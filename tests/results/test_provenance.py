@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from project import ROOT
 
-from delam_fem.results import provenance
-from delam_fem.results.provenance import blas, git_revision
+from delam_fem.results import schema
+from delam_fem.results.schema import blas, git_revision
 
 
 def test_blas_is_the_library_that_is_loaded() -> None:
@@ -28,9 +28,9 @@ def test_another_blas_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
         "7f00-7f01 r-xp 00000000 08:01 1 /usr/lib/a/blas/libblas.so.3.11.0\n"
         "7f02-7f03 r-xp 00000000 08:01 2 /usr/lib/a/libc.so.6\n"
     )
-    monkeypatch.setattr(provenance, "_MAPS", maps)
+    monkeypatch.setattr(schema, "_MAPS", maps)
     assert blas() == "blas/libblas.so.3.11.0"
-    monkeypatch.setattr(provenance, "_MAPS", tmp_path / "none")
+    monkeypatch.setattr(schema, "_MAPS", tmp_path / "none")
     assert blas() == "unknown"
 
 
@@ -51,7 +51,7 @@ def test_the_revision_is_that_of_the_checkout(tmp_path: Path) -> None:
 def test_the_command_is_that_of_the_process(tmp_path: Path) -> None:
     program = tmp_path / "p.py"
     program.write_text(
-        "from delam_fem.results.provenance import provenance\nprint(provenance()['command'])"
+        "from delam_fem.results.schema import provenance\nprint(provenance()['command'])"
     )
     command = [sys.executable, str(program), "--set", "a b=1"]
     environment = {"PYTHONPATH": str(ROOT)}

@@ -16,8 +16,8 @@ from synthetic import small_case, synthetic_history
 import delam_fem as df
 from delam_fem.results import schema
 from delam_fem.results.measured.reading import BESIDES
-from delam_fem.results.pages import verdict
-from delam_fem.studies.branches.dataset import VARIABLES as OF_BRANCHES
+from delam_fem.results.pages import report
+from delam_fem.studies.branches.diagram import VARIABLES as OF_BRANCHES
 from delam_fem.studies.sweeps.quantities import VARIABLES as OF_SWEEPS
 
 SOURCES = sorted((ROOT / "delam_fem").rglob("*.py"))
@@ -157,5 +157,5 @@ def test_the_document_explains_every_number_of_the_summary() -> None:
     summary = df.run(df.preset("paper", keys), "compiled").summary
     rows = dict(re.findall(r"^\| `(\w+)` \| ([^|]*?) \|", DOCUMENT.read_text("utf-8"), re.M))
     for name in [*summary, "message"]:
-        assert rows[name] == verdict.UNITS.get(name, "–"), name
-        assert verdict.MEANINGS[name], name
+        assert rows[name] == report.UNITS.get(name, "–"), name
+        assert report.MEANINGS[name], name

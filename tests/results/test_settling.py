@@ -252,9 +252,9 @@ def test_an_irregular_motion_has_intervals(irregular: df.Result) -> None:
 
 
 def test_the_page_shows_intervals_in_place_of_single_numbers(irregular: df.Result) -> None:
-    from delam_fem.results.pages import verdict
+    from delam_fem.results.pages import report
 
-    rows = {name: (text, why) for name, text, why in verdict.rows(irregular.summary, ["a", "b"])}
+    rows = {name: (text, why) for name, text, why in report.rows(irregular.summary, ["a", "b"])}
     text, why = rows["tip min"]
     assert text.count("±") == 2 and text.endswith("mm") and text.startswith("a −")
     assert why.startswith("mean and 95 % interval, 10 windows in 100 periods: ")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from delam_fem.case.excitation import SweptMotion
-from delam_fem.simulation.energy import Energies, add_rows, base_flows, write_ledger
+from delam_fem.simulation.recorder import Energies, add_rows, base_flows, write_ledger
 
 N, STEPS, DT = 3, 37, 0.01
 """Free dofs; steps; time step [s]. The base ends at another speed than it began with."""

@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from stand_ins import setting
 
-from delam_fem.contact.decision import Decision
+from delam_fem.contact.laws import Decision
 from delam_fem.contact.rules import Impacts
 from delam_fem.model.operators import BaseCoupling
-from delam_fem.simulation.energy import Energies
 from delam_fem.simulation.loop import StepByStep, simulate
-from delam_fem.simulation.recorder import Recorder
+from delam_fem.simulation.recorder import Energies, Recorder
 from delam_fem.simulation.refinement import Span
 
 G = 10.0

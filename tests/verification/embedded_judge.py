@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from delam_fem.model.operators import Operators
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.types import FloatArray
 
 CLOSED = 1e-4
 """Share of Δt times the largest gap rate below which a gap counts as closed."""

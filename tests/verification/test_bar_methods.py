@@ -22,7 +22,7 @@ from delam_fem.model import _dolfinx
 from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.model.solids.forms import Solid
 from delam_fem.model.solids.mesh import SolidMesh
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.types import FloatArray
 from delam_fem.system.mpi import MPI
 
 COURANT = 0.1

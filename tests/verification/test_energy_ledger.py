@@ -18,8 +18,8 @@ from delam_fem.contact import laws as contact
 from delam_fem.engines.session import solve
 from delam_fem.model.beams import closed_form
 from delam_fem.model.operators import BaseCoupling, Operators
-from delam_fem.numerics.arrays import FloatArray
 from delam_fem.numerics.schemes import SCHEMES, Scheme
+from delam_fem.numerics.types import FloatArray
 from delam_fem.pipeline import run
 from delam_fem.results.folder import Result
 from delam_fem.simulation.recorder import LEDGER

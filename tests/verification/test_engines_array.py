@@ -20,7 +20,7 @@ from delam_fem.contact.laws import COMBINATIONS
 from delam_fem.engines.session import ENGINES, EngineName, session_of
 from delam_fem.model.beams import closed_form
 from delam_fem.model.operators import Operators
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.types import FloatArray
 from delam_fem.simulation.recorder import PeriodRecord, Recorder
 
 SAME = 1e-8

@@ -19,7 +19,7 @@ import pytest
 from problems import Law, Motion, Motions, oscillator, simulate
 from scipy.optimize import brentq
 
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.types import FloatArray
 
 # ω, s, e, V; order of V in Δt. Where c = s = 0, V does not depend on s in the first order.
 ROWS = [

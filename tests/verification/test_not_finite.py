@@ -21,7 +21,7 @@ from delam_fem.results import quality
 from delam_fem.results.diagnostics import gain_warning
 from delam_fem.results.overlay.alignment import Alignment
 from delam_fem.results.overlay.comparison import Comparison, findings
-from delam_fem.results.pages.verdict import sentence
+from delam_fem.results.pages.report import sentence
 from delam_fem.results.quality import is_lost, quality_warnings
 from delam_fem.simulation.recorder import LEDGER, Recorder
 from delam_fem.studies.convergence.ladder import Ladder, method
@@ -29,8 +29,8 @@ from delam_fem.studies.convergence.rung import compute as compute_rung
 from delam_fem.studies.detection.detect import Measurement, detect
 from delam_fem.studies.detection.modulation import Tones, modulation
 from delam_fem.studies.options import Scan
-from delam_fem.studies.orbits.multipliers import stability_of
 from delam_fem.studies.orbits.newton import is_zero
+from delam_fem.studies.orbits.search import stability_of
 from delam_fem.studies.sweeps.grid import sweep_of
 from delam_fem.studies.sweeps.point import PointRunner
 from delam_fem.system.errors import CaseError

@@ -12,13 +12,13 @@ from test_bifurcation import multipliers as closed_form
 from test_impact_oscillator import forcing, impact_phase, orbit
 
 import delam_fem as df
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.types import FloatArray
 from delam_fem.simulation.refinement import Span
 from delam_fem.studies.branches import continuation
-from delam_fem.studies.branches.events import events_of
+from delam_fem.studies.branches.continuation import events_of
 from delam_fem.studies.orbits.maps import Problem, StrobeMap, modal
-from delam_fem.studies.orbits.multipliers import multipliers
 from delam_fem.studies.orbits.newton import Ensemble, Guess, Perturbations, solved
+from delam_fem.studies.orbits.search import multipliers
 
 COARSE = 0.03
 """Relative to the modulus: error of the coarse multipliers."""

@@ -14,7 +14,7 @@ from delam_fem.engines.session import EngineName, session_of
 from delam_fem.model.beams import closed_form
 from delam_fem.model.layout import Structure
 from delam_fem.model.modal import basis_of, projected
-from delam_fem.numerics.arrays import FloatArray, IntArray
+from delam_fem.numerics.types import FloatArray, IntArray
 
 ALL, SOME = 20, 6
 """Modes of a lamina of ten elements: all there are; some, and the rest's flexibility."""

@@ -20,7 +20,7 @@ from delam_fem.case.definition import Case
 from delam_fem.case.excitation import base_motion
 from delam_fem.case.files import preset
 from delam_fem.model.beams import closed_form
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.types import FloatArray
 from delam_fem.pipeline import run
 
 pytestmark = [

@@ -18,7 +18,7 @@ import pytest
 from problems import Bar, Law, Motions, simulate
 
 from delam_fem.model.operators import Operators
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.types import FloatArray
 
 pytestmark = [
     pytest.mark.siconos,

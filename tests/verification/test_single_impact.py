@@ -11,12 +11,12 @@ import pytest
 from problems import Law, simulate
 
 from delam_fem.case.files import preset
-from delam_fem.contact.decision import Setting
+from delam_fem.contact.laws import Setting
 from delam_fem.contact.rules import Impacts
 from delam_fem.engines.petsc.newmark import Newmark
 from delam_fem.model.beams import closed_form
 from delam_fem.model.operators import Operators
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.types import FloatArray
 from delam_fem.pipeline import run
 
 ROUND_OFF = 1e-12

@@ -18,7 +18,7 @@ from delam_fem.engines.compiled import lanes as lk
 from delam_fem.engines.compiled import modes
 from delam_fem.engines.compiled.lanes import R, Z, fma, lane, load, splat, store
 from delam_fem.engines.compiled.state import MOREAU
-from delam_fem.numerics.arrays import FloatArray, IntArray
+from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.kernels import kept, njit
 
 

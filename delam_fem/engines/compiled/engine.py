@@ -28,11 +28,19 @@ from delam_fem.engines.compiled.state import (
 )
 from delam_fem.engines.compiled.system import Problem, StepNumbers
 from delam_fem.model.operators import Operators
-from delam_fem.numerics.arrays import BoolArray, FloatArray
 from delam_fem.numerics.schemes import Scheme
-from delam_fem.simulation.energy import LEVEL, Energies
+from delam_fem.numerics.types import BoolArray, FloatArray
 from delam_fem.simulation.loop import State
-from delam_fem.simulation.recorder import LEDGER, N_BASE, Columns, Jumps, PeriodRecord, Recorder
+from delam_fem.simulation.recorder import (
+    LEDGER,
+    LEVEL,
+    N_BASE,
+    Columns,
+    Energies,
+    Jumps,
+    PeriodRecord,
+    Recorder,
+)
 from delam_fem.simulation.refinement import NOT_REFINED, Refinement
 
 

@@ -52,7 +52,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic, models, overload, register_model
 
 from delam_fem.model.operators import Operators
-from delam_fem.numerics.arrays import FloatArray, IntArray
+from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.kernels import njit
 
 WIDTH = 4

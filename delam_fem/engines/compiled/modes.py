@@ -20,7 +20,7 @@ from scipy.linalg import eigh
 from delam_fem.engines.compiled.lanes import P, fma, load, splat, store, total
 from delam_fem.engines.compiled.state import IS_SEEN
 from delam_fem.model.operators import BaseCoupling, Operators
-from delam_fem.numerics.arrays import FloatArray, IntArray
+from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.kernels import njit
 
 MOST_DOFS = 320

@@ -34,7 +34,7 @@ from delam_fem.engines.compiled.lanes import (
     swap_halves,
 )
 from delam_fem.model.operators import Operators
-from delam_fem.numerics.arrays import FloatArray, IntArray
+from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.kernels import njit
 
 WHOLE = 1e-12

@@ -37,8 +37,7 @@ from delam_fem.engines.compiled.state import (
     view_at,
 )
 from delam_fem.engines.compiled.system import Problem
-from delam_fem.simulation.energy import add_flows
-from delam_fem.simulation.recorder import N_BASE, write_period
+from delam_fem.simulation.recorder import N_BASE, add_flows, write_period
 from delam_fem.simulation.refinement import SAFETY, base_within
 from delam_fem.system.kernels import kept, njit
 

@@ -39,7 +39,7 @@ from delam_fem.engines.compiled.modes import (
 from delam_fem.engines.compiled.points import NO_POINTS, Points, points_of
 from delam_fem.engines.compiled.state import LawNumbers, Memory
 from delam_fem.model.operators import Operators
-from delam_fem.numerics.arrays import FloatArray, IntArray
+from delam_fem.numerics.types import FloatArray, IntArray
 
 
 class StepNumbers(NamedTuple):

@@ -16,10 +16,9 @@ import scipy.sparse as sp
 from petsc4py import PETSc
 
 from delam_fem.engines.petsc import linear_algebra
-from delam_fem.model.distributed import DistributedOperators, spread, whole
-from delam_fem.model.operators import Operators
-from delam_fem.numerics.arrays import BoolArray, FloatArray
-from delam_fem.simulation.energy import Energies
+from delam_fem.model.operators import DistributedOperators, Operators, spread, whole
+from delam_fem.numerics.types import BoolArray, FloatArray
+from delam_fem.simulation.recorder import Energies
 from delam_fem.simulation.refinement import nearness
 from delam_fem.system.mpi import MPI
 

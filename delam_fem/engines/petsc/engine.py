@@ -8,17 +8,14 @@ from typing import Protocol
 
 import numpy as np
 
-from delam_fem.contact.decision import NO_PAIRS, Setting
-from delam_fem.contact.laws import ContactLaw
+from delam_fem.contact.laws import NO_PAIRS, ContactLaw, Setting
 from delam_fem.engines.petsc.newmark import Newmark
 from delam_fem.engines.petsc.theta import MoreauJean
-from delam_fem.model.distributed import DistributedOperators
-from delam_fem.model.operators import Operators
-from delam_fem.numerics.arrays import BoolArray, FloatArray, IntArray
+from delam_fem.model.operators import DistributedOperators, Operators
 from delam_fem.numerics.schemes import Scheme
-from delam_fem.simulation.energy import add_rows
+from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
 from delam_fem.simulation.loop import Advancing, StepByStep
-from delam_fem.simulation.recorder import N_BASE, PeriodRecord
+from delam_fem.simulation.recorder import N_BASE, PeriodRecord, add_rows
 from delam_fem.simulation.refinement import AHEAD, BACK, NOT_REFINED, SAFETY, Refinement, base_rows
 from delam_fem.system.mpi import MPI
 

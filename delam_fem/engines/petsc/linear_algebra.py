@@ -14,8 +14,8 @@ import numpy as np
 import scipy.sparse as sp
 from petsc4py import PETSc
 
-from delam_fem.model.distributed import DistributedOperators, matrix
-from delam_fem.numerics.arrays import FloatArray, IntArray
+from delam_fem.model.operators import DistributedOperators, matrix
+from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.mpi import MPI
 
 LARGE = 20000

@@ -28,13 +28,12 @@ from dataclasses import dataclass
 import numpy as np
 from petsc4py import PETSc
 
-from delam_fem.contact.decision import Compliance, Decision
+from delam_fem.contact.laws import Compliance, Decision
 from delam_fem.engines.petsc import linear_algebra
 from delam_fem.engines.petsc.dynamics import Dynamics
 from delam_fem.engines.petsc.linear_algebra import LazyCompliance, LumpedCompliance
-from delam_fem.model.distributed import DistributedOperators
-from delam_fem.model.operators import Operators
-from delam_fem.numerics.arrays import BoolArray, FloatArray, IntArray
+from delam_fem.model.operators import DistributedOperators, Operators
+from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
 from delam_fem.system.mpi import MPI
 
 DIRECT_PAIRS = 64

@@ -40,14 +40,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from petsc4py import PETSc
 
-from delam_fem.contact.decision import Decision
+from delam_fem.contact.laws import Decision
 from delam_fem.contact.rules import CLOSED
 from delam_fem.engines.petsc import linear_algebra
 from delam_fem.engines.petsc.dynamics import BaseState, Dynamics
 from delam_fem.engines.petsc.linear_algebra import LazyCompliance, Product
-from delam_fem.model.distributed import DistributedOperators
-from delam_fem.model.operators import Operators
-from delam_fem.numerics.arrays import BoolArray, FloatArray, IntArray
+from delam_fem.model.operators import DistributedOperators, Operators
+from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
 from delam_fem.system.mpi import MPI
 
 

@@ -42,8 +42,8 @@ from delam_fem.model.layout import Structure, gap_matrix, probe_rows, selection
 from delam_fem.model.mesh import node_coordinates, require_edges
 from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.numerics import oscillator
-from delam_fem.numerics.arrays import FloatArray, IntArray
 from delam_fem.numerics.beams import cantilever_mode, cantilever_roots
+from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.errors import CaseError
 
 CLAMP_U, CLAMP_PHI = 0, 1

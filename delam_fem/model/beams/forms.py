@@ -56,7 +56,7 @@ from delam_fem.model.beams.network import (
 from delam_fem.model.layout import BASE, Layout, Structure, gap_matrix, probe_rows
 from delam_fem.model.mesh import node_coordinates
 from delam_fem.model.operators import BaseCoupling, Operators
-from delam_fem.numerics.arrays import FloatArray, IntArray
+from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.errors import CaseError
 from delam_fem.system.mpi import MPI
 

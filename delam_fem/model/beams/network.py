@@ -56,6 +56,7 @@ from delam_fem.model.layout import (
     Layout,
     Part,
     Probe,
+    StrainRows,
     Structure,
     Support,
     cells_at,
@@ -66,12 +67,12 @@ from delam_fem.model.layout import (
     place_of,
     probe_rows,
     tributary_lengths,
+    with_sensors,
 )
 from delam_fem.model.linear import kept_closed, lowest
 from delam_fem.model.operators import BaseCoupling, Operators
-from delam_fem.model.sensors import StrainRows, with_sensors
 from delam_fem.numerics import oscillator
-from delam_fem.numerics.arrays import FloatArray, IntArray
+from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.errors import CaseError
 
 Group = tuple[int, ...]

@@ -18,15 +18,15 @@ import scipy.sparse as sp
 
 from delam_fem.case.definition import Case
 from delam_fem.case.sections import Mesh, PointMass
-from delam_fem.model import distributed
+from delam_fem.model import operators as distributed
 from delam_fem.model.beams import closed_form, network
 from delam_fem.model.beams.network import completed, probes_of
-from delam_fem.model.distributed import DistributedOperators
 from delam_fem.model.layout import (
     Layout,
     Part,
     Probe,
     Reading,
+    StrainRows,
     Structure,
     Support,
     columns_of,
@@ -34,8 +34,7 @@ from delam_fem.model.layout import (
     probe_rows,
 )
 from delam_fem.model.mesh import node_coordinates
-from delam_fem.model.operators import BaseCoupling, Operators
-from delam_fem.model.sensors import StrainRows
+from delam_fem.model.operators import BaseCoupling, DistributedOperators, Operators
 from delam_fem.model.solids import facing
 from delam_fem.model.solids.body import (
     Body,
@@ -49,7 +48,7 @@ from delam_fem.model.solids.forms import Solid, evaluate, gathered
 from delam_fem.model.solids.mesh import SolidMesh, locate
 from delam_fem.model.solids.meshing import lattice, solid_mesh
 from delam_fem.model.solids.unknowns import Columns, Restricted, Unknowns, X, Y, held
-from delam_fem.numerics.arrays import FloatArray, IntArray
+from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.errors import CaseError
 from delam_fem.system.mpi import MPI
 

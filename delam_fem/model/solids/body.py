@@ -32,7 +32,7 @@ from delam_fem.model.solids.mesh import (
     meetings,
     shape_functions,
 )
-from delam_fem.numerics.arrays import FloatArray, IntArray
+from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.errors import CaseError
 
 

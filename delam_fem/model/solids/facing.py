@@ -44,7 +44,7 @@ from delam_fem.model.solids.mesh import (
 )
 from delam_fem.model.solids.meshing import bonded_cells
 from delam_fem.model.solids.unknowns import Unknowns
-from delam_fem.numerics.arrays import BoolArray, FloatArray, IntArray
+from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
 
 MANY = 0.2
 """Share of points without an opposite facet above which the user is told."""

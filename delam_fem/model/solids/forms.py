@@ -41,7 +41,7 @@ from delam_fem.model.solids.mesh import (
     jacobians_of,
     reference_coordinates,
 )
-from delam_fem.numerics.arrays import FloatArray, IntArray
+from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.mpi import MPI
 
 

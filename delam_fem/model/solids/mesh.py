@@ -20,7 +20,7 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from delam_fem.numerics.arrays import BoolArray, FloatArray, IntArray
+from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
 
 FACETS: dict[str, tuple[tuple[int, ...], ...]] = {
     "triangle": ((1, 2), (0, 2), (0, 1)),

@@ -30,7 +30,7 @@ from delam_fem.model.solids.mesh import (
     jacobians_of,
     volumes,
 )
-from delam_fem.numerics.arrays import BoolArray, FloatArray, IntArray
+from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
 from delam_fem.system.errors import CaseError
 
 MOST_DOFS = 4_000_000

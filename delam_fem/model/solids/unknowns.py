@@ -45,10 +45,10 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
 from delam_fem.case.definition import Case
-from delam_fem.model import _dolfinx, distributed
+from delam_fem.model import _dolfinx, operators
 from delam_fem.model.solids.forms import Solid
 from delam_fem.model.solids.mesh import TENSOR, SolidMesh, jacobians_of
-from delam_fem.numerics.arrays import FloatArray, IntArray
+from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.errors import CaseError
 from delam_fem.system.mpi import MPI
 
@@ -255,7 +255,7 @@ class Columns:
         first = self.solid.dim * self.solid.first_node
         stop = first + self.solid.dim * self.solid.n_own_nodes
         comm = self.solid.comm
-        return distributed.matrix(own_rows(total, first, stop, comm), comm)
+        return operators.matrix(own_rows(total, first, stop, comm), comm)
 
     def _entries(
         self, young_modulus: FloatArray, D: FloatArray

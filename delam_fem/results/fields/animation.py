@@ -14,8 +14,8 @@ import xarray as xr
 from imageio import v2 as imageio
 
 from delam_fem.case.definition import Case
-from delam_fem.numerics.arrays import FloatArray
-from delam_fem.results.fields import derived, ribbons
+from delam_fem.numerics.types import FloatArray
+from delam_fem.results.fields import derived, pictures
 from delam_fem.results.fields.pictures import RIGHT, TO_CAMERA, magnification
 from delam_fem.results.figures.style import lamina_colours, title
 from delam_fem.results.folder import SOLID, load_numbers
@@ -74,7 +74,7 @@ def write_film(
     Raises:
         OSError: a file cannot be written.
     """
-    history = ribbons.drawable_frames(history)
+    history = pictures.drawable_frames(history)
     times = history["frame"].to_numpy()
     if not times.size:
         return []
@@ -171,7 +171,7 @@ def _pictures(
 ) -> Iterator[Picture]:
     """Yield the pictures of some frames."""
     factor = magnification(history, frames.tolist(), case.length)
-    bodies, lights = ribbons.Ribbons.of(history, case, factor), derived.contact_lights(history)
+    bodies, lights = pictures.Ribbons.of(history, case, factor), derived.contact_lights(history)
     times = history["frame"].to_numpy()
     spacing = float(times[1] - times[0]) if times.size > 1 else 0.0
     with pv.vtk_verbosity("error"):  # without a display, VTK warns before it uses EGL or Mesa
@@ -233,7 +233,7 @@ class _Scene:
         plotter: pv.Plotter,
         history: xr.Dataset,
         case: Case,
-        bodies: ribbons.Ribbons,
+        bodies: pictures.Ribbons,
         factors: tuple[float, float],
     ) -> None:
         """Put the laminae at rest into the plotter and aim at where they will move."""

@@ -24,7 +24,7 @@ import xarray as xr
 from delam_fem.case.definition import Case
 from delam_fem.contact.laws import LAWS
 from delam_fem.model.layout import Structure
-from delam_fem.numerics.arrays import FloatArray, IntArray
+from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.results.diagnostics import gap_field
 from delam_fem.results.fields import vtkhdf
 from delam_fem.results.fields.vtkhdf import subcells

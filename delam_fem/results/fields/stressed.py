@@ -19,11 +19,11 @@ import pyvista as pv
 import xarray as xr
 
 from delam_fem.case.definition import Case
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.types import FloatArray
 from delam_fem.results import diagnostics
 from delam_fem.results.fields import animation, pictures
 from delam_fem.results.fields.derived import held_ends
-from delam_fem.results.fields.ribbons import drawable_frames
+from delam_fem.results.fields.pictures import drawable_frames
 from delam_fem.results.fields.vtkhdf import CELL_TYPES, Series
 from delam_fem.results.figures.style import title
 from delam_fem.system.files import atomic

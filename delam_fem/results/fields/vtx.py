@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 
 from delam_fem.model import _dolfinx
-from delam_fem.numerics.arrays import FloatArray, IntArray
+from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.results import diagnostics
 from delam_fem.results.fields.vtkhdf import TENSOR_CELLS, VTK_ORDER, Series
 from delam_fem.results.schema import by_interface

@@ -15,7 +15,7 @@ from matplotlib.ticker import LogLocator, NullLocator
 
 from delam_fem.case.definition import Case
 from delam_fem.numerics import harmonics
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.types import FloatArray
 from delam_fem.results import diagnostics
 from delam_fem.results.figures import contact
 from delam_fem.results.figures.style import (

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from delam_fem.case.definition import Case
 from delam_fem.contact.laws import combination, combined_name
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.types import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from delam_fem.case.toml import shown
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.types import FloatArray
 from delam_fem.system.errors import CaseError
 
 Values = npt.NDArray[Any]

@@ -20,7 +20,7 @@ import xarray as xr
 from scipy.interpolate import CubicSpline
 
 from delam_fem.case.toml import shown
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.types import FloatArray
 from delam_fem.results.folder import write_dataset
 from delam_fem.results.measured import readers
 from delam_fem.results.measured.channels import (

@@ -19,7 +19,7 @@ import xarray as xr
 from matplotlib.figure import Figure
 from scipy.signal import detrend, find_peaks
 
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.types import FloatArray
 from delam_fem.results.figures.style import WIDTH, lamina_colours, legend_above, styled
 from delam_fem.results.measured.channels import Values, unit_of
 from delam_fem.results.measured.reading import history_of

@@ -19,7 +19,7 @@ import numpy as np
 import xarray as xr
 from scipy.interpolate import CubicSpline
 
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.types import FloatArray
 from delam_fem.results.measured.reading import history_of
 from delam_fem.system.errors import CaseError
 

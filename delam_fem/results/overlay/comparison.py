@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import minimize_scalar
 
-from delam_fem.numerics.arrays import FloatArray
 from delam_fem.numerics.harmonics import total_harmonic_distortion
+from delam_fem.numerics.types import FloatArray
 from delam_fem.results.overlay.alignment import COARSE, Alignment, Course, Pairs, aligned, gains
 
 ComplexArray = npt.NDArray[np.complex128]

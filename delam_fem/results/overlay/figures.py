@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.signal import savgol_filter
 
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.types import FloatArray
 from delam_fem.results.figures.style import (
     BASE_COLOUR,
     BLACK,
@@ -25,7 +25,7 @@ from delam_fem.results.figures.style import (
 from delam_fem.results.overlay.comparison import Comparison
 from delam_fem.results.pages import html
 from delam_fem.results.pages.html import Block, Gallery, Paragraph, Section, Table, embedded
-from delam_fem.results.pages.verdict import shown
+from delam_fem.results.pages.report import shown
 from delam_fem.system.files import atomic
 
 if TYPE_CHECKING:

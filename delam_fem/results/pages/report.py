@@ -1,9 +1,15 @@
-"""A run as one self-contained page, with a film of its laminae."""
+"""A run as one self-contained page, with a film of its laminae.
+
+What a run shows: a sentence, a table of its numbers, and both in a notebook. Each clause is a
+function of the numbers that returns its words, or nothing. A new clause is a function and its place
+in `CLAUSES`.
+"""
 
 from __future__ import annotations
 
 import base64
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +18,13 @@ import numpy.typing as npt
 import xarray as xr
 
 from delam_fem.case.definition import Case
+from delam_fem.results import diagnostics
+from delam_fem.results.diagnostics import LARGEST_PERIODICITY, probe_node
 from delam_fem.results.fields import derived
-from delam_fem.results.fields.ribbons import drawable_frames, middle_lines
+from delam_fem.results.fields.pictures import drawable_frames, middle_lines
 from delam_fem.results.figures.contact import FLOWS
 from delam_fem.results.figures.style import lamina_colours, title
-from delam_fem.results.pages import html, verdict
+from delam_fem.results.pages import html
 from delam_fem.results.pages.html import (
     Block,
     Film,
@@ -29,6 +37,274 @@ from delam_fem.results.pages.html import (
 )
 from delam_fem.results.schema import SENSOR, sensors_of
 from delam_fem.system.files import write_text
+
+UNITS = {
+    "wall_seconds": "s", "microseconds_per_step": "µs", "tip_min": "m", "tip_max": "m",
+    "minimum_tip_gap": "m", "impact_energy_gain": "J",
+}  # fmt: skip
+"""Units of the entries of summary.json that have one."""
+
+SHOWN = {"m": ("mm", 1e3), "J": ("mJ", 1e3)}
+"""Units that figures show in place of those of summary.json, and the factors."""
+
+PERCENT = (
+    "distortion_factor", "thd", "strobe_scatter", "strobe_scatters", "transient", "uncertainty",
+    "scatter", "allowed",
+)  # fmt: skip
+"""Entries that are shown in percent."""
+
+MEANINGS = {
+    "outcome": "how the run ended",
+    "engine": "what computed the steps",
+    "steps": "time steps of the whole run, of all sizes",
+    "wall_seconds": "duration of the computation",
+    "microseconds_per_step": "duration per time step",
+    "unforeseen_contacts": "share of contacts that coarse steps did not see; 0 is good",
+    "tip_min": "smallest displacement of each tip over the last periods, base motion included",
+    "tip_max": "largest displacement of each tip over the last periods",
+    "periodicity": "periods of the excitation after which the motion repeats; – if it does not",
+    "periodicity_class": "the same with a margin; undecided: the cycles differ by about 10 %",
+    "strobe_scatters": "how much cycles 1, 2, … 8 periods apart differ",
+    "strobe_scatter": "how much successive periods differ, in half peak-to-peak amplitudes",
+    "settled": "whether the transient has died out; irregular: it has, and no cycle repeats",
+    "settling": "the numbers behind it",
+    "transient": "what is left of the transient, in half peak-to-peak amplitudes",
+    "uncertainty": "two standard errors of the transient",
+    "scatter": "how much the cycles scatter, in half peak-to-peak amplitudes",
+    "allowed": "transient of a settled motion, at most: 1 %, or the scatter of its cycles",
+    "decay": "e-folds of the slowest mode per period, without contact",
+    "observed_decay": "e-folds per period by which the cycles draw nearer to one another",
+    "periods_judged": "last periods that were judged",
+    "periods_needed": "further periods until it has settled, at most; – if nothing bounds them",
+    "intervals": "means over windows of an irregular motion with their 95 % intervals",
+    "periods": "periods computed",
+    "tip_contacts_per_period": "how often the tips meet; closures within 0.05 periods count once",
+    "impacts_per_period": "impulses on single pairs; depends on the time step, does not converge",
+    "distortion_factor": "d = √(ΣAᵢ²)/A₁ − 1 over all harmonics: how far each tip is from a sine",
+    "thd": "amplitude of all higher harmonics over that of the first, for each tip",
+    "minimum_tip_gap": "smallest gap at the tips; negative: the contact gives way so far",
+    "energy_residual": "relative energy that the ledger does not explain: round-off if all is well",
+    "impact_energy_gain": "energy that impacts have added; 0 with laws that only dissipate",
+    "unread_keys": "keys of the case that this run did not use",
+    "warnings": "warnings of the run",
+    "message": "why the run diverged, and what may help",
+}
+"""What each entry of summary.json says."""
+
+
+ELSEWHERE = ("warnings", "message")
+"""Entries that a page shows above its tables."""
+LAST = ("outcome", "periods", "engine", "steps", "wall_seconds", "microseconds_per_step",
+        "unforeseen_contacts", "unread_keys")  # fmt: skip
+"""Entries about the computation, which follow those about the motion."""
+
+
+def rows(summary: Mapping[str, Any], laminae: Sequence[str]) -> list[tuple[str, str, str]]:
+    """Return table rows: name, value with its unit, meaning.
+
+    Args:
+        summary: the numbers of summary.json.
+        laminae: names, shown before the values of each lamina.
+    """
+    intervals = summary.get("intervals") or {}
+    values: dict[str, Any] = {}
+    for key, value in summary.items():
+        if isinstance(value, Mapping):
+            values |= value if key == "settling" else {}
+        elif key not in (*ELSEWHERE, "settling", "intervals"):
+            values[key] = value
+    return [
+        _interval_row(key, intervals[key], laminae)
+        if key in intervals
+        else _row(key, values[key], laminae)
+        for key in sorted(values, key=LAST.__contains__)
+    ]
+
+
+def _interval_row(
+    key: str, entry: Mapping[str, Any], laminae: Sequence[str]
+) -> tuple[str, str, str]:
+    """Return the row of a number with its interval."""
+    unit, factor = _shown_unit(key)
+    means, widths = (np.atleast_1d(entry[name]) for name in ("mean", "half_width"))
+    names = [f"{name} " for name in laminae] if means.size == len(laminae) else [""] * means.size
+    parts = [
+        f"{name}{shown(float(mean), factor)} ± {factor * float(width):.2g}"
+        for name, mean, width in zip(names, means, widths, strict=True)
+    ]
+    text = ", ".join(parts) + (f"\u00a0{unit}" if unit else "")
+    meaning = f"mean and 95 % interval, {entry['windows']} windows in {entry['periods']} periods"
+    return key.replace("_", " "), text, f"{meaning}: {MEANINGS.get(key, '')}"
+
+
+def _shown_unit(key: str) -> tuple[str, float]:
+    """Return the unit in which an entry is shown, and the factor to it."""
+    if key in PERCENT:
+        return "%", 100.0
+    return SHOWN.get(UNITS.get(key, ""), (UNITS.get(key, ""), 1.0))
+
+
+def _row(key: str, value: Any, laminae: Sequence[str]) -> tuple[str, str, str]:
+    """Return one row."""
+    unit, factor = _shown_unit(key)
+    if isinstance(value, (list, tuple, np.ndarray)):
+        of_laminae = len(value) == len(laminae) and not any(isinstance(v, str) for v in value)
+        names = [f"{name} " for name in laminae] if of_laminae else [""] * len(value)
+        parts = [name + shown(entry, factor) for name, entry in zip(names, value, strict=True)]
+        text = ", ".join(parts) or "none"
+    else:
+        text = shown(value, factor)
+    with_unit = f"{text}\u00a0{unit}" if unit and value is not None else text
+    return key.replace("_", " "), with_unit, MEANINGS.get(key, "")
+
+
+def shown(value: Any, factor: float = 1.0) -> str:
+    """Return a value of the summary as text; numbers are multiplied."""
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return ", ".join(shown(entry, factor) for entry in value)
+    if isinstance(value, float):
+        return f"{factor * value:.4g}".replace("-", "−")
+    return "–" if value is None else str(value)
+
+
+WORDS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight")
+EQUAL = 0.05
+"""Two speeds closer than this share of the larger one count as equal."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """What the clauses are made of."""
+
+    history: xr.Dataset
+    summary: Mapping[str, Any]
+    case: Case
+
+    @property
+    def end(self) -> str:
+        """The word for the place of the reference probes."""
+        return "tip" if probe_node(self.history) == self.history.sizes["node"] - 1 else "probe"
+
+
+def sentence(history: xr.Dataset, summary: Mapping[str, Any], case: Case) -> str:
+    """Return what a run shows in a sentence.
+
+    Args:
+        history: of the run; see `schema.VARIABLES`.
+        summary: the numbers of summary.json; those that are missing are not mentioned.
+        case: the case.
+    """
+    run = Run(history, summary, case)
+    text = ", ".join(words for words in (clause(run) for clause in CLAUSES) if words)
+    return f"{text[:1].upper()}{text[1:]}." if text else ""
+
+
+def _outcome(run: Run) -> str:
+    """Say whether the run came to its end."""
+    outcome = run.summary.get("outcome", "completed")
+    done, wanted = run.history.sizes["period"], run.case.n_periods
+    return "" if outcome == "completed" else f"{outcome} in period {done} of {wanted}"
+
+
+def _settled(run: Run) -> str:
+    """Say whether the motion has settled, in the word of the summary, and what is missing."""
+    word, numbers = str(run.summary.get("settled") or ""), run.summary.get("settling") or {}
+    if word != "not settled":
+        return word
+    left, needed = numbers.get("transient"), numbers.get("periods_needed")
+    parts = [] if left is None else [f"{100.0 * left:.2g} % of the amplitude is transient"]
+    parts += [f"at most {needed} further periods are needed"] if needed else []
+    return f"{word} ({'; '.join(parts)})" if parts else word
+
+
+def _periodicity(run: Run) -> str:
+    """Say after how many periods of the excitation the motion repeats."""
+    if not run.case.is_periodic:
+        return "not judged for periods, because the excitation has none"
+    if run.summary.get("settled") == "not settled":
+        return ""
+    P = run.summary.get("periodicity")
+    if run.summary.get("periodicity_class") == "undecided":
+        single = 100.0 * run.summary["strobe_scatters"][0]
+        return f"of undecided period (cycles differ by {single:.2g} % of the amplitude)"
+    if P is None:
+        return f"no repetition within {WORDS[LARGEST_PERIODICITY]} periods"
+    return f"{_word(P)}-periodic"
+
+
+def _contacts(run: Run) -> str:
+    """Say how often the probes meet, and how fast."""
+    rate, gap = run.summary.get("tip_contacts_per_period"), run.summary.get("minimum_tip_gap")
+    if rate is None:
+        return "without contact: the laminae pass through one another"
+    if rate == 0.0:
+        if gap is None or not np.isfinite(gap):  # nothing is known of contacts
+            return ""
+        near = f" (the smallest gap is {1e3 * gap:.3g} mm)" if gap > 0.0 else ""
+        return f"the {run.end}s never meet{near}"
+    found = _strongest(run)
+    speed = f" at {found[1].approach:.3g} m/s" if found else ""
+    if not run.case.is_periodic:
+        times = rate * run.history.sizes["time"] / run.case.steps_per_period
+        return f"{times:.0f} {run.end} strike{'s' * (round(times) != 1)}{speed}"
+    return f"{_often(rate, run.end)}{speed}"
+
+
+def _beats(run: Run) -> str:
+    """Say which lamina is faster before the strikes."""
+    found = _strongest(run)
+    if not found:
+        return ""
+    interface, strike = found
+    names = [str(name) for name in run.history["lamina"].to_numpy()[interface : interface + 2]]
+    lower, upper = (abs(speed) for speed in strike.mean)
+    if abs(lower - upper) <= EQUAL * max(lower, upper):
+        return f"{names[0]} and {names[1]} equally fast"
+    fast, slow = names if lower > upper else names[::-1]
+    return f"{fast} beats {slow}"
+
+
+CLAUSES: tuple[Callable[[Run], str], ...] = (_outcome, _settled, _periodicity, _contacts, _beats)
+"""The clauses of the sentence in their order."""
+
+
+def _strongest(run: Run) -> tuple[int, diagnostics.Strikes] | None:
+    """Return the interface with the fastest strikes, and these; None if there are none."""
+    if not run.summary.get("tip_contacts_per_period"):
+        return None
+    N, n = run.case.steps_per_period, run.history.sizes["lamina"]
+    found = [(j, diagnostics.of_interface(run.history, N, j)) for j in range(n - 1)]
+    found = [entry for entry in found if entry[1].step.size and entry[1].approach > 0.0]
+    return max(found, key=lambda entry: entry[1].approach, default=None)
+
+
+def _often(rate: float, end: str) -> str:
+    """Return a number of contacts per period in words."""
+    for periods in range(1, LARGEST_PERIODICITY + 1):
+        count = rate * periods
+        if np.isclose(count, round(count), atol=1e-6) and 1 <= round(count) < len(WORDS):
+            times = "strike" if round(count) == 1 else "strikes"
+            during = "a period" if periods == 1 else f"in {_word(periods)} periods"
+            return f"{_word(round(count))} {end} {times} {during}"
+    return f"{rate:.3g} {end} strikes a period"
+
+
+def _word(number: int) -> str:
+    """Return a small number in words."""
+    return WORDS[number] if number < len(WORDS) else str(number)
+
+
+def of_result(history: xr.Dataset, summary: Mapping[str, Any], case: Case) -> str:
+    """Return a result as a piece of HTML, without style and scripts."""
+    names = [str(name) for name in history["lamina"].to_numpy()]
+    blocks: list[Block] = [
+        Paragraph(title(case)),
+        Paragraph(sentence(history, summary, case)),
+        *(Paragraph(str(text)) for text in summary.get("warnings", ())),
+        Table(("", "value", "meaning"), rows(summary, names)),
+    ]
+    return html.fragment(blocks)
+
 
 MOST_NUMBERS = 300_000
 """Positions that a film holds at most: they make a page 0.8 MB larger."""
@@ -188,7 +464,7 @@ def page(history: xr.Dataset, summary: Mapping[str, Any], case: Case, directory:
     flows = "What changed the stored energy, added up over the run and in the last period."
     energy = Table(("", "whole run [mJ]", "last period [mJ]"), energy_rows(history))
     origin = [(name, str(history.attrs[name])) for name in ORIGIN if name in history.attrs]
-    table = Table(("", "value", "meaning"), verdict.rows(summary, names), kind="meanings")
+    table = Table(("", "value", "meaning"), rows(summary, names), kind="meanings")
     sections = [
         Section("", [*_verdict(history, summary, case)]),
         Section("In motion", [film(history, case) or Paragraph(NO_FRAMES, "about")]),
@@ -245,7 +521,7 @@ def _signed(value: float, form: str) -> str:
 
 def _verdict(history: xr.Dataset, summary: Mapping[str, Any], case: Case) -> Iterator[Block]:
     """Yield the sentence on the run, and its warnings."""
-    yield Paragraph(verdict.sentence(history, summary, case), "verdict")
+    yield Paragraph(sentence(history, summary, case), "verdict")
     for text in (summary.get("message"), *summary.get("warnings", ())):
         if text:
             yield Paragraph(str(text), "warning")

@@ -27,20 +27,21 @@ from pydantic_core import PydanticCustomError
 from delam_fem.case.definition import Case
 from delam_fem.case.files import CaseSource, find_case, save_case
 from delam_fem.case.values import in_si
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.types import FloatArray
 from delam_fem.results.folder import write_dataset
-from delam_fem.simulation.interrupts import stop_signals
-from delam_fem.studies.branches import dataset
+from delam_fem.simulation.checkpoint import stop_signals
+from delam_fem.studies.branches import diagram
 from delam_fem.studies.branches.continuation import Path as Way
 from delam_fem.studies.branches.continuation import (
     Point,
     doubled_point,
+    events_of,
     first_point,
     followed,
+    turns,
     why_lost,
 )
-from delam_fem.studies.branches.dataset import Branch
-from delam_fem.studies.branches.events import events_of, turns
+from delam_fem.studies.branches.diagram import Branch
 from delam_fem.studies.findings import Finding, Report, Table
 from delam_fem.studies.options import Continue
 from delam_fem.studies.orbits.maps import PeriodMap
@@ -231,7 +232,7 @@ def follow(
         "key": key, "model": family.nature.name, "processor_seconds": seconds,
         "seed": perturbations.seed,
     }  # fmt: skip
-    data = dataset.of(branches, case, plan.way.span, attributes)
+    data = diagram.of(branches, case, plan.way.span, attributes)
     write_dataset(data, directory / RESULT)
     return data
 

@@ -13,8 +13,8 @@ import numpy as np
 
 from delam_fem.case.definition import Case
 from delam_fem.numerics import statistics
-from delam_fem.numerics.arrays import FloatArray
 from delam_fem.numerics.statistics import Limit, orders_of_errors
+from delam_fem.numerics.types import FloatArray
 from delam_fem.studies.convergence.ladder import FREE, LIMIT, RIGID, Ladder, Method, Rung
 from delam_fem.studies.convergence.rung import (
     WORK,

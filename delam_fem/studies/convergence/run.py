@@ -28,8 +28,8 @@ from delam_fem.engines.cost import FILE_BYTES, STUDY_SECONDS, WORKER_BYTES, Cost
 from delam_fem.engines.session import EngineName
 from delam_fem.results.folder import json_ready
 from delam_fem.results.pages.progress import reporting
-from delam_fem.results.provenance import provenance
-from delam_fem.simulation.interrupts import stop_signals
+from delam_fem.results.schema import provenance
+from delam_fem.simulation.checkpoint import stop_signals
 from delam_fem.studies import executors
 from delam_fem.studies.convergence.analysis import Convergence, page, verdict
 from delam_fem.studies.convergence.ladder import (

@@ -36,7 +36,7 @@ from delam_fem.model.layout import Structure
 from delam_fem.model.mesh import node_coordinates
 from delam_fem.model.operators import Operators
 from delam_fem.numerics import harmonics
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.types import FloatArray
 from delam_fem.results import diagnostics
 from delam_fem.results.quality import OPEN, is_lost
 from delam_fem.simulation.loop import State

@@ -23,7 +23,7 @@ from delam_fem.engines.session import session_of
 from delam_fem.model import discretise
 from delam_fem.model.beams.network import n_rigid
 from delam_fem.model.linear import lowest
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.types import FloatArray
 from delam_fem.results.measured.reading import assigned, read_measured
 from delam_fem.results.measured.reading import scan as measured_scan
 from delam_fem.results.overlay.comparison import strongest_frequency

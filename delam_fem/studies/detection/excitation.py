@@ -18,7 +18,7 @@ import xarray as xr
 
 from delam_fem.case.definition import Case
 from delam_fem.model import discretise
-from delam_fem.numerics.arrays import BoolArray, FloatArray
+from delam_fem.numerics.types import BoolArray, FloatArray
 from delam_fem.results.scan import Shapes, surface_of
 from delam_fem.studies.detection.detect import drive_responses, intact, per_shape, settling_periods
 from delam_fem.studies.detection.indices import SHARE, mark, repeated
@@ -28,8 +28,7 @@ from delam_fem.studies.findings import Finding, Picture, Report
 from delam_fem.studies.modes import structure_modes
 from delam_fem.studies.options import Excite
 from delam_fem.studies.study import Place, Study
-from delam_fem.studies.sweeps.file import Axis, ScanRecord
-from delam_fem.studies.sweeps.grid import Sweep
+from delam_fem.studies.sweeps.grid import Axis, ScanRecord, Sweep
 from delam_fem.studies.sweeps.run import run_sweep
 from delam_fem.system.errors import CaseError
 

@@ -16,7 +16,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.stats import f as f_distribution
 
-from delam_fem.numerics.arrays import BoolArray, FloatArray
+from delam_fem.numerics.types import BoolArray, FloatArray
 from delam_fem.results.scan import Shapes, amplitudes, shapes_of
 
 FALSE_CALLS = 0.01

@@ -18,9 +18,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from delam_fem.case.definition import Case
-from delam_fem.numerics.arrays import FloatArray
 from delam_fem.numerics.statistics import UNLIKE, Posterior
 from delam_fem.numerics.statistics import Table as Simulations
+from delam_fem.numerics.types import FloatArray
 from delam_fem.results.figures.style import BLUE, VERMILLION, WIDTH
 from delam_fem.results.scan import ComplexArray, Shapes, shapes_of, surface_of
 from delam_fem.studies.detection.detect import (

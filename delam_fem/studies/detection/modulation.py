@@ -18,7 +18,7 @@ from delam_fem.case.excitation import drive
 from delam_fem.engines.session import by_period, law_of, scheme_of, session, span_of
 from delam_fem.model import discretise
 from delam_fem.model.layout import Structure
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.types import FloatArray
 from delam_fem.results.scan import scan_field, scan_positions, surface_of
 from delam_fem.simulation.loop import State
 from delam_fem.studies.detection.detect import (

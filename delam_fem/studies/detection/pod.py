@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from delam_fem.case.definition import Case
-from delam_fem.numerics.arrays import BoolArray, FloatArray
+from delam_fem.numerics.types import BoolArray, FloatArray
 from delam_fem.results.figures.style import BASE_COLOUR, WIDTH, label_x, lamina_colours
 from delam_fem.studies.detection.population import (
     Curve,

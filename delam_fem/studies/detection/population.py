@@ -25,14 +25,13 @@ import xarray as xr
 from scipy.stats import norm
 
 from delam_fem.case.definition import Case
-from delam_fem.numerics.arrays import BoolArray, FloatArray
+from delam_fem.numerics.types import BoolArray, FloatArray
 from delam_fem.results.scan import Shapes, shapes_of, surface_of
 from delam_fem.studies.detection.detect import intact, per_shape, settling_periods, simulated
 from delam_fem.studies.detection.indices import curvature, mark
 from delam_fem.studies.executors import ExecutorName
 from delam_fem.studies.options import Scan
-from delam_fem.studies.sweeps.file import Axis, Record, ScanRecord, SweepFile
-from delam_fem.studies.sweeps.grid import Sweep, require_valid
+from delam_fem.studies.sweeps.grid import Axis, Record, ScanRecord, Sweep, SweepFile, require_valid
 from delam_fem.studies.sweeps.run import run_sweep
 from delam_fem.system.errors import CaseError
 

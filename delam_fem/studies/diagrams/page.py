@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from matplotlib.figure import Figure
 
-from delam_fem.numerics.arrays import FloatArray
 from delam_fem.numerics.attractors import FEWEST_STROBES
+from delam_fem.numerics.types import FloatArray
 from delam_fem.results.figures.style import GREEN, ORANGE, SKY, styled
 from delam_fem.results.pages import html
 from delam_fem.results.pages.html import (
@@ -36,8 +36,15 @@ from delam_fem.results.pages.html import (
     Text,
     embedded,
 )
-from delam_fem.studies.diagrams import lines, maps
-from delam_fem.studies.diagrams.lines import is_unsettled
+from delam_fem.studies.diagrams.draw import (
+    basins,
+    bifurcation,
+    is_unsettled,
+    lyapunov,
+    lyapunov_map,
+    plane,
+    response,
+)
 from delam_fem.studies.sweeps.grid import INITIAL, Sweep
 from delam_fem.system.errors import CaseError
 from delam_fem.system.files import atomic, write_text
@@ -117,11 +124,11 @@ def diagram(kind: DiagramName, data: xr.Dataset) -> Figure:
     """
     axes = [name for name in data["outcome"].dims if name != "direction"]
     draw: dict[DiagramName, Callable[[xr.Dataset], Figure]] = {
-        "response": lines.response,
-        "bifurcation": lines.bifurcation,
-        "plane": maps.plane,
-        "lyapunov": maps.lyapunov_map if len(axes) == 2 else lines.lyapunov,
-        "basins": maps.basins,
+        "response": response,
+        "bifurcation": bifurcation,
+        "plane": plane,
+        "lyapunov": lyapunov_map if len(axes) == 2 else lyapunov,
+        "basins": basins,
     }
     with styled():
         return draw[kind](data)

@@ -29,9 +29,9 @@ from delam_fem.case.excitation import SweptMotion, swept_motion
 from delam_fem.case.sections import Lamina
 from delam_fem.engines.session import session_of
 from delam_fem.model import discretise
-from delam_fem.numerics.arrays import BoolArray, FloatArray
 from delam_fem.numerics.beams import ComplexArray, cantilever_roots
 from delam_fem.numerics.oscillator import driven, pole
+from delam_fem.numerics.types import BoolArray, FloatArray
 from delam_fem.simulation.loop import first_mode
 from delam_fem.studies import options
 from delam_fem.studies.findings import Finding, Report, Table
@@ -411,7 +411,7 @@ class Found(Finding):
     @property
     def report(self) -> Report:
         """What it says in files and on the terminal."""
-        from delam_fem.studies.identification.figures import resonance_figure
+        from delam_fem.studies.identification.identify import resonance_figure
 
         numbers = {}
         for lamina, one in zip(self.case.lamina, self.resonances, strict=True):

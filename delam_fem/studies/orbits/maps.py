@@ -31,9 +31,9 @@ from delam_fem.model import discretise
 from delam_fem.model.layout import Structure
 from delam_fem.model.linear import lowest
 from delam_fem.model.operators import Operators
-from delam_fem.numerics.arrays import FloatArray
 from delam_fem.numerics.schemes import Scheme
-from delam_fem.simulation.interrupts import CHECKPOINT_SECONDS
+from delam_fem.numerics.types import FloatArray
+from delam_fem.simulation.checkpoint import CHECKPOINT_SECONDS
 from delam_fem.simulation.loop import Engine, State, one_period, set_initial
 from delam_fem.simulation.recorder import N_BASE, PeriodRecord, Recorder
 from delam_fem.simulation.refinement import Span

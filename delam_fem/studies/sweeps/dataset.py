@@ -24,10 +24,9 @@ import numpy.typing as npt
 
 from delam_fem.case.files import save_case
 from delam_fem.model.layout import Layout
-from delam_fem.numerics.arrays import FloatArray, IntArray
-from delam_fem.results.provenance import occasion, origin
+from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.results.scan import ORDERS, scan_positions
-from delam_fem.results.schema import Variable
+from delam_fem.results.schema import Variable, occasion, origin
 from delam_fem.studies.sweeps.grid import DIRECTIONS, Dimension, Sweep
 from delam_fem.studies.sweeps.journal import OUTCOMES, Block, Joined, Journal, remove_journal
 from delam_fem.studies.sweeps.point import PointRunner
@@ -94,7 +93,7 @@ def _require_sweep(data: xr.Dataset) -> None:
     """Raise an error unless a dataset has what every result of a sweep has."""
     from delam_fem.case.definition import Case
     from delam_fem.results.schema import SENSOR
-    from delam_fem.studies.sweeps.file import SweepFile
+    from delam_fem.studies.sweeps.grid import SweepFile
     from delam_fem.studies.sweeps.quantities import VARIABLES
 
     Case.from_toml(data.attrs["case"])

@@ -36,8 +36,8 @@ from typing import Any, Self
 
 import numpy as np
 
-from delam_fem.numerics.arrays import BoolArray, FloatArray, IntArray
-from delam_fem.results.provenance import processor, versions
+from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
+from delam_fem.results.schema import processor, versions
 from delam_fem.simulation.loop import State
 from delam_fem.studies.sweeps.point import Done
 from delam_fem.studies.sweeps.schedule import WHOLE, Shard, named

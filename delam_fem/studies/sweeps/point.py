@@ -41,7 +41,7 @@ from delam_fem.engines.session import Session, initialise_petsc_alone, session_o
 from delam_fem.model import discretise
 from delam_fem.model.layout import Layout, Structure
 from delam_fem.model.operators import Operators
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.types import FloatArray
 from delam_fem.results.quality import OPEN, decay_of, enough_of, is_lost
 from delam_fem.simulation.loop import (
     Engine,
@@ -53,8 +53,7 @@ from delam_fem.simulation.loop import (
 )
 from delam_fem.simulation.recorder import Recorder
 from delam_fem.studies.linear import closed_motion
-from delam_fem.studies.sweeps.file import Value
-from delam_fem.studies.sweeps.grid import Sweep, is_initial
+from delam_fem.studies.sweeps.grid import Sweep, Value, is_initial
 from delam_fem.studies.sweeps.quantities import Quantity, quantities, row_of
 from delam_fem.system.errors import CaseError
 

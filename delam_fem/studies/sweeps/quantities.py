@@ -17,19 +17,19 @@ import numpy.typing as npt
 
 from delam_fem.case.definition import Case
 from delam_fem.model.layout import Layout, SensorRows, Structure, nodal
-from delam_fem.numerics.arrays import FloatArray, IntArray
 from delam_fem.numerics.harmonics import (
     distortion_factor,
     harmonic_amplitudes,
     harmonic_phases,
     total_harmonic_distortion,
 )
+from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.results import diagnostics, quality
 from delam_fem.results.scan import ORDERS, scan_field, scan_positions, shapes_of, surface_of
 from delam_fem.results.schema import SENSOR, Variable
 from delam_fem.simulation.recorder import LEDGER, N_BASE, Recorder
 from delam_fem.simulation.signals import Signal, signals
-from delam_fem.studies.sweeps.file import Record, ScanRecord
+from delam_fem.studies.sweeps.grid import Record, ScanRecord
 
 ENERGIES = tuple(name for name in LEDGER if name != "residual")
 """Columns of the ledger that a sweep keeps."""

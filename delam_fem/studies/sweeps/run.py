@@ -32,7 +32,7 @@ from delam_fem.engines.cost import (
 )
 from delam_fem.model.layout import Layout
 from delam_fem.results.pages.progress import reporting
-from delam_fem.simulation.interrupts import stop_signals
+from delam_fem.simulation.checkpoint import stop_signals
 from delam_fem.studies import executors
 from delam_fem.studies.executors import ExecutorName
 from delam_fem.studies.sweeps.dataset import (

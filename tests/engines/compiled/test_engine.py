@@ -29,7 +29,7 @@ from delam_fem.engines.compiled.system import Problem, StepNumbers, build
 from delam_fem.engines.session import engine_of, law_of, motion_of, scheme_of, span_of
 from delam_fem.model.beams import closed_form
 from delam_fem.model.operators import BaseCoupling, Operators
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.types import FloatArray
 from delam_fem.simulation.loop import State, set_initial, simulate
 from delam_fem.simulation.recorder import Recorder
 from delam_fem.simulation.refinement import Span

@@ -15,7 +15,7 @@ from delam_fem.engines.compiled.state import Memory, memory, packed, view_at
 from delam_fem.engines.compiled.system import StepNumbers, System, build
 from delam_fem.model.beams import closed_form
 from delam_fem.model.operators import Operators
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.types import FloatArray
 
 SCHEME = StepNumbers.moreau_jean(1e-4)
 SHAPES: list[dict[str, object]] = [

@@ -18,7 +18,7 @@ from delam_fem.case.files import preset
 from delam_fem.engines.session import law_of, scheme_of
 from delam_fem.engines.session import solve
 from delam_fem.model.beams import closed_form
-from delam_fem.model.distributed import DistributedOperators, matrix
+from delam_fem.model.operators import DistributedOperators, matrix
 from delam_fem.model.operators import BaseCoupling
 from delam_fem.case.excitation import drive
 from delam_fem.simulation.refinement import Refinement

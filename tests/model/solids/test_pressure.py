@@ -9,7 +9,7 @@ from delam_fem.model.solids.body import Body, Shape, Touching
 from delam_fem.model.solids.facing import at_places, at_vertices, project
 from delam_fem.model.solids.forms import Solid
 from delam_fem.model.solids.mesh import FACETS
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.types import FloatArray
 from delam_fem.system.mpi import MPI
 
 COUNTS = {

@@ -7,7 +7,7 @@ from synthetic import AMPLITUDES, FRAMES, NODES, PERIODS, WINDOW, small_case, sy
 
 import delam_fem as df
 from delam_fem.results.fields import derived
-from delam_fem.results.fields.ribbons import CORNERS, Ribbons
+from delam_fem.results.fields.pictures import CORNERS, Ribbons
 
 
 def test_curvature_of_a_parabola_is_constant_and_goes_with_the_moment() -> None:

@@ -16,7 +16,7 @@ from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline
 from vtkmodules.vtkIOHDF import vtkHDFReader
 
 from delam_fem import Case
-from delam_fem.results.fields import pictures, ribbons, vtkhdf
+from delam_fem.results.fields import pictures, vtkhdf
 
 FRAME = 7
 """Some frame without symmetry."""
@@ -31,7 +31,7 @@ def collection_of(history: xr.Dataset, case: Case, directory: Path) -> Path:
 
 def deformed(history: xr.Dataset, case: Case, frame: int) -> pv.UnstructuredGrid:
     """Return the deformed laminae as ParaView's "Warp by vector" makes them."""
-    grid = pv.wrap(ribbons.Ribbons.of(history, case).grid(frame))
+    grid = pv.wrap(pictures.Ribbons.of(history, case).grid(frame))
     return grid.warp_by_vector("displacement")
 
 
@@ -44,8 +44,8 @@ def test_fields_read_by_another_reader_give_the_last_period_back(tmp_path: Path)
     last = history.isel(frame=slice(-FRAMES, None))
     assert times == last["frame"].to_numpy().tolist()
     mesh = meshio.read(collection.parent / entries[FRAME].get("file"))
-    np.testing.assert_array_equal(mesh.points, ribbons.rest_points(history, case).reshape(-1, 3))
-    corners = (2, NODES, ribbons.CORNERS)
+    np.testing.assert_array_equal(mesh.points, pictures.rest_points(history, case).reshape(-1, 3))
+    corners = (2, NODES, pictures.CORNERS)
     at_frame = last.isel(frame=FRAME)
     for name in ("displacement", "velocity"):
         vectors = mesh.point_data[name].reshape(*corners, 3)
@@ -80,7 +80,7 @@ def test_vtk_s_reader_gives_every_frame_of_the_series_back(tmp_path: Path) -> No
     reader.UpdateInformation()
     times = reader.GetOutputInformation(0).Get(vtkStreamingDemandDrivenPipeline.TIME_STEPS())
     assert list(times) == history["frame"].to_numpy().tolist()
-    bodies = ribbons.Ribbons.of(history, case)
+    bodies = pictures.Ribbons.of(history, case)
     for frame in (0, FRAME, len(times) - 1):
         reader.UpdateTimeStep(times[frame])
         found, expected = pv.wrap(reader.GetOutput()), pv.wrap(bodies.grid(frame))
@@ -98,7 +98,7 @@ def test_a_series_is_written_in_blocks(tmp_path: Path, monkeypatch: pytest.Monke
     history = synthetic_history(case)
     whole = pictures.write_fields(history, case, tmp_path)[0].with_suffix(".whole")
     shutil.copyfile(tmp_path / "fields.vtkhdf", whole)
-    monkeypatch.setattr(vtkhdf, "POINTS_AT_ONCE", 3 * 2 * NODES * ribbons.CORNERS)
+    monkeypatch.setattr(vtkhdf, "POINTS_AT_ONCE", 3 * 2 * NODES * pictures.CORNERS)
     in_blocks, _ = pictures.write_fields(history, case, tmp_path)
     with h5py.File(whole) as one, h5py.File(in_blocks) as other:
         assert one["VTKHDF/PointData/velocity"].chunks != other["VTKHDF/PointData/velocity"].chunks
@@ -120,7 +120,7 @@ def test_ribbons_have_their_real_volume_and_no_inverted_cell() -> None:
 def test_faces_are_the_gap_apart_and_touch_where_it_is_zero() -> None:
     case = small_case()
     history = synthetic_history(case)
-    points = deformed(history, case, FRAME).points.reshape(2, NODES, ribbons.CORNERS, 3)
+    points = deformed(history, case, FRAME).points.reshape(2, NODES, pictures.CORNERS, 3)
     u = history["displacement"].to_numpy()[:, FRAME]
     gap = history["gap0"].to_numpy() + u[1] - u[0]
     between = points[1, :, :, 1].min(axis=-1) - points[0, :, :, 1].max(axis=-1)
@@ -215,10 +215,10 @@ def test_fields_of_three_laminae_are_read_back(tmp_path: Path) -> None:
     reader.set_active_time_point(2)
     block = reader.read()[0]
     assert block.n_cells == 3 * (NODES - 1)
-    assert block.n_points == 3 * NODES * ribbons.CORNERS
+    assert block.n_points == 3 * NODES * pictures.CORNERS
     assert np.unique(block.cell_data["lamina"], return_counts=True)[1].tolist() == [NODES - 1] * 3
     assert block.cell_data["lamina"].tolist() == sorted(block.cell_data["lamina"].tolist())
-    corners = (3, NODES, ribbons.CORNERS)
+    corners = (3, NODES, pictures.CORNERS)
     state = block.point_data["contact_state"].reshape(corners)[..., 0]
     # node 2 is hit on the lower interface and rests on the upper one
     assert state[:, 2].tolist() == [1, 2, 2]
@@ -238,11 +238,11 @@ def test_faces_of_three_laminae_are_their_gaps_apart() -> None:
     recorded = three_laminae()
     history = recorded.history()
     points = deformed(history, recorded.case, FRAME).points
-    y = points.reshape(3, NODES, ribbons.CORNERS, 3)[..., 1]
+    y = points.reshape(3, NODES, pictures.CORNERS, 3)[..., 1]
     u = history["displacement"].to_numpy()[:, FRAME]
     gaps = stack.GAPS[:, None] * stack.shape(history["x"].to_numpy()) + np.diff(u, axis=0)
     np.testing.assert_allclose(y[1:].min(axis=-1) - y[:-1].max(axis=-1), gaps, atol=1e-15)
-    rest = ribbons.rest_points(history, recorded.case)[..., 1]
+    rest = pictures.rest_points(history, recorded.case)[..., 1]
     assert (rest[0].max(axis=-1) == 0.0).all()
     np.testing.assert_allclose(np.ptp(y, axis=-1)[:, 3], [0.002, 0.001, 0.0015])
 

@@ -10,7 +10,7 @@ from synthetic import FRAMES, NODES, PERIODS, WINDOW, small_case, synthetic_hist
 
 from delam_fem.case.sections import Support
 from delam_fem.results.fields.derived import contact_lights
-from delam_fem.results.fields.ribbons import middle_lines
+from delam_fem.results.fields.pictures import middle_lines
 from delam_fem.results.pages import report as films
 from delam_fem.results.pages.report import film
 

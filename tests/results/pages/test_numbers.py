@@ -1,4 +1,4 @@
-from delam_fem.results.pages import verdict
+from delam_fem.results.pages import report
 
 
 def test_numbers_have_the_units_of_the_figures() -> None:
@@ -7,7 +7,7 @@ def test_numbers_have_the_units_of_the_figures() -> None:
         "thd": [0.0824, 0.198], "strobe_scatter": None, "impact_energy_gain": 2.5e-6,
         "wall_seconds": 3.0, "unread_keys": [], "warnings": ["elsewhere"], "new_entry": 7,
     }  # fmt: skip
-    found = {name: (value, meaning) for name, value, meaning in verdict.rows(summary, ["a", "b"])}
+    found = {name: (value, meaning) for name, value, meaning in report.rows(summary, ["a", "b"])}
     values = {name: value for name, (value, _) in found.items()}
     assert values == {
         "tip min": "a −22.56, b 2.7\u00a0mm", "minimum tip gap": "−0.2774\u00a0mm",
@@ -20,5 +20,5 @@ def test_numbers_have_the_units_of_the_figures() -> None:
 
 
 def test_entries_that_are_not_of_the_laminae_have_no_names() -> None:
-    (row,) = verdict.rows({"unread_keys": ["contact.a", "contact.b"]}, ["thick", "thin"])
+    (row,) = report.rows({"unread_keys": ["contact.a", "contact.b"]}, ["thick", "thin"])
     assert row[1] == "contact.a, contact.b"

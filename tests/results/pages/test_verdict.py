@@ -10,7 +10,7 @@ from synthetic import PERIODS, STEPS, SWEEP, WINDOW, small_case, synthetic_histo
 
 from delam_fem import Case
 from delam_fem.results import diagnostics
-from delam_fem.results.pages.verdict import sentence
+from delam_fem.results.pages.report import sentence
 
 
 def struck(lower: float, upper: float) -> xr.Dataset:

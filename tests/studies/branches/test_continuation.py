@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from toys import DelayedLogistic, Henon, Toy
 
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.types import FloatArray
 from delam_fem.studies.branches.continuation import (
     Path,
     Point,
     doubled_point,
+    events_of,
     first_point,
     followed,
     why_lost,
 )
-from delam_fem.studies.branches.events import events_of
 from delam_fem.studies.orbits.newton import Ensemble, Perturbations
 
 FINE = Perturbations(copies=8, size=1e-6, kick=1e-4)

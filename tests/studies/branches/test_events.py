@@ -9,9 +9,16 @@ import numpy as np
 import pytest
 from toys import Cubic, DelayedLogistic, Toy
 
-from delam_fem.numerics.arrays import FloatArray
-from delam_fem.studies.branches.continuation import Path, first_point, followed
-from delam_fem.studies.branches.events import Event, crossings, events_of, turns
+from delam_fem.numerics.types import FloatArray
+from delam_fem.studies.branches.continuation import (
+    Event,
+    Path,
+    crossings,
+    events_of,
+    first_point,
+    followed,
+    turns,
+)
 from delam_fem.studies.orbits.newton import Ensemble, Perturbations
 
 KICK = 0.1

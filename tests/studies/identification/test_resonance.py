@@ -4,7 +4,7 @@ from calibration.resonance import Rig, tip
 
 from delam_fem.case.excitation import SweptMotion
 from delam_fem.case.files import preset
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.types import FloatArray
 from delam_fem.studies.identification.resonance import Resonance, fit
 from delam_fem.system.errors import CaseError
 

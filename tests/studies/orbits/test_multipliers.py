@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from delam_fem.studies.orbits.multipliers import by_modulus, matched, multipliers
+from delam_fem.studies.orbits.search import by_modulus, matched, multipliers
 
 ROTATION = np.array([[0.4, -0.6], [0.6, 0.4]])
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import delam_fem as df
-from delam_fem.numerics.arrays import FloatArray
+from delam_fem.numerics.types import FloatArray
 from delam_fem.studies.orbits.maps import Nature, Passage, Slow
 from delam_fem.studies.orbits.newton import shoot
 from delam_fem.studies.reduced import ReducedMap

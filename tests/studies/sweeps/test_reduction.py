@@ -13,7 +13,7 @@ from synthetic import WINDOW
 from delam_fem.model.layout import Structure
 from delam_fem.results import diagnostics
 from delam_fem.simulation.recorder import N_BASE
-from delam_fem.studies.sweeps.file import Record
+from delam_fem.studies.sweeps.grid import Record
 from delam_fem.studies.sweeps.quantities import VARIABLES, probe_motion, quantities, row_of
 
 RECORD = Record(
