@@ -26,19 +26,10 @@ from delam_fem.case.sections import Model
 from delam_fem.contact.laws import combination
 from delam_fem.model.beams.network import gap_at_rest, n_rigid
 from delam_fem.model.discretise import assemble
-from delam_fem.model.layout import (
-    Interface,
-    Layout,
-    Part,
-    Probe,
-    Reading,
-    StrainRows,
-    Structure,
-    Support,
-    with_sensors,
-)
+from delam_fem.model.layout import Interface, Layout, Part, Probe, Reading, Structure, Support
 from delam_fem.model.modal import Basis, basis_of, projected
 from delam_fem.model.operators import BaseCoupling, Operators
+from delam_fem.model.sensors import StrainRows, with_sensors
 from delam_fem.numerics.types import FloatArray
 from delam_fem.system.errors import CaseError
 from delam_fem.system.files import read_arrays, write_arrays

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numba
+from llvmlite.binding import Linkage
 from numba import types
 from numba.core import caching
 from numba.core.codegen import JITCodeLibrary
@@ -56,6 +57,32 @@ class _Inner(Compiler):  # type: ignore[misc]
         self.state.targetctx.get_executable = lambda *_: partial(self.state.func_id.func)
 
 
+class _KeptLibrary(JITCodeLibrary):  # type: ignore[misc]
+    """Code of a function that Python calls, with all that it calls; no other code finds the latter.
+
+    Numba names a function by its number within the process that compiled it. Files from two
+    processes may hold different functions of one name, and the first that is loaded would serve
+    the callers of both.
+    """
+
+    def _optimize_final_module(self) -> None:
+        """Hide what has been linked in, before it is optimised."""
+        for function in self._final_module.functions:
+            if function.linkage == Linkage.linkonce_odr:
+                function.linkage = "internal"
+        super()._optimize_final_module()
+
+
+class _Outermost(Compiler):  # type: ignore[misc]
+    """Compile a function that Python calls."""
+
+    def __init__(self, typing: Any, target: Any, library: Any, *others: Any) -> None:
+        """Start with a library of our own, whose machine code may be kept."""
+        library = _KeptLibrary(target.codegen(), "kept")
+        library.enable_object_caching()
+        super().__init__(typing, target, library, *others)
+
+
 def njit(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     """Compile a function that compiled code calls: its machine code is part of the caller's.
 
@@ -90,7 +117,7 @@ def kept(function: Callable[..., Any] | None = None, *, what: str = "", **option
     """
 
     def compiled(function: Any) -> Any:
-        dispatcher = numba.njit(**options)(function)
+        dispatcher = numba.njit(pipeline_class=_Outermost, **options)(function)
         if hasattr(dispatcher, "enable_caching"):  # not where NUMBA_DISABLE_JIT is set
             dispatcher._cache = _SealedCache(function, what)
         return dispatcher

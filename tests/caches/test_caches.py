@@ -287,5 +287,45 @@ def test_only_the_outermost_function_becomes_machine_code(
         return lowered(x) + tripled(x)
 
     assert outermost(2.0) == 11.0
-    assert [name for name in compiled if name != "nrt"] == ["outermost"]  # nrt: Numba's own
+    assert [name for name in compiled if name != "nrt"] == ["kept"]  # nrt: Numba's own
     assert lowered(2.0) == lowered(2.0) == 5.0  # Python's own code runs
+
+
+NAMESAKES = """
+import sys
+from delam_fem.system.kernels import kept, njit
+
+
+def times(factor):
+    @njit
+    def repeated(n):  # recursive, so that no caller contains it
+        return 0.0 if n == 0 else factor + repeated(n - 1)
+
+    return repeated
+
+
+one, two = times(1.0), times(2.0)
+
+
+@kept
+def first(n):
+    return one(n)
+
+
+@kept
+def second(n):
+    return two(n)
+
+
+print(*(globals()[name](3) for name in sys.argv[1:]))
+"""
+
+
+def test_functions_of_one_name_in_two_files_stay_apart(tmp_path: Path) -> None:
+    """Two processes count their functions alike; a third one loads the code of both."""
+    program = tmp_path / "namesakes.py"
+    program.write_text(NAMESAKES)
+    alone = [python(program, name, cwd=tmp_path).stdout for name in ("first", "second")]
+    assert alone == ["3.0\n", "6.0\n"]
+    assert python(program, "first", "second", cwd=tmp_path).stdout == "3.0 6.0\n"
+    assert python(program, "second", "first", cwd=tmp_path).stdout == "6.0 3.0\n"

@@ -56,7 +56,6 @@ from delam_fem.model.layout import (
     Layout,
     Part,
     Probe,
-    StrainRows,
     Structure,
     Support,
     cells_at,
@@ -67,10 +66,10 @@ from delam_fem.model.layout import (
     place_of,
     probe_rows,
     tributary_lengths,
-    with_sensors,
 )
 from delam_fem.model.linear import kept_closed, lowest
 from delam_fem.model.operators import BaseCoupling, Operators
+from delam_fem.model.sensors import StrainRows, with_sensors
 from delam_fem.numerics import oscillator
 from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.errors import CaseError

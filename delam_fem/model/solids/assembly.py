@@ -26,7 +26,6 @@ from delam_fem.model.layout import (
     Part,
     Probe,
     Reading,
-    StrainRows,
     Structure,
     Support,
     columns_of,
@@ -35,6 +34,7 @@ from delam_fem.model.layout import (
 )
 from delam_fem.model.mesh import node_coordinates
 from delam_fem.model.operators import BaseCoupling, DistributedOperators, Operators
+from delam_fem.model.sensors import StrainRows
 from delam_fem.model.solids import facing
 from delam_fem.model.solids.body import (
     Body,
