@@ -8,6 +8,7 @@ import pytest
 
 from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
+from delam_fem.results.folder import json_ready
 from delam_fem.results.scan import shapes_of
 from delam_fem.studies.detection.detect import detect, intact, per_sample, per_shape, simulated
 from delam_fem.studies.detection.indices import mark
@@ -68,7 +69,8 @@ def test_intact_beams_are_called_at_most_in_5_percent() -> None:
 
 def test_what_is_written(tmp_path: Path) -> None:
     found = detect(embedded(80.0), repetitions=20)
-    numbers = json.loads(found.save(tmp_path).read_text("utf-8"))
+    found.save(tmp_path)
+    numbers = json.loads((tmp_path / "detection.json").read_text("utf-8"))
     assert {"frequency", "index", "start", "end", "detected", "intact_called"} <= set(numbers)
     assert (numbers["frequency"], numbers["index"]) == (80.0, "curvature")
     assert (numbers["start"], numbers["end"]) == (0.12, 0.28)
@@ -78,7 +80,7 @@ def test_what_is_written(tmp_path: Path) -> None:
 
 def test_a_beam_without_delamination_is_not_called() -> None:
     found = detect(intact(embedded(80.0)), repetitions=50)
-    numbers = found.numbers
+    numbers = json_ready(found.numbers)
     assert (numbers["detected"], numbers["start"], numbers["contrast"]) == (False, None, None)
     assert found.repeated.calls <= 0.06
 

@@ -32,7 +32,8 @@ def test_a_short_delamination_needs_a_high_frequency_and_little_noise(tmp_path: 
     hidden = short(tmp_path, 20.0)
     assert hidden.recommended is None
     assert hidden.reason.startswith("No excitation is called in 90 %")
-    numbers = json.loads(found.save(tmp_path).read_text("utf-8"))
+    found.save(tmp_path)
+    numbers = json.loads((tmp_path / "excitation.json").read_text("utf-8"))
     assert numbers["recommended_frequency"] == 360.0
     assert numbers["ratio"] == [None]
     assert numbers["error"][0][0] is None

@@ -78,8 +78,8 @@ def test_a_small_study(tmp_path: Path) -> None:
     assert not trials(found, -40.0).hit.any()
     study = pod(case, found, (40.0,))
     assert study.recommended == {("clamped", 40.0): 250.0}
-    assert study.rows[0][:3] == ("clamped", "40", "250")
-    assert study.save(tmp_path).is_file()
+    assert tuple(study.report.tables[0].rows[0][:3]) == ("clamped", "40", "250")
+    assert all(path.is_file() for path in study.save(tmp_path))
     again = population(case, specimens, tmp_path, "serial", resume=True)
     np.testing.assert_array_equal(again.values, found.values)
 
