@@ -414,8 +414,12 @@ def session(
         comm: communicator that shares the work of "petsc"; None: this process alone.
 
     Raises:
-        CaseError: see `engine_of`.
+        CaseError: the initial state has another shape; see also `engine_of`.
     """
+    if initial is not None:
+        for name, shape in (("motion", (3, operators.n_dofs)), ("resting", (operators.n_pairs,))):
+            given = getattr(initial, name).shape
+            require(given == shape, f"initial.{name}", f"the shape {shape}", given)
     computing = engine_of(
         operators, law, scheme, span.time_step, refinement=span.refinement, name=engine, comm=comm
     )
