@@ -11,7 +11,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from logging.handlers import QueueHandler, QueueListener
 from multiprocessing.context import SpawnContext, SpawnProcess
 from typing import Any, Literal, ParamSpec, TypeVar
@@ -253,7 +253,8 @@ def _abandon(executor: Executor) -> set[int]:
     for process in processes:
         process.kill()
     if calls is not None:
-        calls._reader.close()  # Python up to 3.11.4 would wait for a reader of a full pipe
+        with suppress(OSError):  # the thread that feeds the pipe may be closing it as well
+            calls._reader.close()  # Python up to 3.11.4 would wait for a reader of a full pipe
     return statuses
 
 
