@@ -257,6 +257,22 @@ def test_no_private_name_of_dolfinx_is_used() -> None:
     assert {pair for pair in names if re.search(r"(?<!_)dolfinx\.(_(?!_)|cpp\b)", pair[1])} == set()
 
 
+def builds_dynamic_stiffness(node: ast.AST) -> bool:
+    """Say whether code is a sum of terms, one with iω and one with -ω²."""
+    if not (isinstance(node, ast.BinOp) and isinstance(node.op, ast.Sub)):
+        return False
+    parts = [list(ast.walk(part)) for part in (node.left, node.right)]
+    is_damped = any(isinstance(n, ast.Constant) and isinstance(n.value, complex) for n in parts[0])
+    return is_damped and any(
+        isinstance(n, ast.BinOp) and isinstance(n.op, ast.Pow) for n in parts[1]
+    )
+
+
+def test_one_module_builds_the_dynamic_stiffness() -> None:
+    builders = {m for m in SOURCES if any(map(builds_dynamic_stiffness, nodes(m)))}
+    assert builders == {"model.linear"}
+
+
 def test_nothing_is_printed() -> None:
     assert [at(m, call) for m in SOURCES for call, name in calls(m) if name == "print"] == []
 

@@ -303,6 +303,12 @@ class Case(Section):
         return self.support == Support() and len(open_everywhere) == len(self.lamina) - 1
 
     @property
+    def n_rigid(self) -> int:
+        """Number of rigid motions that the supports leave to a stack kept closed."""
+        kinds = (self.support.start, self.support.end)
+        return 0 if "clamped" in kinds else 2 - kinds.count("pinned")
+
+    @property
     def unread(self) -> tuple[str, ...]:
         """Keys that the case sets although a run does not use them, as overrides name them."""
         read = self._read_contact_keys

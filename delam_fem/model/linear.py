@@ -1,8 +1,12 @@
-"""Linear vibrations of a structure, and the stability limit of central differences."""
+"""Compute linear vibrations: modes, steady response, decay, the limit of central differences.
+
+This is the only module that builds the dynamic stiffness K + iωC - ω²M.
+"""
 
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.linalg
@@ -12,8 +16,12 @@ from scipy.sparse.linalg import eigsh, splu
 
 from delam_fem.model.layout import Layout, Structure
 from delam_fem.model.operators import Operators
+from delam_fem.numerics.beams import ComplexArray
 from delam_fem.numerics.types import FloatArray
 from delam_fem.system.errors import CaseError
+
+if TYPE_CHECKING:
+    from delam_fem.case.definition import Case
 
 DECAYING = 12
 """Number of lowest modes among which the slowest decay is looked for."""
@@ -48,6 +56,91 @@ def lowest(
         order = np.argsort(squares)
         omega, vectors = np.sqrt(np.maximum(squares[order], 0.0)), vectors[:, order]
     return omega / (2.0 * np.pi), vectors
+
+
+_ITERATIONS = 12
+"""Number of inverse iterations; each divides the share of mode 2 by (ω2/ω1)² = 39."""
+
+
+def first_mode(structure: Structure, number: int) -> FloatArray:
+    """Return the first mode of one part, while all other parts stay straight.
+
+    The mode follows from the inverse iteration v <- K⁻¹ M v.
+
+    Args:
+        structure: the discretised structure.
+        number: number of the part; the probe with the same number scales the mode.
+
+    Returns:
+        Mode in all free dofs, 1 at the probe, shape (n,) [-, 1/m].
+    """
+    operators = structure.operators
+    own = structure.layout.own_dofs(number)
+    K, M = (matrix[own][:, own] for matrix in (operators.stiffness, operators.mass))
+    probe = operators.probes[number, own]
+    solve = splu(K.tocsc()).solve
+    shape = np.ones(own.size)
+    for _ in range(_ITERATIONS):
+        shape = solve(M @ shape)
+        shape /= (probe @ shape)[0]
+    mode = np.zeros(operators.n_dofs)
+    mode[own] = shape
+    return mode
+
+
+def first_shapes(case: Case, structure: Structure) -> FloatArray:
+    """Return a displacement of all dofs in which every lamina vibrates in its first mode.
+
+    Shape (n_dofs,).
+    """
+    if case.is_apart:
+        n = len(structure.layout.parts)
+        return np.asarray(np.sum([first_mode(structure, i) for i in range(n)], axis=0))
+    rigid, o = case.n_rigid, structure.operators
+    _, vectors = lowest(o.stiffness, o.mass, rigid + 1, is_floating=rigid > 0)
+    shape = vectors[:, rigid]
+    return np.asarray(shape / np.abs(o.probes @ shape).max())
+
+
+def openings(case: Case, structure: Structure) -> FloatArray:
+    """Return by how much the first mode opens each contact pair, shape (n_pairs,).
+
+    Laminae that are apart move against one another, each in its first mode φ₁ with 1 at the tip;
+    the opening is the mean of both. A bonded stack moves as in `first_shapes`.
+    """
+    if case.is_apart:
+        n = len(structure.layout.parts)
+        shape = np.sum([0.5 * (-1.0) ** i * first_mode(structure, i) for i in range(n)], axis=0)
+    else:
+        shape = first_shapes(case, structure)
+    return np.asarray(np.abs(structure.operators.gap_matrix @ shape))
+
+
+def response(
+    operators: Operators, frequency: float, S: sp.csr_matrix | None = None
+) -> ComplexArray:
+    """Return the steady motion U of all dofs without contact, per unit of the drive, shape (n,).
+
+    (K + iωC - ω²M) U = -(k_b + iω c_b - ω² m_b),   u = Im(U exp(iωt)),  q = Im(exp(iωt))
+
+    Args:
+        operators: the semi-discrete problem.
+        frequency: of the drive [Hz].
+        S: the motions that are left, u = S w (`keeping_closed`), shape (n, m); None: all.
+    """
+    o, omega = operators, 2.0 * math.pi * frequency
+    load = -(o.base.stiffness + 1j * omega * o.base.damping - omega**2 * o.base.mass)
+    M, C, K = o.mass, o.damping, o.stiffness
+    if S is not None:
+        M, C, K, load = S.T @ M @ S, S.T @ C @ S, S.T @ K @ S, S.T @ load
+    U = splu(sp.csc_matrix(K + 1j * omega * C - omega**2 * M)).solve(load)
+    return np.asarray(U if S is None else S @ U)
+
+
+def at_start(U: ComplexArray, frequency: float) -> FloatArray:
+    """Return u, v, a of u = Im(U exp(iωt)) at t = 0, shape (3, n) [m, m/s, m/s2]."""
+    omega = 2.0 * math.pi * frequency
+    return np.stack([U.imag, omega * U.real, -(omega**2) * U.imag])
 
 
 def slowest_decay(operators: Operators, *, is_floating: bool = False) -> float:

@@ -24,7 +24,7 @@ from delam_fem.case.definition import Case
 from delam_fem.case.files import save_case
 from delam_fem.case.sections import Model
 from delam_fem.contact.laws import combination
-from delam_fem.model.beams.network import gap_at_rest, n_rigid
+from delam_fem.model.beams.network import gap_at_rest
 from delam_fem.model.discretise import assemble
 from delam_fem.model.layout import Interface, Layout, Part, Probe, Reading, Structure, Support
 from delam_fem.model.modal import Basis, basis_of, projected
@@ -388,14 +388,13 @@ def reduced_case(
     if modes < 1:
         raise CaseError(f"modes: expected at least 1, given {modes}")
     require_coupled(case)
-    is_floating = not case.is_apart and n_rigid(case) > 0
     slowest = min(float(own.angular_frequencies(1)[0]) for own in case.lamina)
     begin = time.perf_counter()
     full = assemble(case) if full is None else full
     assembled = time.perf_counter()
     try:
         basis = basis_of(
-            full.operators, modes, shift=slowest**2 if is_floating else 0.0, most=coordinates
+            full.operators, modes, shift=slowest**2 if case.n_rigid else 0.0, most=coordinates
         )
     except ValueError as error:
         raise CaseError(str(error)) from None

@@ -15,12 +15,12 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import eigsh
 
 from delam_fem.case.sections import Lamina
 from delam_fem.contact.laws import Law
 from delam_fem.engines.session import ImpactTable, Solution, solve
 from delam_fem.model.beams import closed_form
+from delam_fem.model.linear import lowest
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.beams import StruckBeam, peak_end
 from delam_fem.numerics.schemes import SCHEMES, Scheme
@@ -711,11 +711,11 @@ def _first_mode(operators: Operators) -> FloatArray:
 
     The squares of their products with u and v are the energies in the mode.
     """
-    square, mode = eigsh(
-        operators.stiffness.tocsc(), k=1, M=operators.mass.tocsc(), sigma=0.0, which="LM"
-    )
-    projection = np.sqrt(0.5) * (operators.mass @ mode[:, 0])
-    return np.array([np.sqrt(square[0]) * projection, projection])
+    M = operators.mass
+    (frequency,), vectors = lowest(operators.stiffness, M, 1)
+    mode = vectors[:, 0]
+    projection = np.sqrt(0.5) * (M @ mode) / np.sqrt(mode @ M @ mode)
+    return np.array([2.0 * np.pi * frequency * projection, projection])
 
 
 def _motion(

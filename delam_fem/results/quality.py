@@ -20,7 +20,6 @@ import xarray as xr
 from delam_fem.case.definition import Case
 from delam_fem.case.sections import Mesh
 from delam_fem.model.beams import closed_form
-from delam_fem.model.beams.network import n_rigid
 from delam_fem.model.layout import Structure
 from delam_fem.model.linear import slowest_decay
 from delam_fem.model.mesh import NODE_TOLERANCE
@@ -81,11 +80,10 @@ def decay_of(case: Case, structure: Structure) -> float:
     Solids have the damping of the beams of the same case, and frequencies close to theirs; the
     modes of the beams are found in no time and on any number of ranks.
     """
-    is_floating = not case.is_apart and n_rigid(case) > 0
     if case.model.is_continuum:
         mesh = case.mesh if case.mesh.file is None else Mesh(elements=BEAM_CELLS)
         structure = closed_form.assemble(case.model_copy(update={"mesh": mesh, "sensor": ()}))
-    return slowest_decay(structure.operators, is_floating=is_floating)
+    return slowest_decay(structure.operators, is_floating=case.n_rigid > 0)
 
 
 def enough_of(case: Case, recorder: Recorder, n_parts: int, decay: float) -> Callable[[int], bool]:

@@ -14,10 +14,10 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal, Protocol
 
 import numpy as np
-from scipy.sparse.linalg import splu
 
 from delam_fem.contact.laws import Decision, Kinematics, Supervisor
 from delam_fem.model.layout import Structure
+from delam_fem.model.linear import first_mode
 from delam_fem.numerics.types import BoolArray, FloatArray
 from delam_fem.simulation.recorder import PeriodRecord, Recorder, Stepper
 from delam_fem.system.errors import require
@@ -314,36 +314,6 @@ def _blocks(
             last, after = last + 1, None
         yield base_states, last
         first = last
-
-
-_ITERATIONS = 12
-"""Number of inverse iterations; each divides the share of mode 2 by (ω2/ω1)² = 39."""
-
-
-def first_mode(structure: Structure, number: int) -> FloatArray:
-    """Return the first mode of one part, while all other parts stay straight.
-
-    The mode follows from the inverse iteration v <- K⁻¹ M v.
-
-    Args:
-        structure: the discretised structure.
-        number: number of the part; the probe with the same number scales the mode.
-
-    Returns:
-        Mode in all free dofs, 1 at the probe, shape (n,) [-, 1/m].
-    """
-    operators = structure.operators
-    own = structure.layout.own_dofs(number)
-    K, M = (matrix[own][:, own] for matrix in (operators.stiffness, operators.mass))
-    probe = operators.probes[number, own]
-    solve = splu(K.tocsc()).solve
-    shape = np.ones(own.size)
-    for _ in range(_ITERATIONS):
-        shape = solve(M @ shape)
-        shape /= (probe @ shape)[0]
-    mode = np.zeros(operators.n_dofs)
-    mode[own] = shape
-    return mode
 
 
 def initial_state(

@@ -6,19 +6,15 @@ import math
 from functools import lru_cache
 
 import numpy as np
-import scipy.sparse as sp
-from scipy.sparse.linalg import splu
 
 from delam_fem.case.definition import Case
 from delam_fem.case.drive import Excitation, ForceExcitation, HarmonicExcitation
 from delam_fem.model import discretise
 from delam_fem.model.beams import closed_form
-from delam_fem.model.beams.network import n_rigid
 from delam_fem.model.layout import Structure
-from delam_fem.model.linear import keeping_closed, lowest
-from delam_fem.numerics.beams import ComplexArray
+from delam_fem.model.linear import at_start, keeping_closed, lowest, response
 from delam_fem.numerics.types import FloatArray
-from delam_fem.simulation.loop import State, first_mode
+from delam_fem.simulation.loop import State
 
 FINE = 320
 """Elements of the mesh whose motion stands for the exact one of a bonded stack."""
@@ -44,41 +40,29 @@ def linear_amplitudes(case: Case, frequency: FloatArray) -> FloatArray:
     o = _fine(case.to_toml()).operators
     found = np.empty((n, frequency.size))
     for k, f in enumerate(frequency.tolist()):
-        omega = 2.0 * math.pi * f
-        load = -(o.base.stiffness + 1j * omega * o.base.damping - omega**2 * o.base.mass)
-        dynamic = o.stiffness + 1j * omega * o.damping - omega**2 * o.mass
-        per_unit = np.abs((o.probes @ splu(sp.csc_matrix(dynamic)).solve(load))[:n])
-        found[:, k] = _size(given, f) * per_unit
+        found[:, k] = _size(given, f) * np.abs((o.probes @ response(o, f))[:n])
     return found
 
 
-def closed_motion(case: Case, structure: Structure) -> State | None:
-    """Return the state at t = 0 of the steady motion with delaminations kept as they are at rest.
+def steady_motion(case: Case, structure: Structure, *, is_closed: bool = True) -> State | None:
+    """Return the state at t = 0 of the steady motion without clapping, which is linear.
 
-    It is linear. A motion with contact that starts from it settles far sooner than from rest. None
-    if the excitation is not harmonic, or the laminae are cantilevers of their own.
+    A motion with contact that starts from that of closed delaminations settles far sooner than from
+    rest. None if the excitation is not harmonic, or nothing could be kept closed, as the laminae
+    are cantilevers of their own.
 
     Args:
         case: the case.
         structure: the discretised case.
+        is_closed: whether delaminations are kept as they are at rest; laminae pass through one
+            another otherwise.
     """
     given = case.excitation
-    if case.is_apart or not given.is_periodic:
+    if (is_closed and case.is_apart) or not given.is_periodic:
         return None
     o, f = structure.operators, given.top_frequency
-    omega = 2.0 * math.pi * f
-    U = _size(given, f) * closed_response(structure, f)  # u = Im(U exp(iωt)), as the base
-    motion = np.stack([U.imag, omega * U.real, -(omega**2) * U.imag])
-    return State(motion, np.zeros(o.n_pairs, dtype=np.bool_))
-
-
-def closed_response(structure: Structure, frequency: float) -> ComplexArray:
-    """Return the motion with delaminations kept closed, per unit of the drive, shape (n_dofs,)."""
-    o, S, omega = structure.operators, keeping_closed(structure), 2.0 * math.pi * frequency
-    M, C, K = (S.T @ matrix @ S for matrix in (o.mass, o.damping, o.stiffness))
-    load = -(o.base.stiffness + 1j * omega * o.base.damping - omega**2 * o.base.mass)
-    dynamic = sp.csc_matrix(K + 1j * omega * C - omega**2 * M)
-    return np.asarray(S @ splu(dynamic).solve(S.T @ load))
+    U = _size(given, f) * response(o, f, keeping_closed(structure) if is_closed else None)
+    return State(at_start(U, f), np.zeros(o.n_pairs, dtype=np.bool_))
 
 
 def _is_exact(case: Case) -> bool:
@@ -100,40 +84,9 @@ def first_frequencies(case: Case) -> list[float]:
     """
     if _is_exact(case):
         return [float(lamina.angular_frequencies(1)[0]) for lamina in case.lamina]
-    fine = _fine(case.to_toml())
-    rigid = n_rigid(case)
-    found, _ = lowest(
-        fine.operators.stiffness, fine.operators.mass, rigid + 1, is_floating=rigid > 0
-    )
+    rigid, o = case.n_rigid, _fine(case.to_toml()).operators
+    found, _ = lowest(o.stiffness, o.mass, rigid + 1, is_floating=rigid > 0)
     return [2.0 * math.pi * float(found[rigid])] * len(case.lamina)
-
-
-def first_shapes(case: Case, structure: Structure) -> FloatArray:
-    """Return a displacement of all dofs in which every lamina vibrates in its first mode.
-
-    Shape (n_dofs,).
-    """
-    if case.is_apart:
-        n = len(structure.layout.parts)
-        return np.asarray(np.sum([first_mode(structure, i) for i in range(n)], axis=0))
-    rigid, o = n_rigid(case), structure.operators
-    _, vectors = lowest(o.stiffness, o.mass, rigid + 1, is_floating=rigid > 0)
-    shape = vectors[:, rigid]
-    return np.asarray(shape / np.abs(o.probes @ shape).max())
-
-
-def openings(case: Case, structure: Structure) -> FloatArray:
-    """Return by how much the first mode opens each contact pair, shape (n_pairs,).
-
-    Laminae that are apart move against one another, each in its first mode φ₁ with 1 at the tip;
-    the opening is the mean of both. A bonded stack moves as in `first_shapes`.
-    """
-    if case.is_apart:
-        n = len(structure.layout.parts)
-        shape = np.sum([0.5 * (-1.0) ** i * first_mode(structure, i) for i in range(n)], axis=0)
-    else:
-        shape = first_shapes(case, structure)
-    return np.asarray(np.abs(structure.operators.gap_matrix @ shape))
 
 
 @lru_cache(maxsize=4)

@@ -20,7 +20,6 @@ from matplotlib.figure import Figure
 from delam_fem.case.definition import Case
 from delam_fem.case.files import CaseSource, find_case
 from delam_fem.model import discretise
-from delam_fem.model.beams.network import n_rigid
 from delam_fem.model.layout import Structure, nodal
 from delam_fem.model.linear import keeping_closed, lowest
 from delam_fem.numerics.beams import cantilever_mode
@@ -187,12 +186,11 @@ def structure_modes(
     most = S["closed"].shape[1]
     if not 1 <= n <= most:
         raise CaseError(f"number of modes: expected 1 to {most}, given {n}")
-    is_floating = not case.is_apart and n_rigid(case) > 0
     found = {}
     for name, matrix in S.items():
         count = n if name == kind else min(n + _MORE, matrix.shape[1])
         K, M = (matrix.T @ m @ matrix for m in (o.stiffness, o.mass))
-        frequencies, vectors = lowest(K, M, count, is_floating=is_floating)
+        frequencies, vectors = lowest(K, M, count, is_floating=case.n_rigid > 0)
         found[name] = frequencies, matrix @ vectors
     frequencies, vectors = found[kind]
     other_frequencies, other = found["closed" if kind == "free" else "free"]

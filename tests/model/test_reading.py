@@ -7,9 +7,8 @@ import scipy.sparse as sp
 from delam_fem.case.files import preset
 from delam_fem.model.beams import closed_form
 from delam_fem.model.layout import BASE, Layout, Reading, Structure, nodal
-from delam_fem.model.linear import keeping_closed, kept_closed
+from delam_fem.model.linear import first_mode, keeping_closed, kept_closed
 from delam_fem.model.sensors import with_sensors
-from delam_fem.simulation.loop import first_mode
 
 CASE = preset("default", {"mesh.elements": 6}).with_overrides({"contact.points_per_element": 2})
 

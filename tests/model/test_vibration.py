@@ -1,12 +1,14 @@
 """The slowest decay of a structure beside that of exact cantilevers and of single masses."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 import scipy.sparse as sp
 
 import delam_fem as df
 from delam_fem.model.beams import closed_form
-from delam_fem.model.linear import slowest_decay
+from delam_fem.model.linear import at_start, response, slowest_decay
 from delam_fem.model.operators import BaseCoupling, Operators
 
 DISCRETE = 1e-3
@@ -58,3 +60,28 @@ def test_masses(damping: list[float], stiffness: list[float], expected: float) -
 def test_a_mass_that_nothing_holds_never_stops() -> None:
     found = slowest_decay(masses([0.0, 0.5, 0.5], [0.0, 4.0, 9.0]), is_floating=True)
     assert found == pytest.approx(0.0, abs=1e-7)
+
+
+@pytest.mark.parametrize("frequency", [0.1, 0.5])  # below and above the resonance at 0.32 Hz
+def test_the_steady_response_is_that_of_a_mass_on_a_moving_foot(frequency: float) -> None:
+    o = masses([0.3], [4.0])
+    foot = BaseCoupling(np.zeros(1), np.array([-0.3]), np.array([-4.0]), np.zeros(3))
+    w = 2.0 * np.pi * frequency
+    U = response(dataclasses.replace(o, base=foot), frequency)
+    exact = (4.0 + 0.3j * w) / (4.0 + 0.3j * w - w**2)  # mass, spring and damper, by hand
+    assert U == pytest.approx([exact], rel=1e-12)
+    t = np.array([-1e-4, 0.0, 1e-4])
+    u = np.imag(exact * np.exp(1j * w * t))
+    expected = [u[1], (u[2] - u[0]) / 2e-4, (u[2] - 2.0 * u[1] + u[0]) / 1e-8]
+    np.testing.assert_allclose(at_start(U, frequency)[:, 0], expected, rtol=1e-6, atol=1e-7)
+
+
+def test_the_kept_motions_alone_respond() -> None:
+    o = masses([0.1, 0.1], [1.0, 3.0])
+    pushed = dataclasses.replace(
+        o, base=BaseCoupling(np.zeros(2), np.zeros(2), np.array([1.0, 0.0]), np.zeros(3))
+    )
+    together = sp.csr_matrix(np.ones((2, 1)))  # as one mass 2 on 4 N/m, 0.2 N s/m
+    w = 2.0 * np.pi * 0.4
+    found = response(pushed, 0.4, together)
+    assert found == pytest.approx(2 * [-1.0 / (4.0 + 0.2j * w - 2.0 * w**2)], rel=1e-12)

@@ -7,8 +7,9 @@ import pytest
 
 from delam_fem.case.files import preset
 from delam_fem.model.beams import closed_form
+from delam_fem.model.linear import first_mode
 from delam_fem.numerics.beams import cantilever_mode
-from delam_fem.simulation.loop import first_mode, initial_state
+from delam_fem.simulation.loop import initial_state
 
 N = 8
 STRUCTURE = closed_form.assemble(preset("paper", {"mesh.elements": N}))

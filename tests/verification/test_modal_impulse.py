@@ -8,8 +8,8 @@ import pytest
 from delam_fem.case.files import preset
 from delam_fem.engines.session import session_of
 from delam_fem.model.beams import closed_form
+from delam_fem.model.linear import openings
 from delam_fem.studies.convergence.rung import row_of
-from delam_fem.studies.linear import openings
 
 
 def test_the_work_of_impulses_on_the_first_mode_has_a_limit_and_their_sum_has_none() -> None:

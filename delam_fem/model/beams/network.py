@@ -668,18 +668,10 @@ def damping(case: Case, layout: Layout, M: sp.csr_matrix, K: sp.csr_matrix) -> t
         K: stiffness of the free dofs.
     """
     S = kept_closed(layout, M.shape[0])
-    rigid = n_rigid(case)
+    rigid = case.n_rigid
     found, _ = lowest(S.T @ K @ S, S.T @ M @ S, rigid + 2, is_floating=rigid > 0)
     first, second = (_TWO_PI * found[rigid : rigid + 2]).tolist()
     return oscillator.coefficients(_damping_ratio(case), first, second, case.damping.rayleigh)
-
-
-def n_rigid(case: Case) -> int:
-    """Return the number of rigid motions that the supports leave to a stack kept closed."""
-    kinds = (case.support.start, case.support.end)
-    if "clamped" in kinds:
-        return 0
-    return 2 - kinds.count("pinned")
 
 
 def _damping_ratio(case: Case) -> float:

@@ -23,18 +23,15 @@ from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
-import scipy.sparse as sp
-from scipy.sparse.linalg import splu
 
 from delam_fem.case.definition import Case
-from delam_fem.case.excitation import drive
 from delam_fem.engines.cost import step_hours
 from delam_fem.engines.session import EngineName, session_of
 from delam_fem.model import discretise
 from delam_fem.model.beams import closed_form
 from delam_fem.model.layout import Structure
+from delam_fem.model.linear import first_shapes, openings
 from delam_fem.model.mesh import node_coordinates
-from delam_fem.model.operators import Operators
 from delam_fem.numerics import harmonics
 from delam_fem.numerics.types import FloatArray
 from delam_fem.results import diagnostics
@@ -42,7 +39,7 @@ from delam_fem.results.quality import OPEN, is_lost
 from delam_fem.simulation.loop import State
 from delam_fem.simulation.recorder import LEDGER, N_BASE, N_SIZES, Recorder
 from delam_fem.studies.convergence.ladder import FREE, RIGID, Rung
-from delam_fem.studies.linear import first_frequencies, first_shapes, openings
+from delam_fem.studies.linear import first_frequencies, steady_motion
 
 Statistics: TypeAlias = dict[str, tuple[float, float]]
 """Mean and scatter (standard deviation between blocks) of each statistic by name."""
@@ -340,7 +337,7 @@ def _free(rung: Rung, engine: EngineName) -> RungResult:
     """Compute a rung without contact and return its amplitudes and frequencies."""
     structure = _structure(rung.case)
     case = rung.case.with_overrides({"time.periods": _settling_periods(rung.case) + 1})
-    run = _run(case, structure, engine, _periodic(case, structure.operators), 1)
+    run = _run(case, structure, engine, steady_motion(case, structure, is_closed=False), 1)
     amplitude = np.abs(run.rows[-1].harmonics[:, 0])
     found: Statistics = {
         f"amplitude_{i + 1}": (float(value), 0.0) for i, value in enumerate(amplitude)
@@ -356,21 +353,6 @@ def _settling_periods(case: Case) -> int:
     slowest = _slowest_decay(case)
     decay = math.log(1.0 / DECAY) / (slowest * case.period) if slowest else math.inf
     return math.ceil(min(decay, MOST_PERIODS))
-
-
-def _periodic(case: Case, o: Operators) -> State:
-    """Return the state at t = 0 of the exact periodic motion without contact.
-
-    (K + iω C - ω² M) U = -(k_b + iω c_b - ω² m_b) A,   u = Im U e^{iωt}
-    """
-    omega = 2.0 * math.pi / case.period
-    dynamic = o.stiffness + 1j * omega * o.damping - omega**2 * o.mass
-    b = o.base
-    amplitude = drive(case).states([0.25 * case.period])[0, 0]
-    load = -(b.stiffness + 1j * omega * b.damping - omega**2 * b.mass) * amplitude
-    U = splu(sp.csc_matrix(dynamic)).solve(load)
-    motion = np.stack([U.imag, omega * U.real, -(omega**2) * U.imag])
-    return State(motion, np.zeros(o.n_pairs, dtype=np.bool_))
 
 
 def _frequencies(case: Case, engine: EngineName) -> list[float]:

@@ -21,8 +21,7 @@ import xarray as xr
 from delam_fem.case.definition import Case
 from delam_fem.engines.session import session_of
 from delam_fem.model import discretise
-from delam_fem.model.beams.network import n_rigid
-from delam_fem.model.linear import lowest
+from delam_fem.model.linear import keeping_closed, lowest, response
 from delam_fem.numerics.types import FloatArray
 from delam_fem.results.measured.reading import assigned, read_measured
 from delam_fem.results.measured.reading import scan as measured_scan
@@ -47,7 +46,7 @@ from delam_fem.studies.detection.indices import (
     repeated,
 )
 from delam_fem.studies.findings import Finding, Report, Table
-from delam_fem.studies.linear import closed_motion, closed_response
+from delam_fem.studies.linear import steady_motion
 from delam_fem.studies.options import Detect, Measured, Scan
 from delam_fem.studies.study import Place, Study
 from delam_fem.system.errors import CaseError
@@ -151,7 +150,7 @@ def simulated(case: Case, scan: Scan, kept: Path | None = None) -> Measurement:
             ),
         }
     )
-    start = closed_motion(changed, structure)
+    start = steady_motion(changed, structure)
     with session_of(changed, structure.operators, initial=start) as opened:
         outcome = opened.run_kept(kept, changed)
         if outcome != "completed":
@@ -166,10 +165,10 @@ def drive_responses(
     """Return how points of the closed structure answer harmonics of the drive, by order."""
     structure = discretise.assemble(case, needs_dolfinx=False)
     base = np.array([1.0 if case.excitation.acts_on == "base" else 0.0, 0.0])
-    found = {}
+    found, S = {}, keeping_closed(structure)
     for k in orders:
         if k > 1.0:
-            U = closed_response(structure, k * frequency)
+            U = response(structure.operators, k * frequency, S)
             real, imag = at_points(structure, lamina, x, np.stack([U.real, U.imag]), base)
             found[k] = real + 1j * imag
     return found
@@ -213,7 +212,7 @@ def settling_periods(case: Case, settled: float = SETTLED) -> int:
     """Return after how many periods that share of a free motion of the lowest mode is left."""
     structure = discretise.assemble(case, needs_dolfinx=False)
     o = structure.operators
-    rigid = 0 if case.is_apart else n_rigid(case)
+    rigid = case.n_rigid
     found, _ = lowest(o.stiffness, o.mass, rigid + 1, is_floating=rigid > 0)
     D = min(lamina.damping_ratio for lamina in case.lamina)
     decay = 2.0 * math.pi * D * float(found[rigid])

@@ -30,7 +30,7 @@ from delam_fem.studies.detection.detect import (
 )
 from delam_fem.studies.detection.indices import FALSE_CALLS, sideband_ratio
 from delam_fem.studies.findings import Finding, Report
-from delam_fem.studies.linear import closed_motion
+from delam_fem.studies.linear import steady_motion
 from delam_fem.studies.options import Modulate, Scan
 from delam_fem.studies.study import Place, Study
 from delam_fem.system.errors import CaseError
@@ -105,7 +105,7 @@ class Tones:
 
     def start(self, structure: Structure) -> State | None:
         """Return the steady motion of the closed structure under both, at t = 0."""
-        parts = [closed_motion(case, structure) for case in (self.pump, self.probe)]
+        parts = [steady_motion(case, structure) for case in (self.pump, self.probe)]
         known = [part for part in parts if part is not None]
         if len(known) < len(parts):
             return None

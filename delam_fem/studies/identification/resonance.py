@@ -29,10 +29,10 @@ from delam_fem.case.excitation import SweptMotion, swept_motion
 from delam_fem.case.sections import Lamina
 from delam_fem.engines.session import session_of
 from delam_fem.model import discretise
+from delam_fem.model.linear import first_mode
 from delam_fem.numerics.beams import ComplexArray, cantilever_roots
 from delam_fem.numerics.oscillator import driven, pole
 from delam_fem.numerics.types import BoolArray, FloatArray
-from delam_fem.simulation.loop import first_mode
 from delam_fem.studies import options
 from delam_fem.studies.findings import Finding, Report, Table
 from delam_fem.studies.identification.identify import tips_of

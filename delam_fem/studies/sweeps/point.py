@@ -40,19 +40,19 @@ from delam_fem.case.sections import Contact
 from delam_fem.engines.session import Session, initialise_petsc_alone, session_of
 from delam_fem.model import discretise
 from delam_fem.model.layout import Layout, Structure
+from delam_fem.model.linear import first_mode
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.types import FloatArray
 from delam_fem.results.quality import OPEN, decay_of, enough_of, is_lost
 from delam_fem.simulation.loop import (
     Engine,
     State,
-    first_mode,
     initial_state,
     one_period,
     set_initial,
 )
 from delam_fem.simulation.recorder import Recorder
-from delam_fem.studies.linear import closed_motion
+from delam_fem.studies.linear import steady_motion
 from delam_fem.studies.sweeps.grid import Sweep, Value, is_initial
 from delam_fem.studies.sweeps.quantities import Quantity, quantities, row_of
 from delam_fem.system.errors import CaseError
@@ -241,7 +241,7 @@ class Discretised:
     modes: dict[int, FloatArray] = field(default_factory=dict)
 
     def first_mode(self, number: int) -> FloatArray:
-        """Return the first mode of a part; see `initial.first_mode`."""
+        """Return the first mode of a part; see `linear.first_mode`."""
         if number not in self.modes:
             self.modes[number] = first_mode(self.structure, number)
         return self.modes[number]
@@ -346,7 +346,7 @@ class PointRunner:
     def _initial(self, case: Case, known: Discretised, index: int) -> State | None:
         """Return the state at the start of a point; None: at rest."""
         if self.sweep.file.start == "steady":
-            return closed_motion(case, known.structure)
+            return steady_motion(case, known.structure)
         return initial_state(known.structure, self.sweep.initial(index), known.first_mode)
 
 

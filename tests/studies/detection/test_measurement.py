@@ -8,7 +8,7 @@ from delam_fem.case.files import preset
 from delam_fem.model.beams import closed_form
 from delam_fem.results.scan import scan_positions, shapes_of, surface_of
 from delam_fem.studies.detection.detect import intact, settling_periods, simulated
-from delam_fem.studies.linear import closed_motion, linear_amplitudes
+from delam_fem.studies.linear import linear_amplitudes, steady_motion
 from delam_fem.studies.options import Scan
 from delam_fem.system.errors import CaseError
 
@@ -41,10 +41,10 @@ def test_velocity_is_the_rate_of_displacement() -> None:
     np.testing.assert_allclose(both[1], 2j * np.pi * 80.0 * both[0], rtol=2e-2)
 
 
-def test_the_closed_motion_is_a_steady_state_of_the_closed_structure() -> None:
+def test_the_steady_motion_is_a_steady_state_of_the_closed_structure() -> None:
     case = embedded()
     structure = closed_form.assemble(case)
-    state = closed_motion(case, structure)
+    state = steady_motion(case, structure)
     assert state is not None
     gaps = structure.operators.gap_matrix @ state.motion[0]
     assert np.abs(gaps).max() < 1e-12 * np.abs(state.motion[0]).max()
