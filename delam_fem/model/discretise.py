@@ -37,8 +37,8 @@ KINDS: Mapping[str, tuple[tuple[ModelKind, ...], str]] = MappingProxyType(
             "solids are too large for dense matrices; give the case that delam-fem reduce writes",
         ),
         "converge": (
-            ("beam",),
-            "other models are refined in steps alone, on mesh.elements: --in steps",
+            ("beam", "plane-stress", "solid"),
+            "a reduced model is refined in steps alone: --in steps",
         ),
         "comparison with the intact structure": (
             ("beam", "plane-stress", "solid"),

@@ -32,6 +32,7 @@ from delam_fem.model.solids.mesh import (
     meetings,
     shape_functions,
 )
+from delam_fem.model.solids.meshing import cells_along
 from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.errors import CaseError
 
@@ -246,9 +247,8 @@ def points_along(case: Case, mesh: SolidMesh) -> FloatArray:
     They are about as dense as the cells are on the average, with one at each edge of a
     delamination.
     """
-    size = float(np.mean(np.ptp(mesh.points[mesh.cells][..., 0], axis=1)))
-    n = int(np.clip(round(case.length / size), max(FEWEST, 2 * edges(case).size), MOST))
-    return placed(case, n)
+    fewest = max(FEWEST, 2 * edges(case).size)
+    return placed(case, int(np.clip(cells_along(case, mesh), fewest, MOST)))
 
 
 def reading_rows(solid: Solid, x: FloatArray) -> sp.csr_matrix:

@@ -217,6 +217,11 @@ def solid_mesh(case: Case) -> SolidMesh:
         raise CaseError(f"mesh.file: {path}: {error}") from error
 
 
+def cells_along(case: Case, mesh: SolidMesh) -> int:
+    """Return how many cells of the average extent along the laminae are as long as they are."""
+    return round(case.length / float(np.mean(np.ptp(mesh.points[mesh.cells][..., 0], axis=1))))
+
+
 class _Reader:
     """A file that is being read.
 

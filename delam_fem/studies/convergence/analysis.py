@@ -169,9 +169,11 @@ class Convergence(Finding):
 
         Returns:
             Errors of the frequency and the amplitude of each lamina against the exact ones,
-            lamina by lamina, shape (2 n_laminae,) [-]; NaN if the rung is missing.
+            lamina by lamina, shape (2 n_laminae,) [-]; NaN if the rung is missing. What has no
+            exact solution is compared with the finest mesh.
         """
-        frequencies, amplitudes = exact_free_motion(rung.case)
+        finest = self.ladder.rung(FREE, self.ladder.meshes_of(FREE)[-1], rung.steps)
+        frequencies, amplitudes = exact_free_motion(finest.case)
         return np.array(
             [
                 self.value(rung, f"{name}_{i + 1}") / exact[i] - 1.0
@@ -257,7 +259,9 @@ def free_table(found: Convergence, rungs: list[Rung], direction: Direction, wher
     heading: list[str] = [direction]
     for name in names:
         heading += [name, "order"]
-    exact = "the exact cantilever" if found.ladder.case.is_apart else "the stack of a fine mesh"
+    case = found.ladder.case
+    is_exact = case.is_apart and not case.model.is_continuum
+    exact = "the exact cantilever" if is_exact else "the same on a fine mesh"
     rows = []
     for k, rung in enumerate(rungs):
         row = [str(getattr(rung, direction))]

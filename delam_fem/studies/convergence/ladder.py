@@ -24,6 +24,7 @@ from delam_fem.contact.laws import COMBINATIONS, LAWS, Impulse, combined_name
 from delam_fem.engines.session import EngineName
 from delam_fem.model.discretise import require_kind
 from delam_fem.model.mesh import node_coordinates
+from delam_fem.model.solids.meshing import cells_along, solid_mesh
 from delam_fem.numerics.oscillator import overdamped_from
 from delam_fem.system.errors import CaseError
 
@@ -262,7 +263,7 @@ class Ladder:
         _require_rising("steps", self.steps)
         if not self.meshes:
             raise CaseError("elements: expected at least one number or mesh file, given none")
-        if self.meshes != (self.case.mesh.elements,):
+        if not (self.case.model.is_continuum or self.meshes == (self.case.mesh.elements,)):
             require_kind(self.case, "converge")
         sizes = [self._new(LIMIT, mesh, self.steps[0]).points for mesh in self.meshes]
         _require_rising(self.refines, sizes)
@@ -354,7 +355,7 @@ class Ladder:
                 **dict(method.overrides),
             }
         )
-        elements = plain if isinstance(plain, int) else node_coordinates(case).size - 1
+        elements = plain if isinstance(plain, int) else _elements(case)
         n_points = elements * case.contact.points_per_element
         return Rung(method.name, mesh, elements, n_points, steps, periods, case)
 
@@ -362,6 +363,13 @@ class Ladder:
 def _plain(mesh: MeshChoice) -> int | Path:
     """Return a mesh without its contact points."""
     return mesh.mesh if isinstance(mesh, PointMesh) else mesh
+
+
+def _elements(case: Case) -> int:
+    """Return the number of elements along a lamina in the mesh file of a case."""
+    if case.model.is_continuum:
+        return cells_along(case, solid_mesh(case))
+    return node_coordinates(case).size - 1
 
 
 def _key(method: str, mesh: MeshChoice, steps: int) -> str:
