@@ -39,6 +39,7 @@ from delam_fem.simulation.loop import ASKED_EVERY, Engine, Outcome, State, set_i
 from delam_fem.simulation.recorder import LEDGER, N_BASE, PeriodRecord, Recorder
 from delam_fem.simulation.refinement import NOT_REFINED, Refinement, Span
 from delam_fem.system.errors import CaseError, require
+from delam_fem.system.petsc_options import require_options_used
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -98,13 +99,18 @@ def engine_of(
         if name == "compiled":
             from delam_fem.engines.compiled.engine import compiled_engine
 
-            return compiled_engine(operators, law, scheme, time_step, refinement)
-        comm = comm or initialise_petsc_alone()  # before anything imports PETSc
-        from delam_fem.engines.petsc.engine import petsc_engine
+            engine: Engine = compiled_engine(operators, law, scheme, time_step, refinement)
+        else:
+            comm = comm or initialise_petsc_alone()  # before anything imports PETSc
+            from delam_fem.engines.petsc.engine import petsc_engine
 
-        return petsc_engine(operators, law, scheme, time_step, refinement, comm)
+            engine = petsc_engine(operators, law, scheme, time_step, refinement, comm)
+    except CaseError:
+        raise
     except ValueError as error:
         raise CaseError(f"contact law: {error}") from None
+    require_options_used()
+    return engine
 
 
 def law_of(case: Case) -> Law:

@@ -30,6 +30,10 @@ if TYPE_CHECKING:
     from delam_fem.system.mpi import MPI
 
 
+DEPENDENT = 1e-6
+"""Part of a shape that others do not have, below which it is one of them."""
+
+
 @dataclass(frozen=True)
 class BaseCoupling:
     """The columns and the corner of M, C, K that belong to the moving base (paper eq. 9).
@@ -160,6 +164,8 @@ class Operators(Recorded):
             signals of sensors follow, CSR (n_sensors, n). None: none.
         rayleigh: α and β at each dof, constant on each body, if C = α M + β K holds to round-off,
             each of shape (n,) [1/s, s]; engines may then need fewer products. None: no word on C.
+        near_null: motions that strain the bodies least, as rigid ones, for iterative solvers, shape
+            (n, k); None: none are known.
     """
 
     mass: sp.csr_matrix
@@ -173,6 +179,7 @@ class Operators(Recorded):
     probes: sp.csr_matrix = None
     sensors: sp.csr_matrix = None
     rayleigh: tuple[FloatArray, FloatArray] | None = None
+    near_null: FloatArray | None = None
 
     def __post_init__(self) -> None:
         """Check the shapes; replace missing probes and sensors by an empty matrix.
@@ -291,6 +298,8 @@ def spread(operators: Operators, comm: MPI.Intracomm) -> DistributedOperators:
     o, own = operators, _own_of(operators.n_dofs, comm)
     base, lumped = o.base, o.lumped_mass
     M, C, K = (matrix(m[own], comm) for m in (o.mass, o.damping, o.stiffness))
+    if o.near_null is not None:
+        with_near_null(K, o.near_null[own])
     return DistributedOperators(
         comm,
         M,
@@ -330,6 +339,28 @@ def matrix(rows: sp.spmatrix, comm: MPI.Intracomm) -> PETSc.Mat:
     )
     result.assemble()
     return result
+
+
+def with_near_null(stiffness: PETSc.Mat, shapes: FloatArray) -> PETSc.Mat:
+    """Tell a matrix which motions strain least; return it (collective).
+
+    Args:
+        stiffness: the matrix.
+        shapes: their values at the own dofs, shape (n_own, k); they need not be orthogonal.
+    """
+    from petsc4py import PETSc
+
+    vectors: list[PETSc.Vec] = []
+    for shape in shapes.T:
+        own = stiffness.createVecLeft()
+        own.array[:] = shape
+        size = own.norm()
+        for other in vectors:
+            own.axpy(-own.dot(other), other)
+        if own.normalize() > DEPENDENT * size:
+            vectors.append(own)
+    stiffness.setNearNullSpace(PETSc.NullSpace().create(vectors=vectors, comm=stiffness.comm))
+    return stiffness
 
 
 def whole(share: FloatArray, comm: MPI.Intracomm) -> FloatArray:

@@ -95,7 +95,7 @@ class Dynamics:
             rows = rows + of_damping * linear_algebra.rows_of(o.damping, o.is_uncoupled)
             rows = rows + of_stiffness * linear_algebra.rows_of(o.stiffness, o.is_uncoupled)
         comm = MPI.COMM_SELF if o.is_uncoupled else o.comm
-        return linear_algebra.Factor(rows, comm, prefix, scale)
+        return linear_algebra.Factor(rows, comm, prefix, scale, like=o.stiffness)
 
     @property
     def dissipated(self) -> float:

@@ -14,9 +14,11 @@ import numpy as np
 import scipy.sparse as sp
 from petsc4py import PETSc
 
-from delam_fem.model.operators import DistributedOperators, matrix
+from delam_fem.model.operators import DistributedOperators, matrix, with_near_null
 from delam_fem.numerics.types import FloatArray, IntArray
+from delam_fem.system.errors import CaseError
 from delam_fem.system.mpi import MPI
+from delam_fem.system.petsc_options import given_options
 
 LARGE = 20000
 """Entries up to which PETSc's LU factors are the fastest: 800 dofs in plane stress, 240 in 3D."""
@@ -24,6 +26,12 @@ WIDE = 12
 """Mean number of entries in a row above which a large matrix is that of a solid; beams have 6."""
 ROUND_OFF = 1e-12
 """Differences between a symmetric matrix and its transpose, in parts of the largest row sum."""
+EXACT = ("lu", "cholesky", "redundant", "svd")
+"""Preconditioners of PETSc that solve by themselves; the others take conjugate gradients."""
+RESIDUAL = 1e-12
+"""Relative residual of iterative solvers. The energy ledger is open by up to 10⁶ times as much."""
+UNSOLVED = 1e-2
+"""Relative residual of a trial at which a solver does not solve."""
 
 
 class Product(Protocol):
@@ -129,7 +137,8 @@ class Factor:
     Beams and small solids have narrow bands, for which PETSc's own LU factors are the fastest: 80
     dofs take about 1 µs. Large solids take Cholesky factors: CHOLMOD's, or PETSc's own without it.
     Distributed factors are those of MUMPS. If ranks are uncoupled, each one has a serial factor of
-    its own part. Options of PETSc with the prefix choose others.
+    its own part. Where there are options of PETSc with the prefix, its KSP solves as they say,
+    iteratively if they choose a preconditioner that is no factor.
 
     Attributes:
         scale: s. `solve` gives x = B⁻¹ b / s. Steppers choose s such that the solution for a
@@ -137,7 +146,12 @@ class Factor:
     """
 
     def __init__(
-        self, rows: sp.spmatrix, comm: MPI.Intracomm, prefix: str, scale: float = 1.0
+        self,
+        rows: sp.spmatrix,
+        comm: MPI.Intracomm,
+        prefix: str,
+        scale: float = 1.0,
+        like: PETSc.Mat | None = None,
     ) -> None:
         """Factorise B.
 
@@ -146,12 +160,15 @@ class Factor:
             comm: communicator over which the rows are spread; COMM_SELF: this rank alone.
             prefix: prefix of the PETSc options; it names the owner and ends in `_`.
             scale: s.
+            like: matrix whose near-null space B shares, which iterative solvers use; None: none.
 
         Raises:
             PETSc.Error: the matrix is singular.
+            CaseError: PETSc refuses the options, or what they choose does not solve.
         """
         self.scale = scale
-        is_banded = comm.size == 1 and not _is_wide(rows)
+        self._options = [f"-{name}" for name in given_options(prefix)]
+        is_banded = comm.size == 1 and not _is_wide(rows) and not self._options
         self._matrix = matrix((scale if is_banded else abs(scale)) * rows, comm)
         is_symmetric = not is_banded and _is_symmetric(self._matrix)
         if is_symmetric:
@@ -162,24 +179,71 @@ class Factor:
         self._preconditioner = self._solver.getPC()
         _choose(self._preconditioner, is_symmetric, is_banded)
         self._solver.setOperators(self._matrix)
-        self._solver.setFromOptions()
-        self._solver.setUp()
-        self._factor = self._preconditioner.getFactorMatrix()
         self._sides = (
             [] if comm.size == 1 else [Portion(vector) for vector in self._matrix.createVecs()]
         )
         self._sign = -1.0 if scale < 0.0 and not is_banded else 1.0
-        self.solve = self._factor.solve if is_banded else self._solve
+        if self._options:
+            self._heed(PETSc.Options(prefix), is_symmetric, like)
+            self._whole_solve = self._iterate
+        else:
+            self._solver.setUp()
+            self._whole_solve = self._preconditioner.getFactorMatrix().solve
+        self.solve = self._whole_solve if is_banded else self._solve
+
+    def _heed(self, given: PETSc.Options, is_symmetric: bool, like: PETSc.Mat | None) -> None:
+        """Set the solver up as options say, and try it on one load (collective)."""
+        solver, kinds = self._solver, PETSc.KSP.Type
+        if given.getString("pc_type", EXACT[0]) not in EXACT:
+            solver.setType(kinds.CG if is_symmetric else kinds.GMRES)
+        if given.getString("ksp_type", solver.getType()) == kinds.CG:
+            solver.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
+        solver.setTolerances(rtol=RESIDUAL)
+        shapes = like and like.getNearNullSpace()
+        if shapes:
+            own = np.array([vector.array_r for vector in shapes.getVecs()])
+            with_near_null(self._matrix, own.T)
+        x, b = self._matrix.createVecs()
+        b.array[:] = np.cos(np.arange(*b.getOwnershipRange()))
+        size = b.norm()
+        try:
+            solver.setFromOptions()
+            solver.setUp()
+            solver.setUpOnBlocks()
+            self._iterate(b, x)
+        except PETSc.Error as error:
+            raise self._refused(f"PETSc's error {error.ierr}") from None
+        x.scale(-1.0)
+        self._matrix.multAdd(x, b, b)
+        left = b.norm() / size
+        x.destroy()
+        b.destroy()
+        if not left < UNSOLVED:
+            raise self._refused(f"a residual of {left:.2g} of the load")
+
+    def _iterate(self, b: PETSc.Vec, x: PETSc.Vec) -> None:
+        """Solve with PETSc's KSP, as options say."""
+        self._solver.solve(b, x)
+        reason = self._solver.getConvergedReason()
+        if reason < 0 and reason != PETSc.KSP.ConvergedReason.DIVERGED_NANORINF:
+            count = self._solver.getIterationNumber()
+            raise self._refused(f"no solution after {count} iterations (PETSc's reason {reason})")
+
+    def _refused(self, given: str) -> CaseError:
+        return CaseError(
+            f"PETSC_OPTIONS: {', '.join(self._options)}: expected a solver for the matrix of a "
+            f"step, given {given}"
+        )
 
     def _solve(self, b: PETSc.Vec, x: PETSc.Vec) -> None:
-        """Solve with the factor of |s| B, which may be distributed."""
+        """Solve with |s| B, which may be distributed."""
         if self._sides:
             right, left = self._sides
             b.copy(right.own)
-            self._factor.solve(right.vector, left.vector)
+            self._whole_solve(right.vector, left.vector)
             left.own.copy(x)
         else:
-            self._factor.solve(b, x)
+            self._whole_solve(b, x)
         if self._sign < 0.0:
             x.scale(-1.0)
 
@@ -187,7 +251,6 @@ class Factor:
         """Free the factor and its matrix; petsc4py defers this if Python collects them instead."""
         for side in self._sides:
             side.destroy()
-        self._factor.destroy()
         self._preconditioner.destroy()
         self._solver.destroy()
         self._matrix.destroy()

@@ -166,8 +166,9 @@ def _operators(
     }
     comm = unknowns.solid.comm
     if comm.size == 1:
-        return Operators(M.rows, C.rows, K.rows, **further)
+        return Operators(M.rows, C.rows, K.rows, near_null=unknowns.rigid_motions, **further)
     mass, damping, stiffness = (distributed.matrix(own.rows, comm) for own in matrices)
+    distributed.with_near_null(stiffness, unknowns.rigid_motions)
     further["is_uncoupled"] = is_uncoupled
     return DistributedOperators(comm, mass, damping, stiffness, **further)
 

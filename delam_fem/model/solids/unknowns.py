@@ -505,6 +505,30 @@ class Unknowns:
         return np.asarray(result[first : first + parts.size])
 
     @property
+    def rigid_motions(self) -> FloatArray:
+        """Values of the own free dofs in rigid motions (collective), shape (n_own, 3 or 6).
+
+        A dof d_i of R1 has the difference from its reference, the turn phi of a pinned end is 1.
+        """
+        solid, dim = self.solid, self.solid.dim
+        nodes, component = np.divmod(self.own, dim)
+        at = solid.coordinates[nodes - solid.first_node]
+        reference = self.columns.reference[nodes]
+        is_absolute = reference == nodes
+        if not self.columns.is_plain:
+            every = np.unique(self.columns.reference)
+            there = solid.coordinates_of(every)[np.searchsorted(every, reference)]
+            at = at - np.where(is_absolute[:, None], 0.0, there)
+        turns = [(X, Y)] if dim == 2 else [(X, Y), (Y, 2), (2, X)]
+        result = np.zeros((nodes.size, dim + len(turns)))
+        result[np.flatnonzero(is_absolute), component[is_absolute]] = 1.0
+        for k, (i, j) in enumerate(turns, start=dim):
+            result[:, k] = np.where(component == j, at[:, i], 0.0)
+            result[:, k] -= np.where(component == i, at[:, j], 0.0)
+        result[np.isin(self.own, self.held.place)] = np.arange(result.shape[1]) == dim
+        return result
+
+    @property
     def bodies(self) -> IntArray:
         """Number of the separate body of each own free dof, shape (n_own,)."""
         body, _ = _of_nodes(self.solid, self.solid.mesh.bodies)
