@@ -27,12 +27,6 @@ SERIES_STEP = 4
 """Distance in steps between the samples that are kept in the numbers of a figure."""
 
 
-def half_ranges(result: Result) -> FloatArray:
-    """Return the half peak-to-peak amplitudes of both tips, shape (2,) [m]."""
-    s = result.summary
-    return np.asarray(0.5 * np.subtract(s["tip_max"], s["tip_min"]))
-
-
 def rough_part(values: FloatArray, n_periods: int, above: int = SMOOTH_HARMONICS) -> FloatArray:
     """Return the part of a signal above a harmonic of the excitation, same shape as `values`.
 

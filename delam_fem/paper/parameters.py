@@ -14,7 +14,6 @@ from delam_fem.numerics import attractors
 from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.paper.claims import Criterion, Numbers, Piece, Statement, between, canvas
 from delam_fem.paper.lab import FREQUENCIES, RESONANT, Laboratory, motion_case
-from delam_fem.paper.measures import half_ranges
 from delam_fem.results import diagnostics
 from delam_fem.results.diagnostics import LARGEST_PERIODICITY, PERIODIC_MARGIN, PERIODIC_SCATTER
 from delam_fem.results.figures.style import (
@@ -427,7 +426,10 @@ def measure_threshold(lab: Laboratory) -> Numbers:
                 f: [staying_share(r, g) for r, g in zip(results, gammas, strict=True)]
                 for f, results in found.items()
             },
-            "amplitude_mm": {f: [1e3 * half_ranges(r) for r in rs] for f, rs in found.items()},
+            "amplitude_mm": {
+                f: [1e3 * np.array(r.summary["tip_amplitude"]) for r in rs]
+                for f, rs in found.items()
+            },
             "periodicity": over_gamma("periodicity_class"),
             "contacts": over_gamma("tip_contacts_per_period"),
             "largest_tip_gap_rate_m_s": float(np.abs(rate[1] - rate[0]).max()),

@@ -25,7 +25,6 @@ from delam_fem.paper.lab import (
     swept_envelope,
     swept_extremes,
 )
-from delam_fem.paper.measures import half_ranges
 from delam_fem.results.figures.style import (
     BASE_COLOUR,
     BLACK,
@@ -345,7 +344,7 @@ def measure_contact(lab: Laboratory) -> Numbers:
         },
         case=case,
         envelopes=envelopes,
-        marked_m=np.array([half_ranges(result) for result in marked]),
+        marked_m=np.array([result.summary["tip_amplitude"] for result in marked]),
     )
 
 

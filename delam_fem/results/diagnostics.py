@@ -450,6 +450,7 @@ def summary_of(motion: ProbeMotion, case: Case) -> dict[str, Any]:
     return {
         "tip_min": q.min(axis=1).tolist(),
         "tip_max": q.max(axis=1).tolist(),
+        "tip_amplitude": (np.ptp(q, axis=1) / 2.0).tolist(),
         **repeats,
         "tip_contacts_per_period": contacts,
         "impacts_per_period": motion.n_impacts / n_periods,

@@ -259,6 +259,90 @@ VARIABLES: Mapping[str, Variable] = MappingProxyType({entry.name: entry for entr
 """The variables by name, in the order of the dataset."""
 
 
+SHOWN = {"m": ("mm", 1e3), "J": ("mJ", 1e3), "1": ("", 1.0)}
+"""Units that tables and figures show in place of others, and the factors."""
+
+
+@dataclass(frozen=True)
+class Measure(Variable):
+    """A number of a run: an entry of summary.json, a variable of sweeps, a row of tables.
+
+    Attributes:
+        is_percent: whether it is shown in percent.
+    """
+
+    is_percent: bool = False
+
+    @property
+    def shown(self) -> tuple[str, float]:
+        """The unit in which people read it, and the factor to it."""
+        return ("%", 100.0) if self.is_percent else SHOWN.get(self.units, (self.units, 1.0))
+
+
+_LAMINA = ("lamina",)
+_MEASURES = (
+    Measure("outcome", (), "", "how the run ended: completed, diverged or interrupted"),
+    Measure("engine", (), "", "what computed the steps"),
+    Measure("steps", (), "1", "time steps of the whole run, of all sizes"),
+    Measure("wall_seconds", (), "s", "duration of the computation"),
+    Measure("microseconds_per_step", (), "µs", "duration per time step"),
+    Measure("unforeseen_contacts", (), "1",
+        "share of contacts that coarse steps did not see; 0 is good, above 0.05 the run warns"),
+    Measure("tip_min", _LAMINA, "m",
+        "smallest displacement of each tip over the last periods, base motion included"),
+    Measure("tip_max", _LAMINA, "m", "largest displacement of each tip over the last periods"),
+    Measure("tip_amplitude", _LAMINA, "m", "half peak-to-peak displacement of each tip"),
+    Measure("periodicity", (), "1",
+        "periods of the excitation after which the motion repeats, 1 to 8; – if it does not"),
+    Measure("periodicity_class", (), "",
+        "the same with a margin; undecided: thresholds of 8.3 % and 12 % give different answers"),
+    Measure("strobe_scatters", ("distance",), "1",
+        "how much cycles 1, 2, … 8 periods apart differ", True),
+    Measure("strobe_scatter", (), "1",
+        "how much cycles differ that repeat, rms in half peak-to-peak amplitudes", True),
+    Measure("settled", (), "",
+        "whether the transient has died out; irregular: it has, no cycle repeats"),
+    Measure("settling", (), "", "the numbers behind it"),
+    Measure("transient", (), "1",
+        "what is left of the transient, in half peak-to-peak amplitudes", True),
+    Measure("uncertainty", (), "1", "two standard errors of the transient", True),
+    Measure("scatter", (), "1",
+        "how much the cycles scatter, in half peak-to-peak amplitudes", True),
+    Measure("allowed", (), "1",
+        "transient of a settled motion, at most: 1 %, or the scatter of its cycles", True),
+    Measure("decay", (), "1", "e-folds of the slowest mode per period, without contact"),
+    Measure("observed_decay", (), "1",
+        "e-folds per period by which the cycles draw nearer to one another"),
+    Measure("periods_judged", (), "1", "last periods that were judged"),
+    Measure("periods_needed", (), "1",
+        "further periods until it has settled, at most; – if nothing bounds them"),
+    Measure("intervals", (), "",
+        "means over windows of an irregular motion with their 95 % intervals"),
+    Measure("periods", (), "1", "periods computed"),
+    Measure("tip_contacts_per_period", (), "1",
+        "how often the tips meet; closures within 0.05 periods count once"),
+    Measure("impacts_per_period", (), "1",
+        "impulses on single pairs; depends on the time step, does not converge"),
+    Measure("distortion_factor", _LAMINA, "1",
+        "d = √(ΣAᵢ²)/A₁ − 1 over all harmonics: how far each tip is from a sine", True),
+    Measure("thd", _LAMINA, "1",
+        "amplitude of all higher harmonics over that of the first, for each tip", True),
+    Measure("minimum_tip_gap", (), "m",
+        "smallest gap at the tips; negative: the contact gives way so far"),
+    Measure("energy_residual", (), "1",
+        "relative energy that the ledger does not explain: round-off if all is well"),
+    Measure("impact_energy_gain", (), "J",
+        "energy that impacts have added; 0 with laws that only dissipate"),
+    Measure("unread_keys", ("key",), "", "keys of the case that this run did not use"),
+    Measure("warnings", ("warning",), "", "warnings of the run"),
+    Measure("message", (), "", "why the run diverged, and what may help; only then"),
+)  # fmt: skip
+
+MEASURES: Mapping[str, Measure] = MappingProxyType({entry.name: entry for entry in _MEASURES})
+"""Every entry of summary.json, by name. Sweeps, pages and tables take unit and meaning from here;
+`diagnostics.summary_of` computes those of the motion. Tips are the reference probes."""
+
+
 def add(data: xr.Dataset, name: str, values: Any) -> None:
     """Add a variable with its dimensions, unit and meaning.
 
@@ -315,6 +399,15 @@ def event_interfaces(history: xr.Dataset) -> np.ndarray[Any, np.dtype[Any]]:
     if "event_interface" in history:
         return history["event_interface"].to_numpy()
     return np.zeros(history.sizes["event"], dtype=np.int64)
+
+
+def summary_markdown() -> str:
+    """Return the entries of summary.json as a table of Markdown, for the documentation."""
+    rows = [
+        f"| `{row.name}` | {row.units if row.units not in ('', '1') else '–'} | {row.long_name} |"
+        for row in MEASURES.values()
+    ]
+    return "\n".join(["| entry | unit | meaning |", "|---|---|---|", *rows])
 
 
 def markdown() -> str:

@@ -16,7 +16,6 @@ from synthetic import small_case, synthetic_history
 import delam_fem as df
 from delam_fem.results import schema
 from delam_fem.results.measured.reading import BESIDES
-from delam_fem.results.pages import report
 from delam_fem.studies.branches.diagram import VARIABLES as OF_BRANCHES
 from delam_fem.studies.sweeps.quantities import VARIABLES as OF_SWEEPS
 
@@ -29,7 +28,7 @@ MAKING = {"xr.Dataset", "dataset.history"}
 OF_ORBITS = {*OF_BRANCHES, *(dim for row in OF_BRANCHES.values() for dim in row.dims)}
 NAMES = {*schema.VARIABLES, *schema.DIMENSIONS, *OF_SWEEPS, *BESIDES, *OF_ORBITS}
 DOCUMENT = ROOT / "docs" / "results.md"
-MARKED = re.compile(r"<!-- schema -->\n(.*?)\n<!-- end -->", re.DOTALL)
+MARKED = re.compile(r"<!-- (schema|summary) -->\n(.*?)\n<!-- end -->", re.DOTALL)
 
 
 def functions(path: Path) -> Iterator[ast.FunctionDef]:
@@ -148,14 +147,26 @@ def test_interfaces_come_first_also_if_there_is_one() -> None:
 
 
 def test_the_document_shows_the_schema() -> None:
-    (table,) = MARKED.findall(DOCUMENT.read_text("utf-8"))
-    assert table == schema.markdown(), "put schema.markdown() between the markers"
+    tables = dict(MARKED.findall(DOCUMENT.read_text("utf-8")))
+    expected = {"schema": schema.markdown(), "summary": schema.summary_markdown()}
+    assert tables == expected, "put schema.markdown() and summary_markdown() between the markers"
 
 
-def test_the_document_explains_every_number_of_the_summary() -> None:
+def test_every_number_of_a_summary_is_a_measure() -> None:
     keys = {"time.periods": 1, "output.window_periods": 1, "output.fields_per_period": 0}
     summary = df.run(df.preset("paper", keys), "compiled").summary
-    rows = dict(re.findall(r"^\| `(\w+)` \| ([^|]*?) \|", DOCUMENT.read_text("utf-8"), re.M))
-    for name in [*summary, "message"]:
-        assert rows[name] == report.UNITS.get(name, "–"), name
-        assert report.MEANINGS[name], name
+    assert set(summary) | set(summary["settling"]) <= set(schema.MEASURES)
+    for name, value in summary.items():
+        dims = schema.MEASURES[name].dims
+        assert np.ndim(value) in (0, len(dims)) and (dims != ("lamina",) or len(value) == 2), name
+
+
+def test_a_measure_is_shown_in_units_that_people_read() -> None:
+    shown = {name: schema.MEASURES[name].shown for name in ("tip_min", "thd", "decay", "engine")}
+    expected = {
+        "tip_min": ("mm", 1e3),
+        "thd": ("%", 100.0),
+        "decay": ("", 1.0),
+        "engine": ("", 1.0),
+    }
+    assert shown == expected

@@ -36,6 +36,7 @@ from delam_fem.numerics import harmonics
 from delam_fem.numerics.types import FloatArray
 from delam_fem.results import diagnostics
 from delam_fem.results.quality import OPEN, is_lost
+from delam_fem.results.schema import MEASURES, SHOWN
 from delam_fem.simulation.loop import State
 from delam_fem.simulation.recorder import LEDGER, N_BASE, N_SIZES, Recorder
 from delam_fem.studies.convergence.ladder import FREE, RIGID, Rung
@@ -72,7 +73,7 @@ class Statistic:
         return f"{self.symbol} [{self.unit}]"
 
 
-WORK = Statistic("contact_work", "contact work", "mJ", 1e3)
+WORK = Statistic("contact_work", "contact work", *SHOWN["J"])
 
 
 def extrema(n_laminae: int) -> tuple[Statistic, ...]:
@@ -81,7 +82,7 @@ def extrema(n_laminae: int) -> tuple[Statistic, ...]:
     The extremes over several periods would grow with the scatter of cycles.
     """
     return tuple(
-        Statistic(f"tip_{end}_{i}", f"y{i} {end}", "mm", 1e3)
+        Statistic(f"tip_{end}_{i}", f"y{i} {end}", *MEASURES[f"tip_{end}"].shown)
         for i in range(1, n_laminae + 1)
         for end in ("min", "max")
     )
@@ -94,7 +95,10 @@ def general(n_laminae: int) -> tuple[Statistic, ...]:
     each of them takes has no limit in their number. Their work on the first mode has one.
     """
     return (
-        *(Statistic(f"distortion_factor_{i}", f"d{i}", "%", 1e2) for i in range(1, n_laminae + 1)),
+        *(
+            Statistic(f"distortion_factor_{i}", f"d{i}", *MEASURES["distortion_factor"].shown)
+            for i in range(1, n_laminae + 1)
+        ),
         Statistic("modal_impulse", "Σ p φ1", "mN s", 1e3),
         WORK,
     )
@@ -103,7 +107,7 @@ def general(n_laminae: int) -> tuple[Statistic, ...]:
 def amplitudes(n_laminae: int) -> tuple[Statistic, ...]:
     """Return the amplitudes of the first harmonics, lamina by lamina."""
     return tuple(
-        Statistic(f"amplitude_{i}_{k}", f"A{k} of {i}", "mm", 1e3)
+        Statistic(f"amplitude_{i}_{k}", f"A{k} of {i}", *SHOWN["m"])
         for i in range(1, n_laminae + 1)
         for k in range(1, SHOWN_HARMONICS + 1)
     )

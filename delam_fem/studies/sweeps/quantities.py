@@ -26,7 +26,7 @@ from delam_fem.numerics.harmonics import (
 from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.results import diagnostics, quality
 from delam_fem.results.scan import ORDERS, scan_field, scan_positions, shapes_of, surface_of
-from delam_fem.results.schema import SENSOR, Variable
+from delam_fem.results.schema import MEASURES, SENSOR, Variable
 from delam_fem.simulation.recorder import LEDGER, N_BASE, Recorder
 from delam_fem.simulation.signals import Signal, signals
 from delam_fem.studies.sweeps.grid import Record, ScanRecord
@@ -34,26 +34,23 @@ from delam_fem.studies.sweeps.grid import Record, ScanRecord
 ENERGIES = tuple(name for name in LEDGER if name != "residual")
 """Columns of the ledger that a sweep keeps."""
 _STORED = ("kinetic", "strain", "spring")
-_LAMINA = ("lamina",)
 _LAST = "of the tip at the end of the last periods"
 
 _SUMMARY = (
-    Variable("tip_min", _LAMINA, "m", "smallest tip displacement"),
-    Variable("tip_max", _LAMINA, "m", "largest tip displacement"),
-    Variable("tip_amplitude", _LAMINA, "m", "half peak-to-peak tip displacement"),
-    Variable("periodicity", (), "1", "periods of the excitation after which the motion repeats"),
+    *(MEASURES[name] for name in ("tip_min", "tip_max", "tip_amplitude", "periodicity")),
     Variable("settled", (), "1", "1 settled, 0 not settled, -1 irregular; NaN without a period"),
-    Variable("transient", (), "1", "what is left of the transient, in half peak-to-peak"),
+    MEASURES["transient"],
     Variable("periods_computed", (), "1", "periods that the run of the point took"),
-    Variable("strobe_scatter", (), "1", "scatter of strobes for that periodicity, relative"),
+    MEASURES["strobe_scatter"],
     Variable("is_decided", (), "1", "whether the periodicity has a margin to the threshold"),
-    Variable("tip_contacts_per_period", (), "1", "contacts of the tips per period"),
-    Variable("impacts_per_period", (), "1", "impulses on pairs per period"),
-    Variable("distortion_factor", _LAMINA, "1", "distortion factor d of the tip"),
-    Variable("thd", _LAMINA, "1", "total harmonic distortion of the tip"),
-    Variable("minimum_tip_gap", (), "m", "smallest gap at the tip"),
-    Variable("energy_residual", (), "1", "largest residual of the energy ledger, relative"),
-)
+    *(
+        MEASURES[name]
+        for name in (
+            "tip_contacts_per_period", "impacts_per_period", "distortion_factor", "thd",
+            "minimum_tip_gap", "energy_residual",
+        )
+    ),
+)  # fmt: skip
 _STROBES = (
     Variable("strobe_displacement", ("lamina", "strobe"), "m", f"displacement {_LAST}"),
     Variable("strobe_velocity", ("lamina", "strobe"), "m/s", f"velocity {_LAST}"),
@@ -241,7 +238,6 @@ def row_of(
         values |= diagnostics.summary_of(motion, case)
         values |= _settled(quality.numbers(recorder, n_laminae, case, decay))
         values["is_decided"] = _decided(values.pop("periodicity_class"))
-        values["tip_amplitude"] = np.ptp(motion.displacement, axis=1) / 2.0
         values["energy_residual"] = recorder.energy_residual()
     strobe = recorder.strobe[: recorder.n_closed, :, :n_laminae]
     values["strobe_displacement"], values["strobe_velocity"] = strobe.transpose(1, 2, 0)
