@@ -24,6 +24,8 @@ import matplotlib.image
 import numpy as np
 import xarray as xr
 
+from delam_fem.cli.app import OLD_NAMES
+
 TREE = Path(__file__).parents[1]
 COARSE = "--set mesh.elements=4 --set time.steps_per_period=100 --set time.periods=3"
 LAYERED = "embedded --set mesh.elements=20 --set time.steps_per_period=100"
@@ -37,24 +39,25 @@ COMMANDS = {
     "sweep": "sweep {home}/sweep.toml -j 1",
     "modes": "modes default --set mesh.elements=4 -n 3",
     "modes-bonded": f"modes {LAYERED} --delaminations closed",
-    "detect": f"detect {LAYERED}",
-    "detect-index": f"detect {LAYERED} --index V2 --spacing 0.02 --quantity displacement --seed 3",
-    "excite": f"excite embedded {PAIR} --from 80 --to 110 -n 2",
-    "excite-open": f"excite embedded {PAIR} --from 80 --to 90 -n 2 "
+    "detect": f"detect scan {LAYERED}",
+    "detect-index": f"detect scan {LAYERED} --index V2 --spacing 0.02 "
+    "--quantity displacement --seed 3",
+    "excite": f"detect excite embedded {PAIR} --from 80 --to 110 -n 2",
+    "excite-open": f"detect excite embedded {PAIR} --from 80 --to 90 -n 2 "
     "--set delamination.lower-upper.opening=1e-5",
-    "pod": f"pod embedded {PAIR} --frequencies 365 --supports clamped --noise-db 40",
-    "infer": f"infer embedded {PAIR} -n 110 --frequency 365",
-    "modulate": f"modulate {LAYERED} --set excitation.frequency=350 --pump-frequency 60 "
+    "pod": f"detect pod embedded {PAIR} --frequencies 365 --supports clamped --noise-db 40",
+    "infer": f"detect infer embedded {PAIR} -n 110 --frequency 365",
+    "modulate": f"detect modulate {LAYERED} --set excitation.frequency=350 --pump-frequency 60 "
     "--pump-amplitude 0.1 --periods 1",
-    "resonance": f"resonance paper --set mesh.elements=6 {SWEPT}",
-    "identify": "identify paper --set mesh.elements=2 --set time.steps_per_period=60 --set "
+    "resonance": f"identify resonance paper --set mesh.elements=6 {SWEPT}",
+    "identify": "identify keys paper --set mesh.elements=2 --set time.steps_per_period=60 --set "
     "time.periods=12 --set output.window_periods=4 --unknown gap.tip=0.010:0.014 "
     "--unknown contact.restitution=0.05:0.3 --frequency 3.25 "
     "--simulations 120 --calibrate 5 -j 1",
-    "orbit": "orbit paper --set excitation.frequency=1.25 --set contact.law=penalty --set "
+    "orbit": "orbit find paper --set excitation.frequency=1.25 --set contact.law=penalty --set "
     "mesh.elements=4 --set time.steps_per_period=200 --settle 150",
-    "continue": "continue paper --set mesh.elements=3 --set time.steps_per_period=50 --step 0.4 "
-    "--set contact.law=none --from 3.7 --to 3.8",
+    "continue": "orbit follow paper --set mesh.elements=3 --set time.steps_per_period=50 --step "
+    "0.4 --set contact.law=none --from 3.7 --to 3.8",
     "converge": "converge default --laws newton@moreau-jean -j 1 --periods 2 --limit-steps 1000 "
     "--in both --elements 5,10 --steps 250,500",
     "compare": "compare paper --set mesh.elements=4 --periods 1",
@@ -62,7 +65,7 @@ COMMANDS = {
     "--set time.steps_per_period=100 --periods 4 --at 3.25",
     "reduce": "reduce default --set mesh.elements=6 --modes 4",
     "reduced": f"reduced default {COARSE} --modes 3 --refine 4",
-    "overlay": "overlay {home}/run {home}/run/result.nc",
+    "overlay": "measure overlay {home}/run {home}/run/result.nc",
 }  # fmt: skip
 """Commands by name; "{home}" is the folder of all results. "overlay" takes that of "run"."""
 SWEEP = f"""base = "paper"
@@ -84,6 +87,9 @@ def written(tree: Path, name: str, home: Path) -> Path:
     """Run a command with the sources of a tree, and return the folder of its results."""
     folder = home / name
     words = COMMANDS[name].replace("{home}", str(home)).split()
+    if "OLD_NAMES" not in (tree / "delam_fem/cli/app.py").read_text(encoding="utf-8"):
+        before = {new: old for old, new, options in OLD_NAMES if not options}
+        words = [before[two], *words[2:]] if (two := " ".join(words[:2])) in before else words
     line = [sys.executable, "-m", "delam_fem", *words, "-o", str(folder)]
     known = {"PYTHONPATH": str(tree), "OMP_NUM_THREADS": "1", "COLUMNS": "120"}
     done = subprocess.run(line, cwd=home, env=os.environ | known, capture_output=True, text=True)

@@ -79,7 +79,7 @@ def test_both_install_in_a_clean_environment(
         place = call(python, "-c", "import delam_fem; print(delam_fem.__file__)", folder=tmp_path)
         assert Path(place.strip()).is_relative_to(tmp_path)
         command = tmp_path / "venv" / "bin" / "delam-fem"
-        assert call(command, "presets", folder=tmp_path).split()[:1] == ["paper"]
+        assert call(command, "new", "--list", folder=tmp_path).split()[:1] == ["paper"]
     run = ["run", "paper", "--set", "time.periods=1", "--set", "output.window_periods=1"]
     call(command, *run, "-o", "run", folder=tmp_path)
     assert (tmp_path / "run" / "report.html").is_file()

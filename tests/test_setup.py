@@ -274,6 +274,6 @@ def test_version_of_the_package_is_the_projects() -> None:
 
 def test_command_of_the_package_is_the_command_line() -> None:
     command = Path(sys.executable).parent / "delam-fem"
-    done = subprocess.run([command, "presets"], capture_output=True, text=True, timeout=60)
+    done = subprocess.run([command, "new", "--list"], capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr
     assert done.stdout.split()[:1] == ["paper"]

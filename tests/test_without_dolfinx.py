@@ -51,7 +51,7 @@ sweep = df.Sweep(df.preset("default", keys), {{"excitation.frequency": [3.2, 3.3
 found["sweep"] = df.run_sweep(sweep, "sweep", "serial").outcome.values.tolist()
 flags = [f"--set={{key}}={{value}}" for key, value in keys.items()]
 found["run"] = command("run", "default", "-o", "run", "-q", *flags)
-found["orbit"] = command("orbit", "default", "-o", "orbit", "-q", *flags)
+found["orbit"] = command("orbit", "find", "default", "-o", "orbit", "-q", *flags)
 found["solid"] = command("run", "default", "-o", "solid", "--set", "model.kind=solid")
 found["compare"] = command("compare", "default", "-o", "compare")
 try:

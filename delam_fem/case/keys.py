@@ -295,7 +295,7 @@ def case_text(kind: KindName, name: str) -> str:
     data = tomllib.loads(preset_text(of)) | {"name": name}
     lines = [
         f"# {words}",
-        f"#   delam-fem validate {name}.toml    checks this file",
+        f"#   delam-fem check {name}.toml    checks this file",
         f"#   delam-fem run {name}.toml         computes it",
         "#",
         '# Numbers are in SI units; a text may carry another unit, as in "2 mm". A key behind # is',

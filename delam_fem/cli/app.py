@@ -1,18 +1,22 @@
 """Define the command `delam-fem`: read the case, call the package, report, set the exit status.
 
-Each command imports heavy modules (dolfinx, matplotlib) itself, so that the others start fast.
+`GROUPS` has all commands, `OLD_NAMES` their names of the release before. Each command imports heavy
+modules (dolfinx, matplotlib) itself, so that the others start fast.
 """
 
 from __future__ import annotations
 
+import itertools
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
+from typer.core import TyperGroup
 
-from delam_fem.cli.cases import new_command, schema_command, show_case, validate_command
-from delam_fem.cli.console import reported, with_messages
+from delam_fem.cli.cases import check_command, new_command, show_case
+from delam_fem.cli.console import reported, tell, with_messages
 from delam_fem.cli.inputs import (
     CaseArgument,
     DryRun,
@@ -23,29 +27,20 @@ from delam_fem.cli.inputs import (
     Yes,
     case_of,
 )
-from delam_fem.cli.measured import (
-    export_command,
-    measure_command,
-    overlay_command,
-)
+from delam_fem.cli.measured import export_command, overlay_command, read_command, response_command
 from delam_fem.cli.paper import paper_command
 from delam_fem.cli.reduction import operators_command, reduce_command, reduced_command
-from delam_fem.cli.run import animate_command, engine_in, report_in_folder, run_in_folder
+from delam_fem.cli.run import engine_in, film_command, report_in_folder, run_in_folder
 from delam_fem.cli.studies import study_command
 from delam_fem.cli.sweep import diagram_command, sweep_command
 
-app = typer.Typer(
-    no_args_is_help=True,
-    invoke_without_command=True,
-    pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
+HELP = ["-h", "--help"]
 
 Figures = Annotated[
     bool,
     typer.Option(
         "--figures/--no-figures",
-        help="Draw figures, fields and page, or write the numbers alone; `report` draws later.",
+        help="Draw figures, fields and page, or write the numbers alone; `show page` draws later.",
     ),
 ]
 
@@ -57,7 +52,6 @@ Extend = Annotated[
 ]
 
 
-@app.callback()
 def main(
     version: Annotated[bool, typer.Option("--version", help="Show the version and exit.")] = False,
 ) -> None:
@@ -69,7 +63,6 @@ def main(
         raise typer.Exit()
 
 
-@app.command("run")
 def run_command(
     case_name: CaseArgument,
     output: Folder = None,
@@ -125,8 +118,7 @@ def run_command(
         )
 
 
-@app.command("report")
-def report_command(
+def page_command(
     directory: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a run, or a sweep.")],
     *,
     quiet: Quiet = False,
@@ -136,53 +128,133 @@ def report_command(
         report_in_folder(directory, quiet=quiet)
 
 
-@app.command("presets")
-def presets_command(
-    show: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Print this preset as a case file.")
-    ] = None,
-) -> None:
-    """List the presets, or print one as a template for a case file."""
-    with reported():
-        from delam_fem.case.files import PRESETS, preset_text
-
-        typer.echo("\n".join(PRESETS) if show is None else preset_text(show), nl=show is None)
-
-
-COMMANDS: dict[str, Callable[..., None]] = {
-    "modes": study_command("modes"),
-    "new": new_command,
-    "validate": validate_command,
-    "sweep": sweep_command,
-    "diagram": diagram_command,
-    "compare": study_command("compare"),
-    "orbit": study_command("orbit"),
-    "continue": study_command("continue"),
-    "paper": paper_command,
-    "converge": study_command("converge"),
-    "animate": animate_command,
-    "schema": schema_command,
-    "detect": study_command("detect"),
-    "resonance": study_command("resonance"),
-    "identify": study_command("identify"),
-    "excite": study_command("excite"),
-    "pod": study_command("pod"),
-    "infer": study_command("infer"),
-    "modulate": study_command("modulate"),
-    "measure": measure_command,
-    "overlay": overlay_command,
-    "export": export_command,
-    "reduced": reduced_command,
-    "operators": operators_command,
-    "reduce": reduce_command,
+GROUPS: dict[str, dict[str, Callable[..., None]]] = {
+    "Case": {"new": new_command, "check": check_command},
+    "Compute": {
+        "run": run_command,
+        "modes": study_command("modes"),
+        "sweep": sweep_command,
+        "orbit find": study_command("orbit find"),
+        "orbit follow": study_command("orbit follow"),
+        "reduce": reduce_command,
+        "reduced": reduced_command,
+    },
+    "Judge": {
+        "converge": study_command("converge"),
+        "compare": study_command("compare"),
+        "paper": paper_command,
+    },
+    "Data": {
+        "measure read": read_command,
+        "measure response": response_command,
+        "measure overlay": overlay_command,
+        "identify resonance": study_command("identify resonance"),
+        "identify keys": study_command("identify keys"),
+        "detect scan": study_command("detect scan"),
+        "detect excite": study_command("detect excite"),
+        "detect pod": study_command("detect pod"),
+        "detect infer": study_command("detect infer"),
+        "detect modulate": study_command("detect modulate"),
+    },
+    "Output": {
+        "show page": page_command,
+        "show film": film_command,
+        "show diagram": diagram_command,
+        "show export": export_command,
+        "show operators": operators_command,
+    },
 }
-"""Commands in the order of the help, behind those that this module defines."""
+"""Commands by their words, in the groups of the help."""
+FAMILIES = {
+    "orbit": "find, follow: periodic orbits, their stability, and branches over a key.",
+    "measure": "read, response, overlay: measured data in SI; beside a run.",
+    "identify": "resonance, keys: parameters from measured or simulated motions.",
+    "detect": "scan, excite, pod, infer, modulate: where a delamination is, and how surely.",
+    "show": "page, film, diagram, export, operators: what was computed, for eyes and programs.",
+}
+"""What the commands of two words with the same first word do."""
+OLD_NAMES: tuple[tuple[str, str, dict[str, str]], ...] = (
+    ("validate", "check", {}),
+    ("presets", "new", {"--show": "--from"}),
+    ("presets", "new --list", {}),
+    ("schema", "new --schema", {}),
+    ("orbit", "orbit find", {}),
+    ("continue", "orbit follow", {}),
+    ("measure", "measure response", {"--excitation": "--excitation", "--poles": "--poles"}),
+    ("measure", "measure read", {}),
+    ("overlay", "measure overlay", {}),
+    ("resonance", "identify resonance", {}),
+    ("identify", "identify keys", {}),
+    ("detect", "detect scan", {}),
+    ("excite", "detect excite", {}),
+    ("pod", "detect pod", {}),
+    ("infer", "detect infer", {}),
+    ("modulate", "detect modulate", {}),
+    ("report", "show page", {}),
+    ("animate", "show film", {}),
+    ("diagram", "show diagram", {}),
+    ("export", "show export", {}),
+    ("operators", "show operators", {}),
+)
+"""For one release: a name of before, that of today, and options of which one must be given."""
 
-for _name, _function in COMMANDS.items():
-    app.command(_name)(_function)
-for command in app.registered_commands:
-    assert command.callback is not None
-    command.callback = with_messages(command.callback)
+
+def renamed(words: list[str]) -> tuple[list[str], str]:
+    """Return a command line with the names of today, and what to tell if it had one of before."""
+    first, *others = words or [""]
+    second = [
+        name.split()[1]
+        for name in itertools.chain(*GROUPS.values())
+        if name.startswith(f"{first} ")
+    ]
+    if second and (not others or others[0] in (*second, *HELP)):
+        return words, ""
+    given = {word.partition("=")[0] for word in others}
+    for old, new, options in OLD_NAMES:
+        found = [word for word in options if word in given]
+        if first != old or (options and not found):
+            continue
+        for word in found:
+            others = [re.sub(f"^{word}(?==|$)", options[word], own) for own in others]
+        old, of_today = " ".join([old, *found]), " ".join([new, *(options[word] for word in found)])
+        return [*new.split(), *others], f"`{old}` is called `{of_today}` now"
+    return words, ""
+
+
+class _Names(TyperGroup):
+    """The commands by the names of today; those of before lead to them."""
+
+    def parse_args(self, ctx: typer.Context, args: list[str]) -> list[str]:  # type: ignore[override]
+        """Read the words of a command line."""
+        words, told = renamed(args)
+        if told and not ctx.resilient_parsing and not {"-q", "--quiet"} & set(args):
+            tell(told)
+        return super().parse_args(ctx, words)
+
+
+def _app() -> typer.Typer:
+    """Return the application with all commands."""
+    settings: dict[str, Any] = {
+        "no_args_is_help": True,
+        "context_settings": {"help_option_names": HELP},
+    }
+    made = typer.Typer(
+        cls=_Names, invoke_without_command=True, pretty_exceptions_enable=False, **settings
+    )
+    made.callback()(main)
+    families: dict[str, typer.Typer] = {}
+    for group, commands in GROUPS.items():
+        for name, function in commands.items():
+            first, _, second = name.partition(" ")
+            if second and first not in families:
+                families[first] = typer.Typer(help=FAMILIES[first], **settings)
+                made.add_typer(families[first], name=first, rich_help_panel=group)
+            place, panel = (families[first], None) if second else (made, group)
+            place.command(second or first, rich_help_panel=panel)(with_messages(function))
+    return made
+
+
+app = _app()
 
 if __name__ == "__main__":
     app()

@@ -1,4 +1,4 @@
-"""Define `delam-fem new`, `validate` and `schema`, which write and check case files."""
+"""Define `delam-fem new` and `check`, which write and check case files."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from delam_fem.cli.console import BAD_INPUT, reported, table, tell
-from delam_fem.cli.inputs import Overrides, case_of
+from delam_fem.cli.inputs import Overrides, case_of, require_one
 
 if TYPE_CHECKING:
     from delam_fem.case.definition import Case
@@ -17,30 +17,33 @@ if TYPE_CHECKING:
     from delam_fem.studies.sweeps.grid import Sweep
 
 
-def schema_command(
-    output: Annotated[
-        Path | None,
-        typer.Option("-o", "--output", metavar="FILE", help="Write it here instead."),
-    ] = None,
-) -> None:
-    """Print the JSON schema of a case file, with which editors check and complete it."""
-    with reported():
-        from delam_fem.case.keys import case_schema
-        from delam_fem.system.files import write_text
-
-        text = json.dumps(case_schema(), indent=1, ensure_ascii=False) + "\n"
-        if output is None:
-            typer.echo(text, nl=False)
-        else:
-            typer.echo(write_text(output, text))
-
-
-New = Annotated[str, typer.Argument(metavar="NAME", help="Name of the case, or of its file.")]
+Name = Annotated[
+    str | None,
+    typer.Argument(metavar="[NAME]", help="Name of the case, or of its file (default: beam)."),
+]
 Kind = Annotated[
-    Literal["apart", "paper", "layered", "edge"],
+    Literal["apart", "paper", "layered", "edge"] | None,
     typer.Option(
-        help="apart: two laminae, clamped together at one end; paper: with the paper's literal "
-        "law; layered: a bonded beam with a delamination inside; edge: one at its free end."
+        help="apart (the default): two laminae, clamped together at one end; paper: with the "
+        "paper's literal law; layered: a bonded beam with a delamination inside; edge: one at its "
+        "free end."
+    ),
+]
+NewFile = Annotated[
+    Path | None,
+    typer.Option("-o", "--output", metavar="FILE", help="Write this file (default: NAME.toml)."),
+]
+From = Annotated[
+    str | None,
+    typer.Option("--from", metavar="PRESET", help="Take a preset; without NAME, print it."),
+]
+List = Annotated[bool, typer.Option("--list", help="Print the names of the presets instead.")]
+Schema = Annotated[
+    bool,
+    typer.Option(
+        "--schema",
+        help="Print the JSON schema of a case file instead, with which editors check and "
+        "complete it.",
     ),
 ]
 CaseNames = Annotated[
@@ -52,17 +55,41 @@ EngineOption = Annotated[
 SUFFIX = ".toml"
 
 
-def new_command(name: New = "beam", *, kind: Kind = "apart") -> None:
+def new_command(
+    name: Name = None,
+    output: NewFile = None,
+    *,
+    kind: Kind = None,
+    source: From = None,
+    presets: List = False,
+    schema: Schema = False,
+) -> None:
     """Write a commented case file with every key: its unit, its default, its meaning."""
     with reported():
         from delam_fem.case.definition import Case
-        from delam_fem.case.keys import case_text
+        from delam_fem.case.files import PRESETS, preset_text
+        from delam_fem.case.keys import case_schema, case_text
         from delam_fem.system.errors import CaseError
         from delam_fem.system.files import write_text
 
-        path = Path(name if name.endswith(SUFFIX) else name + SUFFIX)
-        text = case_text(kind, path.stem)
+        way = require_one(**{"kind": kind, "from": source, "list": presets, "schema": schema})
+        file = name or "beam"
+        path = Path(file if file.endswith(SUFFIX) else file + SUFFIX)
+        if way in ("list", "schema"):
+            if name is not None:
+                raise CaseError(f"new {name}: no NAME goes with --{way}; leave it out")
+            schema_text = json.dumps(case_schema(), indent=1, ensure_ascii=False)
+            lines = "\n".join(PRESETS) if presets else schema_text
+            typer.echo(lines if output is None else write_text(output, lines + "\n"))
+            return
+        text = case_text(kind or "apart", path.stem) if source is None else preset_text(source)
+        if source is not None and name is not None:
+            text = text.replace(f'name = "{source}"', f"name = {json.dumps(path.stem)}", 1)
         Case.from_toml(text)  # refuses a name that is none
+        if source is not None and (name or output) is None:
+            typer.echo(text, nl=False)
+            return
+        path = output or path
         if path.exists():
             raise CaseError(f"new {path}: exists; give another NAME, or remove the file")
         if not path.parent.is_dir():
@@ -71,7 +98,7 @@ def new_command(name: New = "beam", *, kind: Kind = "apart") -> None:
         typer.echo(path)
 
 
-def validate_command(
+def check_command(
     names: CaseNames, overrides: Overrides = None, *, engine: EngineOption = "petsc"
 ) -> None:
     """Check cases and sweeps as a run would before its first step, and show what they are."""

@@ -77,3 +77,20 @@ def _told(case: Case) -> Case:
 def inputs_of(case: Case) -> list[Path]:
     """Return the files that a case names."""
     return list(case.files.values())
+
+
+def require_one(**given: object) -> str | None:
+    """Return which of some options is given; None if none is.
+
+    Args:
+        given: options by name, without `--`.
+
+    Raises:
+        CaseError: several are given.
+    """
+    from delam_fem.system.errors import CaseError
+
+    names = [f"--{name}" for name, value in given.items() if value not in (None, False)]
+    if len(names) > 1:
+        raise CaseError(f"expected one of {' and '.join(names)}, given both")
+    return names[0].removeprefix("--") if names else None

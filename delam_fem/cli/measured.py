@@ -1,4 +1,4 @@
-"""Define the commands of measured data: `measure`, `overlay`, `export`."""
+"""Define `delam-fem measure read`, `response` and `overlay`, and `show export`."""
 
 from __future__ import annotations
 
@@ -44,9 +44,8 @@ Segment = Annotated[
         metavar="S", help="Length of averaged segments (default: an eighth, or from blow to blow)."
     ),
 ]
-Estimator = Annotated[
-    Literal["H1", "H2", "Hv"], typer.Option(help="Estimator of frequency responses.")
-]
+Method = Literal["H1", "H2", "Hv"]
+Estimator = Annotated[Method, typer.Option(help="Estimator of frequency responses.")]
 PoleRange = Annotated[
     tuple[float, float] | None,
     typer.Option("--poles", metavar="LOW HIGH", help="Find poles between two frequencies."),
@@ -59,7 +58,21 @@ MeasuredFolder = Annotated[
 ]
 
 
-def measure_command(
+def read_command(
+    files: Files,
+    output: MeasuredFolder = None,
+    channels: Channels = None,
+    units: Units = None,
+    rate: Rate = None,
+    *,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+) -> None:
+    """Read measurements into one dataset in SI, DIR/measured.nc, and show what was found."""
+    _measure(files, output, channels, units, rate, overwrite=overwrite, quiet=quiet)
+
+
+def response_command(
     files: Files,
     output: MeasuredFolder = None,
     channels: Channels = None,
@@ -73,7 +86,27 @@ def measure_command(
     overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
-    """Read measurements into one dataset in SI, DIR/measured.nc, and show what was found."""
+    """Read measurements, and add frequency responses to a channel and their poles."""
+    asked = excitation, segment, estimator, pole_range
+    _measure(files, output, channels, units, rate, asked, overwrite=overwrite, quiet=quiet)
+
+
+def _measure(
+    files: list[Path],
+    output: Path | None,
+    channels: list[str] | None,
+    units: str | None,
+    rate: float | None,
+    asked: tuple[str | None, float | None, Method, tuple[float, float] | None] | None = None,
+    *,
+    overwrite: bool,
+    quiet: bool,
+) -> None:
+    """Read measurements, write and show them.
+
+    `asked` is what a user asks of frequency responses: excitation, length of segments, estimator,
+    range of poles; None: nothing.
+    """
     with reported(quiet):
         from delam_fem.results.measured.reading import (
             HEADING,
@@ -83,8 +116,15 @@ def measure_command(
             rows,
             write_all,
         )
+        from delam_fem.system.errors import CaseError
         from delam_fem.system.files import claimed
 
+        excitation, segment, estimator, pole_range = asked or (None, None, "H1", None)
+        if asked is not None and excitation is None and pole_range is None:
+            raise CaseError(
+                "measure response: expected --excitation NAME, --poles LOW HIGH or both; "
+                "`measure read` only reads"
+            )
         data = read_measured(*files, channels=assigned(channels), units=units, rate=rate)
         if excitation is not None:
             from delam_fem.results.measured.responses import with_responses

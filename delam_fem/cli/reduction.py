@@ -1,4 +1,4 @@
-"""Define `delam-fem reduce`, `reduced` and `operators`: modes, and matrices for others."""
+"""Define `delam-fem reduce`, `reduced` and `show operators`: modes, and matrices for others."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Carry out `delam-fem run`, `report` and `animate`: the folder, the ranks, the end, the film."""
+"""Carry out `delam-fem run`, `show page` and `show film`: folder, ranks, end, film."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ Solid = Annotated[
 ]
 
 
-def animate_command(
+def film_command(
     run: RunFolder,
     output: Files = None,
     *,
@@ -245,7 +245,7 @@ def report_in_folder(directory: Path, *, quiet: bool) -> None:
 
     if not directory.is_dir():
         raise CaseError(
-            f"report {directory}: no such folder; expected the folder of a run or a sweep"
+            f"show page {directory}: no such folder; expected the folder of a run or a sweep"
         )
     with claimed(directory, may_hold_results=True):
         if (directory / RESULT).is_file():

@@ -37,7 +37,7 @@ class Entry(NamedTuple):
     Attributes:
         options: class of its options.
         home: module that has the study as `STUDY`.
-        suffix: of the default folder; empty: the name of the command.
+        suffix: of the default folder; empty: the last word of the command.
     """
 
     options: type[Options]
@@ -48,18 +48,18 @@ class Entry(NamedTuple):
 STUDIES = {
     "modes": Entry(studies.Modes, "studies.modes"),
     "compare": Entry(studies.Compare, "reference.compare"),
-    "orbit": Entry(studies.Orbit, "studies.orbits.run"),
-    "continue": Entry(studies.Continue, "studies.branches.follow", "branch"),
+    "orbit find": Entry(studies.Orbit, "studies.orbits.run", "orbit"),
+    "orbit follow": Entry(studies.Continue, "studies.branches.follow", "branch"),
     "converge": Entry(studies.Converge, "studies.convergence.run"),
-    "detect": Entry(studies.Detect, "studies.detection.detect"),
-    "excite": Entry(studies.Excite, "studies.detection.excitation"),
-    "pod": Entry(studies.Pod, "studies.detection.pod"),
-    "infer": Entry(studies.Infer, "studies.detection.infer"),
-    "resonance": Entry(studies.Resonance, "studies.identification.resonance"),
-    "identify": Entry(studies.Identify, "studies.identification.identify", "identification"),
-    "modulate": Entry(studies.Modulate, "studies.detection.modulation"),
+    "detect scan": Entry(studies.Detect, "studies.detection.detect", "detect"),
+    "detect excite": Entry(studies.Excite, "studies.detection.excitation"),
+    "detect pod": Entry(studies.Pod, "studies.detection.pod"),
+    "detect infer": Entry(studies.Infer, "studies.detection.infer"),
+    "identify resonance": Entry(studies.Resonance, "studies.identification.resonance"),
+    "identify keys": Entry(studies.Identify, "studies.identification.identify", "identification"),
+    "detect modulate": Entry(studies.Modulate, "studies.detection.modulation"),
 }
-"""Commands by name."""
+"""Commands by their words."""
 _UNIT = re.compile(r"\[([^\]]+)\]")
 COMMON: dict[str, tuple[Any, Any]] = {
     "workers": (Workers, None),
@@ -89,7 +89,7 @@ def study_command(name: str) -> Callable[..., None]:
             study = import_module(f"delam_fem.{home}").STUDY
             common = {key: given.pop(key) for key in kind.common}
             own = kind(**{key: value for key, value in given.items() if value is not None})
-            folder = output or Path("runs") / f"{case.name}-{suffix or name}"
+            folder = output or Path("runs") / f"{case.name}-{suffix or name.split()[-1]}"
             is_dry, is_confirmed = common.pop("dry_run", False), common.pop("yes", False)
             if study.cost is not None:
                 what, cost = study.cost(case, own, common["workers"])

@@ -1,4 +1,4 @@
-"""Define `delam-fem sweep` and `diagram`, also for clusters that share a sweep."""
+"""Define `delam-fem sweep` and `show diagram`, also for clusters that share a sweep."""
 
 from __future__ import annotations
 
@@ -31,6 +31,7 @@ from delam_fem.cli.inputs import (
     Workers,
     Yes,
     inputs_of,
+    require_one,
 )
 
 if TYPE_CHECKING:
@@ -70,23 +71,6 @@ Hours = Annotated[
 ]
 DAY = 24.0
 """Longest time of a job unless the user says another [h]."""
-
-
-def require_one(**given: object) -> str | None:
-    """Return which of some options is given; None if none is.
-
-    Args:
-        given: options by name, without `--`.
-
-    Raises:
-        CaseError: several are given.
-    """
-    from delam_fem.system.errors import CaseError
-
-    names = [f"--{name}" for name, value in given.items() if value not in (None, False)]
-    if len(names) > 1:
-        raise CaseError(f"expected one of {' and '.join(names)}, given both")
-    return names[0].removeprefix("--") if names else None
 
 
 def require_fitting(
@@ -452,16 +436,16 @@ def _read(source: Path, output: Path | None) -> tuple[xr.Dataset, Path]:
     has_journal = not path.is_file() and (source / "sweep.journal").exists()
     if has_journal and not (source / "sweep.toml").is_file():
         raise CaseError(
-            f"diagram: {source} has shards that are not merged; delam-fem sweep FILE --merge -o "
-            f"{source} joins them"
+            f"show diagram: {source} has shards that are not merged; delam-fem sweep FILE "
+            f"--merge -o {source} joins them"
         )
     if has_journal:
         raise CaseError(
-            f"diagram: the sweep in {source} is not finished, {_points_in(source)}; "
+            f"show diagram: the sweep in {source} is not finished, {_points_in(source)}; "
             f"{_go_on(source)} goes on with it"
         )
     if not path.is_file():
         raise CaseError(
-            f"diagram: no such file: {path}; expected a sweep file (.toml) or a result of one"
+            f"show diagram: no such file: {path}; expected a sweep file (.toml) or a result of one"
         )
     return open_result(path, is_loaded=True), output or path.parent

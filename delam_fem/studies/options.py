@@ -170,7 +170,7 @@ class Detect(Scan, Measured):
         index: index that calls and locates.
         periods: length of the record of a point in periods.
         measured: measurement of the surface, which is judged instead of a simulated one;
-            repeatable. --channel, --units and --rate as for `measure`.
+            repeatable. --channel, --units and --rate as for `measure read`.
     """
 
     index: Literal["curvature", "V2", "V3", "V1/2", "distortion", "thd"] = "curvature"
@@ -227,7 +227,7 @@ class Infer(Measured):
         uncertain: in what the rig may differ from the case; 0.9x:1.1x are multiples of the case's
             own value; repeatable (default: stiffness ± 5 %, damping 0.5x:2x, clamps that yield).
         measured: scan of the surface, a file per frequency, instead of simulated ones.
-            --channel, --units and --rate as for `measure`.
+            --channel, --units and --rate as for `measure read`.
     """
 
     common = ("workers", "resume", "overwrite")

@@ -42,7 +42,7 @@ COMMANDS: dict[str, list[str]] = {
     "endless mesh": ["run", "paper", "--set", "mesh.file=endless.mdpa"],
     "long name": ["run", "a" * 5000],
     "many points": ["sweep", "many.toml"],
-    "damaged result": ["diagram", "response", "damaged.nc"],
+    "damaged result": ["show", "diagram", "response", "damaged.nc"],
     "modes": ["modes", "paper", "--set", "gap.file=/etc/passwd"],
 }  # fmt: skip
 """Arguments of commands that must be refused; the folder `out` must not appear."""

@@ -1,4 +1,4 @@
-"""The command `delam-fem animate`: what it writes and what it refuses."""
+"""The command `delam-fem show film`: what it writes and what it refuses."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from delam_fem.cli.app import app
 
 
 def animate(*arguments: str | Path) -> tuple[int, str]:
-    result = CliRunner().invoke(app, ["animate", *(str(argument) for argument in arguments)])
+    result = CliRunner().invoke(app, ["show", "film", *(str(argument) for argument in arguments)])
     return result.exit_code, result.output
 
 

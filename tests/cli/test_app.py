@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 import delam_fem
 from delam_fem.case.definition import Case
 from delam_fem.case.files import load_case, preset, save_case
-from delam_fem.cli.app import app
+from delam_fem.cli.app import GROUPS, OLD_NAMES, app, renamed
 from delam_fem.cli.progress import PlainProgress, progress
 from delam_fem.system.errors import CaseError
 
@@ -149,7 +149,7 @@ def test_report_is_made_again_without_computing(
     monkeypatch.setitem(sys.modules, "delam_fem.pipeline", None)  # cannot be imported
     again = invoke("run", "paper", *sets, "-q", "-o", folder, "--resume")
     assert (again.exit_code, again.output) == (0, "")  # complete: nothing to compute
-    result = invoke("report", folder)
+    result = invoke("show", "page", folder)
     assert result.exit_code == 0, result.output
     assert {path.relative_to(folder) for path in folder.rglob("*") if path.is_file()} == made
     assert (folder / "result.nc").read_bytes() == before
@@ -163,7 +163,7 @@ def test_report_of_what_is_no_run(content: bytes | None, text: str, tmp_path: Pa
     if content is not None:
         (tmp_path / "result.nc").write_bytes(content)
     for folder, expected in ((tmp_path, text), (tmp_path / "none", "no such folder")):
-        result = invoke("report", folder)
+        result = invoke("show", "page", folder)
         assert (result.exit_code, result.stdout) == (2, "")
         assert expected in result.stderr
         assert len(result.stderr.splitlines()) == 1
@@ -311,11 +311,92 @@ def test_comparison_is_shown_and_written(tmp_path: Path, monkeypatch: pytest.Mon
 
 
 def test_presets_are_listed_and_shown() -> None:
-    assert invoke("presets").stdout.split() == ["paper", "default", "embedded", "edge"]
-    shown = invoke("presets", "--show", "paper")
+    assert invoke("new", "--list").stdout.split() == ["paper", "default", "embedded", "edge"]
+    shown = invoke("new", "--from", "paper")
     assert Case.from_toml(shown.stdout) == preset("paper")
-    unknown = invoke("presets", "--show", "x")
+    unknown = invoke("new", "--from", "x")
     assert (unknown.exit_code, unknown.stderr.count("preset 'x': unknown")) == (2, 1)
+
+
+def test_a_preset_or_the_schema_is_written_to_a_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert invoke("new", "mine", "--from", "edge").stdout.split() == ["mine.toml"]
+    assert load_case("mine.toml") == preset("edge", {"name": "mine"})
+    assert invoke("new", "--from", "edge", "-o", "mine.toml").exit_code == 2  # never replaced
+    assert invoke("new", "--schema", "-o", "s.json").exit_code == 0
+    assert Path("s.json").read_text("utf-8") == invoke("new", "--schema").stdout
+    for words, told in {
+        ("x", "--list"): "no NAME goes with --list",
+        ("--kind", "edge", "--from", "edge"): "expected one of --kind and --from, given both",
+    }.items():
+        refused = invoke("new", *words)
+        assert (refused.exit_code, refused.stderr.count(told)) == (2, 1)
+    assert {path.name for path in tmp_path.iterdir()} == {"mine.toml", "s.json"}
+
+
+@pytest.mark.parametrize(
+    ("before", "now"),
+    [
+        ("validate a.toml --set b=1", "check a.toml --set b=1"),
+        ("presets", "new --list"),
+        ("presets --show edge", "new --from edge"),
+        ("presets --show=edge", "new --from=edge"),
+        ("schema -o a.json", "new --schema -o a.json"),
+        ("orbit default --settle 9", "orbit find default --settle 9"),
+        ("orbit --settle 9 default", "orbit find --settle 9 default"),
+        ("continue a --from 1 --to 2", "orbit follow a --from 1 --to 2"),
+        ("measure x.csv --units mm", "measure read x.csv --units mm"),
+        ("measure x.csv --excitation f", "measure response x.csv --excitation f"),
+        ("measure x.csv --poles 1 2", "measure response x.csv --poles 1 2"),
+        ("overlay run x.csv", "measure overlay run x.csv"),
+        ("resonance paper", "identify resonance paper"),
+        ("identify paper --unknown a=1:2", "identify keys paper --unknown a=1:2"),
+        ("detect embedded", "detect scan embedded"),
+        ("excite embedded", "detect excite embedded"),
+        ("pod embedded", "detect pod embedded"),
+        ("infer embedded", "detect infer embedded"),
+        ("modulate embedded", "detect modulate embedded"),
+        ("report runs/a", "show page runs/a"),
+        ("animate runs/a", "show film runs/a"),
+        ("diagram response s.toml", "show diagram response s.toml"),
+        ("export runs/a --to mat", "show export runs/a --to mat"),
+        ("operators a -o a.mat", "show operators a -o a.mat"),
+    ],
+)
+def test_a_name_of_before_leads_to_that_of_today(before: str, now: str) -> None:
+    words, told = renamed(before.split())
+    assert words == now.split()
+    assert told.startswith(f"`{before.split()[0]}") and told.endswith(" now")
+
+
+def test_names_of_today_are_told_nothing() -> None:
+    for name in [name for group in GROUPS.values() for name in group]:
+        assert renamed([*name.split(), "paper"]) == ([*name.split(), "paper"], "")
+    for words in ([], ["--help"], ["orbit"], ["detect", "-h"], ["measure", "--help"]):
+        assert renamed(words) == (words, "")
+
+
+def test_a_name_of_before_is_told_once_unless_quiet(tmp_path: Path) -> None:
+    old, new = invoke("presets"), invoke("new", "--list")
+    assert (old.stdout, old.stderr) == (new.stdout, "`presets` is called `new --list` now\n")
+    few = ("paper", "--set", "mesh.elements=2", "-o")
+    told = invoke("operators", *few, tmp_path / "a.npz")
+    assert told.stderr == "`operators` is called `show operators` now\n"
+    assert invoke("operators", *few, tmp_path / "b.npz", "-q").output == ""
+
+
+def test_help_shows_the_groups_and_no_name_of_before() -> None:
+    text = invoke("--help").stdout
+    assert all(f"─ {group} ─" in text for group in GROUPS)
+    shown = {line.split()[1] for line in text.splitlines() if line.startswith("│ ")}
+    today = {name.split()[0] for group in GROUPS.values() for name in group}
+    assert today <= shown and not shown & ({old for old, *_ in OLD_NAMES} - today)
+    for first in ("orbit", "measure", "identify", "detect", "show"):
+        told = invoke(first, "--help").stdout
+        seconds = {n.split()[1] for g in GROUPS.values() for n in g if n.startswith(f"{first} ")}
+        assert seconds <= set(told.split())
 
 
 def test_version_and_usage() -> None:

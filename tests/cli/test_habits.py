@@ -34,13 +34,13 @@ def test_a_new_case_is_valid_and_never_replaced() -> None:
     assert "expected an existing folder" in invoke("new", "nowhere/a").stderr
 
 
-def test_several_cases_are_validated_and_each_problem_is_told() -> None:
+def test_several_cases_are_checked_and_each_problem_is_told() -> None:
     Path("s.toml").write_text(SWEEP, encoding="utf-8")
-    good = invoke("validate", "paper", "s.toml")
+    good = invoke("check", "paper", "s.toml")
     assert good.exit_code == 0, good.stderr
     assert "685 × 40 × 2 mm" in good.stdout and "newton-penalty@newmark" in good.stdout
     assert "2 values, 3.0 … 3.5 Hz" in good.stdout and "about" in good.stdout
-    bad = invoke("validate", "nothing.toml", "paper", "--set", "contact.restitution=2")
+    bad = invoke("check", "nothing.toml", "paper", "--set", "contact.restitution=2")
     assert bad.exit_code == 2
     assert "nothing.toml: no such file" in bad.stderr
     assert "contact.restitution: expected a number from 0 to 1, given 2" in bad.stderr
@@ -59,7 +59,7 @@ def test_a_dry_run_tells_and_writes_nothing() -> None:
         assert not Path("out").exists()
     absurd = invoke("run", "paper", "--set", "time.periods=1000000000", "--dry-run")
     assert (absurd.exit_code, "must be confirmed by --yes" in absurd.stderr) == (2, True)
-    checked = invoke("validate", "paper", "--set", "time.periods=1000000000")
+    checked = invoke("check", "paper", "--set", "time.periods=1000000000")
     assert (checked.exit_code, "must be confirmed by --yes" in checked.stderr) == (2, True)
     steps = ("--steps", "90000000", "--limit-steps", "0")
     assert "must be confirmed by --yes" in invoke("converge", "paper", *steps).stderr
@@ -67,7 +67,7 @@ def test_a_dry_run_tells_and_writes_nothing() -> None:
 
 def test_a_diagram_that_cannot_be_drawn_is_refused_before_the_sweep() -> None:
     Path("s.toml").write_text(SWEEP, encoding="utf-8")
-    refused = invoke("diagram", "plane", "s.toml", "-o", "out")
+    refused = invoke("show", "diagram", "plane", "s.toml", "-o", "out")
     assert refused.exit_code == 2
     assert "expected a sweep over 2 axes, given frequency; nothing was" in refused.stderr
     assert not Path("out").exists()
@@ -104,7 +104,7 @@ def test_numbers_alone_and_their_figures_later() -> None:
     second = invoke("run", "paper", *SMALL, "-o", "b", "--no-figures", "-q", "--log", "b.log")
     assert (first.exit_code, second.exit_code) == (0, 0), second.stderr
     assert not {"figures", "fields", "report.html"} & set(os.listdir("b"))
-    assert invoke("report", "b", "-q").exit_code == 0
+    assert invoke("show", "page", "b", "-q").exit_code == 0
     for name in sorted(os.listdir("a/figures")):
         assert Path("a/figures", name).read_bytes() == Path("b/figures", name).read_bytes(), name
     assert sorted(os.listdir("a/fields")) == sorted(os.listdir("b/fields"))
@@ -113,7 +113,7 @@ def test_numbers_alone_and_their_figures_later() -> None:
 
 
 def test_a_log_file_that_cannot_be_written_is_told() -> None:
-    refused = invoke("presets", "--log", "nowhere/x.log")
+    refused = invoke("new", "--list", "--log", "nowhere/x.log")
     assert refused.exit_code == 2
     assert "--log nowhere/x.log: cannot be written (No such file" in refused.stderr
 
@@ -151,11 +151,11 @@ def test_a_warning_is_not_glued_to_the_bar(monkeypatch: pytest.MonkeyPatch) -> N
 def test_the_shell_completes_commands() -> None:
     asked = {
         "_DELAM_FEM_COMPLETE": "complete_bash",
-        "COMP_WORDS": "delam-fem va",
+        "COMP_WORDS": "delam-fem ch",
         "COMP_CWORD": "1",
     }
     code = "from delam_fem.cli.app import app; app(prog_name='delam-fem')"
     done = subprocess.run(
         [sys.executable, "-c", code], env=os.environ | asked, capture_output=True, text=True
     )
-    assert done.stdout.split() == ["validate"]
+    assert done.stdout.split() == ["check"]

@@ -38,7 +38,7 @@ def test_a_file_for_another_command_names_it() -> None:
     )
     told = "sweep case.toml: is a case; compute it with delam-fem run case.toml"
     assert told in refused("sweep", "case.toml") and told in refused(
-        "diagram", "response", "case.toml"
+        "show", "diagram", "response", "case.toml"
     )
 
 
@@ -47,7 +47,7 @@ def test_a_typo_in_the_key_of_an_axis_is_named_before_its_value() -> None:
         "values = [3.0, 3.5]", 'start = "9.5 Hz"\nstop = "12 Hz"\ncount = 3'
     )
     Path("s.toml").write_text(text, encoding="utf-8")
-    found = refused("validate", "s.toml")
+    found = refused("check", "s.toml")
     assert "axis.1.key" in found and "'excitation.frequncy'; did you mean frequency?" in found
     assert "axis.1.start" not in found
 
@@ -65,8 +65,8 @@ def test_quotes_and_commas_are_named(old: str, new: str, told: str) -> None:
     text = preset("paper").to_toml()
     assert old in text
     Path("a.toml").write_text(text.replace(old, new), encoding="utf-8")
-    assert told in refused("validate", "a.toml")
-    assert "a text stands" not in refused("validate", "nothing.toml")
+    assert told in refused("check", "a.toml")
+    assert "a text stands" not in refused("check", "nothing.toml")
 
 
 def test_entries_have_names() -> None:
@@ -84,18 +84,20 @@ def test_entries_have_names() -> None:
 def test_a_window_is_no_longer_than_the_run() -> None:
     keys = ("--set", "time.periods=5", "--set", "output.window_periods=10")
     told = "output.window_periods: expected at most the 5 periods of the run, given 10"
-    assert told in refused("validate", "paper", *keys)
-    assert invoke("validate", "paper", *keys[:2]).exit_code == 0  # the preset has 10
+    assert told in refused("check", "paper", *keys)
+    assert invoke("check", "paper", *keys[:2]).exit_code == 0  # the preset has 10
 
 
 def test_units_of_branches_are_read_and_told(tmp_path: Path) -> None:
-    bad = refused("continue", "paper", "--from", "9.5 mm", "--to", "10")
+    bad = refused("orbit", "follow", "paper", "--from", "9.5 mm", "--to", "10")
     assert "--from: expected a frequency" in bad and "'9.5 mm'" in bad
     assert "--to: expected a number, given 'fast'" in refused(
-        "continue", "paper", "--from", "3", "--to", "fast"
+        "orbit", "follow", "paper", "--from", "3", "--to", "fast"
     )
     keys = ("--set", "contact.law=none", *SMALL, "--step", "0.5", "--doublings", "0")
-    found = invoke("continue", "paper", "--from", "2500 mHz", "--to", "2.6 Hz", *keys, "-o", "b")
+    found = invoke(
+        "orbit", "follow", "paper", "--from", "2500 mHz", "--to", "2.6 Hz", *keys, "-o", "b"
+    )
     assert found.exit_code == 0, found.output
     assert "excitation.frequency = 2.5 Hz" in found.stderr
     with h5py.File("b/branch.nc") as file:
@@ -117,14 +119,14 @@ def test_the_page_of_a_sweep_is_written_again() -> None:
     page = next(path for path in Path("s").glob("*.html"))
     before = page.read_bytes()
     page.unlink()
-    found = invoke("report", "s")
+    found = invoke("show", "page", "s")
     assert (found.exit_code, page.read_bytes()) == (0, before)
     assert page.name in found.stdout
 
 
 def test_laminae_that_are_apart_are_not_searched_for_delaminations() -> None:
     told = "detect: expected a case with [[delamination]], given laminae apart"
-    assert told in refused("detect", "default", "-o", "d")
+    assert told in refused("detect", "scan", "default", "-o", "d")
 
 
 def test_a_quiet_console_writes_nothing_at_all(tmp_path: Path) -> None:
@@ -139,7 +141,7 @@ def test_solids_and_ribbons_lie_at_the_same_height() -> None:
     few = {"mesh.elements": 4, "time.periods": 1, "time.steps_per_period": 60}
     plane = preset("default", few | {"model.kind": "plane-stress"})
     df.run(plane).save("p", figures=False)
-    assert invoke("report", "p").exit_code == 0
+    assert invoke("show", "page", "p").exit_code == 0
     heights = []
     for name in ("fields", "solid"):
         with h5py.File(next(Path("p").rglob(f"{name}.vtkhdf"))) as file:

@@ -1,4 +1,4 @@
-"""The commands `measure`, `overlay` and `export`: what they write, show and refuse."""
+"""The commands `measure` and `show export`: what they write, show and refuse."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def table(tmp_path: Path) -> Path:
 
 def test_measure_writes_a_dataset_and_says_what_it_holds(table: Path, tmp_path: Path) -> None:
     status, output = call(
-        "measure", table, "-o", tmp_path / "out", "--units", "mm",
+        "measure", "read", table, "-o", tmp_path / "out", "--units", "mm",
         "--channel", "tip thick=a", "--channel", "tip thin=col3:um",
     )  # fmt: skip
     assert status == 0, output
@@ -42,7 +42,7 @@ def test_measure_writes_a_dataset_and_says_what_it_holds(table: Path, tmp_path: 
         3e-3, rel=1e-3
     )
     assert float(data["tip_displacement"].sel(lamina="thin").max()) == pytest.approx(4e-6)
-    status, output = call("measure", table, "-o", tmp_path / "out", "--units", "mm")
+    status, output = call("measure", "read", table, "-o", tmp_path / "out", "--units", "mm")
     assert status == 2 and "not empty" in output
 
 
@@ -60,8 +60,14 @@ def test_measure_writes_a_dataset_and_says_what_it_holds(table: Path, tmp_path: 
 def test_measure_refuses_what_is_not_clear(
     table: Path, tmp_path: Path, arguments: tuple[str, ...], message: str
 ) -> None:
-    status, output = call("measure", table, "-o", tmp_path / "out", *arguments)
+    status, output = call("measure", "read", table, "-o", tmp_path / "out", *arguments)
     assert status == 2 and message in output
+    assert not (tmp_path / "out").exists()
+
+
+def test_responses_need_to_be_asked_for(table: Path, tmp_path: Path) -> None:
+    status, output = call("measure", "response", table, "-o", tmp_path / "out", "--units", "mm")
+    assert status == 2 and "expected --excitation NAME, --poles LOW HIGH or both" in output
     assert not (tmp_path / "out").exists()
 
 
@@ -79,26 +85,26 @@ def test_overlay_says_how_a_measurement_differs(run: Path, tmp_path: Path) -> No
     history = xr.load_dataset(run / "result.nc", engine="h5netcdf")
     t, (a, b) = recorded(history, period=small_case().period, start=14.4, noise=1e-4)
     path = write_csv(tmp_path / "m.csv", t, {"tip thick": a, "tip thin": 1.5 * b})
-    status, output = call("overlay", run, path)
+    status, output = call("measure", "overlay", run, path)
     assert status == 0, output
     assert "tip thin: measured 1.5 ±" in output and "time of the run =" in output
     assert (run / "overlay" / "overlay.html").is_file()
     status, output = call(
-        "overlay", run, path, "--channel", "a=tip thick", "--channel", "b=tip thin"
+        "measure", "overlay", run, path, "--channel", "a=tip thick", "--channel", "b=tip thin"
     )
     assert status == 2 and "none of its channels (a, b) is in the run" in output
-    status, output = call("overlay", tmp_path, path)
+    status, output = call("measure", "overlay", tmp_path, path)
     assert status == 2 and "result.nc" in output
 
 
 @pytest.mark.parametrize("to", ["csv", "mat", "uff", "vtkhdf"])
 def test_export_writes_beside_the_run(run: Path, to: str) -> None:
-    status, output = call("export", run, "--to", to)
+    status, output = call("show", "export", run, "--to", to)
     assert status == 0, output
     assert f"paper.{to}" in output.replace(" ", "")
     assert (run / "export" / f"paper.{to}").stat().st_size > 100
 
 
 def test_export_refuses_other_formats(run: Path) -> None:
-    status, output = call("export", run, "--to", "xls")
+    status, output = call("show", "export", run, "--to", "xls")
     assert status == 2 and "expected one of csv, mat, uff, vtkhdf" in output

@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 import delam_fem as df
-from delam_fem.cli.app import app
+from delam_fem.cli.app import GROUPS, app
 from delam_fem.model import discretise
 from delam_fem.model.discretise import KINDS
 from delam_fem.model.reduction import reduced_case
@@ -18,20 +18,21 @@ from delam_fem.studies.linear import first_frequencies, linear_amplitudes
 
 COARSE = ("--set", "mesh.elements=3")
 FOLLOW = {
-    "run", "modes", "orbit", "continue", "reduce", "reduced", "resonance", "identify", "excite",
-    "pod", "infer",
+    "run", "modes", "orbit find", "orbit follow", "reduce", "reduced", "identify resonance",
+    "identify keys", "detect excite", "detect pod", "detect infer",
 }  # fmt: skip
 """Commands that compute whatever model a case has."""
-REFUSE = {"compare", "operators", "converge", "detect", "modulate"}
+REFUSE = {"compare", "show operators", "converge", "detect scan", "detect modulate"}
 """Commands that cannot, at least in a part of what they do."""
 
 
 def test_each_command_that_takes_a_case_has_been_decided() -> None:
-    taking = set()
-    for command in app.registered_commands:
-        assert command.callback is not None
-        if "case_name" in inspect.signature(command.callback).parameters:
-            taking.add(command.name)
+    taking = {
+        name
+        for group in GROUPS.values()
+        for name, function in group.items()
+        if "case_name" in inspect.signature(function).parameters
+    }
     assert taking == FOLLOW | REFUSE
 
 
@@ -39,7 +40,7 @@ def test_each_command_that_takes_a_case_has_been_decided() -> None:
     ("arguments", "kind", "study"),
     [
         (("compare", "default"), "plane-stress", "compare"),
-        (("operators", "default", "-o", "a.npz"), "solid", "operators"),
+        (("show", "operators", "default", "-o", "a.npz"), "solid", "operators"),
     ],
 )
 def test_a_model_that_a_study_does_not_follow_is_refused(
@@ -58,7 +59,7 @@ def test_a_reduced_model_gives_its_own_operators_and_modes(tmp_path: Path) -> No
     small = df.preset("default", {"mesh.elements": 6})
     reduced_case(small, 6).save(tmp_path)
     case = str(tmp_path / "case.toml")
-    status = CliRunner().invoke(app, ["operators", case, "-o", str(tmp_path / "o.npz")])
+    status = CliRunner().invoke(app, ["show", "operators", case, "-o", str(tmp_path / "o.npz")])
     assert status.exit_code == 0, status.stderr
     with np.load(tmp_path / "o.npz") as found:
         assert np.all(found["M"] == np.eye(len(found["M"]))) and np.all(found["lamina"] == -1)
@@ -86,7 +87,7 @@ def test_the_motion_without_contact_is_that_of_the_model() -> None:
 def test_the_intact_structure_of_a_reduced_model_is_refused(tmp_path: Path) -> None:
     reduced_case(df.preset("embedded", {"mesh.elements": 20}), 6).save(tmp_path)
     given = CliRunner().invoke(
-        app, ["detect", str(tmp_path / "case.toml"), "-o", str(tmp_path / "d")]
+        app, ["detect", "scan", str(tmp_path / "case.toml"), "-o", str(tmp_path / "d")]
     )
     assert given.exit_code == 2
     assert 'model.kind: comparison with the intact structure: expected "beam"' in given.stderr

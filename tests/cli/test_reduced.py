@@ -1,4 +1,4 @@
-"""The commands `delam-fem reduced` and `delam-fem operators`."""
+"""The commands `delam-fem reduced` and `delam-fem show operators`."""
 
 import json
 from pathlib import Path
@@ -35,7 +35,7 @@ def test_a_reduced_case_becomes_the_folder_of_a_run(tmp_path: Path) -> None:
     ("arguments", "message"),
     [
         (("reduced", "default", "--modes", "30"), "modes: the modes beyond the lowest 30"),
-        (("operators", "default", "-o", "a.csv"), "ends in .npz or .mat, given a.csv"),
+        (("show", "operators", "default", "-o", "a.csv"), "ends in .npz or .mat, given a.csv"),
     ],
 )
 def test_bad_input_is_refused(arguments: tuple[str, ...], message: str, tmp_path: Path) -> None:
@@ -45,6 +45,6 @@ def test_bad_input_is_refused(arguments: tuple[str, ...], message: str, tmp_path
 
 
 def test_operators_are_written(tmp_path: Path) -> None:
-    status, output = call("operators", "default", *SMALL, "-o", tmp_path / "a.mat")
+    status, output = call("show", "operators", "default", *SMALL, "-o", tmp_path / "a.mat")
     assert status == 0, output
     assert (tmp_path / "a.mat").stat().st_size > 1000

@@ -62,7 +62,7 @@ def places(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, Place]]:
 def test_a_command_gives_its_options_and_writes_and_says_what_was_found(
     places: list[tuple[Any, Place]],
 ) -> None:
-    done = invoke("excite", "embedded", "--from", "50", "-n", "3", "-j", "2", "-o", "out")
+    done = invoke("detect", "excite", "embedded", "--from", "50", "-n", "3", "-j", "2", "-o", "out")
     assert done.exit_code == 0, done.output
     ((options, place),) = places
     assert options == Excite(lowest=50.0, number=3)
@@ -77,11 +77,14 @@ def test_a_command_gives_its_options_and_writes_and_says_what_was_found(
     for text in ("A sentence.", "a [m]", "out/found.json"):
         assert text in done.stdout
     assert "warning: a remark" in done.stderr
-    again = invoke("excite", "embedded", "-o", "out")
+    again = invoke("detect", "excite", "embedded", "-o", "out")
     assert again.exit_code == 2 and "is not empty" in " ".join(again.stderr.split())
     for option in ("--resume", "--overwrite"):
-        assert invoke("excite", "embedded", "-o", "out", option, "-q").stdout == ""
-    assert invoke("excite", "embedded").exit_code == 0 and Path("runs/embedded-excite").is_dir()
+        assert invoke("detect", "excite", "embedded", "-o", "out", option, "-q").stdout == ""
+    assert (
+        invoke("detect", "excite", "embedded").exit_code == 0
+        and Path("runs/embedded-excite").is_dir()
+    )
 
 
 def test_a_study_without_checkpoints_leaves_those_of_others() -> None:
@@ -96,20 +99,20 @@ def test_what_is_left_is_told(
     places: list[tuple[Any, Place]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(Found, "left", "after 3 points")
-    cut = invoke("excite", "embedded", "-o", "out")
+    cut = invoke("detect", "excite", "embedded", "-o", "out")
     assert (cut.exit_code, Path("out/found.json").is_file()) == (130, True)
     assert "interrupted after 3 points; --resume goes on" in cut.stderr
 
 
 def test_every_study_says_that_no_delamination_opens(places: list[tuple[Any, Place]]) -> None:
-    told = invoke("excite", "embedded", *MID_PLANE, "-o", "out")
+    told = invoke("detect", "excite", "embedded", *MID_PLANE, "-o", "out")
     assert "warning: no delamination ever opens" in told.stderr
-    assert "ever opens" not in invoke("excite", "embedded", "-o", "other").stderr
+    assert "ever opens" not in invoke("detect", "excite", "embedded", "-o", "other").stderr
 
 
 @pytest.mark.parametrize("name", STUDIES)
 def test_help_is_the_docstring_of_the_options_with_units(name: str) -> None:
-    text = " ".join(re.sub("[│╭╮╰╯─]", " ", invoke(name, "--help").stdout).split())
+    text = " ".join(re.sub("[│╭╮╰╯─]", " ", invoke(*name.split(), "--help").stdout).split())
     own = STUDIES[name].options
     assert summary(own) in text
     for meaning in meanings(own).values():

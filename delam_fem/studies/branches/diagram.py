@@ -208,8 +208,8 @@ def read(path: Path) -> xr.Dataset:
     except Exception as error:  # HDF5, h5netcdf and xarray raise whatever they please
         _log.debug("%s cannot be read", path, exc_info=True)
         raise CaseError(
-            f"{path}: expected branches of orbits, as delam-fem continue writes them; this file is "
-            "missing, damaged or another one"
+            f"{path}: expected branches of orbits, as delam-fem orbit follow writes them; "
+            "this file is missing, damaged or another one"
         ) from error
 
 

@@ -274,7 +274,7 @@ def _diagrams(directory: Path) -> Iterator[Block]:
         if picture.is_file():
             yield Gallery([embedded(picture)], picture.stem, f"Diagram: {picture.stem}.")
     if not any(picture.is_file() for picture in found):
-        command = shlex.join(["delam-fem", "diagram", DIAGRAMS[0], str(directory)])
+        command = shlex.join(["delam-fem", "show", "diagram", DIAGRAMS[0], str(directory)])
         yield Paragraph(("No diagram has been drawn yet; ", Code(command), " draws one."))
 
 

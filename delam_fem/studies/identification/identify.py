@@ -146,7 +146,7 @@ def tips_of(case: Case, path: Path) -> tuple[FloatArray, FloatArray]:
     if "tip_displacement" not in data or not set(names) <= set(data["lamina"].to_numpy()):
         raise CaseError(
             f"{path}: expected the tip displacements of {' and '.join(names)}; delam-fem measure "
-            "FILE --channel 'tip NAME=COLUMN:UNIT' makes such a file"
+            "read FILE --channel 'tip NAME=COLUMN:UNIT' makes such a file"
         )
     return data["time"].to_numpy(), data["tip_displacement"].sel(lamina=names).to_numpy()
 

@@ -1,6 +1,6 @@
 % Give the operators of a case to NLvib (MATLAB), and follow its forced response.
 %
-%     delam-fem operators soft.toml -o soft.mat
+%     delam-fem show operators soft.toml -o soft.mat
 %     >> to_nlvib('soft.mat', 2.6, 3.05, 5)
 %
 % NLvib (University of Stuttgart, https://www.ila.uni-stuttgart.de/nlvib) must be on the path: its

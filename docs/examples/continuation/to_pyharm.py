@@ -1,6 +1,6 @@
 """Give the operators of a case to pyHarm, and follow its forced response by harmonic balance.
 
-    delam-fem operators soft.toml -o soft.npz
+    delam-fem show operators soft.toml -o soft.npz
     python to_pyharm.py soft.npz 2.6 3.1 --stiffness 5
 
 pyHarm (PyPI `pyHarm-os`) needs a newer SciPy and h5py than Debian 12 has beside dolfinx: install it

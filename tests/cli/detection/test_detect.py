@@ -1,4 +1,4 @@
-"""The command `delam-fem detect`: what it writes, says and refuses."""
+"""The command `delam-fem detect scan`: what it writes, says and refuses."""
 
 import json
 from collections.abc import Callable, Iterator
@@ -20,7 +20,7 @@ def invoke(*arguments: str | Path) -> tuple[int, str]:
 
 
 def test_the_command(tmp_path: Path) -> None:
-    status, output = invoke("detect", "embedded", *FAST, "-o", tmp_path)
+    status, output = invoke("detect", "scan", "embedded", *FAST, "-o", tmp_path)
     assert status == 0, output
     assert "marks 0.12 to 0.28 m" in output
     numbers = json.loads((tmp_path / "detection.json").read_text("utf-8"))
@@ -34,16 +34,17 @@ def test_the_command(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("command", "result"),
     [
-        (("detect", "embedded", *FAST), "detection.json"),
+        (("detect", "scan", "embedded", *FAST), "detection.json"),
         (
-            ("modulate", "embedded", *FAST, "--pump-frequency", "60", "--pump-amplitude", "0.1",
-             "--set", "excitation.frequency=350", "--periods", "1"),
+            ("detect", "modulate", "embedded", *FAST, "--pump-frequency", "60",
+             "--pump-amplitude", "0.1", "--set", "excitation.frequency=350", "--periods", "1"),
             "modulation.json",
         ),
         (
-            ("resonance", "paper", "--set", "mesh.elements=6", "--set", "excitation.kind=sweep",
-             "--set", "excitation.start_frequency=2", "--set", "excitation.end_frequency=6",
-             "--set", "excitation.duration=60", "--set", "time.steps_per_period=50"),
+            ("identify", "resonance", "paper", "--set", "mesh.elements=6",
+             "--set", "excitation.kind=sweep", "--set", "excitation.start_frequency=2",
+             "--set", "excitation.end_frequency=6", "--set", "excitation.duration=60",
+             "--set", "time.steps_per_period=50"),
             "resonance.json",
         ),
     ],
@@ -76,7 +77,7 @@ def test_what_was_interrupted_goes_on_to_the_same_numbers(
 
 
 def test_a_bad_scan_leaves_no_folder_behind(tmp_path: Path) -> None:
-    status, output = invoke("detect", "embedded", "--spacing", "1", "-o", tmp_path / "d")
+    status, output = invoke("detect", "scan", "embedded", "--spacing", "1", "-o", tmp_path / "d")
     assert status == 2
     assert "at least 5 points" in output
     assert not (tmp_path / "d").exists()
@@ -103,16 +104,20 @@ def test_a_measured_file_is_judged_like_a_simulated_scan(tmp_path: Path) -> None
         for text in ("--channel", f"p{k}={name}:m/s@{own.x[k]:.3f}/upper")
     ]
     keys = ("--set", "excitation.frequency=80", "--measured", tmp_path / "scan.csv")
-    status, output = invoke("detect", "embedded", *FAST, *keys, *channels, "-o", tmp_path / "d")
+    status, output = invoke(
+        "detect", "scan", "embedded", *FAST, *keys, *channels, "-o", tmp_path / "d"
+    )
     assert status == 0, output
     numbers = json.loads((tmp_path / "d" / "detection.json").read_text("utf-8"))
     assert numbers["is_measured"] and numbers["detected"] and not numbers["intact_called"]
     assert (numbers["start"], numbers["end"]) == (0.12, 0.28)
     assert numbers["frequency"] == 80.0
-    status, output = invoke("detect", "embedded", *FAST, *keys, "-o", tmp_path / "e")
+    status, output = invoke("detect", "scan", "embedded", *FAST, *keys, "-o", tmp_path / "e")
     assert status == 2, output
     for wrong in ("40", "160", "60"):  # half, twice, another
         keys = ("--set", f"excitation.frequency={wrong}", "--measured", tmp_path / "scan.csv")
-        status, output = invoke("detect", "embedded", *FAST, *keys, *channels, "-o", tmp_path / "f")
+        status, output = invoke(
+            "detect", "scan", "embedded", *FAST, *keys, *channels, "-o", tmp_path / "f"
+        )
         assert status == 2 and f"a record of {wrong} Hz" in output and "one of 79.999" in output
         assert not (tmp_path / "f").exists()

@@ -1,4 +1,4 @@
-"""The commands `delam-fem excite`, `pod` and `infer`."""
+"""The commands `delam-fem detect excite`, `pod` and `infer`."""
 
 import json
 from pathlib import Path
@@ -18,26 +18,28 @@ def invoke(*arguments: str | Path) -> tuple[int, str]:
 
 def test_excite(tmp_path: Path) -> None:
     grid = ("--from", "80", "--to", "110", "-n", "2")
-    status, output = invoke("excite", "embedded", *FAST, *grid, "-o", tmp_path)
+    status, output = invoke("detect", "excite", "embedded", *FAST, *grid, "-o", tmp_path)
     assert status == 0, output
     numbers = json.loads((tmp_path / "excitation.json").read_text("utf-8"))
     assert numbers["frequency"] == [80.0, 110.0]
     assert numbers["recommended_frequency"] in (80.0, 110.0)
     assert (tmp_path / "figures" / "excitation.png").is_file()
     assert "<img" in (tmp_path / "report.html").read_text("utf-8")
-    status, output = invoke("excite", "embedded", *FAST, *grid, "-o", tmp_path)
+    status, output = invoke("detect", "excite", "embedded", *FAST, *grid, "-o", tmp_path)
     assert status == 2
-    status, output = invoke("excite", "embedded", *FAST, *grid, "-o", tmp_path, "--resume")
+    status, output = invoke(
+        "detect", "excite", "embedded", *FAST, *grid, "-o", tmp_path, "--resume"
+    )
     assert status == 0, output
 
 
 @pytest.mark.nightly
 def test_pod(tmp_path: Path) -> None:
     options = ("--frequencies", "365", "--supports", "clamped", "--noise-db", "40")
-    status, output = invoke("pod", "embedded", "--frequencies", "high", "-o", tmp_path)
+    status, output = invoke("detect", "pod", "embedded", "--frequencies", "high", "-o", tmp_path)
     assert status == 2
     assert "with commas between them" in " ".join(output.replace("│", " ").split())
-    status, output = invoke("pod", "embedded", *options, "-j", "1", "-q", "-o", tmp_path)
+    status, output = invoke("detect", "pod", "embedded", *options, "-j", "1", "-q", "-o", tmp_path)
     assert status == 0, output
     line = json.loads((tmp_path / "pod.json").read_text("utf-8"))["lines"][0]
     assert line["specimens"] == 120
@@ -49,7 +51,9 @@ def test_pod(tmp_path: Path) -> None:
 
 @pytest.mark.nightly
 def test_infer(tmp_path: Path) -> None:
-    status, output = invoke("infer", "embedded", "-n", "200", "-j", "1", "-q", "-o", tmp_path)
+    status, output = invoke(
+        "detect", "infer", "embedded", "-n", "200", "-j", "1", "-q", "-o", tmp_path
+    )
     assert status == 0, output
     found = json.loads((tmp_path / "inference.json").read_text("utf-8"))
     for truth, (low, high) in zip(found["truth"], found["interval_90"], strict=True):

@@ -1,4 +1,4 @@
-"""The command `delam-fem modulate`."""
+"""The command `delam-fem detect modulate`."""
 
 import json
 from pathlib import Path
@@ -12,7 +12,7 @@ SMALL = ("--set", "mesh.elements=20", "--set", "time.steps_per_period=100")
 
 def test_modulate(tmp_path: Path) -> None:
     pump = ("--pump-frequency", "60", "--pump-amplitude", "0.1", "--periods", "2")
-    case = ("modulate", "embedded", "--set", "excitation.frequency=350", *SMALL)
+    case = ("detect", "modulate", "embedded", "--set", "excitation.frequency=350", *SMALL)
     result = CliRunner().invoke(app, [*case, *pump, "-o", str(tmp_path)])
     assert result.exit_code == 0, result.output
     numbers = json.loads((tmp_path / "modulation.json").read_text("utf-8"))

@@ -1,4 +1,4 @@
-"""The command `delam-fem continue`: what it writes, says and refuses."""
+"""The command `delam-fem orbit follow`: what it writes, says and refuses."""
 
 from __future__ import annotations
 
@@ -18,7 +18,9 @@ RANGE = ("--from", "3.7", "--to", "3.8")
 
 
 def invoke(*arguments: str | Path) -> tuple[int, str]:
-    result = CliRunner().invoke(app, ["continue", *(str(argument) for argument in arguments)])
+    result = CliRunner().invoke(
+        app, ["orbit", "follow", *(str(argument) for argument in arguments)]
+    )
     return result.exit_code, result.output
 
 

@@ -1,4 +1,4 @@
-"""The command `delam-fem orbit`: what it writes, says and refuses."""
+"""The command `delam-fem orbit find`: what it writes, says and refuses."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SOFT = (
 
 
 def invoke(*arguments: str | Path) -> tuple[int, str]:
-    result = CliRunner().invoke(app, ["orbit", *(str(argument) for argument in arguments)])
+    result = CliRunner().invoke(app, ["orbit", "find", *(str(argument) for argument in arguments)])
     return result.exit_code, result.output
 
 

@@ -123,7 +123,7 @@ def test_colours_show_the_stress_after_the_strike(folder: Path, result: Result) 
 
 def test_film(folder: Path, tmp_path: Path) -> None:
     files = [str(tmp_path / name) for name in ("a.gif", "b.mp4")]
-    arguments = ["animate", str(folder), "--solid", "--periods", "0.5"]
+    arguments = ["show", "film", str(folder), "--solid", "--periods", "0.5"]
     done = CliRunner().invoke(app, [*arguments, "-o", files[0], "-o", files[1]])
     assert done.exit_code == 0, done.output
     with Image.open(files[0]) as film:
@@ -138,6 +138,6 @@ def test_film(folder: Path, tmp_path: Path) -> None:
 def test_films_of_beams_are_no_solids(tmp_path: Path) -> None:
     keys = {"time.periods": 1, "output.window_periods": 1}
     df.run(df.preset("paper", keys)).save(tmp_path, figures=False)
-    done = CliRunner().invoke(app, ["animate", str(tmp_path), "--solid"])
+    done = CliRunner().invoke(app, ["show", "film", str(tmp_path), "--solid"])
     assert done.exit_code == 2
     assert "expected the run of a solid" in " ".join(done.output.split())

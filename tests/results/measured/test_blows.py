@@ -186,8 +186,8 @@ def test_the_command_shows_what_it_did(tmp_path: Path) -> None:
     )  # fmt: skip
     done = CliRunner().invoke(
         app,
-        ["measure", str(tmp_path / "hammer.csv"), "-o", str(tmp_path / "out"), "--excitation",
-         "force"],
+        ["measure", "response", str(tmp_path / "hammer.csv"), "-o", str(tmp_path / "out"),
+         "--excitation", "force"],
     )  # fmt: skip
     assert done.exit_code == 0, done.output
     assert "note: coherence: of one segment it means nothing" in done.output

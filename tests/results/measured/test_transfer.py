@@ -134,7 +134,7 @@ def test_the_command_writes_responses_and_poles(tmp_path: Path) -> None:
     path, _ = measured(tmp_path)
     done = CliRunner().invoke(
         app,
-        ["measure", str(path), str(tmp_path / "f.csv"), "-o", str(tmp_path / "out"),
+        ["measure", "response", str(path), str(tmp_path / "f.csv"), "-o", str(tmp_path / "out"),
          "--excitation", "force", "--segment", "40", "--poles", "1", "30"],
     )  # fmt: skip
     assert done.exit_code == 0, done.output

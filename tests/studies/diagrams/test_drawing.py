@@ -296,7 +296,7 @@ def test_the_command_computes_once_and_draws(tmp_path: Path) -> None:
     assert "warning: 4 of 4 completed points have not settled; try more time.periods" in text
     computed = (out / "sweep.nc").stat().st_mtime_ns
     for kind, source in (("response", file), ("bifurcation", out), ("response", out / "sweep.nc")):
-        status, text = run("diagram", kind, source, "-o", out, "--executor", "serial", "-q")
+        status, text = run("show", "diagram", kind, source, "-o", out, "--executor", "serial", "-q")
         assert (status, text) == (0, "")
         assert (out / f"{kind}.png").is_file()
     assert (out / "sweep.nc").stat().st_mtime_ns == computed
@@ -308,7 +308,7 @@ def test_the_command_computes_once_and_draws(tmp_path: Path) -> None:
     ("arguments", "words"),
     [
         (("sweep", "no.toml"), "no such file"),
-        (("diagram", "plane", "no_folder"), "expected a sweep file (.toml) or a result"),
+        (("show", "diagram", "plane", "no_folder"), "expected a sweep file (.toml) or a result"),
     ],
 )
 def test_bad_input_leaves_with_2_and_no_traceback(arguments: tuple[str, ...], words: str) -> None:

@@ -102,7 +102,7 @@ def test_a_sweep_up_and_down_has_a_map_of_each(tmp_path: Path) -> None:
 
 def test_a_line_has_no_map_and_shows_its_diagrams(tmp_path: Path) -> None:
     line = plane().isel(second=0, drop=True)
-    assert "delam-fem diagram response" in write_page(line, tmp_path).read_text("utf-8")
+    assert "delam-fem show diagram response" in write_page(line, tmp_path).read_text("utf-8")
     (tmp_path / "response.png").write_bytes(b"\x89PNG")
     text = write_page(line, tmp_path).read_text("utf-8")
     assert 'class="map"' not in text and text.count("<img") == 1

@@ -334,7 +334,7 @@ def test_the_command_computes_and_merges(tmp_path: Path) -> None:
 
 def test_a_diagram_of_shards_says_that_they_are_not_merged(tmp_path: Path) -> None:
     run(tiny(tmp_path, 4), "-o", tmp_path / "out", "--executor", "serial", "--shard", "2/2", "-q")
-    found = CliRunner().invoke(app, ["diagram", "response", str(tmp_path / "out")])
+    found = CliRunner().invoke(app, ["show", "diagram", "response", str(tmp_path / "out")])
     assert found.exit_code == 2
     assert "has shards that are not merged; delam-fem sweep FILE --merge" in found.output
 
