@@ -577,7 +577,8 @@ class Case(Section):
     @property
     def files(self) -> dict[str, Path]:
         """The files that the case names, by their keys."""
-        named = {f"delamination.{i}.file": own.file for i, own in enumerate(self.delamination)}
+        numbered = enumerate(self.delamination, start=1)
+        named = {f"delamination.{number}.file": own.file for number, own in numbered}
         named["gap.file"] = None if self.gap is None else self.gap.file
         named["mesh.file"] = self.mesh.file
         named["model.file"] = self.model.file

@@ -144,7 +144,8 @@ def _is_in_mm(lamina: Lamina) -> bool:
 
 def _of_gaps(case: Case) -> Iterator[str]:
     """Yield warnings about gaps at rest."""
-    numbers = {f"delamination.{k}.opening": own.opening for k, own in enumerate(case.delamination)}
+    numbered = enumerate(case.delamination, start=1)
+    numbers = {f"delamination.{k}.opening": own.opening for k, own in numbered}
     if case.gap is not None:
         numbers |= {"gap.tip": case.gap.tip or 0.0, "gap.root": case.gap.root or 0.0}
     for key, value in numbers.items():

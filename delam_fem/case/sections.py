@@ -503,7 +503,7 @@ def require_fitting(
         PydanticCustomError: a delamination does not fit; the error names its key.
     """
     before: dict[tuple[str, str], list[tuple[int, Delamination]]] = {}
-    for number, own in enumerate(delaminations):
+    for number, own in enumerate(delaminations, start=1):
         lower, upper = own.between
         key = f"delamination.{number}"
         neighbours = [*pairwise(names)]

@@ -219,8 +219,7 @@ def _path(place: tuple[int | str, ...], data: Mapping[str, object]) -> Iterator[
         if isinstance(part, int):
             entry = tables[part] if isinstance(tables, list | tuple) else {}
             name = entry.get("name") if isinstance(entry, Mapping) else None
-            first = 0 if place[0] == "delamination" else 1  # the numbers of overrides
-            yield name if isinstance(name, str) and name else str(part + first)
+            yield name if isinstance(name, str) and name else str(part + 1)
         else:
             tables = data.get(part)
             yield part
@@ -301,8 +300,7 @@ def set_key(data: Data, key: str, value: object) -> None:
     Args:
         data: the case as `tomllib` returns it.
         key: path to the key, with dots; an entry of an array of tables is named by its `name`, a
-            delamination by its neighbours (`lower-upper`), or by its number: laminae from 1,
-            delaminations from 0.
+            delamination by its neighbours (`lower-upper`), or by its number, which counts from 1.
         value: the new value; None removes the key.
 
     Raises:
@@ -318,12 +316,11 @@ def set_key(data: Data, key: str, value: object) -> None:
         if isinstance(table, dict) and part:
             table = table.setdefault(part, {})
         elif isinstance(table, list):
-            table = _entry(table, part, key, first_number(parents[depth - 2]))
+            table = _entry(table, part, key)
         if not isinstance(table, dict | list):
             raise CaseError(f"override {key}: {'.'.join(parents[:depth])} is not a table")
     if not isinstance(table, dict) or not last:
-        first = first_number(parents[-1]) if parents else 1
-        names = " or ".join(f"{'.'.join(parents)}.{name}.{last}" for name in _names(table, first))
+        names = " or ".join(f"{'.'.join(parents)}.{name}.{last}" for name in _names(table))
         raise CaseError(
             f"override {key}: not a key of a case" + (f"; expected {names}" * bool(names))
         )
@@ -333,10 +330,10 @@ def set_key(data: Data, key: str, value: object) -> None:
         table[last] = value.item() if hasattr(value, "item") else value  # of NumPy too
 
 
-def _names(table: object, first: int) -> list[str]:
+def _names(table: object) -> list[str]:
     """Return the names of the entries of an array of tables; [] for anything else."""
     entries = table if isinstance(table, list) else []
-    return [str(_name(entry) or i) for i, entry in enumerate(entries, start=first)]
+    return [str(_name(entry) or i) for i, entry in enumerate(entries, start=1)]
 
 
 def _name(entry: Data) -> object:
@@ -345,28 +342,18 @@ def _name(entry: Data) -> object:
     return "-".join(map(str, between)) if isinstance(between, list | tuple) else entry.get("name")
 
 
-def first_number(array: str) -> int:
-    """Return the number of the first entry of an array of tables: laminae count from 1."""
-    return 0 if array == "delamination" else 1
-
-
-def _entry(tables: list[Data], part: str, key: str, first: int) -> Data:
+def _entry(tables: list[Data], part: str, key: str) -> Data:
     """Return the entry of an array of tables with the name or the number `part`."""
     found = [
-        table
-        for number, table in enumerate(tables, start=first)
-        if part in (str(number), _name(table))
+        table for number, table in enumerate(tables, start=1) if part in (str(number), _name(table))
     ]
     if len(found) == 1:
         return found[0]
     if found:
-        raise CaseError(
-            f"override {key}: {len(found)} entries {part!r}; give a number from {first}"
-        )
-    names = ", ".join(_names(tables, first))
+        raise CaseError(f"override {key}: {len(found)} entries {part!r}; give a number from 1")
+    names = ", ".join(_names(tables))
     raise CaseError(
-        f"override {key}: no entry {part!r}; expected one of {names or 'none'} or a number from "
-        f"{first}"
+        f"override {key}: no entry {part!r}; expected one of {names or 'none'} or a number from 1"
     )
 
 
@@ -413,7 +400,7 @@ def _leave_material(data: Data, key: str) -> None:
     entries, part = data.get("lamina"), path.removeprefix("lamina.")
     if not isinstance(entries, list) or last not in _MATERIAL_KEYS or "." in part:
         return
-    entry = _entry(entries, part, key, first_number("lamina"))
+    entry = _entry(entries, part, key)
     row = MATERIALS.get(str(entry.get("material")))
     if row is not None:
         entry.setdefault("density", row.density)

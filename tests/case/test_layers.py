@@ -76,17 +76,17 @@ def test_stiffness_and_mass_per_length_are_enough() -> None:
         ({"lamina.upper.material": "cheese"}, "lamina.upper.material: expected one of aluminium, "),
         ({"lamina.upper.mass_per_length": -1.0}, "upper.mass_per_length: expected a positive num"),
         ({"support.start": "glued"}, "support.start: expected 'clamped', 'pinned' or 'free'"),
-        ({"delamination.0.start": 0.3}, "delamination.0.end: expected a place beyond start = 0.3"),
-        ({"delamination.0.end": 0.5}, "delamination.0.end: expected at most the length 0.4 m, giv"),
-        ({"delamination.0.between": ["upper", "lower"]}, 'expected neighbours .* \\["lower", "up'),
-        ({"delamination.0.between": ["lower"]}, "delamination.0.between: expected the names of"),
-        ({"delamination.0.opening": -1.0}, "opening: expected a number of at least 0, given -1.0"),
-        ({"delamination.0.shape": "power"}, 'delamination.0.shape: expected "half-cosine" or a'),
-        ({"delamination.0.exponent": 2.0}, 'exponent: expected only with shape = "power"'),
-        ({"delamination.0.file": "no.csv"}, "delamination.0.file: no such file: /.*no.csv"),
-        ({"delamination.1.start": 0.1}, "no entry '1'; expected one of lower-upper or a n"),
+        ({"delamination.1.start": 0.3}, "delamination.1.end: expected a place beyond start = 0.3"),
+        ({"delamination.1.end": 0.5}, "delamination.1.end: expected at most the length 0.4 m, giv"),
+        ({"delamination.1.between": ["upper", "lower"]}, 'expected neighbours .* \\["lower", "up'),
+        ({"delamination.1.between": ["lower"]}, "delamination.1.between: expected the names of"),
+        ({"delamination.1.opening": -1.0}, "opening: expected a number of at least 0, given -1.0"),
+        ({"delamination.1.shape": "power"}, 'delamination.1.shape: expected "half-cosine" or a'),
+        ({"delamination.1.exponent": 2.0}, 'exponent: expected only with shape = "power"'),
+        ({"delamination.1.file": "no.csv"}, "delamination.1.file: no such file: /.*no.csv"),
+        ({"delamination.2.start": 0.1}, "no entry '2'; expected one of lower-upper or a n"),
         ({"gap.tip": 0.01}, "gap: expected no gap beside"),
-        ({"delamination.0.star": 0.1}, "delamination.0.star: unknown key; did you mean start?"),
+        ({"delamination.1.star": 0.1}, "delamination.1.star: unknown key; did you mean start?"),
     ],
 )
 def test_bad_layers_are_told_with_their_key(overrides: dict[str, object], text: str) -> None:
@@ -96,7 +96,7 @@ def test_bad_layers_are_told_with_their_key(overrides: dict[str, object], text: 
 
 def test_delaminations_between_the_same_laminae_are_apart() -> None:
     two = [EDGES, {**EDGES, "start": 0.3, "end": 0.35}]
-    assert "delamination.1.start: expected a place apart from delamination.0" in refused(
+    assert "delamination.2.start: expected a place apart from delamination.1" in refused(
         {"delamination": two}
     )
 
@@ -152,10 +152,10 @@ def test_a_power_opens_towards_the_free_end(free: str) -> None:
         "embedded",
         {
             f"support.{free}": "free",
-            **{f"delamination.0.{key}": value for key, value in edges.items()},
-            "delamination.0.opening": 0.001,
-            "delamination.0.shape": "power",
-            "delamination.0.exponent": 1.0,
+            **{f"delamination.1.{key}": value for key, value in edges.items()},
+            "delamination.1.opening": 0.001,
+            "delamination.1.shape": "power",
+            "delamination.1.exponent": 1.0,
         },
     )
     structure = closed_form.assemble(case)
@@ -189,7 +189,7 @@ def test_bad_tables_are_told(tmp_path: Path, rows: str, text: str) -> None:
     (tmp_path / "t.csv").write_text(rows)
     case = preset(
         "embedded",
-        {"delamination.0.file": str(tmp_path / "t.csv"), "delamination.0.opening": None},
+        {"delamination.1.file": str(tmp_path / "t.csv"), "delamination.1.opening": None},
     )
     with pytest.raises(CaseError, match=text):
         closed_form.assemble(case)

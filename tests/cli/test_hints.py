@@ -75,10 +75,10 @@ def test_entries_have_names() -> None:
     with pytest.raises(CaseError, match=r"no entry 'upper-lower'; expected one of lower-upper or"):
         preset("embedded", {"delamination.upper-lower.end": 0.25})
     data: dict[str, object] = {"delamination": 2 * [{"between": ["a", "b"], "end": 0.1}]}
-    with pytest.raises(CaseError, match=r"2 entries 'a-b'; give a number from 0"):
+    with pytest.raises(CaseError, match=r"2 entries 'a-b'; give a number from 1"):
         apply_overrides(data, {"delamination.a-b.end": 0.2})
-    told = "override point_mass.0.mass: the case has no [[point_mass]]; write one into a case file"
-    assert told in refused("run", "paper", "--set", "point_mass.0.mass=0.01")
+    told = "override point_mass.1.mass: the case has no [[point_mass]]; write one into a case file"
+    assert told in refused("run", "paper", "--set", "point_mass.1.mass=0.01")
 
 
 def test_a_window_is_no_longer_than_the_run() -> None:

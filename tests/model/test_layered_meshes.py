@@ -43,6 +43,6 @@ def test_nodes_come_from_the_file(mesh: Path) -> None:
 
 
 def test_an_edge_between_nodes_is_told(mesh: Path) -> None:
-    case = preset("embedded", {"mesh.file": str(mesh), "delamination.0.end": 0.3})
+    case = preset("embedded", {"mesh.file": str(mesh), "delamination.1.end": 0.3})
     with pytest.raises(CaseError, match=r"expected a node at the edge x = 0.3 m of a delamination"):
         forms.assemble(case)

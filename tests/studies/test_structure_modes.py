@@ -91,7 +91,7 @@ def test_floating_structures_have_rigid_modes(case: Case, supports: str, rigid: 
         assert found[:rigid] == pytest.approx(np.zeros(rigid), abs=1e-3)
         assert found[rigid] > 10.0
     intact = case.with_overrides(
-        {"support.start": start, "support.end": end, "delamination.0.end": 0.1201}
+        {"support.start": start, "support.end": end, "delamination.1.end": 0.1201}
     )
     root = 4.730040744862704 if rigid == 2 else 3.926602312047919
     unit = np.sqrt(70e9 * 0.002**2 / 12 / 2700.0) / (2.0 * np.pi * 0.4**2)

@@ -96,7 +96,7 @@ def test_embedded_delaminations_have_the_frequencies_of_split_beams(
 ) -> None:
     keys = {
         "model.kind": "plane-stress", "mesh.elements": 80, "support.start": ends[0],
-        "support.end": ends[1], "delamination.0.start": start, "delamination.0.end": end,
+        "support.end": ends[1], "delamination.1.start": start, "delamination.1.end": end,
     }  # fmt: skip
     case = preset("embedded", keys)
     o = assemble(case).operators

@@ -150,7 +150,7 @@ def test_sweeps_move_a_delamination(tmp_path: Path) -> None:
         "time.periods": 3,
         "output.window_periods": 1,
     }
-    axis = {"key": "delamination.0.start", "values": [0.1, 0.12, 0.1333]}
+    axis = {"key": "delamination.1.start", "values": [0.1, 0.12, 0.1333]}
     made = sweep_of({"name": "place", "base": "embedded", "set": keys, "axis": [axis]})
     data = run_sweep(made, tmp_path, "serial")
     assert data["start"].attrs["units"] == "m"

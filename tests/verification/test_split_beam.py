@@ -54,8 +54,8 @@ def case(share: float, upper: float = 0.5, *, center: float = 0.5, elements: int
         {
             "lamina.lower.thickness": (1.0 - upper) * H,
             "lamina.upper.thickness": upper * H,
-            "delamination.0.start": center * L - half,
-            "delamination.0.end": center * L + half,
+            "delamination.1.start": center * L - half,
+            "delamination.1.end": center * L + half,
             "mesh.elements": elements,
         },
     )

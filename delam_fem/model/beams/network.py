@@ -626,7 +626,7 @@ def probes_of(case: Case, x: FloatArray) -> tuple[Probe, ...]:
     node, name = _reference(case, x)
     probes = [Probe(name, i, node) for i in range(len(case.lamina))]
     names = [lamina.name for lamina in case.lamina]
-    for number, own in enumerate(case.delamination):
+    for number, own in enumerate(case.delamination, start=1):
         middle = _nearest(x, 0.5 * (own.start + own.end))
         for side in own.between:
             part = names.index(side)

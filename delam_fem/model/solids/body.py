@@ -326,7 +326,7 @@ def middle_line(mesh: SolidMesh, lamina: int, x: FloatArray) -> FloatArray:
     if not np.all(high > low):
         at = float(x[np.flatnonzero(~(high > low))[0]])
         raise CaseError(
-            f"mesh.file: expected lamina {lamina} (counted from 0 at the bottom) to reach from "
+            f"mesh.file: expected lamina {lamina + 1} (counted from 1 at the bottom) to reach from "
             f"x = {x[0]:g} m to {x[-1]:g} m, there is nothing of it at {at:g} m"
         )
     origins[:, UP] = 0.5 * (low + high)

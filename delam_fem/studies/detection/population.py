@@ -215,8 +215,8 @@ def _columns(
     total = sum(own.thickness or 0.0 for own in case.lamina)
     settling = {kind: _settling(case, kind) for kind in sorted({own.support for own in specimens})}
     return {
-        "delamination.0.start": [own.start for own in specimens],
-        "delamination.0.end": [own.end for own in specimens],
+        "delamination.1.start": [own.start for own in specimens],
+        "delamination.1.end": [own.end for own in specimens],
         f"lamina.{surface}.thickness": [own.thickness for own in specimens],
         f"lamina.{other}.thickness": [total - own.thickness for own in specimens],
         "support.end": [own.support for own in specimens],

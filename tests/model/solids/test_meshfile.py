@@ -44,7 +44,7 @@ def case_of(name: str, path: Path | None = None, **further: object) -> Case:
         "mesh.file": str(path or MESHES / f"{name}.msh"),
     }
     if name.endswith("delaminated"):
-        keys |= {"delamination.0.start": 0.06, "delamination.0.end": 0.14, "support.end": "free"}
+        keys |= {"delamination.1.start": 0.06, "delamination.1.end": 0.14, "support.end": "free"}
         for number, thickness in enumerate((0.004, 0.002), 1):
             keys[f"lamina.{number}.thickness"] = thickness
             keys[f"lamina.{number}.length"] = 0.2
@@ -259,7 +259,7 @@ def test_bad_meshes_are_refused(
 
 
 def test_sides_reach_as_far_as_the_delamination() -> None:
-    case = case_of("plane_delaminated", **{"delamination.0.end": 0.15})
+    case = case_of("plane_delaminated", **{"delamination.1.end": 0.15})
     with pytest.raises(CaseError, match=r"lower-upper to reach from 0\.06 to 0\.15 m .*0\.14 m"):
         solid_mesh(case)
 
@@ -325,7 +325,7 @@ def test_opening_of_the_mesh_counts_if_the_case_gives_none(tmp_path: Path) -> No
         mesh.points[np.unique(lines), 1] += 1e-5 * np.sin(np.pi * (x - 0.06) / 0.08)
 
     def gaps(opening: float | None) -> Array:
-        case = changed("plane_delaminated", tmp_path, opened, **{"delamination.0.opening": opening})
+        case = changed("plane_delaminated", tmp_path, opened, **{"delamination.1.opening": opening})
         structure = assemble(case)
         assert structure.layout.interfaces[0].places(0).size == structure.operators.n_pairs
         return structure.operators.gap0

@@ -60,7 +60,7 @@ def test_a_pinned_end_turns_about_its_neutral_axis() -> None:
 
 def test_laminae_that_are_apart_at_a_pinned_end_turn_alone() -> None:
     ends = {"support.start": "pinned", "support.end": "pinned"}
-    opening = {"delamination.0.start": 0.0, "delamination.0.end": 0.16}
+    opening = {"delamination.1.start": 0.0, "delamination.1.end": 0.16}
     unknowns = of("embedded", {**EMBEDDED, **ends, **opening}, (1.0, 1.0))
     places = np.unique(unknowns.held.place[unknowns.held.place >= 0])
     assert places.size == 3

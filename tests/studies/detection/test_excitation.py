@@ -17,7 +17,7 @@ COARSE = {"mesh.elements": 20}
 
 def short(directory: Path, noise_db: float) -> ExcitationMap:
     """A delamination of a tenth of the length, near the clamp."""
-    case = preset("embedded", COARSE | {"delamination.0.start": 0.05, "delamination.0.end": 0.09})
+    case = preset("embedded", COARSE | {"delamination.1.start": 0.05, "delamination.1.end": 0.09})
     return excitation_map(
         case, np.array([60.0, 360.0]), directory, "serial", noise_db=noise_db, resume=True
     )
@@ -49,11 +49,11 @@ def test_doubles_of_resonances_are_avoided(tmp_path: Path) -> None:
 
 
 def test_an_opening_claps_only_if_the_motion_closes_it(tmp_path: Path) -> None:
-    case = preset("embedded", COARSE | {"delamination.0.opening": 1e-5})
+    case = preset("embedded", COARSE | {"delamination.1.opening": 1e-5})
     found = excitation_map(case, np.array([50.0]), tmp_path, "serial")
     assert found.ratios.tolist() == list(RATIOS)
     assert found.visibility[0, 0] > 1.0 > found.visibility[-1, 0]
-    wider = case.with_overrides({"delamination.0.opening": 1e-4})  # g₀/A is what matters
+    wider = case.with_overrides({"delamination.1.opening": 1e-4})  # g₀/A is what matters
     again = excitation_map(wider, np.array([50.0]), tmp_path / "wider", "serial")
     np.testing.assert_allclose(again.visibility[:2], found.visibility[:2], rtol=1e-3)
 
