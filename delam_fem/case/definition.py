@@ -25,6 +25,7 @@ from delam_fem.case.drive import (
     read_series,
 )
 from delam_fem.case.sections import (
+    EDGE_TOLERANCE,
     Contact,
     Damping,
     Delamination,
@@ -35,6 +36,7 @@ from delam_fem.case.sections import (
     Output,
     PointMass,
     Sensor,
+    Stop,
     Support,
     TimeStepping,
     require_fitting,
@@ -66,13 +68,13 @@ _OF_PERIODS = (
 """Keys with another default, or without meaning, where the excitation does not repeat."""
 
 
-def _several_tables(value: object) -> object:
-    """Check that there are at least two [[lamina]] tables."""
-    if not isinstance(value, list | tuple) or len(value) < 2:
-        count = len(value) if isinstance(value, list | tuple) else "something else"
+def _tables(value: object) -> object:
+    """Check that there are [[lamina]] tables."""
+    if not isinstance(value, list | tuple) or not value:
+        count = "none" if isinstance(value, list | tuple) else "something else"
         raise PydanticCustomError(
             "inconsistent",
-            "expected two or more [[lamina]] tables, given {count}",
+            "expected one or more [[lamina]] tables, given {count}",
             {"count": count},
         )
     return value
@@ -86,6 +88,7 @@ class Case(Section):
         lamina: the laminae from bottom to top; in the paper thick and thin.
         gap: the gap at rest between laminae that are apart over their whole length.
         point_mass: point masses on the laminae.
+        stop: stops that laminae may strike.
         sensor: sensors, whose signals are in the results.
         support: how the laminae are held at their ends.
         delamination: where neighbours are apart; elsewhere they are bonded. Without any, laminae
@@ -104,7 +107,7 @@ class Case(Section):
         Field(strict=True, pattern=r"^\w[\w .+-]*$", max_length=100),
         expected("a name fit for a folder: letters, digits, space and . + - _"),
     ]
-    lamina: Annotated[tuple[Lamina, ...], BeforeValidator(_several_tables)]
+    lamina: Annotated[tuple[Lamina, ...], BeforeValidator(_tables)]
     gap: Gap | None = None
     support: Support = Support()
     delamination: tuple[Delamination, ...] = ()
@@ -116,6 +119,7 @@ class Case(Section):
     time: TimeStepping = TimeStepping()
     output: Output = Output()
     point_mass: tuple[PointMass, ...] = ()
+    stop: tuple[Stop, ...] = ()
     sensor: tuple[Sensor, ...] = ()
 
     def __init__(self, /, **sections: object) -> None:
@@ -138,6 +142,7 @@ class Case(Section):
         self._check_force()
         self._check_time()
         self._check_attachments()
+        self._check_stops()
         if self.time.periods == "settled" and not self.is_periodic:
             raise inconsistent(
                 "time.periods",
@@ -231,6 +236,44 @@ class Case(Section):
                 labels.append(own.name)
                 self._check_sensor(own, key, names)
 
+    def _check_stops(self) -> None:
+        """Check that stops are on laminae, and that elastic ones go with the law of springs."""
+        names = [lamina.name for lamina in self.lamina]
+        if self.stop and self.model.kind != "beam":
+            raise inconsistent(
+                "stop", f'expected only with model.kind = "beam", given "{self.model.kind}"'
+            )
+        for number, own in enumerate(self.stop, start=1):
+            if own.lamina not in names:
+                raise inconsistent(
+                    f"stop.{number}.lamina",
+                    f"expected one of {', '.join(names)}, given {own.lamina!r}",
+                )
+            if own.reach > self.length * (1.0 + EDGE_TOLERANCE):
+                raise inconsistent(
+                    f"stop.{number}.{'position' if own.end is None else 'end'}",
+                    f"expected at most the length {self.length!r} m, given {own.reach!r}",
+                )
+            if own.stiffness is None:
+                continue
+            if self.contact.law != "penalty":
+                raise inconsistent(
+                    f"stop.{number}.stiffness",
+                    'expected an elastic stop only with contact.law = "penalty" (and time.scheme = '
+                    f'"newmark"), because other laws have no dampers, given "{self.contact.law}"',
+                )
+            if not self.spring[0]:
+                raise inconsistent(
+                    "contact.penalty_stiffness", "expected a positive number beside elastic stops"
+                )
+            given, needed = own.damping / own.stiffness, self.spring[1] / self.spring[0]
+            if not math.isclose(given, needed, rel_tol=ROUND_OFF):
+                raise inconsistent(
+                    f"stop.{number}.damping",
+                    "expected the same ratio of damping to stiffness at all contact springs, "
+                    f"{needed:g} s, given {given:g} s",
+                )
+
     def _check_sensor(self, own: Sensor, key: str, names: list[str]) -> None:
         """Check the interface and the sampling rate of a sensor."""
         if own.between is not None and own.between not in pairwise(names):
@@ -239,6 +282,10 @@ class Case(Section):
                 f"{key}.between",
                 f'expected neighbours from bottom to top, {choices}, given ["{own.between[0]}", '
                 f'"{own.between[1]}"]',
+            )
+        if own.stop is not None and own.stop > len(self.stop):
+            raise inconsistent(
+                f"{key}.stop", f"expected at most {len(self.stop)} stops, given {own.stop}"
             )
         if own.sampling_rate is None:
             return
@@ -269,6 +316,9 @@ class Case(Section):
                 raise inconsistent("gap", "expected no gap beside [[delamination]]: give openings")
             names = tuple(lamina.name for lamina in self.lamina)
             require_fitting(self.delamination, names, self.length, self.support)
+        elif len(self.lamina) == 1:
+            if self.gap is not None:
+                raise inconsistent("gap", "expected none beside a single lamina; give [[stop]]")
         elif self.gap is None and "support" not in self.model_fields_set:
             raise inconsistent(
                 "gap",
@@ -288,6 +338,18 @@ class Case(Section):
                 'expected only with a clamped end and model.kind = "beam", given '
                 f'"{self.support.start}" and "{self.support.end}" ends, "{self.model.kind}"',
             )
+
+    @property
+    def spring(self) -> tuple[float, float]:
+        """Stiffness [N/m] and damping [N s/m] of a contact spring of weight 1.
+
+        If nothing but elastic stops may touch, the first of them gives both.
+        """
+        own = self.contact
+        elastic = [stop for stop in self.stop if stop.stiffness is not None]
+        if elastic and len(self.lamina) == 1 and len(elastic) == len(self.stop):
+            return elastic[0].stiffness or 0.0, elastic[0].damping
+        return own.penalty_stiffness, own.penalty_damping
 
     @property
     def length(self) -> float:
@@ -455,7 +517,7 @@ class Case(Section):
             for section, key in _OF_PERIODS:
                 if key not in getattr(self, section).model_fields_set:
                     del data[section][key]
-        for key in ("delamination", "point_mass", "sensor"):
+        for key in ("delamination", "point_mass", "stop", "sensor"):
             if not data[key]:
                 del data[key]
         if self.time.periods != "settled" and "most_periods" not in self.time.model_fields_set:

@@ -567,17 +567,67 @@ class PointMass(Section):
     position: Annotated[NotNegative, Unit("m")] | None = None
 
 
+class Stop(Section):
+    """A stop that a lamina may strike: a point, or points along a stretch.
+
+    A rigid stop follows the contact law. An elastic one is a spring (and damper) that acts while
+    its gap is closed.
+
+    Attributes:
+        lamina: name of the lamina.
+        side: side of the lamina on which the stop is: "above", "below" or "both".
+        gap: gap at rest [m].
+        position: x of a point [m].
+        start: where a stretch begins [m]; instead of position.
+        end: where a stretch ends [m]; each node of the mesh from start to end is a contact point.
+        on: what carries the stop: "base" (it moves with the base) or "ground".
+        stiffness: stiffness of an elastic stop, of a stretch as a whole [N/m]; rigid if not given.
+        damping: damping of an elastic stop, of a stretch as a whole [N s/m].
+    """
+
+    lamina: Label
+    side: Literal["above", "below", "both"]
+    gap: Annotated[NotNegative, Unit("m")]
+    position: Annotated[NotNegative, Unit("m")] | None = None
+    start: Annotated[NotNegative, Unit("m")] | None = None
+    end: Annotated[Positive, Unit("m")] | None = None
+    on: Literal["base", "ground"] = "base"
+    stiffness: Annotated[Positive, Unit("N/m")] | None = None
+    damping: Annotated[NotNegative, Unit("N s/m")] = 0.0
+
+    @model_validator(mode="after")
+    def _one_place(self) -> Self:
+        """Check that either a point or a stretch is given, and no damping of a rigid stop."""
+        if (self.position is None) == (self.start is None) or (self.start is None) != (
+            self.end is None
+        ):
+            raise inconsistent("position", "expected either position, or start and end")
+        if self.start is not None and self.end is not None and not self.start < self.end:
+            raise inconsistent(
+                "end", f"expected a place beyond start = {self.start!r} m, given {self.end!r}"
+            )
+        if self.damping and self.stiffness is None:
+            raise inconsistent("damping", "expected only beside stiffness, of an elastic stop")
+        return self
+
+    @property
+    def reach(self) -> float:
+        """Largest x of the stop [m]."""
+        return float(self.position if self.end is None else self.end)  # type: ignore[arg-type]
+
+
 class Sensor(Section):
     """A sensor, whose signal is the variable `sensor_NAME` of the dataset.
 
     Attributes:
         name: name of the sensor.
         quantity: "displacement", "velocity", "acceleration" or "strain" at a place of a lamina, or
-            "contact force" of an interface.
+            "contact force" of an interface or of a stop.
         lamina: name of the lamina; not of a contact force.
         position: x of the sensor [m]; not of a contact force.
         surface: "top" or "bottom" of the lamina, for a strain; "top" if it is not given.
         between: names of the two neighbouring laminae, for a contact force.
+        stop: number of the stop, for its contact force; the first is 1.
         sampling_rate: samples per second [Hz]; every step of the window if it is not given.
         noise: standard deviation of white noise on the samples, in the sensor's unit.
         seed: number from which the noise is drawn; the same seed gives the same noise.
@@ -589,6 +639,7 @@ class Sensor(Section):
     position: Annotated[NotNegative, Unit("m")] | None = None
     surface: Literal["top", "bottom"] | None = None
     between: Neighbours | None = None
+    stop: Count | None = None
     sampling_rate: Annotated[Positive, Unit("Hz")] | None = None
     noise: NotNegative | None = None
     seed: CountOrNone = 0
@@ -610,9 +661,11 @@ class Sensor(Section):
             if (getattr(self, key) is None) != is_force:
                 words = "none" if is_force else "missing, but required"
                 raise inconsistent(key, f'{words} with quantity = "{self.quantity}"')
-        if (self.between is None) == is_force:
-            words = "missing, but required" if is_force else "expected none"
-            raise inconsistent("between", f'{words} with quantity = "{self.quantity}"')
+        n_given = (self.between is not None) + (self.stop is not None)
+        if n_given != is_force:
+            words = "missing, but required (or stop)" if is_force else "expected none"
+            key = "between" if is_force or self.stop is None else "stop"
+            raise inconsistent(key, f'{words} with quantity = "{self.quantity}"')
         if self.surface is not None and self.quantity != "strain":
             raise inconsistent("surface", 'expected only with quantity = "strain"')
         return self
@@ -627,6 +680,8 @@ class Sensor(Section):
         """The sensor in words, for titles and the dataset."""
         if self.between is not None:
             return f"contact force between {self.between[0]} and {self.between[1]}"
+        if self.stop is not None:
+            return f"contact force of stop {self.stop}"
         place = f"of {self.lamina} at {self.position:g} m"
         if self.quantity == "strain":
             return f"strain at the {self.surface or 'top'} {place}"

@@ -120,8 +120,8 @@ def law_of(case: Case) -> Law:
         given.law,
         restitution=given.restitution,
         impulse=given.impulse,
-        penalty_stiffness=given.penalty_stiffness,
-        penalty_damping=given.penalty_damping,
+        penalty_stiffness=case.spring[0],
+        penalty_damping=case.spring[1],
         threshold_velocity=given.threshold_velocity,
     )
 
@@ -429,6 +429,9 @@ def session(
     computing = engine_of(
         operators, law, scheme, span.time_step, refinement=span.refinement, name=engine, comm=comm
     )
+    if initial is None and operators.base.shift is not None:  # u = v = 0, see `model.stops`
+        start = -np.outer([*motion(0)[0][:2], 0.0], operators.base.shift)
+        initial = State(start, np.zeros(operators.n_pairs, dtype=np.bool_))
     try:
         set_initial(computing, initial, motion(0)[0])
         recorder = Recorder(operators.base, span, operators.n_probes, operators.n_sensors)

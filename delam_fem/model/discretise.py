@@ -49,6 +49,16 @@ KINDS: Mapping[str, tuple[tuple[ModelKind, ...], str]] = MappingProxyType(
 """Kinds of model that a study takes, and why no others; a study that is not here follows all."""
 
 
+def require_no_stops(case: Case, study: str) -> None:
+    """Refuse a case with stops, which the models of a study do not know.
+
+    Raises:
+        CaseError: the case has stops.
+    """
+    if case.stop:
+        raise CaseError(f"stop: {study}: expected none, given {len(case.stop)}")
+
+
 def require_kind(case: Case, study: str) -> None:
     """Refuse a case whose kind of model a study cannot follow.
 

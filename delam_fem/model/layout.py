@@ -150,6 +150,32 @@ class Interface:
 
 
 @dataclass(frozen=True)
+class StopPairs:
+    """Pairs of a part with a stop, on one of its sides.
+
+    Attributes:
+        number: of the stop in the case, from 0.
+        part: number of the part.
+        places: of the pairs on the part as numbers of points, shape (n_pairs,).
+        side: 1: the stop is above the part; -1: below.
+        first_pair: row of the first of these pairs in the gap operator.
+        on_base: whether the stop moves with the base.
+    """
+
+    number: int
+    part: int
+    places: FloatArray
+    side: int
+    first_pair: int
+    on_base: bool
+
+    @property
+    def pairs(self) -> slice:
+        """The rows of the gap operator that belong to this stop."""
+        return slice(self.first_pair, self.first_pair + self.places.size)
+
+
+@dataclass(frozen=True)
 class Probe:
     """A point whose motion is recorded at every step; one row of `Operators.probes`.
 
@@ -256,6 +282,7 @@ class Layout:
         parts: the parts from bottom to top.
         interfaces: the interfaces between parts.
         probes: the probes, in the order of the rows of `Operators.probes`.
+        stops: the pairs with stops, after those of the interfaces.
         supports: the points where parts are held.
         sensors: the sensors.
         gap_row: row of `Operators.sensors` at which the rows of all gaps begin; None: there are
@@ -271,6 +298,7 @@ class Layout:
     sensors: tuple[SensorRows, ...] = ()
     gap_row: int | None = None
     reading: Reading | None = None
+    stops: tuple[StopPairs, ...] = ()
 
     def n_numbered(self, n_dofs: int) -> int:
         """Return how many numbers `Part.dofs` may have: of readings, or of free dofs."""
@@ -342,6 +370,7 @@ class Layout:
         """
         points = np.arange(self.x.size, dtype=np.float64)
         inside = [i.places(0) for i in self.interfaces if not i.is_at_points]
+        inside += [stop.places for stop in self.stops]
         return np.asarray(np.unique(np.concatenate([points, *inside])))
 
     def stations_of(self, interface: Interface) -> IntArray:
@@ -398,6 +427,7 @@ class Structure:
             what = "free dofs" if layout.reading is None else "readings"
             raise ValueError(f"layout: dof {dofs.max()}, expected below {n}, the number of {what}")
         n_pairs = sum(len(interface.points) for interface in layout.interfaces)
+        n_pairs += sum(stop.places.size for stop in layout.stops)
         for what, given, expected in (
             ("pairs", n_pairs, o.n_pairs),
             ("probes", len(layout.probes), o.n_probes),

@@ -44,6 +44,8 @@ class BaseCoupling:
         stiffness: K_ba summed over the base dofs, shape (n,) [N/m].
         corner: (M_aa, C_aa, K_aa) summed over the base dofs [kg, N s/m, N/m].
         is_force: whether the columns are those of a force; see `force`.
+        shift: r of displacements u = w + r q, where the free dofs are w, shape (n,) [-]: then gaps
+            to what moves with the base follow from w alone. None: the free dofs are u.
     """
 
     mass: FloatArray
@@ -51,6 +53,7 @@ class BaseCoupling:
     stiffness: FloatArray
     corner: tuple[float, float, float] = (0.0, 0.0, 0.0)
     is_force: bool = False
+    shift: FloatArray | None = None
 
     @classmethod
     def force(cls, load: FloatArray) -> BaseCoupling:
@@ -73,6 +76,7 @@ class BaseCoupling:
 class Recorded:
     """What operators have whatever holds their matrices: numbers of pairs, probes and sensors."""
 
+    base: BaseCoupling
     gap0: FloatArray
     lumped_mass: FloatArray | None
     probes: sp.csr_matrix
@@ -117,6 +121,17 @@ class Recorded:
     def n_sensors(self) -> int:
         """Number of functionals of sensors."""
         return int(self.sensors.shape[0])
+
+    @property
+    def probe_shift(self) -> FloatArray:
+        """What the base adds to probes and sensors: probes r, shape (n_observed,); see `shift`.
+
+        Sensors know it themselves.
+        """
+        result = np.zeros(self.n_probes + self.n_sensors)
+        if self.base.shift is not None:
+            result[: self.n_probes] = self.probes @ self.base.shift
+        return result
 
     @property
     def observed(self) -> sp.csr_matrix:
@@ -306,7 +321,12 @@ def spread(operators: Operators, comm: MPI.Intracomm) -> DistributedOperators:
         C,
         K,
         BaseCoupling(
-            base.mass[own], base.damping[own], base.stiffness[own], base.corner, base.is_force
+            base.mass[own],
+            base.damping[own],
+            base.stiffness[own],
+            base.corner,
+            base.is_force,
+            None if base.shift is None else base.shift[own],
         ),
         gap_matrix=sp.csr_matrix(o.gap_matrix)[:, own],
         gap0=o.gap0,

@@ -77,8 +77,11 @@ def _sensor(
 ) -> SensorRows:
     """Return what a sensor reads; append its functionals to `rows`."""
     o, layout = structure.operators, structure.layout
-    if own.between is not None:
+    if own.quantity == "contact force":
         of_pairs = np.zeros(o.n_pairs)
+        for stop in layout.stops:
+            if stop.number + 1 == own.stop:
+                of_pairs[stop.pairs] = 1.0
         for interface in layout.interfaces:
             if tuple(layout.names[part] for part in interface.parts) == own.between:
                 of_pairs[interface.pairs] = 1.0

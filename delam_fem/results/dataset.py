@@ -39,7 +39,7 @@ def history(
     layout, gap0 = structure.layout, structure.operators.gap0
     start = (recorder.n_closed - len(recorder.window)) * recorder.steps_per_period
     data = xr.Dataset(coords={"lamina": list(layout.names)})
-    if len(layout.interfaces) > 1:
+    if len(layout.interfaces) != 1:
         data = data.assign_coords(interface=[interface.name for interface in layout.interfaces])
     _add_window(data, recorder, start, len(layout.parts), structure.operators.base.is_force)
     if len(layout.probes) > len(layout.parts):
@@ -55,6 +55,8 @@ def history(
     weights = structure.operators.pair_weights
     shares = np.ones(gap0.size) if weights is None else weights
     add(data, "spring_share", _of_interfaces(layout, shares))
+    if layout.stops:
+        _add_stops(data, layout, gap0)
     _add_frames(data, recorder, structure, start)
     _add_events(data, recorder, layout, start)
     for signal in signals(recorder, structure, case):
@@ -66,6 +68,16 @@ def history(
         **attributes,
     }
     return data
+
+
+def _add_stops(data: xr.Dataset, layout: Layout, gap0: FloatArray) -> None:
+    """Add where the contact points of stops are; they have the dimension `stop`."""
+    add(data, "stop_number", np.concatenate([[s.number + 1] * s.places.size for s in layout.stops]))
+    add(data, "stop_lamina", np.concatenate([[s.part] * s.places.size for s in layout.stops]))
+    nodes = [np.searchsorted(layout.stations, s.places) for s in layout.stops]
+    add(data, "stop_node", np.concatenate(nodes))
+    add(data, "stop_height", np.concatenate([s.side * gap0[s.pairs] for s in layout.stops]))
+    add(data, "stop_on_base", np.concatenate([[s.on_base] * s.places.size for s in layout.stops]))
 
 
 def _rows(record: PeriodRecord) -> slice:
@@ -130,6 +142,9 @@ def _add_frames(data: xr.Dataset, recorder: Recorder, structure: Structure, star
     add(data, "velocity", v)
     add(data, "moment", fields.bending_moment(layout, *nodal))
     add(data, "contact_state", _of_interfaces(layout, contact))
+    if layout.stops:
+        first = layout.stops[0].first_pair
+        add(data, "stop_state", contact[:, first:])
 
 
 def _frames(
@@ -159,6 +174,8 @@ def _frames(
 def _of_interfaces(layout: Layout, of_pairs: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """Spread values of pairs over the stations, one interface or all of them first."""
     spread = [layout.at_stations(interface, of_pairs) for interface in layout.interfaces]
+    if not spread:
+        return np.zeros((0, *of_pairs.shape[:-1], layout.stations.size), of_pairs.dtype)
     return spread[0] if len(spread) == 1 else np.stack(spread)
 
 
@@ -175,23 +192,31 @@ def _add_events(data: xr.Dataset, recorder: Recorder, layout: Layout, start: int
             columns.append(np.array([time, decision.hit, p, decision.rate_pre, share]))
     time, pair, impulse, rate, energy = np.concatenate(columns, axis=1)
     hit = pair.astype(np.int64)
-    interface, node = _places(layout)
+    interface, node, stop = _places(layout)
     add(data, "event_time", time)
-    if len(layout.interfaces) > 1:
+    if len(layout.interfaces) > 1 or layout.stops:
         add(data, "event_interface", interface[hit])
+    if layout.stops:
+        add(data, "event_stop", stop[hit])
     add(data, "event_node", node[hit])
     add(data, "event_impulse", impulse)
     add(data, "event_velocity_before", rate)
     add(data, "event_energy", energy)
 
 
-def _places(layout: Layout) -> tuple[IntArray, IntArray]:
-    """Return interface and station of each pair, both of shape (n_pairs,)."""
+def _places(layout: Layout) -> tuple[IntArray, IntArray, IntArray]:
+    """Return interface (of stops -1), station and stop (else -1) of each pair, all (n_pairs,)."""
     numbers = [
         np.full(len(interface.points), number) for number, interface in enumerate(layout.interfaces)
     ]
     nodes = [layout.stations_of(interface) for interface in layout.interfaces]
-    return np.concatenate(numbers), np.concatenate(nodes)
+    for own in layout.stops:
+        numbers.append(np.full(own.places.size, -1))
+        nodes.append(np.searchsorted(layout.stations, own.places))
+    none = np.zeros(0, dtype=np.int64)
+    interface = np.concatenate([none, *numbers])
+    stop = np.where(interface < 0, np.cumsum(interface < 0), 0) - 1
+    return interface, np.concatenate([none, *nodes]), stop
 
 
 GROUPS = {"history": "time", "periods": "period", "fields": "frame", "events": "event"}

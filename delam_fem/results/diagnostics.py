@@ -54,7 +54,7 @@ def rest_positions(history: xr.Dataset) -> FloatArray:
         0 for the lowest lamina, shape (n_laminae, n_nodes) [m].
     """
     gap0 = by_interface(history["gap0"])
-    return np.vstack([np.zeros_like(gap0[:1]), np.cumsum(gap0, axis=0)])
+    return np.vstack([np.zeros(gap0.shape[1]), np.cumsum(gap0, axis=0)])
 
 
 def gap_field(history: xr.Dataset) -> FloatArray:
@@ -83,7 +83,7 @@ def of_laminae(states: npt.NDArray[Any]) -> npt.NDArray[Any]:
     Returns:
         States of the laminae from bottom to top, shape (n_interfaces + 1, …).
     """
-    none = np.zeros_like(states[:1])
+    none = np.zeros((1, *states.shape[1:]), states.dtype)
     above, below = np.concatenate([states, none]), np.concatenate([none, states])
     larger: npt.NDArray[Any] = np.maximum(above, below)
     return larger
@@ -251,7 +251,7 @@ class ProbeMotion:
     @property
     def gap(self) -> FloatArray:
         """Smallest gap of all interfaces at each step, shape (n_steps,) [m]."""
-        smallest: FloatArray = self.gaps.min(axis=0)
+        smallest: FloatArray = self.gaps.min(axis=0, initial=np.inf)
         return smallest
 
     @property
@@ -282,7 +282,8 @@ def probe_place(history: xr.Dataset) -> str:
 
 def is_at_probes(history: xr.Dataset) -> BoolArray:
     """Return whether each event hits the pair at the probes, shape (n_events,)."""
-    return np.asarray(history["event_node"].to_numpy() == probe_node(history))
+    between_laminae = event_interfaces(history) >= 0  # not at a stop
+    return np.asarray(between_laminae & (history["event_node"].to_numpy() == probe_node(history)))
 
 
 def probe_positions(history: xr.Dataset) -> FloatArray:

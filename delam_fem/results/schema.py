@@ -141,12 +141,13 @@ INTERFACE = "interface"
 DIMENSIONS: Mapping[str, str] = MappingProxyType(
     {
         "lamina": "laminae from bottom to top",
-        INTERFACE: "pairs of neighbouring laminae from bottom to top; only if there are several",
+        INTERFACE: "pairs of neighbouring laminae from bottom to top; not if there is a single one",
         "time": "every step of the window",
         "period": "all periods of the run",
         "frame": "instants of the window at which fields are kept",
         "node": "points along the laminae: nodes, and contact points inside the elements",
         "probe": "further probes, on both sides of delaminations; only if there are any",
+        "stop": "contact points of stops; only if there are any",
         "event": "impacts on single pairs in the window, in the order of time",
     }
 )
@@ -242,8 +243,15 @@ _ALL = (
         "1",
         "contact state: 0 open, 1 hit, 2 resting",
     ),
+    Variable("stop_number", ("stop",), "1", "number of the stop of a contact point, from 1"),
+    Variable("stop_lamina", ("stop",), "1", "number of the lamina that may strike it, from 0"),
+    Variable("stop_node", ("stop",), "1", "point that may strike it"),
+    Variable("stop_height", ("stop",), "m", "its height above the lamina at rest"),
+    Variable("stop_on_base", ("stop",), "1", "1: it moves with the base; 0: it is on the ground"),
+    Variable("stop_state", ("frame", "stop"), "1", "contact state: 0 open, 1 hit, 2 resting"),
     Variable("event_time", ("event",), "s", "time of the impact"),
-    Variable("event_interface", ("event",), "1", "number of the interface that is hit"),
+    Variable("event_interface", ("event",), "1", "number of the interface that is hit; -1: a stop"),
+    Variable("event_stop", ("event",), "1", "contact point of stops that is hit, from 0; -1: none"),
     Variable("event_node", ("event",), "1", "point that is hit"),
     Variable("event_impulse", ("event",), "N s", "impulse that parts the laminae"),
     Variable("event_velocity_before", ("event",), "m/s", "gap rate before the impact"),

@@ -81,9 +81,10 @@ def spring_forces(record: PeriodRecord, structure: Structure, case: Case) -> Flo
         return np.zeros((record.n_steps, o.n_pairs))
     rows = slice(1, record.n_steps + 1)
     gap = o.gap0 + record.u[rows, N_BASE + first : N_BASE + first + o.n_pairs]
-    force = law.penalty_stiffness * gap
+    stiffness, damping = case.spring
+    force = stiffness * gap
     if "penalty_damping" in reads:
-        force = force + law.penalty_damping * record.v[rows, first : first + o.n_pairs]
+        force = force + damping * record.v[rows, first : first + o.n_pairs]
         carries = gap <= 0.0
     else:
         carries = resting_pairs(record, gap, law.threshold_velocity)

@@ -40,7 +40,8 @@ def linear_amplitudes(case: Case, frequency: FloatArray) -> FloatArray:
     o = _fine(case.to_toml()).operators
     found = np.empty((n, frequency.size))
     for k, f in enumerate(frequency.tolist()):
-        found[:, k] = _size(given, f) * np.abs((o.probes @ response(o, f))[:n])
+        tips = (o.probes @ response(o, f) + o.probe_shift[: o.n_probes])[:n]
+        found[:, k] = _size(given, f) * np.abs(tips)
     return found
 
 

@@ -289,6 +289,7 @@ def reduced(
         CaseError: the case cannot be reduced to so many modes.
     """
     case = find_case(case)
+    discretise.require_no_stops(case, "modes and massless contact points")
     structure = discretise.assemble(case, needs_dolfinx=False) if structure is None else structure
     try:
         operators = structure.operators

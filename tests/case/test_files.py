@@ -117,7 +117,7 @@ def test_times_of_a_sweep_follow_its_highest_frequency() -> None:
         ("lamina.3.length", 1.0, "no entry '3'; expected one of thick, thin"),
         ("lamina.thin.length", 0.7, "lamina.thin.length: expected the length 0.685 .* given 0.7"),
         ("lamina.thin.name", "thick", "expected two names, given 'thick' twice"),
-        ("lamina", [], r"lamina: expected two or more \[\[lamina\]\] tables, given 0"),
+        ("lamina", [], r"lamina: expected one or more \[\[lamina\]\] tables, given none"),
         ("name", "../up", "name: expected a name fit for a folder"),
         ("gap.tip", 0.0, "gap.tip: expected a positive number, given 0.0"),
         ("gap.tip", None, "gap.tip: missing, but required"),

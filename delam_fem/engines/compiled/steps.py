@@ -166,16 +166,16 @@ def see_base(system, memory):  # type: ignore[no-untyped-def]
 def observe(system, memory, log, step):  # type: ignore[no-untyped-def]
     """Record what `observe_into` sees at the end of a step."""
     row = memory.counts[SLOT] * (log.n_steps + 1) + step
-    observe_into(system, memory.X, log.u, log.v, row)
+    observe_into(system, memory, log.u, log.v, row)
 
 
 @njit(forceinline=True)
-def observe_into(system, X, u, v, row):  # type: ignore[no-untyped-def]
+def observe_into(system, memory, u, v, row):  # type: ignore[no-untyped-def]
     """Write the recorded quantities into row `row` of u and v.
 
     u gets m_b·u, c_b·u, k_b·u and the probes of u; v gets the probes of v.
     """
-    n = system.n_probes
+    X, base, n = memory.X, memory.base, system.n_probes
     first_u, first_v = row * (3 + n), row * n
     _base_rows(system, X, u, first_u)
     if system.is_selecting:
@@ -186,6 +186,11 @@ def observe_into(system, X, u, v, row):  # type: ignore[no-untyped-def]
         for k in range(n):
             u[first_u + 3 + k] = row_product(system.probe_rows, k, X, 0)
             v[first_v + k] = row_product(system.probe_rows, k, X, system.size)
+    for k in range(n):
+        shift = system.probe_shift[k]
+        if shift != 0.0:
+            u[first_u + 3 + k] += shift * base[0]
+            v[first_v + k] += shift * base[1]
 
 
 @njit
@@ -705,7 +710,7 @@ def prepared(is_divided: bool) -> Callable[..., tuple[int, int, int]]:
 def observe_now(problem_at):  # type: ignore[no-untyped-def]
     """Write m_b·u, c_b·u, k_b·u and the probes into `Memory.seen_u` and `seen_v`."""
     p = _problem(problem_at)
-    observe_into(p.fine, p.memory.X, p.memory.seen_u, p.memory.seen_v, 0)
+    observe_into(p.fine, p.memory, p.memory.seen_u, p.memory.seen_v, 0)
 
 
 @kept

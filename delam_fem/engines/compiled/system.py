@@ -124,6 +124,7 @@ class System(NamedTuple):
         is_selecting: whether every probe picks a single dof.
         selected: places of these dofs; empty if the probes do not pick single dofs.
         probe_rows: the probes by rows; empty if they pick single dofs.
+        probe_shift: what the motion of the base adds to probes, shape (n_probes,).
         coarseness: 0, 1, 2: fine, middle or coarse steps; W is kept for each.
         is_modal: whether the unknowns are the amplitudes of modes (modes.py).
         modal: diagonals of A⁻¹, C and K in modes, shape (3 size,); empty otherwise.
@@ -158,6 +159,7 @@ class System(NamedTuple):
     is_selecting: bool
     selected: IntArray
     probe_rows: Rows
+    probe_shift: FloatArray
     is_modal: bool
     modal: FloatArray
     is_touching: bool
@@ -253,7 +255,7 @@ def _built(o: Operators, scheme: StepNumbers) -> tuple[System, Coordinates]:
     if full is not None and scheme.has_acceleration:
         system = _system(full, scheme, Places(np.arange(full.n_dofs), full.n_dofs), _NO_TAPES)
         return system, Places(np.arange(o.n_dofs), full.n_dofs)
-    found = None if scheme.has_acceleration else in_modes(o)
+    found = None if scheme.has_acceleration or o.base.shift is not None else in_modes(o)
     if found is not None:
         modal, modes = found
         return _system(modal, scheme, modes, _NO_TAPES), modes
@@ -301,6 +303,7 @@ def _system(o: Operators, scheme: StepNumbers, places: Coordinates, tapes: _Tape
         base_rows=to_rows(sp.csr_matrix(base)),
         is_selecting=is_selecting,
         selected=order[probes.indices] if is_selecting else _NO_PLACES,
+        probe_shift=o.probe_shift,
         probe_rows=to_rows((probes @ to.T)[: 0 if is_selecting else None]),
         is_modal=is_modal,
         modal=_diagonals(mass, damping, stiffness, scheme) if is_modal else _NOTHING,

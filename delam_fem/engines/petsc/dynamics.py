@@ -69,10 +69,10 @@ class Dynamics:
         self._rate, self._impulse, self._force = (
             linear_algebra.Shared(o.n_pairs, o.comm) for _ in range(3)
         )
-        self._make_views()
         self._base_table: FloatArray | None = None
         self._base_states: Sequence[BaseState] = [[0.0, 0.0, 0.0]]
         self._step = 0
+        self._make_views()
         self._dissipated = self.contact_damped = 0.0
         self.resting: BoolArray = np.zeros(o.n_pairs, dtype=np.bool_)
         self.is_resting = False
@@ -177,6 +177,7 @@ class Dynamics:
         self._at_rest = self._view.createVecLeft()
         if o.comm.rank == 0:  # the contributions of all ranks are added
             self._at_rest.array[: o.n_pairs] = o.gap0
+        self._probe_shift = o.probe_shift if o.base.shift is not None else None
         self._seen = linear_algebra.Shared(self._at_rest.getSize(), o.comm)
         ends = np.cumsum([o.n_pairs, o.n_pairs, of_u.shape[0]])
         self._gap_values, self._rate_values, seen_u, seen_v = np.split(self._seen.values, ends)
@@ -190,6 +191,11 @@ class Dynamics:
 
     def _see(self) -> None:
         """Compute gaps, rates, `seen_u` and `seen_v`; what changes the state ends with this."""
+        if self._probe_shift is not None:
+            q, dq, _ = self._base_states[self._step]
+            n = self._probe_shift.size
+            self._at_rest.array[-2 * n : -n] = q * self._probe_shift
+            self._at_rest.array[-n:] = dq * self._probe_shift
         self._view.multAdd(self._motion, self._at_rest, self._seen.own)
         self._seen.gather()
         self._reach = math.nan

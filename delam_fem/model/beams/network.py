@@ -70,6 +70,7 @@ from delam_fem.model.layout import (
 from delam_fem.model.linear import kept_closed, lowest
 from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.model.sensors import StrainRows, with_sensors
+from delam_fem.model.stops import in_moving_frame, with_stops
 from delam_fem.numerics import oscillator
 from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.errors import CaseError
@@ -396,7 +397,7 @@ def gap_at_rest(case: Case, layout: Layout) -> FloatArray:
         else:
             names = (layout.names[interface.parts[0]], layout.names[interface.parts[1]])
             gaps.append(_openings(case, names, x))
-    return np.concatenate(gaps)
+    return np.concatenate([np.zeros(0), *gaps])
 
 
 def _openings(case: Case, between: tuple[str, str], x: FloatArray) -> FloatArray:
@@ -424,7 +425,7 @@ def pair_weights(case: Case, layout: Layout) -> FloatArray | None:
         lower = layout.parts[interface.parts[0]]
         mean = (lower.x[TIP] - lower.x[CLAMP]) / lower.n_elements
         shares.append(tributary_lengths(layout.parts, interface) / mean)
-    return np.concatenate(shares)
+    return np.concatenate(shares) if shares else np.zeros(0)
 
 
 def _dofs(lamina: int, n: int) -> IntArray:
@@ -436,14 +437,17 @@ def _dofs(lamina: int, n: int) -> IntArray:
 
 
 def completed(structure: Structure, case: Case, strain: StrainRows | None = None) -> Structure:
-    """Return the structure with the drive and the sensors of a case.
+    """Return the structure with the stops, the drive and the sensors of a case.
 
     Args:
         structure: of the case.
         case: the case.
         strain: gives the strain of surfaces, see `with_sensors`; None: laminae that are apart.
     """
-    return with_sensors(driven(structure, case), case, strain)
+    structure = in_moving_frame(driven(with_stops(structure, case), case))
+    to_dofs = structure.layout.of_dofs
+    rows = None if strain is None else lambda *place: to_dofs(strain(*place))
+    return with_sensors(structure, case, rows)
 
 
 def driven(structure: Structure, case: Case) -> Structure:

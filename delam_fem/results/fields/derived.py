@@ -43,7 +43,7 @@ def gap_of_laminae(history: xr.Dataset) -> FloatArray:
         Gaps, shape (n_laminae, n_frames, n_nodes) [m].
     """
     gaps = gap_field(history)
-    far = np.full_like(gaps[:1], np.inf)
+    far = np.full((1, *gaps.shape[1:]), np.inf)
     smaller: FloatArray = np.minimum(np.concatenate([gaps, far]), np.concatenate([far, gaps]))
     return smaller
 
@@ -70,8 +70,9 @@ def impulse_of_interfaces(history: xr.Dataset) -> FloatArray:
         spacing = frames[1] - frames[0]
         # the last row takes what follows the last frame; round-off must not move an impact
         row = np.searchsorted(frames + 1e-9 * spacing, history["event_time"].to_numpy())
-        place = event_interfaces(history), row, history["event_node"].to_numpy()
-        np.add.at(sums, place, history["event_impulse"].to_numpy())
+        interface = event_interfaces(history)
+        place = np.array([interface, row, history["event_node"].to_numpy()])[:, interface >= 0]
+        np.add.at(sums, tuple(place), history["event_impulse"].to_numpy()[interface >= 0])
     return sums[:, :-1]
 
 
@@ -99,10 +100,11 @@ def contact_force_of_laminae(history: xr.Dataset, case: Case) -> FloatArray:
     if not LAWS[case.contact.law].spring:
         return _on_both_sides(np.zeros_like(gaps))
     share = by_interface(history["spring_share"])[:, None]
-    force = -case.contact.penalty_stiffness * share * gaps
+    stiffness, damping = case.spring
+    force = -stiffness * share * gaps
     if "penalty_damping" in LAWS[case.contact.law].spring:
         velocity = history["velocity"].to_numpy()
-        force -= case.contact.penalty_damping * share * (velocity[1:] - velocity[:-1])
+        force -= damping * share * (velocity[1:] - velocity[:-1])
     is_resting = by_interface(history["contact_state"]) == RESTING
     return _on_both_sides(np.where(is_resting, force, 0.0))
 
@@ -132,7 +134,7 @@ def held_ends(case: Case) -> list[bool]:
 
 def _on_both_sides(values: FloatArray) -> FloatArray:
     """Return values of the interfaces, summed over the interfaces of each lamina."""
-    none = np.zeros_like(values[:1])
+    none = np.zeros((1, *values.shape[1:]))
     sums: FloatArray = np.concatenate([values, none]) + np.concatenate([none, values])
     return sums
 

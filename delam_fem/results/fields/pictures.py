@@ -334,7 +334,9 @@ def magnification(history: xr.Dataset, frames: list[int], length: float) -> floa
         length: length of the laminae [m].
     """
     u = history["displacement"].to_numpy()[:, frames]
-    largest = max(float(np.abs(u).max(initial=0.0)), float(history["gap0"].max()))
+    largest = max(
+        float(np.abs(u).max(initial=0.0)), float(history["gap0"].to_numpy().max(initial=0.0))
+    )
     if largest >= VISIBLE * length or largest == 0.0:
         return 1.0
     wanted = SHOWN_DEFLECTION * length / largest

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm, ListedColormap
@@ -57,17 +58,26 @@ STORES = (
 
 
 def contact_line(history: xr.Dataset, case: Case) -> Figure:
-    """Draw the gap of each interface over x and t, with contacts and impacts marked."""
+    """Draw the gap of each interface over x and t, with contacts and impacts marked.
+
+    Below them each lamina with stops has a panel with its contacts and impacts.
+    """
     unit, label = time_axis(case)
     end = float(history["time"][-1])
     last = diagnostics.last_periods(history, case, LINE_PERIODS)
     start = float(last["time"][0]) - case.time_step
     names = [str(name) for name in history["lamina"].to_numpy()]
-    n = len(names) - 1
+    stopped = np.unique(history["stop_lamina"]).tolist() if "stop_lamina" in history else []
+    n = len(names) - 1 + len(stopped)
     figure = Figure(figsize=(WIDTH, ONE_PANEL if n == 1 else PANEL * n), layout="constrained")
     panels = figure.subplots(n, 1, sharex=True, squeeze=False)[:, 0]
     x_end = 1e3 * float(history["x"][-1])
-    for j, axes in enumerate(panels):
+    for lamina, axes in zip(stopped, panels[len(names) - 1 :], strict=True):
+        _stop_marks(axes, history, lamina, (start, unit))
+        axes.set(ylabel="x [mm]", xlim=(start / unit, end / unit), ylim=(0.0, 1.02 * x_end))
+        axes.set_title(f"stops of {names[lamina]}", loc="left")
+        legend_above(axes)
+    for j, axes in enumerate(panels[: len(names) - 1]):
         axes.grid(False)
         if history.sizes["frame"] > 1:
             _gap_image(figure, axes, history, j, (start, unit))
@@ -145,9 +155,30 @@ def _impact_marks(
 
     All interfaces share the scale of the areas.
     """
+    _marks(axes, history, event_interfaces(history) == interface, axis)
+
+
+def _stop_marks(axes: Axes, history: xr.Dataset, lamina: int, axis: tuple[float, float]) -> None:
+    """Mark the stops of a lamina, the impacts on them, and when it rests on them."""
+    _, unit = axis
+    x, frames = 1e3 * history["x"].to_numpy(), history["frame"].to_numpy()
+    own = history["stop_lamina"].to_numpy() == lamina
+    nodes = history["stop_node"].to_numpy()[own]
+    for k, node in enumerate(np.unique(nodes)):
+        axes.axhline(x[node], color="0.7", linewidth=0.8, label="_more" if k else "stop")
+    held = np.argwhere(history["stop_state"].to_numpy()[:, own] == RESTING)
+    if held.size:
+        axes.plot(frames[held[:, 0]] / unit, x[nodes[held[:, 1]]], "s", color=BLUE, markersize=3.0,
+                  label="in permanent contact")  # fmt: skip
+    _marks(axes, history, np.isin(history["event_stop"], np.flatnonzero(own)), axis)
+
+
+def _marks(
+    axes: Axes, history: xr.Dataset, own: npt.NDArray[np.bool_], axis: tuple[float, float]
+) -> None:
+    """Mark some of the events; see `_impact_marks`."""
     start, unit = axis
     when = history["event_time"].to_numpy()
-    own = event_interfaces(history) == interface
     shown = own & (when >= start)
     if not shown.any():
         return

@@ -293,7 +293,10 @@ class Plots:
 
 def figures_of(history: xr.Dataset) -> dict[str, Callable[[xr.Dataset, Case], Figure]]:
     """Return the figures of a run by the names of their files."""
-    return FIGURES | (OF_SENSORS if sensors_of(history) else {})
+    found = FIGURES | (OF_SENSORS if sensors_of(history) else {})
+    if history.sizes["lamina"] == 1 and "stop" not in history.sizes:
+        del found["contact_line"]
+    return found
 
 
 def save_figures(history: xr.Dataset, case: Case, directory: str | Path) -> list[Path]:

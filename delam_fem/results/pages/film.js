@@ -8,6 +8,7 @@
 //                                    (frame, interface, node)
 //   factor                           of deflections and gaps in y
 //   held                             whether both ends are held
+//   stops                            x, side (1 above, -1 below), y and lit at each frame of each contact point
 "use strict";
 for (const figure of document.querySelectorAll("figure.film")) {
   const film = JSON.parse(figure.querySelector("script").textContent);
@@ -29,6 +30,7 @@ for (const figure of document.querySelectorAll("figure.film")) {
     low = Math.min(low, y[k] - half);
     high = Math.max(high, y[k] + half);
   }
+  for (const stop of film.stops) for (const v of stop.y) [low, high] = [Math.min(low, v), Math.max(high, v)];
 
   function make(tag, properties, parent) {
     const element = Object.assign(document.createElement(tag), properties);
@@ -139,6 +141,19 @@ for (const figure of document.querySelectorAll("figure.film")) {
     }
   }
 
+  function stops({ pen, px, py }) {
+    for (const stop of film.stops) {
+      const [x, y] = [px(stop.x), py(stop.y[shown])];
+      const state = Math.max(...stop.lit.slice(before < shown && shown - before < 6 ? before + 1 : shown, shown + 1));
+      pen.fillStyle = state === HIT ? "#F0A000" : colour(state === RESTING ? "--text" : "--soft");
+      pen.beginPath();
+      pen.moveTo(x, y);
+      pen.lineTo(x - 7, y - 12 * stop.side);
+      pen.lineTo(x + 7, y - 12 * stop.side);
+      pen.fill();
+    }
+  }
+
   function strip({ pen, width, height, left, right }) {
     const top = height + 8, bottom = height + STRIP - 8, n = nNodes - 1;
     let [least, most] = [Infinity, -Infinity];
@@ -184,6 +199,7 @@ for (const figure of document.querySelectorAll("figure.film")) {
       pen.stroke();
     }
     contacts(place, middle, before < shown && shown - before < 6 ? before + 1 : shown);
+    stops(place);
     pen.font = "12px system-ui, sans-serif";
     let right = place.width - 8;
     pen.textAlign = "right";

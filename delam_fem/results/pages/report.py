@@ -279,11 +279,12 @@ def film(history: xr.Dataset, case: Case) -> Film | None:
     per_frame = history.sizes["lamina"] * nodes.size
     last = slice(-max(1, MOST_NUMBERS // per_frame), None)
     u = history["displacement"].to_numpy()
-    largest = max(float(np.abs(u).max()), float(history["gap0"].max()))
+    largest = max(float(np.abs(u).max()), float(history["gap0"].to_numpy().max(initial=0.0)))
     factor = _factor(largest, sum(lamina.thickness for lamina in case.lamina))
     y = middle_lines(history, case, factor)[:, None] + factor * u
     y = 1e3 * y.transpose(1, 0, 2)[last][..., nodes]
     unit = float(np.abs(y).max()) / LARGEST or 1.0
+    stops = _stops(history, case, factor, last)
     data = {
         "names": [str(name) for name in history["lamina"].to_numpy()],
         "colours": list(lamina_colours(history.sizes["lamina"])),
@@ -296,6 +297,7 @@ def film(history: xr.Dataset, case: Case) -> Film | None:
         "y": _text(np.rint(y / unit).astype("<i2")),
         "lit": _text(_around(derived.contact_lights(history)[last], nodes)),
         "held": derived.held_ends(case),
+        "stops": stops,
     }
     caption = (
         "The laminae in motion, with orange dots where pairs have been hit since the frame before "
@@ -305,6 +307,25 @@ def film(history: xr.Dataset, case: Case) -> Film | None:
     if factor != 1.0:
         caption += f" Deflections and gaps are drawn {factor:g} times as large as they are."
     return Film(data, "The laminae in motion", caption)
+
+
+def _stops(history: xr.Dataset, case: Case, factor: float, last: slice) -> list[dict[str, object]]:
+    """Return x, side, face at each frame (x, y in mm) and contact states of the stops of a film."""
+    if "stop_height" not in history:
+        return []
+    middle, found = middle_lines(history, case, factor), []
+    base = np.interp(history["frame"], history["time"], history["base_displacement"])
+    for k in range(history.sizes["stop"]):
+        own = history.isel(stop=k)
+        lamina, node = int(own["stop_lamina"]), int(own["stop_node"])
+        side = -1 if np.signbit(own["stop_height"].item()) else 1
+        face = middle[lamina, node] + 0.5 * side * case.lamina[lamina].thickness
+        y = face + factor * (float(own["stop_height"]) + float(own["stop_on_base"]) * base)
+        found.append({
+            "x": 1e3 * float(history["x"][node]), "side": side, "y": _short(1e3 * y[last]),
+            "lit": own["stop_state"].to_numpy()[last].tolist(),
+        })  # fmt: skip
+    return found
 
 
 def _factor(largest: float, thickness: float) -> float:

@@ -1,0 +1,218 @@
+"""Stops on base and ground: statics, frames, engines, messages."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from covertable import make
+
+from delam_fem import CaseError, Result, load_case, run
+from delam_fem.case.definition import Case
+from delam_fem.engines.session import ENGINES, EngineName
+from delam_fem.model import discretise
+from delam_fem.model.beams import closed_form
+from tests.project import ROOT
+
+EI, L, A, GAP, K = 10.0, 0.5, 2e-3, 1e-3, 400.0
+LAMINA = {
+    "name": "one", "length": L, "width": 0.02, "thickness": 0.002, "mass_per_length": 0.1,
+    "bending_stiffness": EI, "damping_ratio": 0.01,
+}  # fmt: skip
+"""First frequency 22.4 Hz."""
+FORCE = {"kind": "force", "lamina": "one", "position": L, "amplitude": 0.5, "frequency": 20.0}
+SHAKER = {"kind": "harmonic", "amplitude": 1e-4, "frequency": 20.0}
+RIGID = {"law": "newton", "restitution": 0.3}
+ELASTIC = {"stiffness": K, "damping": 0.02}
+
+
+def case_of(stop: dict[str, Any] | list[dict[str, Any]], **sections: Any) -> Case:
+    stops = stop if isinstance(stop, list) else [stop]
+    sensors = [
+        {"name": f"stop-{k}", "quantity": "contact force", "stop": k}
+        for k in range(1, len(stops) + 1)
+    ]
+    given = {
+        "name": "stop", "lamina": [LAMINA], "mesh": {"elements": 4}, "excitation": SHAKER,
+        "contact": {"law": "penalty"}, "sensor": sensors,
+        "stop": [{"lamina": "one", "side": "above", "gap": GAP} | own for own in stops],
+        "time": {"steps_per_period": 1000, "periods": 3}, "output": {"window_periods": 3},
+    }  # fmt: skip
+    return Case(**(given | sections))
+
+
+def forces(result: Result) -> np.ndarray:
+    return np.array([result.history[f"sensor_stop-{k + 1}"] for k in range(len(result.case.stop))])
+
+
+@pytest.mark.parametrize("side", ["above", "below"])
+@pytest.mark.parametrize("place", [1.0, 0.8], ids=["node", "inside"])
+def test_a_slow_base_presses_on_an_elastic_stop_on_the_ground(side: str, place: float) -> None:
+    """F = (|q| - gap) / (x³/3EI + 1/k): catches a wrong frame, sign, place, stiffness or share."""
+    x = place * L
+    slow = {"kind": "harmonic", "amplitude": A, "frequency": 0.02}
+    stop = {"position": x, "side": side, "on": "ground", "stiffness": K}
+    case = case_of(stop, excitation=slow, time={"steps_per_period": 4000, "periods": 1})
+    result = run(case, engine="compiled")
+    q = result.history["base_displacement"].to_numpy() * (1.0 if side == "above" else -1.0)
+    exact = np.maximum(q - GAP, 0.0) / (x**3 / (3.0 * EI) + 1.0 / K)
+    found = forces(result)[0]
+    assert np.abs(found - exact).max() < 0.01 * exact.max()
+    assert result.summary["energy_residual"] < 1e-9
+
+
+def test_a_slow_base_carries_its_stop_along() -> None:
+    """A stop on the base is not touched by a slow motion; one on the ground would be."""
+    slow = {"kind": "harmonic", "amplitude": A, "frequency": 0.1}
+    time = {"steps_per_period": 2000, "periods": 1}
+    on_base = run(case_of({"position": L, "stiffness": K}, excitation=slow, time=time))
+    history = on_base.history
+    assert not forces(on_base).any()
+    moved = history["tip_displacement"][0] - history["base_displacement"]
+    assert np.abs(moved).max() < 1e-2 * A  # of the start
+    assert float(np.abs(history["tip_displacement"]).max()) == pytest.approx(A, rel=1e-2)
+
+
+def test_the_frame_changes_nothing_but_round_off_and_steps() -> None:
+    """With an open stop on the base, which moves the dofs' frame, the motion is that without."""
+    far = run(case_of({"position": L, "gap": 1.0}, contact=RIGID), engine="compiled")
+    none = run(case_of([], contact=RIGID), engine="compiled")
+    for name in ("tip_displacement", "tip_velocity", "displacement", "velocity", "moment",
+                 "strobe_displacement", "envelope_max"):  # fmt: skip
+        one, other = far.history[name].to_numpy(), none.history[name].to_numpy()
+        assert np.abs(one - other).max() < 1e-3 * np.abs(other).max(), name
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_rigid_stops_hold_the_tip(engine: EngineName) -> None:
+    """The tip stays between a stop on the base and the ground's, each in its own frame."""
+    stops = [{"position": L, "side": "below"}, {"position": 0.5 * L, "on": "ground", "gap": 4e-4}]
+    shaker = SHAKER | {"amplitude": 8e-4}
+    case = case_of(stops, contact=RIGID, excitation=shaker).with_overrides(
+        {"time.scheme": "moreau-jean", "time.steps_per_period": 4000}
+    )
+    result = run(case, engine=engine)
+    history = result.history
+    relative = history["tip_displacement"][0] - history["base_displacement"]
+    assert -GAP * 1.1 < float(relative.min()) < -0.9 * GAP
+    middle = history["displacement"].sel(node=np.argmin(np.abs(history["x"].to_numpy() - 0.5 * L)))
+    assert 0.8 * 4e-4 < float(middle.max()) < 1.2 * 4e-4
+    assert set(history["event_stop"].to_numpy().tolist()) == {0, 1}
+    assert forces(result).min() >= 0.0
+    assert result.summary["energy_residual"] < 1e-9
+
+
+ARRAY = make(
+    {
+        "side": ["above", "below", "both"], "on": ["base", "ground"],
+        "place": ["node", "inside", "stretch"], "drive": ["shaker", "force"],
+        "law": ["elastic", "rigid"], "scheme": ["newmark", "moreau-jean"], "refine": [1, 4],
+        "laminae": ["one", "supported", "two"],
+    },
+    constraints=[
+        {"operator": "fn", "requires": ["law", "scheme"],
+         "evaluate": lambda cell: (cell["law"], cell["scheme"]) != ("elastic", "moreau-jean")},
+    ],
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("row", ARRAY, ids=lambda row: "-".join(map(str, row.values())))
+def test_engines_agree(row: dict[str, Any]) -> None:
+    place = {"node": {"position": L}, "inside": {"position": 0.8 * L},
+             "stretch": {"start": 0.5 * L, "end": L}}[row["place"]]  # fmt: skip
+    gap = 2e-5 if row["laminae"] == "supported" else 2e-4
+    own = place | {"side": row["side"], "on": row["on"], "gap": gap}
+    is_elastic = row["law"] == "elastic"
+    sections: dict[str, Any] = {
+        "excitation": SHAKER if row["drive"] == "shaker" else FORCE | {"position": 0.6 * L},
+        "contact": {"law": "penalty", "penalty_damping": 5e-3} if is_elastic else RIGID,
+        "time": {"steps_per_period": 400, "periods": 4, "scheme": row["scheme"],
+                 "refine": row["refine"]},
+    }  # fmt: skip
+    if row["laminae"] == "supported":
+        sections["support"] = {"start": "pinned", "end": "pinned"}
+        own |= {"position": 0.8 * L} if row["place"] == "node" else {}
+    if row["laminae"] == "two":
+        sections |= {
+            "lamina": [LAMINA, LAMINA | {"name": "two", "bending_stiffness": 4.0}],
+            "gap": {"tip": 5e-4},
+        }
+    case = case_of(own | (ELASTIC if is_elastic else {}), **sections)
+    results = [run(case, engine=engine, structure=closed_form.assemble(case)) for engine in ENGINES]
+    one, other = (result.history for result in results)
+    events = one["event_time"].to_numpy()
+    end = events[9] if events.size > 9 else math.inf  # before the tenth impact
+    kept = one["time"].to_numpy() < end
+    for name, atol in (("tip_displacement", 1e-9), ("tip_velocity", 1e-6)):
+        both = [history[name].to_numpy()[:, kept] for history in (one, other)]
+        np.testing.assert_allclose(*both, rtol=0.0, atol=atol)
+    touched = (
+        one["stop_state"].to_numpy().any() or (one.get("event_stop", one["event_node"]) >= 0).any()
+    )
+    assert touched
+    for result in results:
+        assert result.summary["energy_residual"] < 1e-8
+
+
+def test_dolfinx_assembles_the_same_stops() -> None:
+    case = case_of(
+        [{"position": 0.8 * L, "side": "both"}, {"start": 0.3, "end": L, "on": "ground"}]
+    )
+    found, expected = discretise.assemble(case).operators, closed_form.assemble(case).operators
+    np.testing.assert_allclose(
+        found.gap_matrix.toarray(), expected.gap_matrix.toarray(), atol=1e-12
+    )
+    np.testing.assert_allclose(found.base.shift, expected.base.shift, atol=1e-9)
+    np.testing.assert_allclose(found.base.mass, expected.base.mass, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ({"lamina": "none"}, r"stop\.1\.lamina: expected one of one, given 'none'"),
+        ({"position": 0.6}, r"stop\.1\.position: expected at most the length 0\.5 m, given 0\.6"),
+        ({"position": None}, r"position: expected either position, or start and end"),
+        ({"position": None, "start": 0.4, "end": 0.3}, r"end: expected a place beyond start"),
+        ({"gap": -1e-3}, r"gap: expected a number of at least 0|gap: expected .* given -0\.001"),
+        ({"side": "left"}, r"side"),
+        ({"stiffness": -1.0}, r"stiffness: expected a positive number, given -1\.0"),
+        ({"damping": 1.0}, r"damping: expected only beside stiffness"),
+    ],
+)
+def test_bad_stops_are_told(change: dict[str, Any], expected: str) -> None:
+    stop = {key: v for key, v in ({"position": L} | change).items() if v is not None}
+    with pytest.raises(CaseError, match=expected):
+        case_of(stop)
+
+
+def test_what_does_not_go_together_is_told() -> None:
+    soft, stiff = {"position": L, "stiffness": K}, {"position": L, **ELASTIC}
+    with pytest.raises(CaseError, match=r"stop\.2\.damping: expected the same ratio"):
+        case_of([soft, stiff])
+    with pytest.raises(CaseError, match=r'stop\.1\.stiffness: .*contact\.law = "penalty"'):
+        case_of(soft, contact=RIGID)
+    with pytest.raises(CaseError, match=r"gap: expected none beside a single lamina"):
+        case_of([], gap={"tip": 1e-3})
+    with pytest.raises(CaseError, match=r"stop: expected only with model\.kind"):
+        case_of(soft, model={"kind": "solid"})
+    with pytest.raises(CaseError, match=r"stop\.1: expected places where the lamina can move"):
+        closed_form.assemble(case_of({"position": 0.0}))
+    both = [{"position": L}, {"position": L, "on": "ground", "side": "below"}]
+    with pytest.raises(CaseError, match="at different places, as the base moves"):
+        closed_form.assemble(case_of(both))
+    lumped = {"law": "newton", "impulse": "lumped"}
+    with pytest.raises(CaseError, match=r"stop\.1\.position: expected a node"):
+        closed_form.assemble(case_of({"position": 0.3}, contact=lumped))
+
+
+def test_a_mass_at_a_stop_is_as_code_aster_has_it() -> None:
+    """SDNL104: printed values of its trapezium rule with a step of 1e-4 s."""
+    case = load_case(ROOT / "docs" / "examples" / "others" / "sdnl104.toml")
+    history = run(case, engine="compiled").history
+    u = history["tip_displacement"][0].sel(time=0.1315, method="nearest")
+    v = history["tip_velocity"][0].sel(time=0.1566, method="nearest")
+    assert float(u) == pytest.approx(-1.85356697e-6, rel=1e-3)
+    assert float(v) == pytest.approx(-4.63289360e-3, rel=1e-3)
+    assert float(history["energy_kinetic"][-1]) == pytest.approx(0.05140814, rel=1e-3)
