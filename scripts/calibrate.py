@@ -59,6 +59,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--folder", type=Path, help="keeps simulations, from which a part goes on")
     parser.add_argument("-o", "--output", type=Path, default=ROOT / "docs")
     given = parser.parse_args(arguments)
+    given.output.mkdir(parents=True, exist_ok=True)
     path = given.output / "calibration.json"
     found = json.loads(path.read_text("utf-8")) if path.exists() else {}
     for name in () if given.redraw else given.part or PARTS:

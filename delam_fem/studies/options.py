@@ -225,7 +225,7 @@ class Infer(Measured):
         noise_db: overall root mean square of a simulated signal over that of the noise [dB].
         frequency: excitation of a scan [Hz]; repeatable.
         uncertain: in what the rig may differ from the case; 0.9x:1.1x are multiples of the case's
-            own value; repeatable (default: stiffness ± 5 %, damping 0.5x:2x, clamps that yield).
+            own value; repeatable (default: stiffness ± 10 %, damping 0.5x:2x, clamps that yield).
         measured: scan of the surface, a file per frequency, instead of simulated ones.
             --channel, --units and --rate as for `measure read`.
     """
@@ -371,7 +371,7 @@ class Identify(Options):
         measured: tips of a motion, one file per frequency; by default the case simulates them.
         noise: standard deviation of a sample [m].
         uncertain: in what the rig may differ from the case; 0.9x:1.1x are multiples of the case's
-            own value; repeatable (default: stiffness ± 5 %, damping 0.5x:2x, clamps that yield).
+            own value; repeatable (default: stiffness ± 10 %, damping 0.5x:2x, clamps that yield).
         simulations: number of simulations.
         calibrate: number of simulations that check the intervals.
         seed: seed of the noise and of the prior.

@@ -15,7 +15,7 @@ from delam_fem.system.errors import CaseError
 
 EVERY = "lamina.*."
 """Start of a key that stands for the same key of all laminae."""
-STIFFNESS = (0.95, 1.05)
+STIFFNESS = (0.9, 1.1)
 """Multiples of the stiffness of the laminae that a rig may have."""
 DAMPING = (0.5, 2.0)
 """Multiples of the damping ratio that a rig may have."""

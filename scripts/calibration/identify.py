@@ -2,7 +2,7 @@
 
 The rig and the four unknowns of [identification](identification.md): `paper`, 10 elements, 300
 steps per period, tips at 1.25 and 3.25 Hz with noise of 0.1 mm, 1,000 simulations. The stiffness of
-the thick lamina is drawn within ± 5 %, and what four times as many steps change is added in part.
+the thick lamina is drawn within ± 10 %, and what four times as many steps change is added in part.
 *As modelled*: simulations of the table that are left out of it. The note has the median width, that
 of the prior (both of 90 %), and at how many truths the program says that the motions are like those
 of no simulation.

@@ -1,7 +1,7 @@
 """`infer`: start, end and depth of a delamination.
 
 Scans of `embedded` with other delaminations at 92 and 250 Hz, 40 dB, and a table of structures from
-the prior, whose stiffness (± 5 %), damping (× ½ … × 2) and clamps (k L/EI from 50 to 5000) are
+the prior, whose stiffness (± 10 %), damping (× ½ … × 2) and clamps (k L/EI from 50 to 5000) are
 drawn, too. *As modelled*: truths are drawn as the table is. The note has the median width and that
 of the prior, both of 90 %, and at how many truths the program says that the scans are like those of
 no simulation.
