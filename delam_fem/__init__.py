@@ -64,7 +64,6 @@ if TYPE_CHECKING:
     from delam_fem.studies.models import compare_models
     from delam_fem.studies.modes import modes
     from delam_fem.studies.orbits.run import orbit
-    from delam_fem.studies.reduced import reduced
     from delam_fem.studies.sweeps.grid import Sweep, load_sweep
     from delam_fem.studies.sweeps.run import run_sweep
     from delam_fem.system.errors import CaseError
@@ -107,7 +106,6 @@ _HOMES = {
     "pod": "studies.detection.pod:STUDY",
     "preset": "case.files",
     "read_measured": "results.measured.reading",
-    "reduced": "studies.reduced",
     "reduced_case": "model.reduction",
     "resonance": "studies.identification.resonance:STUDY",
     "run": "pipeline",
@@ -156,7 +154,6 @@ __all__ = [
     "pod",
     "preset",
     "read_measured",
-    "reduced",
     "reduced_case",
     "resonance",
     "run",

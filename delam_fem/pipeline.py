@@ -87,7 +87,8 @@ def run(
         CaseError: the case cannot be computed, there is no checkpoint to resume from, there is one
             that would be replaced, or another process is writing to `directory`.
     """
-    case, engine = _case(case), available(engine)
+    case = _case(case)
+    engine = available(engine, case)
     plausible.tell(case)
     if case.unread:
         _log.debug("this run ignores keys that are given, but not read: %s", ", ".join(case.unread))
@@ -180,7 +181,7 @@ def checked(case: Case, engine: EngineName = "petsc") -> tuple[Structure, list[s
     Raises:
         CaseError: the case cannot be computed.
     """
-    structure, engine = discretise.assemble(case), available(engine)
+    structure, engine = discretise.assemble(case), available(engine, case)
     with session_of(case, structure.operators, engine=engine):
         pass
     opening = never_opens(case)

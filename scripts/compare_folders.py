@@ -61,10 +61,11 @@ COMMANDS = {
     "converge": "converge default --laws newton@moreau-jean -j 1 --periods 2 --limit-steps 1000 "
     "--in both --elements 5,10 --steps 250,500",
     "compare": "compare paper --set mesh.elements=4 --periods 1",
-    "compare-models": "compare default --set mesh.elements=4 --models beam,reduced --modes 4 "
+    "compare-models": "compare default --set mesh.elements=4 --models beam,modes --modes 4 "
     "--set time.steps_per_period=100 --periods 4 --at 3.25",
     "reduce": "reduce default --set mesh.elements=6 --modes 4",
-    "reduced": f"reduced default {COARSE} --modes 3 --refine 4",
+    "massless": f"run default {COARSE} --set model.kind=modes --set model.modes=3 --set "
+    "time.mass=massless --set time.refine=4 --set contact.law=newton --set contact.restitution=0",
     "overlay": "measure overlay {home}/run {home}/run/result.nc",
 }  # fmt: skip
 """Commands by name; "{home}" is the folder of all results. "overlay" takes that of "run"."""

@@ -24,7 +24,7 @@ from delam_fem.case.definition import Case
 from delam_fem.numerics.types import FloatArray
 from delam_fem.results.figures.style import LAMINA_COLOURS, WIDTH, styled
 from delam_fem.studies.orbits.maps import FREQUENCY, CaseFamily, PeriodMap
-from delam_fem.studies.reduced import ReducedMap, reduced
+from delam_fem.studies.orbits.massless import ModalMap
 
 DOCS = Path(__file__).parents[1] / "docs"
 RESONANT = 3.25
@@ -78,7 +78,7 @@ def measured(given: argparse.Namespace) -> dict[str, object]:
         ("finite elements, r = 64", CaseFamily(case, FREQUENCY).map()),
         (
             f"{modes[0]} modes, r = {given.refine}",
-            ReducedMap(case, modes=modes[0], refine=given.refine),
+            ModalMap(massless(case, modes[0], given.refine)),
         ),
     ):
         state = 0.0 * strobe.slow.basis[:, :1].T
@@ -120,26 +120,33 @@ class Limit:
     microseconds: float
 
 
+def massless(case: Case, modes: int, refine: int) -> Case:
+    """Return a case in modes with contact points that have no mass."""
+    model = {"model.kind": "modes", "model.modes": modes, "time.mass": "massless"}
+    rigid = {"contact.law": "newton", "contact.restitution": 0.0, "time.refine": refine}
+    return case.with_overrides(model | rigid)
+
+
 def limit_of(case: Case, modes: int, refine: int, settle: int = 150, periods: int = 60) -> Limit:
     """Return the means of a case with two laminae, after a number of periods from rest."""
-    motion = reduced(case, modes, refine=refine)
-    state = motion.advance(motion.advance(motion.rest), settle)
+    problem = ModalMap(massless(case, modes, refine)).at(RESONANT)
+    state = np.zeros(problem.periods.reduced.n_state)
+    for _ in range(1 + settle):
+        state = problem.periods.advance(state, problem.drive)
     extremes, exchanged, steps, begin = [], np.zeros(4), 0, time.process_time()
-    computed = [motion.period(state)]
+    computed = [problem.period(state)]
     while len(computed) < periods:
-        computed.append(motion.period(computed[-1].end))
+        computed.append(problem.period(computed[-1].end))
     seconds = time.process_time() - begin
-    drive = motion.motion(0)[:, 0]
     for period in computed:
-        u = motion.reduced.displacement(period.trace.q, period.trace.s, drive)
-        tips = 1e3 * (u @ motion.reduced.probes.T)
+        tips = 1e3 * problem.seen(period)
         extremes.append([tips[:, 0].min(), tips[:, 0].max(), tips[:, 1].min(), tips[:, 1].max()])
         exchanged += period.exchanged
         steps += int(period.effort.sum())
     means, (work, *_, closing) = np.mean(extremes, axis=0), exchanged.tolist()
     return Limit(
         modes=modes,
-        points=motion.reduced.n_pairs,
+        points=problem.periods.reduced.n_pairs,
         refine=refine,
         **dict(zip(("y1_min", "y1_max", "y2_min", "y2_max"), means.tolist(), strict=True)),
         scatter=float(np.std(np.array(extremes)[:, 0])),

@@ -149,12 +149,12 @@ class Case(Section):
                 "expected a number, because a motion settles only if its excitation repeats after "
                 'each period; given "settled"',
             )
+        self._check_massless()
         try:
             combination(self.contact.law, self.time.scheme)
         except ValueError as error:
             raise inconsistent("contact.law", str(error)) from None
-        reads = combination(self.contact.law, self.time.scheme).reads
-        is_lumped = self.contact.impulse == "lumped" and "impulse" in reads
+        is_lumped = self.contact.impulse == "lumped" and "impulse" in self._read_contact_keys
         if self.contact.points_per_element > 1 and is_lumped:
             raise inconsistent(
                 "contact.points_per_element",
@@ -213,6 +213,36 @@ class Case(Section):
                 f"expected a blow within the window, {begin:g} to {end:g} s, given {blow.start:g} "
                 f"to {blow.start + blow.duration:g} s",
             )
+
+    def _check_massless(self) -> None:
+        """Check that modes without a file have massless contact points, which are rigid."""
+        if (self.model.kind == "modes" and self.model.file is None) != self.is_massless:
+            raise inconsistent(
+                "time.mass",
+                'expected "massless" if and only if model.kind = "modes" has no file, given '
+                f'"{self.time.mass}" with model.kind = "{self.model.kind}"',
+            )
+        if not self.is_massless:
+            return
+        if self.stop:
+            raise inconsistent(
+                "stop", f'expected none with time.mass = "massless", given {len(self.stop)}'
+            )
+        is_rigid = self.contact.law == "newton" and not self.contact.restitution
+        if self.contact.law != "none" and not is_rigid:
+            raise inconsistent(
+                "contact.law",
+                'expected "newton" with restitution = 0, or "none", with time.mass = "massless": a '
+                "contact point without mass is rigid and cannot bounce; given "
+                f'"{self.contact.law}" with restitution = {self.contact.restitution:g}',
+            )
+        for own in self.sensor:
+            if own.quantity == "acceleration":
+                raise inconsistent(
+                    f"sensor.{own.name}.quantity",
+                    'expected another with time.mass = "massless", because what the modes leave '
+                    'out has no inertia; given "acceleration"',
+                )
 
     def _check_attachments(self) -> None:
         """Check that point masses and sensors are on laminae, and that sensors have names."""
@@ -365,6 +395,11 @@ class Case(Section):
         return self.support == Support() and len(open_everywhere) == len(self.lamina) - 1
 
     @property
+    def is_massless(self) -> bool:
+        """Whether contact points have no mass, so that modes compute the motion."""
+        return self.time.mass == "massless"
+
+    @property
     def n_rigid(self) -> int:
         """Number of rigid motions that the supports leave to a stack kept closed."""
         kinds = (self.support.start, self.support.end)
@@ -385,13 +420,16 @@ class Case(Section):
         if self.time.periods != "settled" and "most_periods" in self.time.model_fields_set:
             keys.append("time.most_periods")
         keys += [f"model.{key}" for key in self.model.unread]
+        if self.is_massless:
+            unread = {"scheme", "refine_velocity"} & self.time.model_fields_set
+            keys += [f"time.{key}" for key in sorted(unread)]
         return tuple(keys)
 
     @property
     def _read_contact_keys(self) -> set[str]:
         """Keys of the section `contact` that have an effect."""
         reads = combination(self.contact.law, self.time.scheme).reads
-        return {"law", "points_per_element", *reads}
+        return {"law", "points_per_element", *(("restitution",) if self.is_massless else reads)}
 
     @property
     def is_periodic(self) -> bool:

@@ -275,13 +275,13 @@ class Mesh(Section):
         return self
 
 
-ModelKind = Literal["beam", "plane-stress", "solid", "reduced"]
+ModelKind = Literal["beam", "plane-stress", "solid", "modes"]
 _READS: Mapping[ModelKind, frozenset[str]] = MappingProxyType(
     {
         "beam": frozenset(),
         "plane-stress": frozenset({"poisson", "degree", "layers"}),
         "solid": frozenset({"poisson", "degree", "layers", "strips"}),
-        "reduced": frozenset({"file"}),
+        "modes": frozenset({"modes"}),
     }
 )
 
@@ -291,12 +291,14 @@ class Model(Section):
 
     Attributes:
         kind: "beam" (Euler-Bernoulli), "plane-stress" (two dimensions), "solid" (three dimensions)
-            or "reduced" (the modes of a file); see docs/continuum.md.
+            or "modes" (those of a file, or of beams with time.mass = "massless"); see
+            docs/reduced.md.
         poisson: Poisson's ratio of all laminae [-].
         degree: degree of the elements.
         layers: number of cells through the thickness of each lamina.
         strips: number of cells across the width; give 2 or more where contact counts.
         file: file of `delam-fem reduce`; a relative name counts from the case file.
+        modes: number of modes of each lamina, or of a bonded structure; without a file.
     """
 
     kind: ModelKind = "beam"
@@ -305,14 +307,15 @@ class Model(Section):
     layers: CellCount = 1
     strips: CellCount = 1
     file: FileName | None = None
+    modes: Count = 12
 
     @model_validator(mode="after")
-    def _file_of_modes(self) -> Self:
-        """Check that a file is given if and only if the model is read from one."""
-        if self.kind == "reduced" and self.file is None:
-            raise inconsistent("file", 'missing, but required with kind = "reduced"')
-        if self.kind != "reduced" and self.file is not None:
-            raise inconsistent("file", f'expected only with kind = "reduced", given {self.kind!r}')
+    def _source_of_modes(self) -> Self:
+        """Check that modes come from a file or are counted, and that other models read no file."""
+        if self.kind != "modes" and self.file is not None:
+            raise inconsistent("file", f'expected only with kind = "modes", given {self.kind!r}')
+        if self.file is not None and "modes" in self.model_fields_set:
+            raise inconsistent("modes", f"expected only without a file, given {self.modes}")
         return self
 
     @property
@@ -323,12 +326,17 @@ class Model(Section):
     @property
     def kept(self) -> frozenset[str]:
         """Keys that this kind of model reads, or that are given."""
-        return _READS[self.kind] | self.model_fields_set | {"kind"}
+        return self._reads | self.model_fields_set | {"kind"}
+
+    @property
+    def _reads(self) -> frozenset[str]:
+        """Keys that this kind of model reads."""
+        return _READS[self.kind] if self.file is None else frozenset({"file"})
 
     @property
     def unread(self) -> tuple[str, ...]:
         """Keys that are given, but that this kind of model does not read."""
-        return tuple(sorted(self.model_fields_set - _READS[self.kind] - {"kind"}))
+        return tuple(sorted(self.model_fields_set - self._reads - {"kind"}))
 
 
 class Damping(Section):
@@ -373,7 +381,8 @@ class TimeStepping(Section):
 
     Attributes:
         scheme: "newmark" (average acceleration), "central-difference" or "moreau-jean".
-        mass: "consistent" or "lumped" mass matrix.
+        mass: "consistent" or "lumped" mass matrix; "massless": modes, and contact points without
+            mass, which are rigid (docs/reduced.md).
         steps_per_period: time steps per period, N; in a sweep, a period is that of the
             highest frequency.
         step: longest time step [s]; instead of steps_per_period where the excitation does not
@@ -389,7 +398,7 @@ class TimeStepping(Section):
     """
 
     scheme: SchemeName = "newmark"
-    mass: Literal["consistent", "lumped"] = "consistent"
+    mass: Literal["consistent", "lumped", "massless"] = "consistent"
     steps_per_period: Steps = 1000
     step: Annotated[Positive, Unit("s")] | None = None
     refine: Refine = 1

@@ -29,7 +29,7 @@ from delam_fem.cli.inputs import (
 )
 from delam_fem.cli.measured import export_command, overlay_command, read_command, response_command
 from delam_fem.cli.paper import paper_command
-from delam_fem.cli.reduction import operators_command, reduce_command, reduced_command
+from delam_fem.cli.reduction import operators_command, reduce_command
 from delam_fem.cli.run import engine_in, film_command, report_in_folder, run_in_folder
 from delam_fem.cli.studies import study_command
 from delam_fem.cli.sweep import diagram_command, sweep_command
@@ -97,15 +97,14 @@ def run_command(
         from delam_fem.engines.cost import require_affordable, run_cost
 
         folder = output or Path("runs") / case.name
-        if engine is None:
-            engine = engine_in(folder, resume=resume, extend=extend is not None)
-        cost = run_cost(case, engine)
+        chosen = engine or engine_in(folder, resume=resume, extend=extend is not None)
+        cost = run_cost(case, chosen)
         require_affordable(cost, f"case {case.name}", is_confirmed=yes, folder=folder)
-        options: dict[str, Any] = {"engine": engine, "resume": resume}
+        options: dict[str, Any] = {"engine": chosen, "resume": resume}
         wished = {"extend": extend, "checkpoint_seconds": seconds}
         options |= {key: value for key, value in wished.items() if value is not None}
         if dry_run:
-            show_case(case, engine)
+            show_case(case, chosen)
         run_in_folder(
             case,
             Path(case_name),
@@ -137,7 +136,6 @@ GROUPS: dict[str, dict[str, Callable[..., None]]] = {
         "orbit find": study_command("orbit find"),
         "orbit follow": study_command("orbit follow"),
         "reduce": reduce_command,
-        "reduced": reduced_command,
     },
     "Judge": {
         "converge": study_command("converge"),

@@ -1,4 +1,4 @@
-"""Define `delam-fem reduce`, `reduced` and `show operators`: modes, and matrices for others."""
+"""Define `delam-fem reduce` and `show operators`: modes, and matrices for others."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from delam_fem.cli.console import FAILED, fail, reported, say_files, summary_rows, table
+from delam_fem.cli.console import reported, say_files, table
 from delam_fem.cli.inputs import (
     CaseArgument,
     Folder,
@@ -88,43 +88,6 @@ def _show(found: Reduction, path: Path) -> None:
 File = Annotated[
     Path, typer.Option("-o", "--output", metavar="FILE", help="A file that ends in .npz or .mat.")
 ]
-Modes = Annotated[int, typer.Option(min=1, metavar="N", help="Modes of each lamina.")]
-Fine = Annotated[
-    int, typer.Option("--refine", min=1, metavar="R", help="Fine steps in a step near contact.")
-]
-
-
-def reduced_command(
-    case_name: CaseArgument,
-    output: Folder = None,
-    overrides: Overrides = None,
-    *,
-    modes: Modes = 12,
-    refine: Fine = 64,
-    overwrite: Overwrite = False,
-    quiet: Quiet = False,
-) -> None:
-    """Compute a case with a few modes of each lamina and rigid contact; see docs/reduced.md."""
-    with reported(quiet):
-        from rich.console import Console
-
-        from delam_fem.cli.progress import progress
-        from delam_fem.studies.reduced import reduced
-        from delam_fem.system.files import claimed
-
-        case = case_of(case_name, overrides)
-        motion = reduced(case, modes, refine=refine)
-        folder = output or Path("runs") / f"{case.name}-reduced"
-        with claimed(folder, inputs=inputs_of(case), may_hold_results=overwrite) as directory:
-            with progress(Console(stderr=True, quiet=quiet), case.steps_per_period) as report:
-                result = motion.run(progress=report)
-            paths = result.save(directory)
-        if not quiet:
-            title = f"case {case.name}, {modes} modes of each lamina"
-            table(title, ("", "value"), summary_rows(result.summary))
-            say_files(paths)
-        if result.summary["outcome"] != "completed":
-            fail(f"{result.summary['outcome']}; the results so far are in {folder}", FAILED)
 
 
 def operators_command(

@@ -194,7 +194,7 @@ def _size_of(case: Case) -> tuple[float, float]:
         CaseError: the file of a mesh or of a reduced model cannot be used.
     """
     model, file = case.model, case.mesh.file
-    if model.kind == "reduced":
+    if model.file is not None:
         o = discretise.assemble(case).operators
         return o.n_dofs, 1.0 + 0.5 * o.n_pairs
     if not model.is_continuum:

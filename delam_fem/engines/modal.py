@@ -40,8 +40,18 @@ import numpy.typing as npt
 from scipy.special import roots_legendre
 
 from delam_fem.contact.complementarity import solve_again, solve_into
-from delam_fem.model.reduced import Reduced
-from delam_fem.numerics.types import FloatArray, IntArray
+from delam_fem.model.operators import Operators
+from delam_fem.model.reduced import Reduced, reduce
+from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
+from delam_fem.simulation.loop import State
+from delam_fem.simulation.recorder import (
+    N_BASE,
+    N_SIZES,
+    Columns,
+    Energies,
+    PeriodRecord,
+    Recorder,
+)
 from delam_fem.simulation.refinement import SAFETY
 from delam_fem.system.kernels import kept, njit
 
@@ -588,6 +598,7 @@ class Periods:
     def record(self, start: FloatArray, drive: Drive) -> Period:
         """Compute a period and keep every step of it; see `advance`."""
         trace = new_trace(len(drive.motion) - 1, *self._sizes)
+        trace.q[:] = np.nan  # until it is computed
         end, memory = self._run(start, drive, trace), self._memory
         return Period(end, trace, memory.lowest.copy(), memory.totals.copy(), memory.effort.copy())
 
@@ -612,3 +623,206 @@ class Periods:
             raise ArithmeticError("reduced model: no contact forces were found in a step")
         end = np.concatenate([memory.q, memory.v, memory.s.ravel()])
         return end if ending == COMPLETED else np.full_like(end, np.nan)
+
+
+class ModalStepper:
+    """The state of a problem of modes, and what a recorder reads of it.
+
+    Attributes:
+        operators: of the structure.
+        periods: computes the periods.
+        at: (q, q', s of each part), shape (n_state,).
+        base_state: (q_b, q_b', q_b'') at this instant, shape (3,).
+        dissipated: energy lost to damping so far, that of the creep included [J].
+        contact_damped: 0; contact is rigid [J].
+        seen_u, seen_v: see `recorder.Stepper`; the columns of the base are 0, as the energies of a
+            period come from the engine.
+    """
+
+    def __init__(self, operators: Operators, periods: Periods) -> None:
+        """Prepare the rows of what is seen; the state is at rest, seen from the base."""
+        self.operators, self.periods = operators, periods
+        self.at, self.base_state = np.zeros(periods.reduced.n_state), np.zeros(3)
+        self.dissipated = self.contact_damped = 0.0
+        self.resting: BoolArray = np.zeros(operators.n_pairs, dtype=np.bool_)
+        reduced, rows = periods.reduced, operators.observed
+        self._of_modes, self._of_drive = rows @ reduced.shapes, rows @ reduced.drive
+        self._of_forces = np.stack([rows @ X for X in reduced.residual])
+        self.observe()
+
+    def seen(
+        self, q: FloatArray, v: FloatArray, s: FloatArray, base_states: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return what is seen of u and of v, each of shape (k, n); v is without that of the creep.
+
+        Args:
+            q: amplitudes, shape (k, m).
+            v: their rates, shape (k, m).
+            s: late contact forces, shape (k, c, n_pairs) [N].
+            base_states: (q_b, q_b', …), shape (k, 3).
+        """
+        late = np.einsum("scn,cpn->sp", s, self._of_forces, optimize=True)
+        moved, moving = (np.outer(base_states[:, i], self._of_drive) for i in range(2))
+        return q @ self._of_modes.T + late + moved, v @ self._of_modes.T + moving
+
+    def observe(self) -> None:
+        """Compute `seen_u` and `seen_v` from the present state."""
+        q, v, s = self.periods.split(self.at)
+        (u,), (self.seen_v,) = self.seen(q[None], v[None], s[None], self.base_state[None])
+        self.seen_u = np.concatenate([np.zeros(N_BASE), u])
+
+    def carried(self) -> float:
+        """Return the kinetic energy that the motion of the base adds [J]."""
+        reduced, rate = self.periods.reduced, self.base_state[1]
+        if self.operators.base.is_force:
+            return 0.0
+        momentum = float(reduced.loads[0] @ self.periods.split(self.at)[1])
+        return float(momentum * rate + 0.5 * reduced.base_mass * rate**2)
+
+    def energies(self) -> Energies:
+        """Return the stored energies, those of the base included [J]."""
+        kinetic, strain = self.periods.energies(self.at)
+        return Energies(kinetic + self.carried(), strain, 0.0)
+
+    def state(self) -> FloatArray:
+        """Return (u, v, a) of all dofs, a without contact forces, shape (3, n_dofs)."""
+        reduced, (q, v, s) = self.periods.reduced, self.periods.split(self.at)
+        base, rate, second = self.base_state
+        load = -self.base_state[::-1] @ reduced.loads
+        a = reduced.velocity((load - reduced.damping * v - reduced.squares * q)[None], second[None])
+        u = reduced.displacement(q[None], s[None], base[None])
+        return np.concatenate([u, reduced.velocity(v[None], rate[None]), a])
+
+    def restore(self, motion: FloatArray, internal: FloatArray | None) -> None:
+        """Take over `internal` if it belongs to a motion (u, v, a), or the modes of the motion.
+
+        Of a motion alone nothing is known of late contact forces; they are then 0.
+        """
+        reduced, M = self.periods.reduced, self.operators.mass
+        if internal is not None and internal.shape == self.at.shape:
+            self.at = internal
+            if np.array_equal(self.state()[:2], motion[:2]):
+                return
+        pull, m = M @ reduced.drive @ reduced.shapes, reduced.n_modes
+        moved = np.zeros(2) if self.operators.base.is_force else self.base_state[:2]
+        self.at = np.zeros(reduced.n_state)
+        for place, of_dofs, of_base in zip((0, m), motion, moved, strict=False):
+            self.at[place : place + m] = M @ of_dofs @ reduced.shapes - of_base * pull
+
+    def renew_acceleration(self) -> None:
+        """Do nothing: the acceleration follows from the state."""
+
+
+class ModalEngine:
+    """The engine of modes with massless contact points; see `simulation.loop.Engine`.
+
+    Contact is rigid and takes no energy: `impact_loss` of the ledger is the loss at instants of
+    closing, and `damping_loss` has the creep of the omitted modes. The base work leaves out what
+    mass-proportional damping takes from the motion of the base itself.
+
+    Attributes:
+        stepper: holds the state.
+    """
+
+    n_shares = steps_at_once = 1
+
+    def __init__(
+        self, operators: Operators, modes: int, time_step: float, refine: int, *, is_open: bool
+    ) -> None:
+        """Reduce the problem.
+
+        Args:
+            operators: of the structure.
+            modes: number of modes of each part.
+            time_step: Δt [s].
+            refine: number of fine steps in a step near contact.
+            is_open: whether laminae pass through one another.
+
+        Raises:
+            ValueError: the problem has no such modes.
+        """
+        touching = operators.without_contact() if is_open else operators
+        periods = Periods(reduce(touching, modes), time_step, refine)
+        self.stepper = ModalStepper(operators, periods)
+        self._driven: tuple[FloatArray, Drive] | None = None
+
+    def state(self) -> State:
+        """Return the present state; `internal` has the modes and the late contact forces."""
+        s = self.stepper
+        return State(s.state(), s.resting.copy(), (s.dissipated, 0.0), s.at.copy())
+
+    def restore(self, state: State, base_state: FloatArray) -> None:
+        """Set the state as given; see `Engine`."""
+        self.stepper.base_state = np.array(base_state)
+        self.stepper.dissipated, _ = state.losses
+        self.stepper.restore(state.motion, state.internal)
+
+    def whole(self, share: FloatArray) -> FloatArray:
+        """Return the values themselves: one process has all dofs."""
+        return share
+
+    def share(self, of_all: FloatArray) -> FloatArray:
+        """Return the values themselves; see `whole`."""
+        return of_all
+
+    def destroy(self) -> None:
+        """Do nothing: there is nothing to free."""
+
+    def advance(self, recorder: Recorder, base_states: FloatArray, n_periods: int) -> bool:
+        """Compute periods one after the other, and record them; see `Engine`."""
+        if self._driven is None or self._driven[0] is not base_states:
+            self._driven = base_states, self.stepper.periods.drive(base_states)
+        for _ in range(n_periods):
+            stepper, k = self.stepper, recorder.n_closed
+            record = recorder.open(stepper, base_states)
+            before = stepper.periods.energies(stepper.at), stepper.carried()
+            period = stepper.periods.record(stepper.at, self._driven[1])
+            self._fill(record, period)
+            n_steps = int(np.isfinite(period.trace.q).all(axis=1).sum()) - 1
+            stepper.at, stepper.base_state = period.end, np.array(base_states[-1])
+            stepper.dissipated += float(period.exchanged[MODAL_LOSS] + period.exchanged[CREEP_LOSS])
+            is_bounded = recorder.close(record, stepper, n_steps)
+            recorder.ledger[k] = self._ledger_row(period, *before)
+            if not (is_bounded and np.isfinite(period.end).all()):
+                return False
+        return True
+
+    def _fill(self, record: PeriodRecord, period: Period) -> None:
+        """Write a period into its record; contact forces are impulses at the ends of steps."""
+        stepper, trace, own = self.stepper, period.trace, record.frame_steps
+        reduced, base = stepper.periods.reduced, record.base_states
+        record.u[:, :N_BASE] = 0.0
+        record.u[:, N_BASE:], record.v[:] = stepper.seen(trace.q, trace.v, trace.s, base)
+        record.effort[[0, N_SIZES - 1]] = period.effort
+        u = reduced.displacement(trace.q[own], trace.s[own], base[own, 0])
+        record.frames.extend(np.stack([u, reduced.velocity(trace.v[own], base[own, 1])], axis=1))
+        touches = np.zeros((own.size, stepper.operators.n_pairs), np.int8)
+        touches[:, : reduced.n_pairs] = trace.impulse[own] > 0.0
+        record.contact.extend(touches)
+        step, pair = np.nonzero(trace.impulse > 0.0)
+        ends, first, sizes = np.unique(step, return_index=True, return_counts=True)
+        rates, ticks = trace.v @ reduced.gap_modes.T, ends * record.ticks_per_step
+        record.jumps.extend(
+            Columns(
+                ticks, sizes, np.zeros(first.size), pair, trace.impulse[step, pair],
+                rates[step - 1, pair], rates[step, pair],
+            )
+        )  # fmt: skip
+
+    def _ledger_row(
+        self, period: Period, stored: tuple[float, float], carried: float
+    ) -> tuple[float, ...]:
+        """Return the energies of a period in the order of `recorder.LEDGER`.
+
+        Args:
+            period: that has ended.
+            stored: kinetic and strain energy at its start, seen from the base [J].
+            carried: see `ModalStepper.carried`, at its start [J].
+        """
+        work, modal, creep, closing = period.exchanged.tolist()
+        T, V = self.stepper.periods.energies(period.end)
+        residual = T + V - stored[0] - stored[1] - (work - modal - creep - closing)
+        more, loss = self.stepper.carried(), modal + creep
+        by_force = self.stepper.operators.base.is_force
+        works = (0.0, work) if by_force else (work + more - carried, 0.0)
+        return T + more, V, 0.0, *works, loss, 0.0, closing, 0.0, residual

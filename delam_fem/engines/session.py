@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from functools import cached_property, partial
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Protocol, get_args
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -46,13 +46,19 @@ if TYPE_CHECKING:
 
     from delam_fem.system.mpi import MPI
 
-EngineName = Literal["petsc", "compiled"]
+EngineName = Literal["petsc", "compiled", "modal"]
 _log = logging.getLogger(__name__)
-ENGINES: tuple[EngineName, ...] = get_args(EngineName)
+ENGINES: tuple[EngineName, ...] = ("petsc", "compiled")
+"""Engines among which a user chooses; "modal" goes with massless contact points alone."""
 
 
-def available(name: EngineName) -> EngineName:
-    """Return the engine of a run: the compiled one where PETSc is not installed, with a warning."""
+def available(name: EngineName, case: Case) -> EngineName:
+    """Return the engine of a run: the compiled one where PETSc is not installed, with a warning.
+
+    Modes with massless contact points have an engine of their own.
+    """
+    if case.is_massless:
+        return "modal"
     if name == "petsc" and find_spec("petsc4py") is None:
         _log.warning("PETSc is not installed: the compiled engine computes the steps")
         return "compiled"
@@ -68,6 +74,7 @@ def engine_of(
     refinement: Refinement = NOT_REFINED,
     name: EngineName = "compiled",
     comm: MPI.Intracomm | None = None,
+    modes: int | None = None,
 ) -> Engine:
     """Return the engine that computes the time steps of a problem.
 
@@ -80,11 +87,21 @@ def engine_of(
         name: "petsc" computes single steps and accepts every law; "compiled" computes whole
             periods.
         comm: communicator that shares the work of "petsc"; None: this process alone.
+        modes: number of modes of each part, whose contact points have no mass; law and scheme then
+            say only whether there is contact. None: all dofs.
 
     Raises:
         CaseError: there is no such engine, the law does not go with the scheme or the engine, or
             the time step exceeds the stability limit.
     """
+    if modes is not None:
+        from delam_fem.engines.modal import ModalEngine
+
+        is_open, refine = law.name == "none", refinement.factor
+        try:
+            return ModalEngine(operators, modes, time_step, refine, is_open=is_open)
+        except ValueError as error:
+            raise CaseError(f"model.{error}") from None
     if name not in ENGINES:
         raise CaseError(f"engine: expected {' or '.join(map(repr, ENGINES))}, given {name!r}")
     if name == "petsc" and find_spec("petsc4py") is None:
@@ -406,6 +423,7 @@ def session(
     initial: State | None = None,
     engine: EngineName = "compiled",
     comm: MPI.Intracomm | None = None,
+    modes: int | None = None,
 ) -> Iterator[Session]:
     """Set up a run, and free its engine at the end of the context.
 
@@ -418,6 +436,7 @@ def session(
         initial: state at the start; its accelerations are computed anew. None: at rest.
         engine: name of the engine that computes the steps.
         comm: communicator that shares the work of "petsc"; None: this process alone.
+        modes: see `engine_of`.
 
     Raises:
         CaseError: the initial state has another shape; see also `engine_of`.
@@ -427,8 +446,9 @@ def session(
             given = getattr(initial, name).shape
             require(given == shape, f"initial.{name}", f"the shape {shape}", given)
     computing = engine_of(
-        operators, law, scheme, span.time_step, refinement=span.refinement, name=engine, comm=comm
-    )
+        operators, law, scheme, span.time_step, refinement=span.refinement, name=engine, comm=comm,
+        modes=modes,
+    )  # fmt: skip
     if initial is None and operators.base.shift is not None:  # u = v = 0, see `model.stops`
         start = -np.outer([*motion(0)[0][:2], 0.0], operators.base.shift)
         initial = State(start, np.zeros(operators.n_pairs, dtype=np.bool_))
@@ -466,6 +486,7 @@ def session_of(
         initial=initial,
         engine=engine,
         comm=comm,
+        modes=case.model.modes if case.is_massless else None,
     ) as opened:
         yield opened
 

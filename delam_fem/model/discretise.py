@@ -1,4 +1,4 @@
-"""Choose the discretisation of a case: beams, solids, or a reduced model.
+"""Choose the discretisation of a case: beams, solids, or modes.
 
 Each one is imported only when it is chosen: only some need dolfinx.
 """
@@ -33,7 +33,7 @@ KINDS: Mapping[str, tuple[tuple[ModelKind, ...], str]] = MappingProxyType(
     {
         "compare": (("beam",), "the reference is one of beams; --models compares models"),
         "operators": (
-            ("beam", "reduced"),
+            ("beam", "modes"),
             "solids are too large for dense matrices; give the case that delam-fem reduce writes",
         ),
         "converge": (
@@ -95,17 +95,18 @@ def assemble(
     if case.model.is_continuum:
         if not has_dolfinx():
             raise CaseError(
-                f'model.kind: expected "beam" or "reduced", as dolfinx is not installed; given '
+                f'model.kind: expected "beam" or "modes", as dolfinx is not installed; given '
                 f'"{case.model.kind}": {INSTALL}'
             )
         from delam_fem.model.solids import assembly
         from delam_fem.system.mpi import MPI
 
         return assembly.assemble(case, comm=MPI.COMM_SELF if comm is None else comm)
-    if case.model.kind == "reduced":
+    if case.model.file is not None:
         from delam_fem.model import reduction
 
         return reduction.load(case)
+    needs_dolfinx &= not case.is_massless  # the engine takes modes of beams in closed form
     if needs_dolfinx and not has_dolfinx():
         _log.warning("dolfinx is not installed: beams come from closed forms; %s", INSTALL)
     if not (needs_dolfinx and has_dolfinx()):

@@ -14,7 +14,7 @@ ranks contribute; loads of contact forces need no communication.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from operator import attrgetter
 from typing import TYPE_CHECKING
 
@@ -216,6 +216,11 @@ class Operators(Recorded):
         n = self.n_dofs
         square = {"mass": (n, n), "damping": (n, n), "stiffness": (n, n)}
         self._complete(n, square, "operators: {name} has shape {given}, expected {expected}")
+
+    def without_contact(self) -> Operators:
+        """Return the same operators without pairs."""
+        H = sp.csr_matrix((0, self.n_dofs))
+        return replace(self, gap_matrix=H, gap0=np.zeros(0), pair_weights=None)
 
     @property
     def n_dofs(self) -> int:

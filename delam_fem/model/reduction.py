@@ -1,6 +1,6 @@
 """Reduce a case to modes, and keep the reduced structure in a file.
 
-The file of a reduced structure: written by `delam-fem reduce`, read for `kind = "reduced"`. It is
+The file of a reduced structure: written by `delam-fem reduce`, read for `kind = "modes"`. It is
 an archive of NumPy (.npz) with the operators, the layout and the case that was reduced. Each array
 has a checksum. A case that is computed with it must agree with that case in everything that was
 assembled; gaps at rest are computed again, and sensors are set up again from the readings.
@@ -93,7 +93,7 @@ def write(path: Path, structure: Structure, case: Case, strains: FloatArray) -> 
 
 
 def load(case: Case) -> Structure:
-    """Return the structure of a case with `model.kind = "reduced"`, from its file.
+    """Return the structure of a case with `model.kind = "modes"`, from its file.
 
     Raises:
         CaseError: the file is missing or damaged, or the case differs in what was assembled.
@@ -354,7 +354,7 @@ class Reduction:
         path = (Path(directory) / NAME).absolute()
         path.parent.mkdir(parents=True, exist_ok=True)
         write(path, self.structure, self.case, self._strains())
-        model = Model(kind="reduced", file=path)
+        model = Model(kind="modes", file=path)
         return [path, save_case(self.case.model_copy(update={"model": model}), directory)]
 
     def _strains(self) -> FloatArray:
@@ -383,8 +383,8 @@ def reduced_case(
         CaseError: the case is of a reduced model already, acts on a lumped mass, or cannot be
             reduced so.
     """
-    if case.model.kind == "reduced":
-        raise CaseError('model.kind: expected a model that is not reduced yet, given "reduced"')
+    if case.model.kind == "modes":
+        raise CaseError('model.kind: expected a model that is not reduced yet, given "modes"')
     require_no_stops(case, "reduce")
     if modes < 1:
         raise CaseError(f"modes: expected at least 1, given {modes}")

@@ -27,7 +27,7 @@ from delam_fem.studies.findings import Finding, Report, Table
 from delam_fem.studies.modes import modes_of, structure_modes
 from delam_fem.system.errors import CaseError
 
-Name = Literal["beam", "plane-stress", "solid", "reduced"]
+Name = Literal["beam", "plane-stress", "solid", "modes"]
 NAMES: tuple[Name, ...] = get_args(Name)
 _log = logging.getLogger(__name__)
 
@@ -56,7 +56,7 @@ def variants(case: Case, names: Sequence[str], modes: int) -> list[Variant]:
 
     Args:
         case: the case; its own `model` gives Poisson's ratio, degree, layers and strips.
-        names: of `NAMES`; "reduced" reduces the model that is named before it.
+        names: of `NAMES`; "modes" reduces the model that is named before it.
         modes: number of modes of each body of a reduced model.
 
     Raises:
@@ -67,11 +67,11 @@ def variants(case: Case, names: Sequence[str], modes: int) -> list[Variant]:
     found: list[Variant] = []
     for name in names:
         begin = time.process_time()
-        if name == "reduced":
+        if name == "modes":
             if not found:
                 raise CaseError(
-                    "models: expected a model before reduced, the one that it reduces, for example "
-                    "plane-stress,reduced"
+                    "models: expected a model before modes, the one that it reduces, for example "
+                    "plane-stress,modes"
                 )
             from delam_fem.model.reduction import reduced_case
 
@@ -81,7 +81,7 @@ def variants(case: Case, names: Sequence[str], modes: int) -> list[Variant]:
         else:
             own, label = with_model(case, name), name
             structure = discretise.assemble(own, needs_dolfinx=False)
-        engine: EngineName = "compiled" if name in ("beam", "reduced") else "petsc"
+        engine: EngineName = "compiled" if name in ("beam", "modes") else "petsc"
         seconds = time.process_time() - begin
         found.append(Variant(label, own, structure, engine, seconds))
     return found
@@ -377,7 +377,7 @@ def compare_models(
 
     Args:
         case: the case.
-        names: "beam", "plane-stress", "solid"; "reduced" reduces the one before it.
+        names: "beam", "plane-stress", "solid"; "modes" reduces the one before it.
         frequencies: of the excitation [Hz]; none: that of the case.
         periods: number of periods of each motion, which begins at rest.
         natural: number of natural frequencies of each lamina, or of a bonded stack.

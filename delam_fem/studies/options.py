@@ -277,7 +277,7 @@ class Compare(Options):
     """Compare a case with an independent reference, or as beams, solids and reduced to modes.
 
     Attributes:
-        models: models that are compared, as beam,plane-stress,solid,reduced; the last reduces the
+        models: models that are compared, as beam,plane-stress,solid,modes; the last reduces the
             one before it. Without this option: compare with the reference.
         at: with --models: frequencies [Hz]; repeatable.
         impacts: compare with the reference up to this impact.
@@ -299,19 +299,13 @@ class OfOrbits(Options):
 
     Attributes:
         period: periods of the drive in one of the orbit.
-        kick: size of kicks, relative to the state (default: 0.02; reduced model: 0.03).
+        kick: size of kicks, relative to the state (default: 0.02; massless contact points: 0.03).
         seed: seed of the fixed perturbations.
-        model: all finite elements, or a few modes of each part (docs/reduced.md).
-        modes: modes of each lamina of a reduced model (default: 12).
-        refine: its fine steps near contact (default: 64).
     """
 
     period: Annotated[int, Flag(metavar="P")] = 1
     kick: Annotated[float | None, Flag(metavar="X", least=1e-6, most=0.5)] = None
     seed: Annotated[int, Flag(metavar="N")] = 0
-    model: Literal["full", "reduced"] = "full"
-    modes: Annotated[int | None, Flag(metavar="N")] = None
-    refine: Annotated[int | None, Flag(metavar="R")] = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -21,8 +21,11 @@ def test_what_a_kind_does_not_read_is_named() -> None:
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ({"model.kind": "reduced"}, 'model.file: missing, but required with kind = "reduced"'),
-        ({"model.file": "a.nc"}, "model.file: expected only with kind = \"reduced\", given 'beam'"),
+        (
+            {"model.kind": "modes"},
+            'time.mass: expected "massless" if and only if model.kind = "modes"',
+        ),
+        ({"model.file": "a.nc"}, "model.file: expected only with kind = \"modes\", given 'beam'"),
         ({"model.poisson": 0.5}, "model.poisson: expected a number of at least 0 and below 0.5"),
         ({"model.degree": 1}, "model.degree: expected 2 or 3, given 1"),
         ({"model.kind": "shell"}, "model.kind: expected 'beam', 'plane-stress'"),
@@ -35,7 +38,7 @@ def test_bad_models_are_refused(given: dict[str, object], words: str) -> None:
 
 def test_the_file_goes_with_the_case(tmp_path) -> None:
     (tmp_path / "modes.h5").write_bytes(b"modes")
-    given = {"model.kind": "reduced", "model.file": str(tmp_path / "modes.h5")}
+    given = {"model.kind": "modes", "model.file": str(tmp_path / "modes.h5")}
     folder = tmp_path / "copy"
     path = save_case(preset("default", given), folder)
     assert (folder / "modes.h5").read_bytes() == b"modes"

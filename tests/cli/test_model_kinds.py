@@ -18,7 +18,7 @@ from delam_fem.studies.linear import first_frequencies, linear_amplitudes
 
 COARSE = ("--set", "mesh.elements=3")
 FOLLOW = {
-    "run", "modes", "orbit find", "orbit follow", "reduce", "reduced", "identify resonance",
+    "run", "modes", "orbit find", "orbit follow", "reduce", "identify resonance",
     "identify keys", "detect excite", "detect pod", "detect infer",
 }  # fmt: skip
 """Commands that compute whatever model a case has."""
@@ -94,4 +94,4 @@ def test_the_intact_structure_of_a_reduced_model_is_refused(tmp_path: Path) -> N
     case = str(tmp_path / "case.toml")
     given = CliRunner().invoke(app, ["converge", case, "--in", "elements"])
     assert given.exit_code == 2
-    assert f'given "reduced": {KINDS["converge"][1]}' in given.stderr
+    assert f'given "modes": {KINDS["converge"][1]}' in given.stderr

@@ -48,7 +48,6 @@ from delam_fem.studies.orbits.maps import PeriodMap
 from delam_fem.studies.orbits.newton import USUAL, Ensemble, Perturbations
 from delam_fem.studies.orbits.search import (
     SETTLE,
-    Model,
     kicks,
     map_of,
     mean_of_motion,
@@ -174,9 +173,6 @@ def follow(
     doublings: int = 1,
     settle: int = SETTLE,
     perturbations: Perturbations | None = None,
-    model: Model = "full",
-    modes: int | None = None,
-    refine: int | None = None,
     step: float = Way.step,
     resume: bool = False,
     report: Progress = lambda branch, count, parameter: None,
@@ -193,10 +189,7 @@ def follow(
         doublings: how often a branch of twice the period is followed from a doubling of another.
         settle: periods that are computed before the first orbit is sought.
         perturbations: what the mean is taken over, and the size of kicks; None: what suits the
-            model.
-        model: "full", or "reduced" for a few modes of each part (docs/reduced.md).
-        modes: modes of each part of a reduced model; None: 12.
-        refine: its fine steps in a coarse one near contact; None: 64.
+            case.
         step: length of the first steps, relative to the state and the range.
         resume: whether to go on with the points in the folder.
         report: called after each point.
@@ -213,11 +206,11 @@ def follow(
     case = find_case(case)
     if not start != stop:
         raise CaseError(f"{key}: expected a range to follow, given {start:g} to {stop:g}")
-    perturbations = perturbations or usual(model)
+    perturbations = perturbations or usual(case)
     plan = Plan(key, Way(start, stop, step), periods, doublings, settle, perturbations)
     for value in (stop, start):
         case = case.with_overrides({key: value})
-    family = map_of(case, key, model, modes=modes, refine=refine)
+    family = map_of(case, key)
     directory, begin = Path(directory), time.process_time()
     about = {"plan": asdict(plan), "model": family.nature.name, "case": case.to_toml()}
     identity = json.dumps(about, indent=1)
@@ -399,9 +392,8 @@ def _follow(case: Case, given: Continue, place: Place) -> Branches:
         data = follow(
             case, given.key, _number(unit, "--from", given.start),
             _number(unit, "--to", given.stop), place.folder, periods=given.period,
-            doublings=given.doublings, perturbations=kicks(given), model=given.model,
-            modes=given.modes, refine=given.refine, step=given.step, resume=place.resume,
-            report=tell,
+            doublings=given.doublings, perturbations=kicks(given, case), step=given.step,
+            resume=place.resume, report=tell,
         )  # fmt: skip
     except ArithmeticError as error:
         raise CaseError(f"case {case.name}: {error}") from None

@@ -40,7 +40,6 @@ from delam_fem.studies.orbits.search import (
     SETTLE,
     Coarse,
     Exact,
-    Model,
     Stability,
     coarse_orbit,
     exact_orbit,
@@ -341,9 +340,6 @@ def orbit(
     periods: int = 1,
     settle: int = SETTLE,
     perturbations: Perturbations | None = None,
-    model: Model = "full",
-    modes: int | None = None,
-    refine: int | None = None,
     map_: PeriodMap | None = None,
     start: FloatArray | None = None,
     kept: Path | None = None,
@@ -358,10 +354,7 @@ def orbit(
         periods: P, number of periods of the drive in one of the orbit.
         settle: periods that are computed first.
         perturbations: what the mean is taken over, and the size of kicks; None: what suits the
-            model.
-        model: "full", or "reduced" for a few modes of each part (docs/reduced.md).
-        modes: modes of each part of a reduced model; None: 12.
-        refine: its fine steps in a coarse one near contact; None: 64.
+            case.
         map_: map of the case, with the parameter excitation.frequency, and `start` near its orbit;
             None: that of the model, whose periods begin where the tips are far apart.
         start: state to start from, see `protocol.Nature`; None: rest.
@@ -378,14 +371,14 @@ def orbit(
     parameter = 1.0 / case.period
     try:
         if map_ is None:
-            own = map_of(case, FREQUENCY, model, modes=modes, refine=refine)
+            own = map_of(case, FREQUENCY)
             if kept is not None:
                 own = KeptCaseMap(own, kept)
             map_, start = settled_map(own, parameter, settle, start)
         first = np.zeros(map_.slow.basis.shape[0]) if start is None else start
         at_end = settled(map_, parameter, first, RESETTLE)
         guess, scatter, multiple = mean_of_motion(map_, parameter, at_end, periods)
-        kicks = perturbations or usual(model)
+        kicks = perturbations or usual(case)
         coarse = coarse_orbit(map_, parameter, guess, periods, kicks, multiple)
         exact, best = exact_orbit(map_, parameter, at_end, periods)
     except (ArithmeticError, np.linalg.LinAlgError) as error:
@@ -408,8 +401,8 @@ def orbit(
 def _orbit(case: Case, given: options.Orbit, place: Place) -> Orbit:
     """Find an orbit with options of a user."""
     return orbit(
-        case, periods=given.period, settle=given.settle, perturbations=kicks(given),
-        model=given.model, modes=given.modes, refine=given.refine, kept=place.kept,
+        case, periods=given.period, settle=given.settle, perturbations=kicks(given, case),
+        kept=place.kept,
     )  # fmt: skip
 
 

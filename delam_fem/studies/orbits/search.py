@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -44,7 +44,6 @@ from delam_fem.studies.orbits.newton import (
     shoot,
     solved,
 )
-from delam_fem.system.errors import CaseError
 
 ComplexArray = npt.NDArray[np.complex128]
 Stability = Literal["stable", "unstable", "undecided"]
@@ -171,67 +170,36 @@ def largest_pair(values: ComplexArray) -> complex:
     return complex(pairs[np.argmax(np.abs(pairs))]) if pairs.size else complex(np.nan)
 
 
-Model = Literal["full", "reduced"]
-"""All finite elements of the case, or a few modes of each part (`model.reduced`)."""
-
 SMOOTH = Perturbations(copies=16, size=1e-3, kick=0.03)
-"""What suits a reduced model, whose map has no jumps: few and small perturbations."""
+"""What suits modes with massless contact points, whose map has no jumps: few and small ones."""
 
 
-def map_of(
-    case: Case,
-    key: str,
-    model: Model = "full",
-    *,
-    modes: int | None = None,
-    refine: int | None = None,
-) -> CaseMap:
-    """Return the map of a model of a case from one period to the next.
+def map_of(case: Case, key: str) -> CaseMap:
+    """Return the map of a case from one period to the next.
 
     Args:
         case: the case; its drive must be periodic.
         key: the parameter.
-        model: "full" or "reduced".
-        modes: modes of each part of a reduced model; None: that of `studies.reduced.motion`.
-        refine: its fine steps in a coarse one near contact; None: likewise.
 
     Raises:
-        CaseError: there is no such model, or the case has none.
+        CaseError: the case has no such map.
     """
-    given = {k: v for k, v in (("modes", modes), ("refine", refine)) if v is not None}
-    check(model)
-    if model == "full":
-        for name, value in given.items():
-            raise CaseError(f"{name}: expected with model 'reduced' only, given {value}")
+    if not case.is_massless:
         return CaseFamily(case, key).map()
-    for name, value in given.items():
-        if value < 1:
-            raise CaseError(f"{name}: expected at least 1, given {value}")
-    from delam_fem.studies.reduced import ReducedMap
+    from delam_fem.studies.orbits.massless import ModalMap
 
-    return ReducedMap(case, key, **given)
+    return ModalMap(case, key)
 
 
-def usual(model: Model) -> Perturbations:
-    """Return the perturbations that suit the map of a model."""
-    check(model)
-    return USUAL if model == "full" else SMOOTH
+def usual(case: Case) -> Perturbations:
+    """Return the perturbations that suit the map of a case."""
+    return SMOOTH if case.is_massless else USUAL
 
 
-def kicks(given: OfOrbits) -> Perturbations:
+def kicks(given: OfOrbits, case: Case) -> Perturbations:
     """Return the perturbations with the size of kicks and the seed that a user gives."""
-    found = replace(usual(given.model), seed=given.seed)
+    found = replace(usual(case), seed=given.seed)
     return found if given.kick is None else replace(found, kick=given.kick)
-
-
-def check(model: str) -> None:
-    """Refuse a model that is not known.
-
-    Raises:
-        CaseError: there is no such model.
-    """
-    if model not in get_args(Model):
-        raise CaseError(f"model: expected {' or '.join(get_args(Model))}, given {model!r}")
 
 
 GRIDS = (0.0, 0.25, 0.5, 0.75)

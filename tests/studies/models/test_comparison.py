@@ -16,7 +16,7 @@ CASE = preset("default", {"mesh.elements": 8, "time.steps_per_period": 500, "tim
 
 @pytest.fixture(scope="module")
 def found() -> ModelComparison:
-    return compare_models(CASE, ["beam", "reduced"], frequencies=[3.25], periods=4, modes=6)
+    return compare_models(CASE, ["beam", "modes"], frequencies=[3.25], periods=4, modes=6)
 
 
 def test_a_reduced_beam_is_the_beam(found: ModelComparison) -> None:
@@ -79,8 +79,8 @@ def test_the_difference_counts_until_the_first_strike_of_either() -> None:
 @pytest.mark.parametrize(
     ("names", "words"),
     [
-        (["beam", "shell"], "expected some of beam, plane-stress, solid, reduced, given 'shell'"),
-        (["reduced"], "expected a model before reduced"),
+        (["beam", "shell"], "expected some of beam, plane-stress, solid, modes, given 'shell'"),
+        (["modes"], "expected a model before modes"),
     ],
 )
 def test_unknown_models_are_refused(names: list[str], words: str) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from massless import massless
 
 import delam_fem as df
 from delam_fem.studies.orbits import maps
@@ -58,9 +59,9 @@ def test_an_orbit_goes_on_with_what_is_known(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(maps, "CHECKPOINT_SECONDS", 0.0)
-    keys = {"mesh.elements": 8, "time.steps_per_period": 200, "excitation.frequency": 3.45}
-    case, few = df.preset("default", keys), Perturbations(copies=4, size=1e-3, kick=0.03)
-    options = {"model": "reduced", "modes": 3, "refine": 8, "settle": 50, "perturbations": few}
+    keys = {"mesh__elements": 8, "time__steps_per_period": 200, "excitation__frequency": 3.45}
+    case, few = massless(3, 8, **keys), Perturbations(copies=4, size=1e-3, kick=0.03)
+    options = {"settle": 50, "perturbations": few}
     first = df.orbit(case, kept=tmp_path, **options)
     n_files = len(list(tmp_path.rglob("*.npz")))
     second = df.orbit(case, kept=tmp_path, **options)

@@ -1,4 +1,4 @@
-"""Orbits of a reduced model through the commands of the full one."""
+"""Orbits in modes with massless contact points, as those of the finite elements."""
 
 from __future__ import annotations
 
@@ -7,19 +7,19 @@ from typing import Any
 
 import numpy as np
 import pytest
+from massless import massless
 
 import delam_fem as df
 from delam_fem.studies.orbits.newton import Perturbations
 from delam_fem.studies.orbits.search import map_of, usual
 from delam_fem.system.errors import CaseError
 
-SMALL = {"mesh.elements": 8, "time.steps_per_period": 200, "excitation.frequency": 3.45}
-REDUCED: dict[str, Any] = {"model": "reduced", "modes": 3, "refine": 8}
+SMALL = {"mesh__elements": 8, "time__steps_per_period": 200, "excitation__frequency": 3.45}
 FEW = Perturbations(copies=4, size=1e-3, kick=0.03)
 
 
-def test_an_orbit_of_a_reduced_case(tmp_path: Path) -> None:
-    found = df.orbit(df.preset("default", SMALL), settle=100, perturbations=FEW, **REDUCED)
+def test_an_orbit_of_a_case_in_modes(tmp_path: Path) -> None:
+    found = df.orbit(massless(3, 8, **SMALL), settle=100, perturbations=FEW)
     assert found.kind == "exact"
     assert found.numbers["residual"] <= 1e-10
     assert found.numbers["model"] == "3 modes of each part, r = 8"
@@ -35,23 +35,23 @@ def test_an_orbit_of_a_reduced_case(tmp_path: Path) -> None:
     assert (tmp_path / "orbit.png").stat().st_size > 10_000
 
 
-def test_a_branch_of_a_reduced_case(tmp_path: Path) -> None:
-    case, over = df.preset("default", SMALL), ("excitation.frequency", 3.43, 3.45)
-    options: dict[str, Any] = {"settle": 60, "perturbations": FEW, "step": 0.4, **REDUCED}
+def test_a_branch_of_a_case_in_modes(tmp_path: Path) -> None:
+    case, over = massless(3, 8, **SMALL), ("excitation.frequency", 3.43, 3.45)
+    options: dict[str, Any] = {"settle": 60, "perturbations": FEW, "step": 0.4}
     data = df.follow(case, *over, tmp_path, **options)
     assert data.attrs["model"] == "3 modes of each part, r = 8"
     assert data.attrs["endings"] == "range"
     assert np.isfinite(data["smallest_gap"]).all()
     with pytest.raises(CaseError, match="another continuation"):
-        df.follow(case, *over, tmp_path, resume=True, **options | {"modes": 4})
+        df.follow(massless(4, 8, **SMALL), *over, tmp_path, resume=True, **options)
 
 
-def test_models_have_their_own_perturbations_and_options() -> None:
-    case = df.preset("default", SMALL)
-    assert usual("reduced").size < usual("full").size
-    with pytest.raises(CaseError, match="model: expected full or reduced, given 'small'"):
-        usual("small")  # type: ignore[arg-type]
-    with pytest.raises(CaseError, match="modes: expected with model 'reduced' only, given 8"):
-        map_of(case, "excitation.frequency", modes=8)
-    with pytest.raises(CaseError, match="refine: expected at least 1, given 0"):
-        map_of(case, "excitation.frequency", "reduced", refine=0)
+def test_models_have_their_own_perturbations() -> None:
+    assert usual(massless()).size < usual(df.preset("default")).size
+
+
+def test_modes_without_contact_have_no_map_and_too_many_are_refused() -> None:
+    with pytest.raises(CaseError, match="expected a law with contact, given 'none'"):
+        map_of(massless(contact__law="none"), "excitation.frequency")
+    with pytest.raises(CaseError, match="the modes beyond the lowest 30"):
+        map_of(massless(30), "excitation.frequency")

@@ -1,22 +1,31 @@
-"""The map of a reduced case, as studies of orbits use it."""
+"""The map of a case in modes, as studies of orbits use it."""
 
 import numpy as np
 import pytest
+from massless import massless
 
 import delam_fem as df
-from delam_fem.studies.reduced import ReducedMap
+from delam_fem.numerics.types import FloatArray
+from delam_fem.studies.orbits.massless import ModalMap
 
 
 @pytest.fixture(scope="module")
-def strobe() -> ReducedMap:
-    case = df.preset("default", {"mesh.elements": 8, "time.steps_per_period": 250})
-    return ReducedMap(case, modes=5, refine=8)
+def strobe() -> ModalMap:
+    return ModalMap(massless(5, 8, mesh__elements=8, time__steps_per_period=250))
 
 
-def test_slow_coordinates_are_the_lowest_two_modes_of_each_lamina(strobe: ReducedMap) -> None:
+def moving(strobe: ModalMap, periods: int) -> FloatArray:
+    """Return the state some periods after rest."""
+    states = np.zeros((1, strobe.n_state))
+    for _ in range(periods):
+        states = strobe.after(states, 3.25)
+    return np.asarray(states[0])
+
+
+def test_slow_coordinates_are_the_lowest_two_modes_of_each_lamina(strobe: ModalMap) -> None:
     slow = strobe.slow
     np.testing.assert_allclose(slow.dual @ slow.basis, np.eye(8), atol=1e-12)
-    model = strobe.at(3.25).reduced
+    model = strobe.at(3.25).periods.reduced
     chosen = np.flatnonzero(slow.dual[:4, : model.n_modes].any(axis=0))
     assert sorted(model.part[chosen].tolist()) == [0, 0, 1, 1]
     state = np.zeros(strobe.n_state)
@@ -26,8 +35,8 @@ def test_slow_coordinates_are_the_lowest_two_modes_of_each_lamina(strobe: Reduce
     assert 0.5 * float(slow.of(state) @ slow.of(state)) == pytest.approx(strain)
 
 
-def test_the_parameter_changes_the_map_and_the_passage_sees_it(strobe: ReducedMap) -> None:
-    start = strobe.at(3.25).advance(strobe.at(3.25).rest, 3)
+def test_the_parameter_changes_the_map_and_the_passage_sees_it(strobe: ModalMap) -> None:
+    start = moving(strobe, 3)
     after = strobe.after(np.stack([start, start]), 3.25)
     np.testing.assert_array_equal(after[0], after[1])
     assert np.abs(strobe.after(start[None], 3.3)[0] - after[0]).max() > 1e-6
@@ -40,10 +49,9 @@ def test_the_parameter_changes_the_map_and_the_passage_sees_it(strobe: ReducedMa
     assert -1e-9 < seen.smallest_gap < 0.012
 
 
-def test_kicks_of_all_sizes_grow_alike(strobe: ReducedMap) -> None:
+def test_kicks_of_all_sizes_grow_alike(strobe: ModalMap) -> None:
     """The map is piecewise smooth without jumps: tiny kicks are not amplified by hundreds."""
-    motion = strobe.at(3.25)
-    start = motion.advance(motion.rest, 40)
+    start = moving(strobe, 40)
     scale = float(np.linalg.norm(strobe.slow.of(start)))
     growth = []
     for size in (1e-2, 1e-4, 1e-6, 1e-8):
@@ -55,14 +63,14 @@ def test_kicks_of_all_sizes_grow_alike(strobe: ReducedMap) -> None:
 
 def test_a_drive_that_does_not_repeat_has_no_map() -> None:
     sweep = {"kind": "sweep", "start_frequency": 1.0, "end_frequency": 2.0, "duration": 9.0}
-    case = df.preset("default", {f"excitation.{k}": v for k, v in sweep.items()})
+    case = massless(**{f"excitation__{k}": v for k, v in sweep.items()})
     with pytest.raises(df.CaseError, match="repeats after each period"):
-        ReducedMap(case)
+        ModalMap(case)
 
 
-def test_periods_may_begin_where_the_tips_are_far_apart(strobe: ReducedMap) -> None:
+def test_periods_may_begin_where_the_tips_are_far_apart(strobe: ModalMap) -> None:
     """The later map goes through the same motion: it meets the states of the first one."""
-    start = strobe.at(3.25).advance(strobe.at(3.25).rest, 3)
+    start = moving(strobe, 3)
     later, state = strobe.opened(start, 3.25)
     seen, same = strobe.watched(start, 3.25, 2), later.watched(state, 3.25, 1)
     first = int(np.argmax(seen.history[:250, 1] - seen.history[:250, 0])) + 1

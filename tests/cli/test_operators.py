@@ -1,4 +1,4 @@
-"""The commands `delam-fem reduced` and `delam-fem show operators`."""
+"""A run in modes, and the command `delam-fem show operators`."""
 
 import json
 from pathlib import Path
@@ -18,23 +18,31 @@ def call(*arguments: str | Path) -> tuple[int, str]:
     return result.exit_code, " ".join(result.output.split())
 
 
-def test_a_reduced_case_becomes_the_folder_of_a_run(tmp_path: Path) -> None:
-    run: tuple[str | Path, ...]
-    run = ("reduced", "default", *SMALL, "--modes", "5", "--refine", "8", "-o", tmp_path / "run")
+MASSLESS = ("model.kind=modes", "time.mass=massless", "contact.law=newton",
+            "contact.restitution=0")  # fmt: skip
+
+
+def test_a_case_in_modes_becomes_the_folder_of_a_run(tmp_path: Path) -> None:
+    keys = [
+        word for key in (*MASSLESS, "model.modes=5", "time.refine=8") for word in ("--set", key)
+    ]
+    run = ("run", "default", *SMALL, *keys, "-o", tmp_path / "run")
     status, output = call(*run)
     assert status == 0, output
     summary = json.loads((tmp_path / "run" / "summary.json").read_text())
-    assert summary["model"] == {"kind": "reduced", "modes": 5, "refine": 8}
-    assert summary["outcome"] == "completed"
+    assert (summary["engine"], summary["outcome"]) == ("modal", "completed")
     assert (tmp_path / "run" / "report.html").stat().st_size > 1000
+    assert 'kind = "modes"' in (tmp_path / "run" / "case.toml").read_text()
     status, output = call(*run)
     assert status == 2 and "--overwrite" in output
+    status, output = call("run", tmp_path / "run" / "case.toml", "--resume", "-o", tmp_path / "run")
+    assert status == 0, output
 
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("reduced", "default", "--modes", "30"), "modes: the modes beyond the lowest 30"),
+        (("run", "default", "--set", "time.mass=massless"), 'expected "massless" if and only if'),
         (("show", "operators", "default", "-o", "a.csv"), "ends in .npz or .mat, given a.csv"),
     ],
 )
