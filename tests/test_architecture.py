@@ -39,3 +39,11 @@ def test_names_in_code_exist() -> None:
     sources = "\n".join(path.read_text(encoding="utf-8") for path in PACKAGE.rglob("*.py"))
     names = set(re.findall(r"`(_?[A-Z][A-Za-z_]+|_?[a-z]+_[a-z_]+)`", TEXT)) - {"README"}
     assert {name for name in names if not re.search(rf"\b{name}\b", sources)} == set()
+
+
+def test_what_is_looked_up_is_defined_in_the_file_that_is_named() -> None:
+    found = re.findall(r"^\| [^|]+ \| `([\w/]+\.py)` \| `(\w+)` \|$", TEXT, re.MULTILINE)
+    assert len(found) > 27
+    for file, name in found:
+        source = (PACKAGE / file).read_text(encoding="utf-8")
+        assert re.search(rf"^(?:    )?(?:def |class )?{name}\b", source, re.MULTILINE), (file, name)
