@@ -40,7 +40,8 @@ if TYPE_CHECKING:
     from delam_fem.case.files import PRESETS, load_case, preset, save_case
     from delam_fem.contact.laws import LAWS, Decision, Law
     from delam_fem.engines.session import Solution, solve
-    from delam_fem.model.operators import BaseCoupling, Operators
+    from delam_fem.model.forms import Gap
+    from delam_fem.model.operators import BaseCoupling, DistributedOperators, Operators
     from delam_fem.model.reduction import reduced_case
     from delam_fem.numerics.schemes import SCHEMES, Scheme
     from delam_fem.pipeline import run
@@ -64,6 +65,7 @@ if TYPE_CHECKING:
     from delam_fem.studies.models import compare_models
     from delam_fem.studies.modes import modes
     from delam_fem.studies.orbits.run import orbit
+    from delam_fem.studies.solutions import save
     from delam_fem.studies.sweeps.grid import Sweep, load_sweep
     from delam_fem.studies.sweeps.run import run_sweep
     from delam_fem.system.errors import CaseError
@@ -76,6 +78,8 @@ _HOMES = {
     "Case": "case.definition",
     "CaseError": "system.errors",
     "Decision": "contact.laws",
+    "DistributedOperators": "model.operators",
+    "Gap": "model.forms",
     "HarmonicMotion": "case.excitation",
     "Law": "contact.laws",
     "Operators": "model.operators",
@@ -110,6 +114,7 @@ _HOMES = {
     "resonance": "studies.identification.resonance:STUDY",
     "run": "pipeline",
     "run_sweep": "studies.sweeps.run",
+    "save": "studies.solutions",
     "save_case": "case.files",
     "solve": "engines.session",
 }
@@ -123,6 +128,8 @@ __all__ = [
     "Case",
     "CaseError",
     "Decision",
+    "DistributedOperators",
+    "Gap",
     "HarmonicMotion",
     "Law",
     "Operators",
@@ -158,6 +165,7 @@ __all__ = [
     "resonance",
     "run",
     "run_sweep",
+    "save",
     "save_case",
     "solve",
 ]

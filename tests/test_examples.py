@@ -18,10 +18,13 @@ SCRIPTS = sorted(FOLDER.glob("*.py"))
 SWEEPS = sorted(FOLDER.glob("*.toml"))
 LONGEST = 600  # s; with nothing compiled before
 SAID = {
+    "body": r"^25 impacts, lowest tip -1\.02\d+ mm$",
     "clapping": r"^tip contacts per period: 1\.00$",
     "free_vibration": r"^logarithmic decrement: 0\.050267, exact 0\.050267$",
     "modes": r"^order of convergence: (3\.9|4\.0)\d \(thick\), (3\.9|4\.0)\d \(thin\)$",
     "one_impact": r"^\d\d single impacts, the strongest lost \d\.\d+e-05 J$",
+    "plate": r"^frequency 3\.824, exact 3\.824; \d+ impacts$",
+    "timoshenko": r"^\d+ impacts, lowest tip -12\.2\d mm$",
     "own_law": r"^speeds of approach \[m/s\]: \[1\. +0\.5333\d 0\.3368\d 0\.2306\d\] exact",
     "own_operators": r"^pairs hit: \[0 1 0\] velocities at the end \[m/s\]: \[-0\.25 +-0\.125\]$",
     "sweep": r"^3\.65 Hz: period 2, 0\.50 tip contacts per period$",
@@ -29,11 +32,15 @@ SAID = {
 """A line that each example prints; a new one must at least print a number."""
 
 
-def printed(path: Path, folder: Path) -> str:
+OWN_FORMS = ("body", "plate", "timoshenko")
+LONGEST_FORM = 40  # lines: the promise of a short way in
+
+
+def printed(path: Path, folder: Path, *launcher: str) -> str:
     """Run an example in a folder of its own and return what it prints."""
     searched = [str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
     done = subprocess.run(
-        [sys.executable, str(path)],
+        [*launcher, sys.executable, str(path)],
         cwd=folder,
         env={**os.environ, "PYTHONPATH": os.pathsep.join(searched), "MPLBACKEND": "Agg"},
         stdin=subprocess.DEVNULL,
@@ -49,6 +56,23 @@ def printed(path: Path, folder: Path) -> str:
 @pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.stem)
 def test_example_runs_and_says_its_numbers(path: Path, tmp_path: Path) -> None:
     assert re.search(SAID.get(path.stem, r"\d"), printed(path, tmp_path), re.MULTILINE)
+
+
+@pytest.mark.slow
+def test_a_form_on_two_ranks_moves_as_on_one(tmp_path: Path) -> None:
+    """Lowest deflections agree to the six decimals of a millimetre that are printed."""
+    two = "mpirun --allow-run-as-root --oversubscribe --mca mpi_yield_when_idle 1 -n 2".split()
+    body = FOLDER / "body.py"
+    printed_by = [printed(body, tmp_path, *launcher) for launcher in ((), two)]
+    one, shared = (re.findall(r"\d+ impacts, .* mm", text) for text in printed_by)
+    assert one == shared and len(one) == 1
+    assert {"result.nc", "report.html"} <= {path.name for path in (tmp_path / "body").iterdir()}
+
+
+@pytest.mark.parametrize("name", OWN_FORMS)
+def test_own_forms_take_few_lines(name: str) -> None:
+    lines = (FOLDER / f"{name}.py").read_text(encoding="utf-8").splitlines()
+    assert len(lines) <= LONGEST_FORM
 
 
 @pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.stem)

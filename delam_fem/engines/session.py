@@ -17,11 +17,11 @@ import logging
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal, Protocol, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -30,7 +30,7 @@ from delam_fem.case.definition import PARTS, ROUND_OFF, Case
 from delam_fem.case.excitation import HarmonicMotion, drive
 from delam_fem.contact.laws import ContactLaw, Law, LawName, combination
 from delam_fem.model.linear import require_stable
-from delam_fem.model.operators import Operators
+from delam_fem.model.operators import DistributedOperators, Operators
 from delam_fem.numerics.schemes import SCHEMES, Scheme, SchemeName
 from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.simulation import checkpoint
@@ -66,7 +66,7 @@ def available(name: EngineName, case: Case) -> EngineName:
 
 
 def engine_of(
-    operators: Operators,
+    operators: Operators | DistributedOperators,
     law: ContactLaw,
     scheme: Scheme,
     time_step: float,
@@ -94,12 +94,17 @@ def engine_of(
         CaseError: there is no such engine, the law does not go with the scheme or the engine, or
             the time step exceeds the stability limit.
     """
+    is_whole = scheme.is_explicit or name == "compiled" or modes is not None
+    if is_whole and isinstance(operators, DistributedOperators):
+        what = f"engine {name} with scheme {scheme.name}"
+        raise CaseError(f"{what}: expected Operators, given DistributedOperators")
+    one = cast(Operators, operators)
     if modes is not None:
         from delam_fem.engines.modal import ModalEngine
 
         is_open, refine = law.name == "none", refinement.factor
         try:
-            return ModalEngine(operators, modes, time_step, refine, is_open=is_open)
+            return ModalEngine(one, modes, time_step, refine, is_open=is_open)
         except ValueError as error:
             raise CaseError(f"model.{error}") from None
     if name not in ENGINES:
@@ -109,14 +114,14 @@ def engine_of(
     if law.name == "none":
         refinement = NOT_REFINED
     if scheme.is_explicit:
-        require_stable(operators, time_step, law.spring[0])
+        require_stable(one, time_step, law.spring[0])
     try:
         if isinstance(law, Law):
             combination(law.name, scheme.name)
         if name == "compiled":
             from delam_fem.engines.compiled.engine import compiled_engine
 
-            engine: Engine = compiled_engine(operators, law, scheme, time_step, refinement)
+            engine: Engine = compiled_engine(one, law, scheme, time_step, refinement)
         else:
             comm = comm or initialise_petsc_alone()  # before anything imports PETSc
             from delam_fem.engines.petsc.engine import petsc_engine
@@ -244,11 +249,13 @@ class Solution:
         outcome: "completed", "diverged" or "interrupted".
         recorder: recorder of the run.
         state: state at the end; another run may start from it.
+        names: of the probes; empty: they have numbers only.
     """
 
     outcome: Outcome
     recorder: Recorder
     state: State
+    names: tuple[str, ...] = ()
 
     @property
     def records(self) -> list[PeriodRecord]:
@@ -329,7 +336,10 @@ class Solution:
                 "impact_rate_pre": of(at, impacts.rate_pre, "m/s", "gap rate before it"),
                 **energies,
             },
-            {"time": of(("time",), self.time, "s", "time since the start of the window")},
+            {
+                "time": of(("time",), self.time, "s", "time since the start of the window"),
+                **({"probe": list(self.names)} if self.names else {}),
+            },
             {"outcome": self.outcome, "energy_residual": self.recorder.energy_residual()},
         )
 
@@ -414,7 +424,7 @@ class Session:
 
 @contextmanager
 def session(
-    operators: Operators,
+    operators: Operators | DistributedOperators,
     law: ContactLaw,
     scheme: Scheme,
     motion: BaseStates,
@@ -492,7 +502,7 @@ def session_of(
 
 
 def solve(
-    operators: Operators,
+    operators: Operators | DistributedOperators,
     law: ContactLaw | LawName,
     scheme: Scheme | SchemeName,
     motion: Prescribed | None = None,
@@ -513,7 +523,8 @@ def solve(
     """Integrate M a + C v + K u = f(t) + Hᵀ λ with contact on the gaps H u + g0.
 
     Args:
-        operators: the semi-discrete problem, from any discretisation.
+        operators: the semi-discrete problem, from any discretisation; `DistributedOperators` are
+            computed by the ranks that share them, with "petsc".
         law: the contact law: `Law` or the name of one, or a law of your own
             (`contact.laws.ContactLaw`).
         scheme: one of `SCHEMES` or its name, or a `Scheme` with other numbers.
@@ -540,6 +551,8 @@ def solve(
             exceeds the stability limit.
     """
     law = Law(law) if isinstance(law, str) else law
+    if isinstance(operators, DistributedOperators):
+        comm = operators.comm
     if isinstance(scheme, str):
         require(scheme in SCHEMES, "scheme", f"one of {', '.join(SCHEMES)}", scheme)
         scheme = SCHEMES[scheme]
@@ -558,7 +571,7 @@ def solve(
         operators, law, scheme, states, span, initial=initial, engine=engine, comm=comm
     ) as opened:
         outcome = opened.run() if stop is None else opened.run(stop, every=1)
-        return opened.solution(outcome)
+        return replace(opened.solution(outcome), names=operators.names)
 
 
 def _length(

@@ -7,7 +7,7 @@ file asks for a version.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from importlib.machinery import EXTENSION_SUFFIXES
@@ -21,6 +21,7 @@ import scipy.sparse as sp
 from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system import caches
 from delam_fem.system.caches import ensure_home
+from delam_fem.system.errors import CaseError
 from delam_fem.system.mpi import MPI, start_petsc
 
 ensure_home()  # dolfinx asks for it when it is imported
@@ -28,6 +29,7 @@ start_petsc()  # before dolfinx does
 import basix  # noqa: E402
 import dolfinx  # noqa: E402  (see `delam_fem.system.imports`)
 import dolfinx.fem.petsc  # noqa: E402
+import dolfinx.geometry  # noqa: E402
 import dolfinx.graph  # noqa: E402
 import dolfinx.io  # noqa: E402
 import dolfinx.jit  # noqa: E402
@@ -312,3 +314,108 @@ def function(space: Any, fill: Callable[[FloatArray], None]) -> Any:
     fill(result.x.array)
     result.x.scatter_forward()
     return result
+
+
+def assemble_own(form: Any) -> Any:
+    """Assemble a user's form, compiled as dolfinx does it, into a PETSc matrix; see above."""
+    with _compiling_in_silence():
+        matrix = dolfinx.fem.petsc.assemble_matrix(dolfinx.fem.form(form))
+    matrix.assemble()
+    return matrix
+
+
+def held_by(conditions: Sequence[Any], like: Any) -> FloatArray:
+    """Return the values of Dirichlet conditions at own dofs, NaN where there is none, (n_own,).
+
+    Args:
+        conditions: of dolfinx.
+        like: matrix of PETSc whose rows are the dofs.
+    """
+    found = []
+    for start in (0.0, 1.0):
+        vector = like.createVecLeft()
+        vector.set(start)
+        dolfinx.fem.petsc.set_bc(vector, list(conditions))
+        found.append(np.array(vector.array))
+        vector.destroy()
+    return np.where(found[0] == found[1], found[0], np.nan)
+
+
+NEAR = 1e-9
+"""Distance from a mesh, in parts of its extent, at which a point belongs to it."""
+
+
+def cells_at(mesh: Any, points: FloatArray) -> IntArray:
+    """Return the local cell in which each point lies, -1 where another rank has it (collective).
+
+    Args:
+        mesh: a mesh.
+        points: the same on all ranks, shape (n, 3) [m].
+
+    Raises:
+        CaseError: a point is outside the mesh.
+    """
+    geometry, dim, comm = dolfinx.geometry, mesh.topology.dim, mesh.comm
+    x = mesh.geometry.x
+    low, high = x.min(axis=0, initial=np.inf), x.max(axis=0, initial=-np.inf)
+    ends = np.array(comm.allgather((low, high)))
+    reach = NEAR * float(np.linalg.norm(ends[:, 1].max(axis=0) - ends[:, 0].min(axis=0)))
+    own = np.arange(mesh.topology.index_map(dim).size_local, dtype=np.int32)
+    if hasattr(geometry, "bb_tree"):
+        tree = geometry.bb_tree(mesh, dim, entities=own, padding=reach)
+        candidates = geometry.compute_collisions_points(tree, points)
+    else:
+        tree = geometry.BoundingBoxTree(mesh, dim, own, reach)
+        candidates = geometry.compute_collisions(tree, points)
+    cells, away = np.full(len(points), -1, dtype=np.int64), np.full(len(points), np.inf)
+    for k, point in enumerate(points):
+        near = candidates.links(k)
+        if len(near):
+            square = geometry.squared_distance(mesh, dim, near, np.tile(point, (len(near), 1)))
+            cells[k], away[k] = near[np.argmin(square)], np.min(square)
+    everywhere = np.array(comm.allgather(away))
+    lost = np.flatnonzero(everywhere.min(axis=0) > reach**2)
+    if lost.size:
+        raise CaseError(f"point: expected one in the mesh, given {points[lost[0]].tolist()}")
+    cells[everywhere.argmin(axis=0) != comm.rank] = -1
+    return cells
+
+
+def rows_at(space: Any, points: FloatArray, along: Sequence[float]) -> sp.csr_matrix:
+    """Return the rows for along · u at points, own columns (collective), CSR (n, n_own).
+
+    Args:
+        space: of any element that dolfinx can evaluate, or a mixture of such.
+        points: the same on all ranks, shape (n, dim) [m].
+        along: one number for each component.
+    """
+    comm, dofmap = space.mesh.comm, space.dofmap
+    at = np.zeros((len(points), 3))
+    at[:, : points.shape[1]] = points
+    cells = cells_at(space.mesh, at)
+    count, first = space.num_sub_spaces, 0
+    subs = [space.sub(i).collapse() for i in range(count)] or [(space, None)]
+    entries: list[tuple[int, int, float]] = []
+    for sub, parents in subs:
+        shape, size = dolfinx.fem.Function(sub), 0
+        for k in np.flatnonzero(cells >= 0).tolist():
+            bs = sub.dofmap.bs
+            for dof in (bs * sub.dofmap.cell_dofs(cells[k])[:, None] + np.arange(bs)).ravel():
+                shape.x.array[dof] = 1.0
+                value = np.atleast_1d(shape.eval(at[k], cells[k : k + 1].astype(np.int32)))
+                shape.x.array[dof] = 0.0
+                weight = float(np.dot(along[first : first + value.size], value))
+                entries.append((k, int(dof if parents is None else parents[dof]), weight))
+                size = value.size
+        first += max([size, *comm.allgather(size)])
+    rows, dofs, weights = np.array(entries).reshape(-1, 3).T
+    bs = dofmap.index_map_bs
+    node, component = np.divmod(dofs.astype(np.int32), bs)
+    where = bs * dofmap.index_map.local_to_global(node).astype(np.int64) + component
+    pieces = comm.allgather((rows.astype(np.int64), where, weights))
+    row, column, weight = (np.concatenate(piece) for piece in zip(*pieces, strict=True))
+    start, stop = (bs * end for end in dofmap.index_map.local_range)
+    own = (column >= start) & (column < stop) & (weight != 0.0)
+    return sp.csr_matrix(
+        (weight[own], (row[own], column[own] - start)), shape=(len(points), stop - start)
+    )

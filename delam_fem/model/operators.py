@@ -13,10 +13,10 @@ ranks contribute; loads of contact forces need no communication.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from operator import attrgetter
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -27,6 +27,7 @@ from delam_fem.system.errors import CaseError, require
 if TYPE_CHECKING:
     from petsc4py import PETSc
 
+    from delam_fem.model.forms import Gap
     from delam_fem.system.mpi import MPI
 
 
@@ -181,6 +182,7 @@ class Operators(Recorded):
             each of shape (n,) [1/s, s]; engines may then need fewer products. None: no word on C.
         near_null: motions that strain the bodies least, as rigid ones, for iterative solvers, shape
             (n, k); None: none are known.
+        names: of the probes; empty: they have numbers only.
     """
 
     mass: sp.csr_matrix
@@ -195,6 +197,7 @@ class Operators(Recorded):
     sensors: sp.csr_matrix = None
     rayleigh: tuple[FloatArray, FloatArray] | None = None
     near_null: FloatArray | None = None
+    names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Check the shapes; replace missing probes and sensors by an empty matrix.
@@ -221,6 +224,69 @@ class Operators(Recorded):
         """Return the same operators without pairs."""
         H = sp.csr_matrix((0, self.n_dofs))
         return replace(self, gap_matrix=H, gap0=np.zeros(0), pair_weights=None)
+
+    @staticmethod
+    def from_forms(
+        mass: Any,
+        stiffness: Any,
+        damping: Any = (0.0, 0.0),
+        *,
+        base: Sequence[Any] = (),
+        gap: Gap | tuple[Any, Any],
+        probes: Mapping[str, tuple[Sequence[float], Sequence[float]]] | None = None,
+    ) -> Operators | DistributedOperators:
+        """Return the operators of bilinear UFL forms on a space of dolfinx (collective).
+
+        Args:
+            mass: UFL form of M.
+            stiffness: UFL form of K.
+            damping: UFL form of C, or (α, β) of C = α M + β K [1/s, s].
+            base: Dirichlet conditions of dolfinx at what is held; their values are the share in
+                the motion of the base, 1 where dofs follow it and 0 where they rest.
+            gap: points that may touch, or H, one row for each pair over the own dofs of the space,
+                and the gaps at rest.
+            probes: points that are recorded, with the direction of each, by name.
+
+        Returns:
+            `Operators` if the mesh is on one rank, `DistributedOperators` on several.
+
+        Raises:
+            CaseError: a point is outside the mesh, or the base carries a point of the gap.
+        """
+        from delam_fem.model import forms
+
+        return forms.from_forms(mass, stiffness, damping, base=base, gap=gap, probes=probes)
+
+    @staticmethod
+    def from_petsc(
+        mass: PETSc.Mat,
+        damping: Any,
+        stiffness: PETSc.Mat,
+        *,
+        gap: tuple[Any, Any],
+        base: FloatArray | None = None,
+        probes: Mapping[str, Any] | None = None,
+    ) -> Operators | DistributedOperators:
+        """Return the operators of assembled matrices on any communicator (collective).
+
+        Args:
+            mass: M, whose rows are spread as PETSc does; copied, as all that is given.
+            damping: C, or (α, β) of C = α M + β K [1/s, s].
+            stiffness: K; its near-null space serves iterative solvers.
+            gap: H, own columns, (n_pairs, n_own), and gaps at rest, (n_pairs,) [m].
+            base: share of each own dof in the motion of the base, NaN where it is free, shape
+                (n_own,); None: all are free.
+            probes: rows that are recorded, own columns, (1, n_own), by name.
+
+        Returns:
+            `Operators` if the matrices are on one rank, `DistributedOperators` on several.
+
+        Raises:
+            CaseError: the base carries a point of the gap.
+        """
+        from delam_fem.model import forms
+
+        return forms.from_petsc(mass, damping, stiffness, gap=gap, base=base, probes=probes)
 
     @property
     def n_dofs(self) -> int:
@@ -258,6 +324,7 @@ class DistributedOperators(Recorded):
         is_uncoupled: whether no entry of M, C and K couples dofs of two ranks, for example because
             each lamina is on one rank. Each rank then factorises its own part alone.
         is_shared_order: whether the order of the dofs is the same for any number of ranks.
+        names: of the probes; empty: they have numbers only.
     """
 
     comm: MPI.Intracomm
@@ -274,6 +341,7 @@ class DistributedOperators(Recorded):
     rayleigh: tuple[FloatArray, FloatArray] | None = None
     is_uncoupled: bool = False
     is_shared_order: bool = False
+    names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Check the shapes; replace missing probes and sensors by an empty matrix.
@@ -341,6 +409,7 @@ def spread(operators: Operators, comm: MPI.Intracomm) -> DistributedOperators:
         sensors=sp.csr_matrix(o.sensors)[:, own],
         rayleigh=None if o.rayleigh is None else (o.rayleigh[0][own], o.rayleigh[1][own]),
         is_shared_order=True,
+        names=o.names,
     )
 
 
