@@ -30,6 +30,7 @@ from delam_fem.case.sections import (
     Damping,
     Delamination,
     Gap,
+    Initial,
     Lamina,
     Mesh,
     Model,
@@ -89,6 +90,7 @@ class Case(Section):
         gap: the gap at rest between laminae that are apart over their whole length.
         point_mass: point masses on the laminae.
         stop: stops that laminae may strike.
+        initial: displacements and velocities at t = 0; at rest without any.
         sensor: sensors, whose signals are in the results.
         support: how the laminae are held at their ends.
         delamination: where neighbours are apart; elsewhere they are bonded. Without any, laminae
@@ -120,6 +122,7 @@ class Case(Section):
     output: Output = Output()
     point_mass: tuple[PointMass, ...] = ()
     stop: tuple[Stop, ...] = ()
+    initial: tuple[Initial, ...] = ()
     sensor: tuple[Sensor, ...] = ()
 
     def __init__(self, /, **sections: object) -> None:
@@ -267,23 +270,33 @@ class Case(Section):
                 self._check_sensor(own, key, names)
 
     def _check_stops(self) -> None:
-        """Check that stops are on laminae, and that elastic ones go with the law of springs."""
+        """Check that stops and initial states are on laminae, and the law of elastic stops."""
         names = [lamina.name for lamina in self.lamina]
-        if self.stop and self.model.kind != "beam":
-            raise inconsistent(
-                "stop", f'expected only with model.kind = "beam", given "{self.model.kind}"'
-            )
+        named: tuple[tuple[str, tuple[Stop | Initial, ...]], ...] = (
+            ("stop", self.stop),
+            ("initial", self.initial),
+        )
+        for section, entries in named:
+            if entries and (self.model.kind != "beam" or self.is_massless):
+                raise inconsistent(
+                    section,
+                    'expected only with model.kind = "beam" and another scheme than "massless", '
+                    f'given "{self.model.kind}" and "{self.time.scheme}"',
+                )
+            for number, own in enumerate(entries, start=1):
+                if own.lamina is not None and own.lamina not in names:
+                    raise inconsistent(
+                        f"{section}.{number}.lamina",
+                        f"expected one of {', '.join(names)}, given {own.lamina!r}",
+                    )
+                for key in ("position", "end"):
+                    given = getattr(own, key, None)
+                    if given is not None and given > self.length * (1.0 + EDGE_TOLERANCE):
+                        raise inconsistent(
+                            f"{section}.{number}.{key}",
+                            f"expected at most the length {self.length!r} m, given {given!r}",
+                        )
         for number, own in enumerate(self.stop, start=1):
-            if own.lamina not in names:
-                raise inconsistent(
-                    f"stop.{number}.lamina",
-                    f"expected one of {', '.join(names)}, given {own.lamina!r}",
-                )
-            if own.reach > self.length * (1.0 + EDGE_TOLERANCE):
-                raise inconsistent(
-                    f"stop.{number}.{'position' if own.end is None else 'end'}",
-                    f"expected at most the length {self.length!r} m, given {own.reach!r}",
-                )
             if own.stiffness is None:
                 continue
             if self.contact.law != "penalty":
@@ -296,12 +309,12 @@ class Case(Section):
                 raise inconsistent(
                     "contact.penalty_stiffness", "expected a positive number beside elastic stops"
                 )
-            given, needed = own.damping / own.stiffness, self.spring[1] / self.spring[0]
-            if not math.isclose(given, needed, rel_tol=ROUND_OFF):
+            found, needed = own.damping / own.stiffness, self.spring[1] / self.spring[0]
+            if not math.isclose(found, needed, rel_tol=ROUND_OFF):
                 raise inconsistent(
                     f"stop.{number}.damping",
                     "expected the same ratio of damping to stiffness at all contact springs, "
-                    f"{needed:g} s, given {given:g} s",
+                    f"{needed:g} s, given {found:g} s",
                 )
 
     def _check_sensor(self, own: Sensor, key: str, names: list[str]) -> None:
@@ -327,8 +340,21 @@ class Case(Section):
             )
 
     def _check_laminae(self) -> None:
-        """Check that names differ and lengths agree."""
+        """Check that names differ and lengths agree, and that there are beams or points."""
         first = self.lamina[0]
+        if len({own.is_point for own in self.lamina}) > 1:
+            raise inconsistent("lamina", "expected either beams or points, given both")
+        if self.is_of_points and (
+            self.mesh.elements != 1
+            or self.contact.points_per_element != 1
+            or self.model.kind != "beam"
+            or not self.is_apart
+        ):
+            raise inconsistent(
+                "lamina",
+                "expected of points mesh.elements = 1, contact.points_per_element = 1, "
+                'model.kind = "beam" and no support',
+            )
         for number, other in enumerate(self.lamina[1:], start=1):
             if any(other.name == below.name for below in self.lamina[:number]):
                 raise inconsistent("lamina", f"expected two names, given {other.name!r} twice")
@@ -380,6 +406,11 @@ class Case(Section):
         if elastic and len(self.lamina) == 1 and len(elastic) == len(self.stop):
             return elastic[0].stiffness or 0.0, elastic[0].damping
         return own.penalty_stiffness, own.penalty_damping
+
+    @property
+    def is_of_points(self) -> bool:
+        """Whether masses on springs are in place of beams."""
+        return self.lamina[0].is_point
 
     @property
     def length(self) -> float:
@@ -509,6 +540,8 @@ class Case(Section):
             alpha [1/s], beta [s].
         """
         first, second = self.lamina[i].angular_frequencies(2).tolist()
+        if self.is_of_points:
+            return 0.0, 2.0 * self.lamina[i].damping_ratio / first if first else 0.0
         return oscillator.coefficients(
             self.lamina[i].damping_ratio, first, second, self.damping.rayleigh
         )
@@ -555,7 +588,7 @@ class Case(Section):
             for section, key in _OF_PERIODS:
                 if key not in getattr(self, section).model_fields_set:
                     del data[section][key]
-        for key in ("delamination", "point_mass", "stop", "sensor"):
+        for key in ("delamination", "point_mass", "stop", "initial", "sensor"):
             if not data[key]:
                 del data[key]
         if self.time.periods != "settled" and "most_periods" not in self.time.model_fields_set:

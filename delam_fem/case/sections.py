@@ -35,6 +35,7 @@ from delam_fem.case.values import (
     Degree,
     Elements,
     FileName,
+    Finite,
     Label,
     NotNegative,
     PointsPerElement,
@@ -100,6 +101,9 @@ class Lamina(Section):
             that of a material.
         damping_ratio: damping ratio D at the modes that the damping model names [-].
         mass_per_length: mass per length rho b h [kg/m]; in a case file instead of density.
+        mass: mass of a point in place of a beam [kg]; its length, width and thickness then are
+            those of its picture, and need not be given.
+        stiffness: stiffness of the spring between a point and the base [N/m]; 0: free.
     """
 
     also_written: ClassVar[tuple[str, ...]] = ("mass_per_length",)
@@ -113,6 +117,8 @@ class Lamina(Section):
     young_modulus: Annotated[Positive, Unit("Pa")]
     bending_stiffness: Annotated[Positive | None, Unit("N m2")] = None
     damping_ratio: Annotated[DampingRatio, Unit("1")]
+    mass: Annotated[Positive | None, Unit("kg")] = None
+    stiffness: Annotated[NotNegative | None, Unit("N/m")] = None
 
     @model_validator(mode="before")
     @classmethod
@@ -121,9 +127,24 @@ class Lamina(Section):
         if not isinstance(data, Mapping):
             return data
         given = {key: _converted(key, value) for key, value in data.items()}
+        if "mass" in given:
+            given = dict(_PICTURE) | given
         _take_material(given)
         _take_section(given)
         return given
+
+    @model_validator(mode="after")
+    def _whole_point(self) -> Self:
+        """Check that a point has both a mass and a spring."""
+        if (self.mass is None) != (self.stiffness is None):
+            key = "stiffness" if self.stiffness is None else "mass"
+            raise inconsistent(key, "missing, but required of a point, which has both")
+        return self
+
+    @property
+    def is_point(self) -> bool:
+        """Whether it is a mass on a spring in place of a beam."""
+        return self.mass is not None
 
     @property
     def axial_rigidity(self) -> float:
@@ -156,9 +177,16 @@ class Lamina(Section):
         Returns:
             Angular frequencies of the exact undamped cantilever, increasing, shape (n,) [rad/s].
         """
+        if self.mass is not None and self.stiffness is not None:  # a point has one
+            return np.full(n, np.sqrt(self.stiffness / self.mass))
         speed = np.sqrt(self.flexural_rigidity / self.mass_per_length)
         frequencies: FloatArray = (cantilever_roots(n) / self.length) ** 2 * speed
         return frequencies
+
+
+_PICTURE = {"length": 1.0, "width": 0.1, "thickness": 0.05, "density": 2000.0,
+            "young_modulus": 1e10}  # fmt: skip
+"""What a point has besides its mass and its spring."""
 
 
 def _converted(key: object, value: object) -> object:
@@ -586,7 +614,7 @@ class Stop(Section):
         lamina: name of the lamina.
         side: side of the lamina on which the stop is: "above", "below" or "both".
         gap: gap at rest [m].
-        position: x of a point [m].
+        position: x of a point [m]; the end x = length if nothing is given.
         start: where a stretch begins [m]; instead of position.
         end: where a stretch ends [m]; each node of the mesh from start to end is a contact point.
         on: what carries the stop: "base" (it moves with the base) or "ground".
@@ -607,9 +635,8 @@ class Stop(Section):
     @model_validator(mode="after")
     def _one_place(self) -> Self:
         """Check that either a point or a stretch is given, and no damping of a rigid stop."""
-        if (self.position is None) == (self.start is None) or (self.start is None) != (
-            self.end is None
-        ):
+        is_stretch = self.start is not None
+        if (self.position is not None and is_stretch) or is_stretch != (self.end is not None):
             raise inconsistent("position", "expected either position, or start and end")
         if self.start is not None and self.end is not None and not self.start < self.end:
             raise inconsistent(
@@ -619,10 +646,37 @@ class Stop(Section):
             raise inconsistent("damping", "expected only beside stiffness, of an elastic stop")
         return self
 
-    @property
-    def reach(self) -> float:
-        """Largest x of the stop [m]."""
-        return float(self.position if self.end is None else self.end)  # type: ignore[arg-type]
+
+class Initial(Section):
+    """A displacement and a velocity at t = 0, in the fixed frame; several of them add up.
+
+    Attributes:
+        lamina: name of the lamina; all laminae if it is not given.
+        shape: "uniform", "mode" (a mode without contact), or "force": static under a force.
+        mode: number of the mode; the first is 1.
+        position: x of the force [m].
+        displacement: largest displacement of the nodes, with its sign [m].
+        velocity: largest velocity of the nodes, with its sign [m/s].
+    """
+
+    lamina: Label | None = None
+    shape: Literal["uniform", "mode", "force"] = "uniform"
+    mode: Count = 1
+    position: Annotated[NotNegative, Unit("m")] | None = None
+    displacement: Annotated[Finite, Unit("m")] = 0.0
+    velocity: Annotated[Finite, Unit("m/s")] = 0.0
+
+    @model_validator(mode="after")
+    def _fitting_keys(self) -> Self:
+        """Check that the keys are those of the shape."""
+        if (self.position is not None) != (self.shape == "force"):
+            words = "missing, but required" if self.shape == "force" else "expected none"
+            raise inconsistent("position", f'{words} with shape = "{self.shape}"')
+        if self.shape == "force" and self.lamina is None:
+            raise inconsistent("lamina", 'missing, but required with shape = "force"')
+        if self.mode != 1 and self.shape != "mode":
+            raise inconsistent("mode", f'expected none with shape = "{self.shape}"')
+        return self
 
 
 class Sensor(Section):

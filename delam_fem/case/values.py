@@ -108,6 +108,7 @@ Positive = Annotated[
 NotNegative = Annotated[
     float, _FINITE, Field(ge=0.0), expected("a number of at least 0"), AfterValidator(_sensible)
 ]
+Finite = Annotated[float, _FINITE, Field(ge=-1e30, le=1e30), expected("a number")]
 DampingRatio = Annotated[
     float, _FINITE, Field(ge=0.0, lt=1.0), expected("a number from 0 to below 1")
 ]

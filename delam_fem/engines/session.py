@@ -459,9 +459,8 @@ def session(
         operators, law, scheme, span.time_step, refinement=span.refinement, name=engine, comm=comm,
         modes=modes,
     )  # fmt: skip
-    if initial is None and operators.base.shift is not None:  # u = v = 0, see `model.stops`
-        start = -np.outer([*motion(0)[0][:2], 0.0], operators.base.shift)
-        initial = State(start, np.zeros(operators.n_pairs, dtype=np.bool_))
+    if initial is None:
+        initial = _start(operators, motion(0)[0])
     try:
         set_initial(computing, initial, motion(0)[0])
         recorder = Recorder(operators.base, span, operators.n_probes, operators.n_sensors)
@@ -471,6 +470,19 @@ def session(
             computing.destroy()
         raise
     computing.destroy()
+
+
+def _start(operators: Operators | DistributedOperators, base_state: FloatArray) -> State | None:
+    """Return the state with which a run begins that gets no other; None: all dofs at rest."""
+    start, shift = getattr(operators, "start", None), operators.base.shift
+    if start is None and shift is None:
+        return None
+    motion = np.zeros((3, operators.n_dofs))
+    if start is not None:
+        motion[:2] = start
+    if shift is not None:
+        motion[:2] -= np.outer(base_state[:2], shift)
+    return State(motion, np.zeros(operators.n_pairs, dtype=np.bool_))
 
 
 @contextmanager

@@ -106,7 +106,8 @@ def assemble(
         from delam_fem.model import reduction
 
         return reduction.load(case)
-    needs_dolfinx &= not case.is_massless  # the engine takes modes of beams in closed form
+    # the massless engine takes modes of beams in closed form
+    needs_dolfinx &= not (case.is_massless or case.is_of_points)
     if needs_dolfinx and not has_dolfinx():
         _log.warning("dolfinx is not installed: beams come from closed forms; %s", INSTALL)
     if not (needs_dolfinx and has_dolfinx()):

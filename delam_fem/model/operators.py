@@ -183,6 +183,8 @@ class Operators(Recorded):
         near_null: motions that strain the bodies least, as rigid ones, for iterative solvers, shape
             (n, k); None: none are known.
         names: of the probes; empty: they have numbers only.
+        start: displacements and velocities with which runs begin that get no other state, whatever
+            `BaseCoupling.shift` is, shape (2, n) [m, m/s]; None: at rest.
     """
 
     mass: sp.csr_matrix
@@ -198,6 +200,7 @@ class Operators(Recorded):
     rayleigh: tuple[FloatArray, FloatArray] | None = None
     near_null: FloatArray | None = None
     names: tuple[str, ...] = ()
+    start: FloatArray | None = None
 
     def __post_init__(self) -> None:
         """Check the shapes; replace missing probes and sensors by an empty matrix.

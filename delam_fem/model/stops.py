@@ -81,23 +81,22 @@ def with_stops(structure: Structure, case: Case) -> Structure:
 
 def _places(own: Stop, part: Part, number: int, case: Case) -> tuple[FloatArray, FloatArray]:
     """Return the places of the points of a stop on a part, and their shares of its stiffness."""
-    if own.position is not None:
-        place = place_of(part, own.position)
+    if own.start is None or own.end is None:
+        place = place_of(part, case.length if own.position is None else own.position)
         if place != round(place) and case.contact.impulse == "lumped" and own.stiffness is None:
             raise CaseError(
                 f"stop.{number + 1}.position: expected a node of the mesh with contact.impulse = "
-                f'"lumped", given {own.position:g} m; use contact.impulse = "consistent"'
+                f'"lumped", given {own.position} m; use contact.impulse = "consistent"'
             )
         return np.array([place]), np.ones(1)
-    assert own.start is not None
     margin = EDGE_TOLERANCE * case.length
-    inside = (part.x >= own.start - margin) & (part.x <= own.reach + margin)
+    inside = (part.x >= own.start - margin) & (part.x <= own.end + margin)
     inside &= part.dofs[:, DISPLACEMENT] >= 0
     nodes = np.flatnonzero(inside)
     if not nodes.size:
         raise CaseError(
             f"stop.{number + 1}: expected nodes of the mesh from start to end, given none from "
-            f"{own.start:g} to {own.reach:g} m; use more elements, or position"
+            f"{own.start:g} to {own.end:g} m; use more elements, or position"
         )
     h = np.concatenate([[0.0], np.diff(part.x), [0.0]])
     lengths = 0.5 * (h[:-1] + h[1:])[nodes]

@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 from covertable import make
 
-from delam_fem import CaseError, Result, load_case, run
+from delam_fem import CaseError, Result, run
 from delam_fem.case.definition import Case
 from delam_fem.engines.session import ENGINES, EngineName
 from delam_fem.model import discretise
 from delam_fem.model.beams import closed_form
-from tests.project import ROOT
 
 EI, L, A, GAP, K = 10.0, 0.5, 2e-3, 1e-3, 400.0
 LAMINA = {
@@ -173,7 +172,7 @@ def test_dolfinx_assembles_the_same_stops() -> None:
     [
         ({"lamina": "none"}, r"stop\.1\.lamina: expected one of one, given 'none'"),
         ({"position": 0.6}, r"stop\.1\.position: expected at most the length 0\.5 m, given 0\.6"),
-        ({"position": None}, r"position: expected either position, or start and end"),
+        ({"start": 0.2}, r"position: expected either position, or start and end"),
         ({"position": None, "start": 0.4, "end": 0.3}, r"end: expected a place beyond start"),
         ({"gap": -1e-3}, r"gap: expected a number of at least 0|gap: expected .* given -0\.001"),
         ({"side": "left"}, r"side"),
@@ -205,14 +204,3 @@ def test_what_does_not_go_together_is_told() -> None:
     lumped = {"law": "newton", "impulse": "lumped"}
     with pytest.raises(CaseError, match=r"stop\.1\.position: expected a node"):
         closed_form.assemble(case_of({"position": 0.3}, contact=lumped))
-
-
-def test_a_mass_at_a_stop_is_as_code_aster_has_it() -> None:
-    """SDNL104: printed values of its trapezium rule with a step of 1e-4 s."""
-    case = load_case(ROOT / "docs" / "examples" / "others" / "sdnl104.toml")
-    history = run(case, engine="compiled").history
-    u = history["tip_displacement"][0].sel(time=0.1315, method="nearest")
-    v = history["tip_velocity"][0].sel(time=0.1566, method="nearest")
-    assert float(u) == pytest.approx(-1.85356697e-6, rel=1e-3)
-    assert float(v) == pytest.approx(-4.63289360e-3, rel=1e-3)
-    assert float(history["energy_kinetic"][-1]) == pytest.approx(0.05140814, rel=1e-3)

@@ -48,6 +48,7 @@ import scipy.sparse as sp
 from delam_fem.case.definition import Case
 from delam_fem.case.gap import initial_gap, opening_at_rest
 from delam_fem.case.sections import EDGE_TOLERANCE, Delamination, Lamina, PointMass, open_ends
+from delam_fem.model.initial import with_start
 from delam_fem.model.layout import (
     BASE,
     CURVATURE,
@@ -437,14 +438,15 @@ def _dofs(lamina: int, n: int) -> IntArray:
 
 
 def completed(structure: Structure, case: Case, strain: StrainRows | None = None) -> Structure:
-    """Return the structure with the stops, the drive and the sensors of a case.
+    """Return the structure with the stops, the drive, the start and the sensors of a case.
 
     Args:
         structure: of the case.
         case: the case.
         strain: gives the strain of surfaces, see `with_sensors`; None: laminae that are apart.
     """
-    structure = in_moving_frame(driven(with_stops(structure, case), case))
+    structure = with_start(driven(with_stops(structure, case), case), case)
+    structure = in_moving_frame(structure)
     to_dofs = structure.layout.of_dofs
     rows = None if strain is None else lambda *place: to_dofs(strain(*place))
     return with_sensors(structure, case, rows)
