@@ -15,6 +15,8 @@ from pathlib import Path
 import pytest
 from pages import Block, blocks, commands, run, run_block
 
+from delam_fem.cli.app import GROUPS
+
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 COMMAND = ".venv/bin/delam-fem"
@@ -94,3 +96,17 @@ def test_blocks_and_reasons_are_found() -> None:
     assert commands(first.code) == [["a", "b"], ["d", "e"]]
     assert first.reason is None
     assert (second.code, second.reason) == ("x\n", "hours")
+
+
+def test_commands_that_are_named_anywhere_have_the_names_of_today() -> None:
+    today = {name for group in GROUPS.values() for name in group}
+    first = {name.split()[0] for name in today}
+    places = [*PAGES, ROOT / "CHANGELOG.md", *(ROOT / "delam_fem").rglob("*.py")]
+    lost = []
+    for place in places:
+        text = re.sub(r'["\s]+', " ", place.read_text(encoding="utf-8"))
+        for one, two in re.findall(r"delam-fem ([a-z]+)(?: ([a-z]+)\b)?", text):
+            is_family = one in first and one not in today
+            if not (one in today or (is_family and (not two or f"{one} {two}" in today))):
+                lost.append(f"{place.relative_to(ROOT)}: {one} {two}")
+    assert lost == []

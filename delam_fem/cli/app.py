@@ -176,6 +176,12 @@ OLD_NAMES: tuple[tuple[str, str, dict[str, str]], ...] = (
     ("presets", "new", {"--show": "--from"}),
     ("presets", "new --list", {}),
     ("schema", "new --schema", {}),
+    (
+        "reduced",
+        "run --set model.kind=modes --set time.mass=massless --set time.refine=64 "
+        "--set contact.law=newton --set contact.restitution=0",
+        {},
+    ),
     ("orbit", "orbit find", {}),
     ("continue", "orbit follow", {}),
     ("measure", "measure response", {"--excitation": "--excitation", "--poles": "--poles"}),

@@ -344,6 +344,11 @@ def test_a_preset_or_the_schema_is_written_to_a_file(
         ("presets --show edge", "new --from edge"),
         ("presets --show=edge", "new --from=edge"),
         ("schema -o a.json", "new --schema -o a.json"),
+        (
+            "reduced a.toml -o b",
+            "run --set model.kind=modes --set time.mass=massless --set time.refine=64 "
+            "--set contact.law=newton --set contact.restitution=0 a.toml -o b",
+        ),
         ("orbit default --settle 9", "orbit find default --settle 9"),
         ("orbit --settle 9 default", "orbit find --settle 9 default"),
         ("continue a --from 1 --to 2", "orbit follow a --from 1 --to 2"),

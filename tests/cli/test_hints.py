@@ -74,6 +74,12 @@ def test_entries_have_names() -> None:
     assert changed.delamination[0].end == 0.25
     with pytest.raises(CaseError, match=r"no entry 'upper-lower'; expected one of lower-upper or"):
         preset("embedded", {"delamination.upper-lower.end": 0.25})
+    assert preset("embedded", {"delamination.1.end": 0.25}) == changed
+    for key in ("lamina.0.length", "delamination.0.end"):
+        with pytest.raises(
+            CaseError, match=r"no entry '0'; expected one of .* or a number from 1$"
+        ):
+            preset("embedded", {key: 0.25})
     data: dict[str, object] = {"delamination": 2 * [{"between": ["a", "b"], "end": 0.1}]}
     with pytest.raises(CaseError, match=r"2 entries 'a-b'; give a number from 1"):
         apply_overrides(data, {"delamination.a-b.end": 0.2})
