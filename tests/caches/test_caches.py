@@ -60,6 +60,21 @@ from delam_fem.model import discretise
 discretise.assemble(df.preset("default"))
 discretise.assemble(df.preset("default", {"model.kind": "plane-stress", "mesh.elements": 4}))
 """
+BACKWARDS = """
+import delam_fem as df
+from delam_fem.model import discretise
+import dolfinx, ufl
+from mpi4py import MPI
+
+mesh = dolfinx.mesh.create_unit_square(MPI.COMM_SELF, 2, 2, dolfinx.mesh.CellType.quadrilateral)
+make = getattr(dolfinx.fem, "VectorFunctionSpace", None)
+space = make(mesh, ("Lagrange", 2)) if make else dolfinx.fem.functionspace(mesh, ("CG", 2, (2,)))
+u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+df.Operators.from_forms(ufl.inner(u, v) * ufl.dx, ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx,
+                        gap=df.Gap([[1.0, 1.0]], (0.0, 1.0), 0.1))
+discretise.assemble(df.preset("default", {"model.kind": "plane-stress", "mesh.elements": 4}))
+discretise.assemble(df.preset("default"))
+"""
 OWN_FORM = """
 import dolfinx
 dolfinx.fem.form(u * v * ufl.dx(metadata={"quadrature_degree": 7}))
@@ -210,6 +225,18 @@ def test_a_second_process_compiles_no_form(tmp_path: Path) -> None:
         found.append(libraries(tmp_path))
     assert len(found[0]) >= 2 and found[1] == found[0]  # 8 with elements, 6 without
     assert not list((tmp_path / "cache" / "fenics").glob("*.c"))
+
+
+def test_what_was_compiled_before_changes_no_form(tmp_path: Path) -> None:
+    """The user's forms first, then ours backwards, need the libraries of ours alone."""
+    found = []
+    for program in (STRUCTURES, BACKWARDS):
+        (tmp_path / "forms.py").write_text(program)
+        done = python(tmp_path / "forms.py", cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        found.append(libraries(tmp_path))
+    assert found[0] and found[1] == found[0]
+    assert len(list((tmp_path / "cache" / "fenics").glob("libffcx_forms_*.c.cached"))) == 2
 
 
 def test_a_form_of_the_user_stays_where_dolfinx_puts_it(
