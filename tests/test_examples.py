@@ -21,6 +21,7 @@ SAID = {
     "body": r"^25 impacts, lowest tip -1\.02\d+ mm$",
     "clapping": r"^tip contacts per period: 1\.00$",
     "free_vibration": r"^logarithmic decrement: 0\.050267, exact 0\.050267$",
+    "hermite_demo": r"orders: \[3\.99 3\.94 3\.87\]$",
     "modes": r"^order of convergence: (3\.9|4\.0)\d \(thick\), (3\.9|4\.0)\d \(thin\)$",
     "one_impact": r"^\d\d single impacts, the strongest lost \d\.\d+e-05 J$",
     "plate": r"^frequency 3\.824, exact 3\.824; \d+ impacts$",
