@@ -5,6 +5,7 @@ import pytest
 
 from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
+from delam_fem.studies.detection import modulation as module
 from delam_fem.studies.detection.indices import sideband_ratio
 from delam_fem.studies.detection.modulation import Tones, modulation, two_tone
 from delam_fem.studies.options import Scan
@@ -38,6 +39,14 @@ def test_a_delamination_is_called_and_its_intact_structure_is_not() -> None:
     assert found.is_called and not found.is_intact_called
     assert found.gain > 50.0  # 235 measured
     assert np.median(found.ratio) > 0.1
+
+
+def test_one_more_record_exceeds_the_limit_in_1_percent(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of 200 records and one more the largest two of all are 1 %."""
+    largest = iter([*np.random.default_rng(1).permutation(200), 0.0, 0.0])
+    monkeypatch.setattr(module, "sideband_ratio", lambda *_: np.array([1.0 + next(largest)]))
+    found = modulation(Tones.of(embedded(), PUMP, 0.1), Scan(periods=1))
+    assert found.limits == pytest.approx([198.99])
 
 
 @pytest.mark.parametrize("frequency", [0.0, 50.0, 400.0, 60.0001])
