@@ -1,9 +1,11 @@
-"""What tests of the command share: a call in this process, a small case, a small sweep."""
+"""What tests share: calls of the command and of compiled code, a small case, a small sweep."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
+import numba
 from typer.testing import CliRunner, Result
 
 from delam_fem.cli.app import app
@@ -25,3 +27,8 @@ values = [3.0, 3.5]
 def invoke(*arguments: str | Path) -> Result:
     """Call the command in this process."""
     return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+def compiled(function: Any) -> Any:
+    """Return a function that Python can call, of one that is for compiled code alone."""
+    return numba.njit(lambda *arguments: function(*arguments))

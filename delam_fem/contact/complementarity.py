@@ -182,6 +182,12 @@ def solve_checked(W, q, p, change):  # type: ignore[no-untyped-def]
     return SOLVED
 
 
+@kept
+def _solve(W, q, p, change):  # type: ignore[no-untyped-def]
+    """Do the same for Python."""
+    return solve_checked(W, q, p, change)
+
+
 @njit
 def _factorise_among(W, stride, pairs, active, m, factor):  # type: ignore[no-untyped-def]
     """Write the Cholesky factor of W_AA, with inverse diagonal; return False if it is singular."""
@@ -340,7 +346,7 @@ def solve(W: FloatArray, q: FloatArray) -> FloatArray:
         C. L. Lawson, R. J. Hanson, Solving Least Squares Problems, ch. 23.
     """
     p = np.zeros(q.size)
-    require_solved(solve_checked(W, q, p, np.zeros(q.size)))
+    require_solved(_solve(W, q, p, np.zeros(q.size)))
     return p
 
 

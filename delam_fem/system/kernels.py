@@ -41,6 +41,12 @@ class _InnerLibrary(JITCodeLibrary):  # type: ignore[misc]
         self._finalized = True
 
 
+def _refuse(function: Any, *arguments: Any) -> None:
+    """Refuse to run without machine code, which takes a hundred times as long."""
+    name = function.func_name
+    raise TypeError(f"{name} is for compiled code alone; Python calls a function of `kept`")
+
+
 class _Inner(Compiler):  # type: ignore[misc]
     """Compile a function that compiled code calls.
 
@@ -54,7 +60,7 @@ class _Inner(Compiler):  # type: ignore[misc]
         super().__init__(typing, target, library, *others)
         flags = self.state.flags
         flags.no_cpython_wrapper = flags.no_cfunc_wrapper = True
-        self.state.targetctx.get_executable = lambda *_: partial(self.state.func_id.func)
+        self.state.targetctx.get_executable = lambda *_: partial(_refuse, self.state.func_id)
 
 
 class _KeptLibrary(JITCodeLibrary):  # type: ignore[misc]

@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from kit import compiled
 
-from delam_fem.contact.complementarity import solve, solve_again
+from delam_fem.contact import complementarity
+from delam_fem.contact.complementarity import solve
 from delam_fem.numerics.types import FloatArray
 
 ROUND_OFF = 1e-9
@@ -228,6 +230,9 @@ class Again(NamedTuple):
         marks = np.zeros(n, np.uint8), np.zeros(n, np.uint8)
         numbers = np.full(n + 1, -1), np.zeros(n, np.int64)
         return cls(marks[0], np.zeros(n * n), *numbers, np.zeros(n), marks[1])
+
+
+solve_again = compiled(complementarity.solve_again)
 
 
 def again(W: FloatArray, q: FloatArray, pairs: list[int], memory: Again) -> FloatArray:

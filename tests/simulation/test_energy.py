@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from kit import compiled
 
 from delam_fem.case.excitation import SweptMotion
-from delam_fem.simulation.recorder import Energies, add_rows, base_flows, write_ledger
+from delam_fem.simulation import recorder
+from delam_fem.simulation.recorder import Energies, add_rows
+
+base_flows, write_ledger = compiled(recorder.base_flows), compiled(recorder.write_ledger)
 
 N, STEPS, DT = 3, 37, 0.01
 """Free dofs; steps; time step [s]. The base ends at another speed than it began with."""

@@ -2,16 +2,19 @@
 
 import numpy as np
 import pytest
+from kit import compiled
 
+from delam_fem.simulation import refinement
 from delam_fem.simulation.refinement import (
     AHEAD,
     BACK,
     Refinement,
     base_rows,
-    base_within,
     nearness,
     unforeseen_warning,
 )
+
+base_within = compiled(refinement.base_within)
 
 
 @pytest.mark.parametrize(
