@@ -387,6 +387,7 @@ class Case(Section):
                 'expected start = "clamped" and end = "free" beside a gap, both rigid; give a '
                 "[[delamination]] from 0 to the length for other supports",
             )
+        self._check_inner_supports()
         held = "clamped" in (self.support.start, self.support.end)
         if self.support.rotational_stiffness is not None and (self.model.is_continuum or not held):
             raise inconsistent(
@@ -406,6 +407,28 @@ class Case(Section):
         if elastic and len(self.lamina) == 1 and len(elastic) == len(self.stop):
             return elastic[0].stiffness or 0.0, elastic[0].damping
         return own.penalty_stiffness, own.penalty_damping
+
+    def _check_inner_supports(self) -> None:
+        """Check that supports inside the span are apart from the ends and from one another."""
+        inside, names = self.support.inside, [lamina.name for lamina in self.lamina]
+        if inside and self.model.is_continuum:
+            raise inconsistent(
+                "support", f'expected only its ends with model.kind = "{self.model.kind}"'
+            )
+        margin = EDGE_TOLERANCE * self.length
+        taken = [0.0, self.length]
+        for own in sorted(inside, key=lambda own: own.position):
+            if own.lamina is not None and own.lamina not in names:
+                raise inconsistent(
+                    "support.lamina", f"expected one of {', '.join(names)}, given {own.lamina!r}"
+                )
+            if own.position >= self.length or min(abs(own.position - x) for x in taken) <= margin:
+                raise inconsistent(
+                    "support.position",
+                    f"expected places from 0 to the length {self.length!r} m, apart from the ends "
+                    f"and from one another, given {own.position!r}",
+                )
+            taken.append(own.position)
 
     @property
     def is_of_points(self) -> bool:
@@ -433,8 +456,13 @@ class Case(Section):
     @property
     def n_rigid(self) -> int:
         """Number of rigid motions that the supports leave to a stack kept closed."""
-        kinds = (self.support.start, self.support.end)
-        return 0 if "clamped" in kinds else 2 - kinds.count("pinned")
+        inner = [
+            "clamped" if own.kind == "clamped" or own.rotational_stiffness else "pinned"
+            for own in self.support.inside
+            if own.stiffness != 0.0
+        ]
+        kinds = [self.support.start, self.support.end, *inner]
+        return 0 if "clamped" in kinds else max(0, 2 - kinds.count("pinned"))
 
     @property
     def unread(self) -> tuple[str, ...]:

@@ -90,16 +90,24 @@ def tables() -> tuple[Table, ...]:
     plain = [name for name, models in below.items() if not models]
     found = [_table(Case, "", plain, is_required=True)]
     for name, models in below.items():
-        found += [
-            _table(
-                model,
-                name,
-                sorted([*model.model_fields, *model.also_written], key=lambda key: key != "kind"),
-                is_array=_is_array(fields[name].annotation),
-                is_required=fields[name].is_required(),
+        for model in models:
+            inner = {key: [*_models(f.annotation)] for key, f in model.model_fields.items()}
+            keys = [*(key for key in inner if not inner[key]), *model.also_written]
+            is_array = _is_array(fields[name].annotation)
+            found.append(
+                _table(
+                    model,
+                    name,
+                    sorted(keys, key=lambda key: key != "kind"),
+                    is_array=is_array,
+                    is_required=fields[name].is_required(),
+                )
             )
-            for model in models
-        ]
+            found += [  # such tables have the same name
+                _table(own, name, [*own.model_fields], is_array=True, is_required=False)
+                for models_of in inner.values()
+                for own in models_of
+            ]
     return tuple(found)
 
 
@@ -114,7 +122,7 @@ def _table(
     """Return a table with some keys of its model."""
     kind = model.model_fields.get("kind")
     own = tuple(_key(model, key, meanings(model)) for key in keys)
-    default = "" if kind is None else kind.default
+    default = "" if kind is None or kind.is_required() else kind.default
     return Table(name, default, is_array, is_required, summary(model), own, model)
 
 
@@ -208,6 +216,10 @@ def case_schema() -> Schema:
     definitions = {own.model.__name__: own for own in listed if own.name}
     for name, own in definitions.items():
         made["$defs"][name] = _described(made["$defs"][name], own)
+    ends, inner = ({"$ref": f"#/$defs/{name}"} for name in ("Support", "InnerSupport"))
+    several = {"type": "array", "items": {"anyOf": [ends, inner]}}
+    del made["$defs"]["Support"]["properties"]["inside"]
+    made["properties"]["support"] = {"anyOf": [ends, several]}
     whole = _described(made, listed[0])
     return {"$schema": DIALECT, "title": "A case of delam_fem", **whole}
 
@@ -312,7 +324,9 @@ def _table_lines(table: Table, data: Data) -> Iterator[str]:
         yield from _key_lines(table, data)
         return
     found: Any = data.get(table.name)
-    entries = found if isinstance(found, list) else [found]
+    entries: list[Any] = found if isinstance(found, list) else [found]
+    if isinstance(found, list) != table.is_array:  # the other tables of this name
+        entries = [None]
     is_absent = entries == [None] or entries[0].get("kind", "") != table.kind
     is_other = is_absent and table.kind
     instead = f'{table.heading} of kind "{table.kind}" instead: ' if is_other else ""

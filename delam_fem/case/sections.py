@@ -23,7 +23,7 @@ from types import MappingProxyType
 from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import model_validator
+from pydantic import SerializerFunctionWrapHandler, model_serializer, model_validator
 from pydantic_core import PydanticCustomError
 
 from delam_fem.case.values import (
@@ -461,19 +461,76 @@ Neighbours = Annotated[
 ]
 
 
+class InnerSupport(Section):
+    """A support inside the span; what holds the laminae there moves with the base.
+
+    Attributes:
+        position: x of the support [m].
+        kind: "pinned", "clamped" or "spring".
+        lamina: name of the lamina that it holds; all laminae, each by itself, if not given.
+        stiffness: stiffness of a spring [N/m].
+        rotational_stiffness: moment over slope of a spring or beside a pin [N m].
+        damping: damping of a spring [N s/m].
+    """
+
+    position: Annotated[Positive, Unit("m")]
+    kind: Literal["pinned", "clamped", "spring"]
+    lamina: Label | None = None
+    stiffness: Annotated[NotNegative | None, Unit("N/m")] = None
+    rotational_stiffness: Annotated[NotNegative, Unit("N m")] = 0.0
+    damping: Annotated[NotNegative, Unit("N s/m")] = 0.0
+
+    @model_validator(mode="after")
+    def _fitting_keys(self) -> Self:
+        """Check that the keys are those of the kind."""
+        is_spring = self.kind == "spring"
+        if (self.stiffness is not None) != is_spring:
+            words = "missing, but required" if is_spring else "expected none"
+            raise inconsistent("stiffness", f'{words} with kind = "{self.kind}"')
+        if self.damping and not is_spring:
+            raise inconsistent("damping", f'expected none with kind = "{self.kind}"')
+        if self.rotational_stiffness and self.kind == "clamped":
+            raise inconsistent("rotational_stiffness", 'expected none with kind = "clamped"')
+        return self
+
+
 class Support(Section):
     """The supports of the structure; held points move with the base.
+
+    A case file with supports inside the span has [[support]] tables: one with the keys of the ends,
+    which may be left out, and one with a position for each of the others.
 
     Attributes:
         start: support at x = 0: "clamped", "pinned" or "free".
         end: support at x = length: the same words.
         rotational_stiffness: moment over slope of each clamped end of a bonded beam [N m]; rigid
             if not given.
+        inside: supports inside the span.
     """
 
     start: SupportKind = "clamped"
     end: SupportKind = "free"
     rotational_stiffness: Annotated[Positive | None, Unit("N m")] = None
+    inside: tuple[InnerSupport, ...] = ()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_tables(cls, data: object) -> object:
+        """Sort [[support]] tables into the ends and the others."""
+        if not isinstance(data, list):
+            return data
+        ends = [own for own in data if not (isinstance(own, Mapping) and "position" in own)]
+        if len(ends) > 1:
+            raise inconsistent("position", "missing, but required of all [[support]] but one")
+        inner = [own for own in data if isinstance(own, Mapping) and "position" in own]
+        return {**(ends[0] if ends else {}), "inside": inner}
+
+    @model_serializer(mode="wrap")
+    def _to_tables(self, handler: SerializerFunctionWrapHandler) -> object:
+        """Return one table, or several if there are supports inside the span."""
+        data = handler(self)
+        inner = data.pop("inside", ())
+        return [*([data] if data else []), *inner] if inner else data
 
 
 class Delamination(Section):

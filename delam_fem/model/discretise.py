@@ -49,14 +49,15 @@ KINDS: Mapping[str, tuple[tuple[ModelKind, ...], str]] = MappingProxyType(
 """Kinds of model that a study takes, and why no others; a study that is not here follows all."""
 
 
-def require_no_stops(case: Case, study: str) -> None:
-    """Refuse a case with stops, which the models of a study do not know.
+def require_plain(case: Case, study: str) -> None:
+    """Refuse a case with stops or inner supports, which the models of a study do not know.
 
     Raises:
-        CaseError: the case has stops.
+        CaseError: the case has some.
     """
-    if case.stop:
-        raise CaseError(f"stop: {study}: expected none, given {len(case.stop)}")
+    for key, count in (("stop", len(case.stop)), ("support", len(case.support.inside))):
+        if count:
+            raise CaseError(f"{key}: {study}: expected none inside the span, given {count}")
 
 
 def require_kind(case: Case, study: str) -> None:

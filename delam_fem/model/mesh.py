@@ -51,9 +51,14 @@ def node_coordinates(case: Case) -> FloatArray:
 
 
 def edges(case: Case) -> FloatArray:
-    """Return the ends of the structure and the edges of its delaminations, increasing [m]."""
+    """Return where nodes must be, increasing [m].
+
+    They are the ends of the structure, the edges of its delaminations, and the supports inside that
+    are no springs.
+    """
     length = case.length
-    places = sorted({edge for own in case.delamination for edge in (own.start, own.end)})
+    held = {own.position for own in case.support.inside if own.kind != "spring"}
+    places = sorted({edge for own in case.delamination for edge in (own.start, own.end)} | held)
     margin = NODE_TOLERANCE * length
     kept = [0.0]
     for place in places:
@@ -72,8 +77,8 @@ def require_edges(case: Case, x: FloatArray, source: str) -> None:
         nearest = float(x[np.argmin(np.abs(x - edge))])
         if abs(nearest - edge) > NODE_TOLERANCE * case.length:
             raise CaseError(
-                f"{source}: expected a node at the edge x = {edge:g} m of a delamination, the "
-                f"nearest is at {nearest:g} m"
+                f"{source}: expected a node at the edge x = {edge:g} m of a delamination, or at "
+                f"that support, the nearest is at {nearest:g} m"
             )
 
 

@@ -25,7 +25,7 @@ from delam_fem.case.files import save_case
 from delam_fem.case.sections import Model
 from delam_fem.contact.laws import combination
 from delam_fem.model.beams.network import gap_at_rest
-from delam_fem.model.discretise import assemble, require_no_stops
+from delam_fem.model.discretise import assemble, require_plain
 from delam_fem.model.layout import Interface, Layout, Part, Probe, Reading, Structure, Support
 from delam_fem.model.modal import Basis, basis_of, projected
 from delam_fem.model.operators import BaseCoupling, Operators
@@ -385,7 +385,7 @@ def reduced_case(
     """
     if case.model.kind == "modes":
         raise CaseError('model.kind: expected a model that is not reduced yet, given "modes"')
-    require_no_stops(case, "reduce")
+    require_plain(case, "reduce")
     if modes < 1:
         raise CaseError(f"modes: expected at least 1, given {modes}")
     require_coupled(case)

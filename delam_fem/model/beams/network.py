@@ -47,13 +47,21 @@ import scipy.sparse as sp
 
 from delam_fem.case.definition import Case
 from delam_fem.case.gap import initial_gap, opening_at_rest
-from delam_fem.case.sections import EDGE_TOLERANCE, Delamination, Lamina, PointMass, open_ends
+from delam_fem.case.sections import (
+    EDGE_TOLERANCE,
+    Delamination,
+    InnerSupport,
+    Lamina,
+    PointMass,
+    open_ends,
+)
 from delam_fem.model.initial import with_start
 from delam_fem.model.layout import (
     BASE,
     CURVATURE,
     DISPLACEMENT,
     FIXED,
+    SLOPE,
     Layout,
     Part,
     Probe,
@@ -200,6 +208,7 @@ def network(case: Case, x: FloatArray) -> Network:
     axial: dict[tuple[int, int], int] = {}
     n_free = n_axial = 0
     supports = {0: case.support.start, n: case.support.end}
+    inner = {_node(x, own.position): own for own in case.support.inside if own.kind != "spring"}
     junctions = {0, *(s.last for s in segments)}
     for node in range(n + 1):
         touching = [s.groups for s in segments if s.first <= node <= s.last]
@@ -209,6 +218,8 @@ def network(case: Case, x: FloatArray) -> Network:
             if kind != "free":
                 is_rigid = kind == "clamped" and case.support.rotational_stiffness is None
                 own = [BASE, FIXED if is_rigid else n_free]
+            elif node in inner and _holds(inner[node], case, cluster):
+                own = [BASE, FIXED if inner[node].kind == "clamped" else n_free]
             dofs[list(cluster), node] = own
             n_free += sum(dof >= 0 for dof in own)
             if node in junctions:
@@ -216,6 +227,11 @@ def network(case: Case, x: FloatArray) -> Network:
                 axial |= {(node, i): number for i in cluster}
                 n_axial += number != FIXED
     return Network(x, case.lamina, segments, dofs, axial, n_free, n_axial)
+
+
+def _holds(own: InnerSupport, case: Case, cluster: Group) -> bool:
+    """Return whether a support holds the laminae of a cluster."""
+    return own.lamina is None or any(case.lamina[i].name == own.lamina for i in cluster)
 
 
 def never_opens(case: Case) -> str | None:
@@ -573,9 +589,10 @@ def structure(
         mass = sp.diags(lumped)
     added, diagonal = added_mass(case, layout, n)
     M = sp.csr_matrix(sp.csr_matrix(mass)[: n + 1, : n + 1] + added)
-    K = eliminated(stiffness, n + 1) + _springs(case, network)
+    of_supports = _inner_springs(case, layout, n)
+    K = eliminated(stiffness, n + 1) + _springs(case, network) + of_supports[0]
     alpha, beta = damping(case, layout, M[:n, :n], K[:n, :n])
-    C = sp.csr_matrix(alpha * M + beta * K)
+    C = sp.csr_matrix(alpha * M + beta * K + of_supports[1])
     m, c, k = (matrix[:n, n].toarray().ravel() for matrix in (M, C, K))
     corner = tuple(float(matrix[n, n]) for matrix in (M, C, K))
     operators = Operators(
@@ -602,6 +619,26 @@ def _springs(case: Case, network: Network) -> sp.csr_matrix:
     return sp.csr_matrix(sp.diags(diagonal))
 
 
+def _inner_springs(case: Case, layout: Layout, n: int) -> tuple[sp.csr_matrix, sp.csr_matrix]:
+    """Return stiffness and damping of springs inside the span, with the base as last row."""
+    K, C = (sp.csr_matrix((n + 1, n + 1)) for _ in range(2))
+    base = sp.csr_matrix(([1.0], ([0], [n])), shape=(1, n + 1))
+    for own in case.support.inside:
+        parts = [part for part in layout.parts if own.lamina in (None, part.name)]
+        place = place_of(parts[0], own.position)
+        seen: set[bytes] = set()
+        for part in parts:
+            row, turn = (columns_of(part, place, n, kind) for kind in (DISPLACEMENT, SLOPE))
+            if turn.indices.tobytes() in seen:  # bonded to the one before
+                continue
+            seen.add(turn.indices.tobytes())
+            K = K + own.rotational_stiffness * turn.T @ turn
+            if own.kind == "spring":
+                K = K + (own.stiffness or 0.0) * (row - base).T @ (row - base)
+                C = C + own.damping * (row - base).T @ (row - base)
+    return K, C
+
+
 def layout_of(case: Case, network: Network) -> Layout:
     """Return the parts, interfaces, probes and supports of a stack."""
     x = network.x
@@ -621,6 +658,12 @@ def layout_of(case: Case, network: Network) -> Layout:
     supports = tuple(
         Support(i, node, kind) for i in range(len(parts)) for node, kind in held if kind != "free"
     )
+    supports += tuple(
+        Support(i, _node(x, own.position), own.kind)
+        for own in case.support.inside
+        for i, lamina in enumerate(case.lamina)
+        if own.kind != "spring" and own.lamina in (None, lamina.name)
+    )
     return Layout(parts, interfaces, probes_of(case, x), supports)
 
 
@@ -633,7 +676,7 @@ def probes_of(case: Case, x: FloatArray) -> tuple[Probe, ...]:
     probes = [Probe(name, i, node) for i in range(len(case.lamina))]
     names = [lamina.name for lamina in case.lamina]
     for number, own in enumerate(case.delamination, start=1):
-        middle = _nearest(x, 0.5 * (own.start + own.end))
+        middle = _nearest(x, 0.5 * (own.start + own.end), case)
         for side in own.between:
             part = names.index(side)
             if (part, middle) not in {(probe.part, probe.point) for probe in probes}:
@@ -647,17 +690,19 @@ def _reference(case: Case, x: FloatArray) -> tuple[int, str]:
     ends = {"start": 0, "end": x.size - 1}
     if not case.delamination:
         free = [node for node, kind in zip(ends.values(), kinds, strict=True) if kind == "free"]
-        return (free[-1], "tip") if free else (_nearest(x, 0.5 * L), "middle")
+        return (free[-1], "tip") if free else (_nearest(x, 0.5 * L, case), "middle")
     longest: Delamination = max(case.delamination, key=lambda own: own.end - own.start)
     free_ends = open_ends(longest, L, case.support)
     if free_ends:
         return ends[free_ends[-1]], "tip"
-    return _nearest(x, 0.5 * (longest.start + longest.end)), "middle"
+    return _nearest(x, 0.5 * (longest.start + longest.end), case), "middle"
 
 
-def _nearest(x: FloatArray, place: float) -> int:
-    """Return the inner node nearest to a place."""
-    return 1 + int(np.argmin(np.abs(x[1:-1] - place)))
+def _nearest(x: FloatArray, place: float, case: Case) -> int:
+    """Return the inner node nearest to a place that no support holds."""
+    distance = np.abs(x[1:-1] - place)
+    distance[[_node(x, own.position) - 1 for own in case.support.inside]] += case.length
+    return 1 + int(np.argmin(distance))
 
 
 def damping(case: Case, layout: Layout, M: sp.csr_matrix, K: sp.csr_matrix) -> tuple[float, float]:

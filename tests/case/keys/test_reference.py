@@ -7,7 +7,7 @@ from delam_fem.case.keys import Table, tables
 
 
 def table(name: str, kind: str = "") -> Table:
-    (found,) = (t for t in tables() if (t.name, t.kind) == (name, kind))
+    found, *_ = (t for t in tables() if (t.name, t.kind) == (name, kind))
     return found
 
 
