@@ -190,7 +190,7 @@ def pod(case: Case, found: Population, noises: Sequence[float]) -> PodStudy:
     supports = sorted({own.support for own in found.specimens})
     frequencies = sorted({own.frequency for own in found.specimens})
     for noise in noises:
-        whole = trials(found, noise)
+        whole = trials(case, found, noise)
         for support in supports:
             own = {f: whole.of(_chosen(found, support, f)) for f in frequencies}
             best = max(frequencies, key=lambda f: (int(own[f].hit.sum()), -f))

@@ -27,7 +27,13 @@ from scipy.stats import norm
 from delam_fem.case.definition import Case
 from delam_fem.numerics.types import BoolArray, FloatArray
 from delam_fem.results.scan import Shapes, shapes_of, surface_of
-from delam_fem.studies.detection.detect import intact, per_shape, settling_periods, simulated
+from delam_fem.studies.detection.detect import (
+    drive_responses,
+    intact,
+    per_shape,
+    settling_periods,
+    simulated,
+)
 from delam_fem.studies.detection.indices import curvature, mark
 from delam_fem.studies.executors import ExecutorName
 from delam_fem.studies.options import Scan
@@ -380,16 +386,27 @@ def grid(case: Case, supports: Sequence[str], frequencies: Sequence[float]) -> l
     ]
 
 
-def trials(found: Population, noise_db: float, seed: int = 1) -> Trials:
-    """Measure each specimen once with a noisy sensor and judge it by the 2f-curvature."""
-    rng = np.random.default_rng(seed)
+def _whole(case: Case, support: str, frequency: float) -> Case:
+    """Return a beam without delaminations, meshed as the population is."""
+    keys = {"support.end": support, "excitation.frequency": frequency}
+    fast = {"mesh.elements": ELEMENTS, "time.steps_per_period": STEPS}
+    return intact(case.with_overrides(keys | fast))
+
+
+def trials(case: Case, found: Population, noise_db: float, seed: int = 1) -> Trials:
+    """Measure each specimen once with a noisy sensor and judge it as `detect` judges a scan."""
+    rng, surface = np.random.default_rng(seed), surface_of(case, None)
+    drives = {
+        key: drive_responses(_whole(case, *key), surface, found.x, key[1], (2.0,))
+        for key in {(own.support, own.frequency) for own in found.specimens}
+    }
     n = len(found.specimens)
     start, end, score = (np.full(n, np.nan) for _ in range(3))
     hit = np.zeros(n, dtype=np.bool_)
     for k, own in enumerate(found.specimens):
         if not found.is_there(k):
             continue
-        noisy = found.shapes(k, noise_db, rng)
+        noisy = found.shapes(k, noise_db, rng).without_drive(drives[own.support, own.frequency])
         called = mark("curvature", noisy)
         start[k], end[k] = called.start, called.end
         score[k] = float((called.index.values / called.index.limits).max())
@@ -405,22 +422,16 @@ def intact_scores(
     The noise is in the samples, and the limit follows from the noise between the harmonics, as of a
     measurement. A beam is called if its score is above 1.
     """
-    changed = case.with_overrides(
-        {
-            "support.end": support,
-            "excitation.frequency": frequency,
-            "mesh.elements": ELEMENTS,
-            "time.steps_per_period": STEPS,
-        }
-    )
+    whole = _whole(case, support, frequency)
     scan = Scan(noise_db=noise_db, periods=PERIODS, sampling_rate=SAMPLES * frequency)
-    pure = simulated(intact(changed), scan)
+    pure = simulated(whole, scan)
+    drive = drive_responses(whole, surface_of(case, None), pure.x, frequency, (2.0,))
     noise = pure.noise_of(scan)
     scores = []
     for k in range(n):
         noisy = pure.noisy(noise, seed * 1_000_003 + k)
         shapes = shapes_of(noisy.field, noisy.times, frequency, noisy.x, orders=(1.0, 2.0))
-        index = curvature(shapes)
+        index = curvature(shapes.without_drive(drive))
         scores.append(float((index.values / index.limits).max()))
     return np.array(scores)
 

@@ -1,14 +1,16 @@
 """POD curves of known hits, ROC curves, and intact beams that are not called."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from delam_fem.case.files import preset
-from delam_fem.studies.detection.detect import intact
+from delam_fem.studies.detection.detect import drive_responses, intact
 from delam_fem.studies.detection.pod import pod
 from delam_fem.studies.detection.population import (
+    ELEMENTS,
     Specimen,
     grid,
     intact_scores,
@@ -72,10 +74,16 @@ def test_a_small_study(tmp_path: Path) -> None:
         for depth in (0.0003, 0.0009)
     ]
     found = population(case, specimens, tmp_path, "serial")
-    judged = trials(found, 40.0)
+    judged = trials(case, found, 40.0)
     assert judged.hit[-2:].all() and not judged.hit[1]  # long ones; short and deep
     assert judged.error <= 0.03 * case.length
-    assert not trials(found, -40.0).hit.any()
+    assert not trials(case, found, -40.0).hit.any()
+    # what a shaker adds that distorts is taken away, as detect does
+    beam = intact(case.with_overrides({"excitation.frequency": 250.0, "mesh.elements": ELEMENTS}))
+    added = np.zeros_like(found.values)
+    added[:, found.orders.index(2.0)] = drive_responses(beam, "upper", found.x, 250.0)[2.0]
+    shaken = replace(found, values=found.values + added * abs(found.values).max())
+    np.testing.assert_allclose(trials(case, shaken, 40.0).score, judged.score, rtol=1e-6)
     study = pod(case, found, (40.0,))
     assert study.recommended == {("clamped", 40.0): 250.0}
     assert tuple(study.report.tables[0].rows[0][:3]) == ("clamped", "40", "250")
