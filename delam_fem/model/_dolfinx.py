@@ -275,16 +275,21 @@ def write_vtx(
         path: a folder whose name ends in .bp.
         mesh: a mesh of cells of degree 1.
         times: times of the frames, shape (n_frames,) [s].
-        fields: values of a frame by name, each of shape (n_nodes,), in the order of the input
-            nodes; the same names at all frames.
+        fields: values of a frame by name, each of shape (n_nodes,), or of vectors (n_nodes, 3), in
+            the order of the input nodes; the same names at all frames.
     """
-    linear = space(mesh, "Lagrange", 1)
-    nodes = input_nodes(linear)
-    functions = {name: dolfinx.fem.Function(linear, name=name) for name in fields(0)}
+    linear, dim = space(mesh, "Lagrange", 1), mesh.geometry.dim
+    nodes, first = input_nodes(linear), fields(0)
+    vectors = vector_space(mesh, 1) if any(own.ndim == 2 for own in first.values()) else None
+    functions = {
+        name: dolfinx.fem.Function(linear if own.ndim == 1 else vectors, name=name)
+        for name, own in first.items()
+    }
     with dolfinx.io.VTXWriter(mesh.comm, path, list(functions.values()), "BP4") as writer:
         for k, time in enumerate(times):
             for name, values in fields(k).items():
-                functions[name].x.array[:] = values[nodes]
+                here = values[nodes]
+                functions[name].x.array[:] = here if here.ndim == 1 else here[:, :dim].ravel()
             writer.write(float(time))
 
 
@@ -398,6 +403,7 @@ def rows_at(space: Any, points: FloatArray, along: Sequence[float]) -> sp.csr_ma
     entries: list[tuple[int, int, float]] = []
     for sub, parents in subs:
         shape, size = dolfinx.fem.Function(sub), 0
+        of_parent = None if parents is None else np.ravel(parents)  # from 0.10 on a list of arrays
         for k in np.flatnonzero(cells >= 0).tolist():
             bs = sub.dofmap.bs
             for dof in (bs * sub.dofmap.cell_dofs(cells[k])[:, None] + np.arange(bs)).ravel():
@@ -405,7 +411,7 @@ def rows_at(space: Any, points: FloatArray, along: Sequence[float]) -> sp.csr_ma
                 value = np.atleast_1d(shape.eval(at[k], cells[k : k + 1].astype(np.int32)))
                 shape.x.array[dof] = 0.0
                 weight = float(np.dot(along[first : first + value.size], value))
-                entries.append((k, int(dof if parents is None else parents[dof]), weight))
+                entries.append((k, int(dof if of_parent is None else of_parent[dof]), weight))
                 size = value.size
         first += max([size, *comm.allgather(size)])
     rows, dofs, weights = np.array(entries).reshape(-1, 3).T

@@ -56,8 +56,6 @@ def write_lines(history: xr.Dataset, directory: str | Path) -> Path | None:
 def write_bodies(series: Series, directory: Path) -> Path | None:
     """Write solid.bp in place of an earlier one: the fields of solid.vtkhdf.
 
-    Vectors are written as one field for each component, displacement_x and so on.
-
     Args:
         series: of solid.vtkhdf.
         directory: an existing folder.
@@ -70,7 +68,10 @@ def write_bodies(series: Series, directory: Path) -> Path | None:
     path = directory / "solid.bp"
     with atomic(path) as temporary:
         _dolfinx.write_vtx(
-            str(temporary), mesh_of(series), series.times, lambda frame: components(series, frame)
+            str(temporary),
+            mesh_of(series),
+            series.times,
+            lambda frame: {name: series.field(name, frame) for name in series.names},
         )
     return path
 
@@ -83,18 +84,6 @@ def mesh_of(series: Series) -> Any:
     if series.cell in TENSOR_CELLS:  # VTK's order is its own inverse
         cells = cells[:, list(VTK_ORDER[points.shape[1]])]
     return _dolfinx.create_mesh(MPI.COMM_SELF, series.cell, points, cells)
-
-
-def components(series: Series, frame: int) -> dict[str, FloatArray]:
-    """Return the fields of a frame, vectors by components, shape (n_points,) each."""
-    found = {}
-    for name in series.names:
-        values = series.field(name, frame)
-        if values.ndim == 1:
-            found[name] = values
-        else:
-            found |= {f"{name}_{axis}": values[:, k] for k, axis in enumerate("xyz")}
-    return found
 
 
 def lines_at_rest(history: xr.Dataset) -> tuple[FloatArray, IntArray]:
