@@ -227,6 +227,12 @@ class Case(Section):
             )
         if not self.is_massless:
             return
+        if self.n_rigid:
+            raise inconsistent(
+                "support",
+                'expected a structure that is held with time.mass = "massless", given '
+                f'"{self.support.start}" and "{self.support.end}" ends',
+            )
         if self.stop:
             raise inconsistent(
                 "stop", f'expected none with time.mass = "massless", given {len(self.stop)}'

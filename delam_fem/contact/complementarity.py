@@ -11,9 +11,12 @@ of several solutions, but H^T p is unique.
 
 from __future__ import annotations
 
-import numpy as np
+from typing import NamedTuple
 
-from delam_fem.numerics.types import FloatArray
+import numpy as np
+import numpy.typing as npt
+
+from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.kernels import kept, njit
 
 TOLERANCE = 1e-13
@@ -276,6 +279,31 @@ def _exchange(n, active, m, is_wrong, only_last):  # type: ignore[no-untyped-def
     return kept
 
 
+class Again(NamedTuple):
+    """The arrays that `solve_again` keeps from call to call, for n pairs.
+
+    Attributes:
+        was_active: pairs with an impulse in the last solution, shape (n,).
+        factor: the last factor, flat, shape (n²,).
+        members: the pairs of this factor; the last entry is their number, shape (n + 1,).
+        active, trial, is_wrong: work space, each of shape (n,).
+    """
+
+    was_active: npt.NDArray[np.uint8]
+    factor: FloatArray
+    members: IntArray
+    active: IntArray
+    trial: FloatArray
+    is_wrong: npt.NDArray[np.uint8]
+
+    @classmethod
+    def of(cls, n: int) -> Again:
+        """Return the arrays for n pairs, with nothing known."""
+        marks = np.zeros(n, np.uint8), np.zeros(n, np.uint8)
+        numbers = np.full(n + 1, -1), np.zeros(n, np.int64)
+        return cls(marks[0], np.zeros(n * n), *numbers, np.zeros(n), marks[1])
+
+
 @njit
 def solve_again(W, stride, pairs, n, q, p, memory):  # type: ignore[no-untyped-def]
     """Solve for some pairs, beginning with those that were active last time; return the success.
@@ -292,9 +320,7 @@ def solve_again(W, stride, pairs, n, q, p, memory):  # type: ignore[no-untyped-d
         n: number of these pairs.
         q: their right-hand sides, the first n entries.
         p: result, the first n entries.
-        memory: arrays that are kept from call to call: `was_active`, shape (stride,); `factor`,
-            shape (stride²,), of the pairs `members`, shape (stride + 1,), whose last entry is their
-            number; `active`, `trial`, `is_wrong`, each of shape (stride,).
+        memory: see `Again`, for `stride` pairs.
 
     Source:
         J. J. Júdice, F. M. Pires, A block principal pivoting algorithm for large-scale strictly

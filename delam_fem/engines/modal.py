@@ -36,10 +36,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import roots_legendre
 
-from delam_fem.contact.complementarity import solve_again, solve_into
+from delam_fem.contact.complementarity import Again, solve_again, solve_into
 from delam_fem.model.operators import Operators
 from delam_fem.model.reduced import Reduced, reduce
 from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
@@ -101,8 +100,8 @@ class Memory(NamedTuple):
         totals: energies of the period [J]; shape (4,).
         effort: numbers of coarse and fine steps, shape (2,).
         lowest: smallest gap of each pair, shape (n,) [m].
-        pairs, was_active, factor, members, active, trial, is_wrong: memory of the complementarity
-            problem; see `complementarity.solve_again`.
+        pairs: all pairs, shape (n,).
+        again: memory of the complementarity problem.
     """
 
     q: FloatArray
@@ -121,12 +120,7 @@ class Memory(NamedTuple):
     effort: IntArray
     lowest: FloatArray
     pairs: IntArray
-    was_active: npt.NDArray[np.uint8]
-    factor: FloatArray
-    members: IntArray
-    active: IntArray
-    trial: FloatArray
-    is_wrong: npt.NDArray[np.uint8]
+    again: Again
 
 
 class Drive(NamedTuple):
@@ -191,12 +185,7 @@ def new_memory(m: int, n: int, c: int) -> Memory:
         effort=np.zeros(2, dtype=np.int64),
         lowest=np.zeros(n),
         pairs=np.arange(n),
-        was_active=np.zeros(n, dtype=np.uint8),
-        factor=np.zeros(n**2),
-        members=np.full(n + 1, -1),
-        active=np.zeros(n, dtype=np.int64),
-        trial=np.zeros(n),
-        is_wrong=np.zeros(n, dtype=np.uint8),
+        again=Again.of(n),
     )
 
 
@@ -339,9 +328,10 @@ def _is_near(memory, ahead):  # type: ignore[no-untyped-def]
 def _solve(step, memory):  # type: ignore[no-untyped-def]
     """Find the contact forces of M1 from the free gaps in `next_gap`; return the success."""
     n = memory.gap.size
-    if solve_again(step.compliance, n, memory.pairs, n, memory.next_gap, memory.force, memory):
+    q, p = memory.next_gap, memory.force
+    if solve_again(step.compliance, n, memory.pairs, n, q, p, memory.again):
         return True
-    return solve_into(step.compliance.reshape(n, n), memory.next_gap, memory.force)
+    return solve_into(step.compliance.reshape(n, n), q, p)
 
 
 @njit
@@ -617,10 +607,10 @@ class Periods:
     def _run(self, start: FloatArray, drive: Drive, trace: Trace) -> FloatArray:
         memory = self._memory
         memory.q[:], memory.v[:], memory.s[:] = self.split(np.asarray(start, dtype=np.float64))
-        memory.was_active[:] = 0
+        memory.again.was_active[:] = 0
         ending = run_period(self._problem, self._coarse, self._fine, memory, drive, trace)
         if ending == UNSOLVED:
-            raise ArithmeticError("reduced model: no contact forces were found in a step")
+            raise ArithmeticError("modes: no contact forces were found in a step")
         end = np.concatenate([memory.q, memory.v, memory.s.ravel()])
         return end if ending == COMPLETED else np.full_like(end, np.nan)
 

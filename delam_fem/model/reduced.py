@@ -196,7 +196,7 @@ def _piece(o: Operators, dofs: IntArray, modes: int) -> _Piece:
     with np.errstate(all="ignore"):
         whole = splu(K).solve(loads)
     if not np.isfinite(whole).all():
-        raise ValueError("reduced model: a part is not held; support each part")
+        raise ValueError("modes: a part is not held; support each part")
     residual = np.zeros((o.n_dofs, loads.shape[1]))
     residual[dofs] = whole - vectors @ ((vectors.T @ loads) / squares[:, None])
     if not o.base.is_force:
@@ -225,7 +225,7 @@ def _rayleigh(
     alpha = float(d[0] - beta * squares[0])
     largest = abs(C).max()
     if abs(C - alpha * M - beta * K).max() > NOT_RAYLEIGH * largest:
-        raise ValueError("reduced model: expected C = alpha M + beta K in each part")
+        raise ValueError("modes: expected C = alpha M + beta K in each part")
     is_round_off = abs(beta) * squares[-1] <= 1e-9 * abs(d[-1])
     return alpha, 0.0 if is_round_off else beta
 

@@ -14,8 +14,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from delam_fem.paper import (
     histories,
     lateral,
@@ -29,6 +27,7 @@ from delam_fem.paper import (
 from delam_fem.paper.claims import HEADING, Claim, Piece
 from delam_fem.paper.lab import Laboratory
 from delam_fem.results.figures.style import styled
+from delam_fem.results.folder import json_ready
 from delam_fem.results.pages import html
 from delam_fem.results.pages.html import Block, Gallery, Link, Paragraph, Section, Table
 from delam_fem.system.errors import CaseError
@@ -227,20 +226,7 @@ def _write(piece: Piece, lab: Laboratory, directory: Path, begin: float) -> list
         "claims": [asdict(claim) for claim in piece.judge(numbers)],
         "animation": None if piece.film is None else film.name,
         "seconds": round(time.perf_counter() - begin, 2),
-        "numbers": plain(numbers.kept),
+        "numbers": json_ready(numbers.kept, 7),
     }
     write_text(kept, json.dumps(content, indent=1, ensure_ascii=False) + "\n")
     return paths
-
-
-def plain(value: Any) -> Any:
-    """Return numbers in the form of JSON: lists, seven digits, None instead of NaN and infinity."""
-    if isinstance(value, Mapping):
-        return {str(key): plain(entry) for key, entry in value.items()}
-    if isinstance(value, np.ndarray | list | tuple):
-        return [plain(entry) for entry in value]
-    if isinstance(value, np.generic):
-        value = value.item()
-    if isinstance(value, float):
-        return float(f"{value:.7g}") if np.isfinite(value) else None
-    return value

@@ -270,16 +270,21 @@ def write_dataset(history: xr.Dataset, path: Path) -> Path:
     return path
 
 
-def json_ready(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return numbers as JSON knows them: no numpy types, None for what is not finite."""
+def json_ready(value: Any, digits: int | None = None) -> Any:
+    """Return numbers as JSON knows them: no numpy types, None for what is not finite.
 
-    def ready(value: Any) -> Any:
-        if isinstance(value, Mapping):
-            return json_ready(value)
-        if isinstance(value, (list, tuple, np.ndarray)):
-            return [ready(v) for v in value]
-        if isinstance(value, np.generic):
-            value = value.item()
-        return None if isinstance(value, float) and not math.isfinite(value) else value
-
-    return {key: ready(value) for key, value in values.items()}
+    Args:
+        value: a number, a text, or such in mappings, sequences and arrays.
+        digits: of numbers; None: all.
+    """
+    if isinstance(value, Mapping):
+        return {str(key): json_ready(entry, digits) for key, entry in value.items()}
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return [json_ready(entry, digits) for entry in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    if not isinstance(value, float):
+        return value
+    if not math.isfinite(value):
+        return None
+    return value if digits is None else float(f"{value:.{digits}g}")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ from hypothesis import strategies as st
 from kit import compiled
 
 from delam_fem.contact import complementarity
-from delam_fem.contact.complementarity import solve
+from delam_fem.contact.complementarity import Again, solve
 from delam_fem.numerics.types import FloatArray
 
 ROUND_OFF = 1e-9
@@ -212,24 +211,6 @@ def test_many_pairs_that_enter_and_leave_the_active_set(n_pairs: int, seed: int)
     assert 0 < np.count_nonzero(p) < n_pairs
     assert residual.min() >= -ROUND_OFF * speed
     assert np.abs(residual[p > 0.0]).max() <= ROUND_OFF * speed
-
-
-class Again(NamedTuple):
-    """The arrays that `solve_again` keeps from call to call."""
-
-    was_active: Any
-    factor: Any
-    members: Any
-    active: Any
-    trial: Any
-    is_wrong: Any
-
-    @classmethod
-    def of(cls, n: int) -> Again:
-        """Return the memory for n pairs, with nothing known."""
-        marks = np.zeros(n, np.uint8), np.zeros(n, np.uint8)
-        numbers = np.full(n + 1, -1), np.zeros(n, np.int64)
-        return cls(marks[0], np.zeros(n * n), *numbers, np.zeros(n), marks[1])
 
 
 solve_again = compiled(complementarity.solve_again)

@@ -382,7 +382,8 @@ import sys
 sys.modules["matplotlib"] = None  # an import of it fails
 
 from delam_fem.paper.lab import Laboratory, Plan
-from delam_fem.paper.reproduce import FIGURES, plain
+from delam_fem.paper.reproduce import FIGURES
+from delam_fem.results.folder import json_ready
 from delam_fem.studies.executors import Serial
 
 lab = Laboratory(Plan(periods=45, thresholds=2, gap_exponents=(1.0, 2.0)), Serial())
@@ -391,7 +392,7 @@ for name in sys.argv[1:]:
     numbers = piece.measure(lab)
     claims = piece.judge(numbers)
     assert claims and all(claim.figure == name for claim in claims), claims
-    assert json.dumps(plain(numbers.kept))
+    assert json.dumps(json_ready(numbers.kept, 7))
     try:
         piece.draw(numbers)
     except ModuleNotFoundError:

@@ -29,6 +29,7 @@ from delam_fem.paper.lab import (
 )
 from delam_fem.paper.measures import rough_part, settling, tip_positions
 from delam_fem.paper.reproduce import entries, tally, write_page
+from delam_fem.results.folder import json_ready
 from delam_fem.studies.executors import Serial
 from delam_fem.system.errors import CaseError
 
@@ -225,7 +226,7 @@ def test_names_of_files() -> None:
 
 def test_numbers_become_json() -> None:
     given = {1.5: np.array([[1.0, np.nan]]), "b": (np.int64(2), np.True_, None, 1 / 3)}
-    assert reproduce.plain(given) == {"1.5": [[1.0, None]], "b": [2, True, None, 0.3333333]}
+    assert json_ready(given, 7) == {"1.5": [[1.0, None]], "b": [2, True, None, 0.3333333]}
 
 
 class Diverging(Serial):

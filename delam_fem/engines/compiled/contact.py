@@ -203,7 +203,7 @@ def renew_acceleration(system, law, memory):  # type: ignore[no-untyped-def]
         X[lk.A * size + i] = X[Z * size + i]
 
 
-NOT_FINITE, UNSOLVED = -1, -2
+NOT_FINITE, UNSOLVED = -complementarity.NOT_FINITE, -complementarity.NOT_FOUND
 """Failures of a law: velocities that are not finite, impulses that were not found."""
 
 
@@ -269,7 +269,7 @@ def _lasting_impulses(system, law, memory, n, q):  # type: ignore[no-untyped-def
         require_compliance(system, law, memory, hit[j])
         if not np.isfinite(q[j]):
             return False
-    if not complementarity.solve_again(W, n_pairs, hit, n, q, p, memory):
+    if not complementarity.solve_again(W, n_pairs, hit, n, q, p, memory.again):
         return False
     for i in range(n):
         change = 0.0

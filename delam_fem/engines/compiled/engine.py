@@ -13,9 +13,10 @@ from typing import Any, cast
 
 import numpy as np
 
+from delam_fem.contact import complementarity
 from delam_fem.contact.laws import LAWS, ContactLaw, Law
-from delam_fem.engines.compiled import contact, state, steps, system
 from delam_fem.engines.compiled import lanes as lk
+from delam_fem.engines.compiled import state, steps, system
 from delam_fem.engines.compiled.state import (
     CONTACT_DAMPED,
     DISSIPATED,
@@ -377,7 +378,7 @@ class Compiled:
             done, step, ending = self._run(s.address, self._address, first, (done, step), n_periods)
         block.end(done, self._events, recorder)
         self._spare = cast("Block | None", recorder.take(block))
-        _require_impulses(ending)
+        complementarity.require_solved(max(0, -ending))
         return ending == state.COMPLETED
 
     def _block(self, recorder: Recorder, n_periods: int) -> Block:
@@ -427,17 +428,3 @@ class Compiled:
             self._table[_PLACES[name]] = after.ctypes.data
         sizes = self._events.ticks.size, self._events.hit.size
         self._table[[_PLACES["n_events"], _PLACES["n_hits"]]] = sizes
-
-
-def _require_impulses(ending: int) -> None:
-    """Raise if the impulses were not found; the messages are those of complementarity.py."""
-    if ending == contact.NOT_FINITE:
-        raise ArithmeticError(
-            "impulses: the velocities before the impact are not finite; the motion diverges: use a "
-            "smaller time step"
-        )
-    if ending == contact.UNSOLVED:
-        raise ArithmeticError(
-            "impulses: no solution found; check that the mass, damping and stiffness matrices are "
-            "symmetric"
-        )

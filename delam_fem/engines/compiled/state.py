@@ -23,6 +23,7 @@ from numba.core.typing.templates import AttributeTemplate
 from numba.extending import infer_getattr, intrinsic, lower_getattr_generic, models, register_model
 from numba.np.numpy_support import from_dtype
 
+from delam_fem.contact.complementarity import Again
 from delam_fem.engines.compiled.lanes import N_FIELDS, aligned_zeros
 from delam_fem.numerics.types import FloatArray, IntArray
 
@@ -194,8 +195,7 @@ class Memory(NamedTuple):
         change: W p of the hit pairs, shape (n_pairs,) [m/s].
         free: gap rates of all pairs at the end of the step without impulses, if pairs touch at
             rest, shape (n_pairs,) [m/s].
-        was_active, factor, members, active, trial, is_wrong: memory of the complementarity problem;
-            see `complementarity.solve_again`.
+        again: memory of the complementarity problem.
         forces, residual, direction, image: work space for springs and impulses.
     """
 
@@ -229,12 +229,7 @@ class Memory(NamedTuple):
     direction: FloatArray
     image: FloatArray
     free: FloatArray
-    was_active: npt.NDArray[np.uint8]
-    factor: FloatArray
-    members: IntArray
-    active: IntArray
-    trial: FloatArray
-    is_wrong: npt.NDArray[np.uint8]
+    again: Again
 
 
 class Log(NamedTuple):
@@ -345,10 +340,5 @@ def memory(size: int, n_pairs: int, n_probes: int) -> Memory:
         direction=np.zeros(n_pairs),
         image=np.zeros(n_pairs),
         free=np.zeros(n_pairs),
-        was_active=np.zeros(n_pairs, dtype=np.uint8),
-        factor=np.zeros(n_pairs**2),
-        members=np.full(n_pairs + 1, -1),
-        active=np.zeros(n_pairs, dtype=np.int64),
-        trial=np.zeros(n_pairs),
-        is_wrong=np.zeros(n_pairs, dtype=np.uint8),
+        again=Again.of(n_pairs),
     )

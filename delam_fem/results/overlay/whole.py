@@ -120,7 +120,7 @@ class Overlay:
             "unmatched": list(self.pairs.unmatched),
             "channels": {own.name: self._of_channel(own) for own in self.channels},
         }
-        return json_ready(found)
+        return dict(json_ready(found))
 
     @property
     def frequency(self) -> float | None:
@@ -148,7 +148,7 @@ class Overlay:
                 "distortion_measured": d, "distortion_measured_error": d_error,
                 "distortion_computed": own.computed.distortion()[0],
             }  # fmt: skip
-        return {key: json_ready({"": value})[""] for key, value in found.items()}
+        return found
 
     def rows(self) -> Iterator[tuple[str, ...]]:
         """Yield gain, phase, noise, misfit and d of each channel as texts."""

@@ -249,9 +249,7 @@ def _write(path: Path, found: Convergence) -> None:
     """Write all results to the file, which stays valid at any moment."""
     entries = []
     for result in found.results.values():
-        entry = asdict(result)
-        entry["statistics"] = json_ready(entry["statistics"])
-        ready = json_ready(entry)
+        ready = json_ready(asdict(result))
         entries.append(ready | {"checksum": _checksum(ready)})
     content = {
         "title": f"convergence of case {found.ladder.case.name}",

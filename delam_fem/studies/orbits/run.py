@@ -216,7 +216,7 @@ class Orbit(Finding):
             "settled_scatter": self.scatter,
             "runs_on_away": self.coarse.away,
             "runs_on_to": None if self.coarse.multiple is None else asdict(self.coarse.multiple),
-            "smallest_tip_gap": gap if np.isfinite(gap) else None,
+            "smallest_tip_gap": gap,
             "tip_strobe": self.passage.strobes.tolist(),
             "tip_min": self.passage.low.tolist(),
             "tip_max": self.passage.high.tolist(),

@@ -162,6 +162,13 @@ def test_what_massless_points_cannot_do_is_refused(keys: dict[str, Any], message
         df.run(short(**keys))
 
 
+def test_a_structure_that_is_not_held_is_refused() -> None:
+    keys = {"time.mass": "massless", "model.kind": "modes", "contact.law": "newton"}
+    ends = {"support.start": "pinned", "support.end": "free", "contact.restitution": 0.0}
+    with pytest.raises(df.CaseError, match="support: expected a structure that is held with"):
+        df.preset("embedded", keys | ends)
+
+
 def test_keys_without_an_effect_are_named() -> None:
     case = short(contact__impulse="consistent", time__scheme="newmark")
     assert {"contact.impulse", "time.scheme"} <= set(case.unread)
