@@ -183,12 +183,14 @@ class Factor:
             [] if comm.size == 1 else [Portion(vector) for vector in self._matrix.createVecs()]
         )
         self._sign = -1.0 if scale < 0.0 and not is_banded else 1.0
+        self._factor: PETSc.Mat | None = None
         if self._options:
             self._heed(PETSc.Options(prefix), is_symmetric, like)
             self._whole_solve = self._iterate
         else:
             self._solver.setUp()
-            self._whole_solve = self._preconditioner.getFactorMatrix().solve
+            self._factor = self._preconditioner.getFactorMatrix()
+            self._whole_solve = self._factor.solve
         self.solve = self._whole_solve if is_banded else self._solve
 
     def _heed(self, given: PETSc.Options, is_symmetric: bool, like: PETSc.Mat | None) -> None:
@@ -251,6 +253,8 @@ class Factor:
         """Free the factor and its matrix; petsc4py defers this if Python collects them instead."""
         for side in self._sides:
             side.destroy()
+        if self._factor is not None:
+            self._factor.destroy()
         self._preconditioner.destroy()
         self._solver.destroy()
         self._matrix.destroy()

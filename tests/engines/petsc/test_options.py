@@ -42,6 +42,14 @@ def solution(scale: float = -0.5) -> np.ndarray:
     return np.asarray(x.array)
 
 
+def test_a_destroyed_factor_leaves_no_matrix_behind() -> None:
+    factor = linear_algebra.Factor(CHAIN, MPI.COMM_SELF, "moreau_")
+    own = factor.solve.__self__
+    assert isinstance(own, PETSc.Mat) and own
+    factor.destroy()
+    assert not own  # a sweep of many points would keep 24 kB of each
+
+
 @pytest.mark.parametrize(
     "text",
     [
