@@ -8,7 +8,7 @@
 //                                    (frame, interface, node)
 //   factor                           of deflections and gaps in y
 //   held                             whether both ends are held
-//   stops                            x, side (1 above, -1 below), y and lit at each frame of each contact point
+//   stops                            x, side (1 above, -1 below), y and lit at each frame of stops and inner supports
 "use strict";
 for (const figure of document.querySelectorAll("figure.film")) {
   const film = JSON.parse(figure.querySelector("script").textContent);

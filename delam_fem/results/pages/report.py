@@ -18,6 +18,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from delam_fem.case.definition import Case
+from delam_fem.numerics.types import FloatArray
 from delam_fem.results import diagnostics
 from delam_fem.results.diagnostics import LARGEST_PERIODICITY, probe_node
 from delam_fem.results.fields import derived
@@ -304,27 +305,40 @@ def film(history: xr.Dataset, case: Case) -> Film | None:
         "and squares where they rest on one another; the strip below shows the last nodes. "
         "Between two frames the motion is interpolated."
     )
+    if stops:
+        caption += " Triangles are stops, and supports inside the span."
     if factor != 1.0:
         caption += f" Deflections and gaps are drawn {factor:g} times as large as they are."
     return Film(data, "The laminae in motion", caption)
 
 
 def _stops(history: xr.Dataset, case: Case, factor: float, last: slice) -> list[dict[str, object]]:
-    """Return x, side, face at each frame (x, y in mm) and contact states of the stops of a film."""
-    if "stop_height" not in history:
-        return []
+    """Return x, side, face at each frame (x, y in mm) and contact states of what a film marks.
+
+    These are the contact points of stops, and the supports inside the span.
+    """
     middle, found = middle_lines(history, case, factor), []
-    base = np.interp(history["frame"], history["time"], history["base_displacement"])
-    for k in range(history.sizes["stop"]):
-        own = history.isel(stop=k)
-        lamina, node = int(own["stop_lamina"]), int(own["stop_node"])
-        side = -1 if np.signbit(own["stop_height"].item()) else 1
-        face = middle[lamina, node] + 0.5 * side * case.lamina[lamina].thickness
-        y = face + factor * (float(own["stop_height"]) + float(own["stop_on_base"]) * base)
+    x, half = history["x"].to_numpy(), [0.5 * lamina.thickness for lamina in case.lamina]
+    base = factor * np.interp(history["frame"], history["time"], history["base_displacement"])
+
+    def mark(lamina: int, node: int, side: int, y: FloatArray, lit: npt.NDArray[Any]) -> None:
+        face = middle[lamina, node] + side * half[lamina]
         found.append({
-            "x": 1e3 * float(history["x"][node]), "side": side, "y": _short(1e3 * y[last]),
-            "lit": own["stop_state"].to_numpy()[last].tolist(),
+            "x": 1e3 * float(x[node]), "side": side, "y": _short(1e3 * (face + y)[last]),
+            "lit": lit[last].tolist(),
         })  # fmt: skip
+
+    for k in range(history.sizes.get("stop", 0)):
+        own = history.isel(stop=k)
+        height = float(own["stop_height"])
+        y = factor * height + float(own["stop_on_base"]) * base
+        side = -1 if np.signbit(height) else 1
+        mark(int(own["stop_lamina"]), int(own["stop_node"]), side, y, own["stop_state"].to_numpy())
+    names = [lamina.name for lamina in case.lamina]
+    for support in case.support.inside:
+        lamina = names.index(support.lamina) if support.lamina else 0
+        node = int(np.abs(x - support.position).argmin())
+        mark(lamina, node, -1, base, np.zeros(base.size, dtype=np.int8))
     return found
 
 
