@@ -461,11 +461,13 @@ def completed(structure: Structure, case: Case, strain: StrainRows | None = None
         case: the case.
         strain: gives the strain of surfaces, see `with_sensors`; None: laminae that are apart.
     """
+    given = structure.layout.reading
     structure = with_start(driven(with_stops(structure, case), case), case)
     structure = in_moving_frame(structure)
     to_dofs = structure.layout.of_dofs
-    rows = None if strain is None else lambda *place: to_dofs(strain(*place))
-    return with_sensors(structure, case, rows)
+    if strain is None or structure.layout.reading is given:  # strains of solids are of free dofs
+        return with_sensors(structure, case, strain)
+    return with_sensors(structure, case, lambda *place: to_dofs(strain(*place)))
 
 
 def driven(structure: Structure, case: Case) -> Structure:

@@ -386,16 +386,15 @@ def own_rows(total: sp.spmatrix, first: int, stop: int, comm: MPI.Intracomm) -> 
         stop: the row after its last.
         comm: communicator whose ranks have the rows in their order.
     """
+    total = sp.csr_matrix(total)
     if comm.size == 1:
-        return sp.csr_matrix(total)
-    entries = sp.coo_matrix(total)
-    is_own = (entries.row >= first) & (entries.row < stop)
-    others = entries.row[~is_own], entries.col[~is_own], entries.data[~is_own]
-    result = sp.csr_matrix(total)[first:stop]
-    for rows, columns, values in comm.allgather(others):
-        own = (rows >= first) & (rows < stop)
-        place = rows[own] - first, columns[own]
-        result = result + sp.csr_matrix((values[own], place), shape=result.shape)
+        return total
+    ends = [*comm.allgather(first), total.shape[0]]
+    others = [total[ends[r] : ends[r + 1]] if r != comm.rank else None for r in range(comm.size)]
+    result = total[first:stop]
+    for piece in comm.alltoall(others):  # each rank gets its own rows alone
+        if piece is not None and piece.nnz:
+            result = result + piece
     return result
 
 
