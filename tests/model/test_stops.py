@@ -14,6 +14,7 @@ from delam_fem.case.definition import Case
 from delam_fem.engines.session import ENGINES, EngineName
 from delam_fem.model import discretise
 from delam_fem.model.beams import closed_form
+from delam_fem.results.schema import VARIABLES
 
 EI, L, A, GAP, K = 10.0, 0.5, 2e-3, 1e-3, 400.0
 LAMINA = {
@@ -24,6 +25,7 @@ LAMINA = {
 FORCE = {"kind": "force", "lamina": "one", "position": L, "amplitude": 0.5, "frequency": 20.0}
 SHAKER = {"kind": "harmonic", "amplitude": 1e-4, "frequency": 20.0}
 RIGID = {"law": "newton", "restitution": 0.3}
+OF_STOPS = {"event_stop", *(name for name in VARIABLES if name.startswith("stop_"))}
 ELASTIC = {"stiffness": K, "damping": 0.02}
 
 
@@ -98,6 +100,7 @@ def test_rigid_stops_hold_the_tip(engine: EngineName) -> None:
     assert -GAP * 1.1 < float(relative.min()) < -0.9 * GAP
     middle = history["displacement"].sel(node=np.argmin(np.abs(history["x"].to_numpy() - 0.5 * L)))
     assert 0.8 * 4e-4 < float(middle.max()) < 1.2 * 4e-4
+    assert OF_STOPS <= set(history.data_vars)
     assert set(history["event_stop"].to_numpy().tolist()) == {0, 1}
     assert forces(result).min() >= 0.0
     assert result.summary["energy_residual"] < 1e-9

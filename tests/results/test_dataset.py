@@ -16,6 +16,8 @@ NAMES = ("lamina", "interface", "probe")
 """Coordinates that hold names."""
 OF_A_FORCE = ("force",)
 """Variables of runs that a force drives."""
+OF_STOPS = ("event_stop", *(name for name in VARIABLES if name.startswith("stop_")))
+"""Variables of runs with stops."""
 
 
 @pytest.fixture(scope="module")
@@ -40,9 +42,10 @@ def test_two_laminae_have_all_variables_without_the_dimension_of_interfaces(
     assert described(run) == [
         (row.name, tuple(d for d in row.dims if d != INTERFACE), row.units, row.long_name)
         for row in VARIABLES.values()
-        if row.name not in ("event_interface", *OF_A_FORCE) and not row.name.startswith("probe_")
+        if row.name not in ("event_interface", *OF_A_FORCE, *OF_STOPS)
+        and not row.name.startswith("probe_")
     ]
-    assert set(run.dims) == DIMENSIONS.keys() - {INTERFACE, "probe"}
+    assert set(run.dims) == DIMENSIONS.keys() - {INTERFACE, "probe", "stop"}
     assert "interface" not in run.variables
 
 
@@ -63,9 +66,9 @@ def test_three_laminae_have_all_variables() -> None:
     assert described(history) == [
         (row.name, row.dims, row.units, row.long_name)
         for row in VARIABLES.values()
-        if row.name not in OF_A_FORCE
+        if row.name not in (*OF_A_FORCE, *OF_STOPS)
     ]
-    assert set(history.dims) == set(DIMENSIONS)
+    assert set(history.dims) == DIMENSIONS.keys() - {"stop"}
     assert history["lamina"].values.tolist() == ["thick", "thin", "top"]
     assert history["interface"].values.tolist() == ["thick-thin", "thin-top"]
 
