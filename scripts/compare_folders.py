@@ -66,7 +66,7 @@ COMMANDS = {
     "reduce": "reduce default --set mesh.elements=6 --modes 4",
     "massless": f"run default {COARSE} --set model.kind=modes --set model.modes=3 --set "
     "time.mass=massless --set time.refine=4 --set contact.law=newton --set contact.restitution=0",
-    "overlay": "measure overlay {home}/run {home}/run/result.nc",
+    "overlay": "measure overlay {home}/run/result.nc {home}/run",
 }  # fmt: skip
 """Commands by name; "{home}" is the folder of all results. "overlay" takes that of "run"."""
 SWEEP = f"""base = "paper"

@@ -183,6 +183,7 @@ OLD_NAMES: tuple[tuple[str, str, dict[str, str]], ...] = (
         {},
     ),
     ("orbit", "orbit find", {}),
+    ("continue", "orbit follow", {"--key": ""}),
     ("continue", "orbit follow", {}),
     ("measure", "measure response", {"--excitation": "--excitation", "--poles": "--poles"}),
     ("measure", "measure read", {}),
@@ -219,7 +220,8 @@ def renamed(words: list[str]) -> tuple[list[str], str]:
         if first != old or (options and not found):
             continue
         for word in found:
-            others = [re.sub(f"^{word}(?==|$)", options[word], own) for own in others]
+            of_word = f"^{word}(?==|$)" if options[word] else f"^{word}(=|$)"  # "": a mere value
+            others = [text for own in others if (text := re.sub(of_word, options[word], own))]
         old, of_today = " ".join([old, *found]), " ".join([new, *(options[word] for word in found)])
         return [*new.split(), *others], f"`{old}` is called `{of_today}` now"
     return words, ""

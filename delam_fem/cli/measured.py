@@ -165,8 +165,12 @@ def _poles(data: xr.Dataset, pole_range: tuple[float, float] | None) -> list[tup
 
 
 def overlay_command(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of the results of a run.")],
-    files: Files,
+    paths: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="FILE… RUN", help="Files of a measurement; folder of the results of a run."
+        ),
+    ],
     output: Annotated[
         Path | None,
         typer.Option("-o", "--output", metavar="DIR", help="Folder (default: RUN/overlay)."),
@@ -181,8 +185,14 @@ def overlay_command(
     with reported(quiet):
         from delam_fem.results.measured.reading import assigned
         from delam_fem.results.overlay.whole import overlay
+        from delam_fem.system.errors import CaseError
         from delam_fem.system.files import claimed
 
+        runs, files = ([p for p in paths if p.is_dir() == is_run] for is_run in (True, False))
+        if len(runs) != 1 or not files:
+            given = ", ".join(map(str, paths))
+            raise CaseError(f"overlay: expected files and the folder of one run, given {given}")
+        run = runs[0]
         found = overlay(run, *files, channels=assigned(channels), units=units, rate=rate)
         folder = output or run / "overlay"
         with claimed(folder, inputs=files, may_hold_results=True) as directory:

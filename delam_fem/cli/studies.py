@@ -139,12 +139,16 @@ def _parameter(kind: type[Options], name: str, flag: Flag, text: str) -> tuple[A
         words = [f"{own:g}" if flag.kind is float else str(own) for own in default]
         default = ",".join(words) if flag.is_joined else words
     unit = _UNIT.search(text)
+    text = f"{text[0].upper()}{text[1:]}".replace("[", r"\[")  # units are no markup
+    empty = inspect.Parameter.empty
+    default = empty if default is MISSING else default
+    if flag.is_argument:
+        return Annotated[hint, typer.Argument(metavar=flag.metavar, help=text)], default
     own = typer.Option(
         *(flag.names or [f"--{name.replace('_', '-')}"]),
         metavar=flag.metavar or (unit and unit[1].upper() + ",…" * flag.is_joined),
         min=flag.least if math.isfinite(flag.least) else None,
         max=flag.most if math.isfinite(flag.most) else None,
-        help=f"{text[0].upper()}{text[1:]}".replace("[", r"\["),  # units are no markup
+        help=text,
     )
-    empty = inspect.Parameter.empty
-    return Annotated[hint | None, own], empty if default is MISSING else default
+    return Annotated[hint | None, own], default

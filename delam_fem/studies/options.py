@@ -28,6 +28,7 @@ class Flag:
         least, most: bounds of a number.
         is_joined: whether several values stand in one text with commas between them; otherwise
             the option is repeated.
+        is_argument: whether the value stands behind the case, without a name.
         kind: type of a value, read from the field: float, int, str, Path or a `Literal`.
         is_several: whether the field takes several values.
     """
@@ -37,6 +38,7 @@ class Flag:
     least: float = -math.inf
     most: float = math.inf
     is_joined: bool = False
+    is_argument: bool = False
     kind: Any = str
     is_several: bool = False
 
@@ -334,7 +336,7 @@ class Continue(OfOrbits):
 
     start: Annotated[str, Flag(("--from",), "X")]
     stop: Annotated[str, Flag(("--to",), "X")]
-    key: Annotated[str, Flag(metavar="KEY")] = "excitation.frequency"
+    key: Annotated[str, Flag(metavar="KEY", is_argument=True)] = "excitation.frequency"
     doublings: Annotated[int, Flag(least=0)] = 1
     step: Annotated[float, Flag(least=1e-4, most=0.5)] = 0.04
     over: Annotated[Path | None, Flag(metavar="SWEEP")] = None

@@ -352,6 +352,8 @@ def test_a_preset_or_the_schema_is_written_to_a_file(
         ("orbit default --settle 9", "orbit find default --settle 9"),
         ("orbit --settle 9 default", "orbit find --settle 9 default"),
         ("continue a --from 1 --to 2", "orbit follow a --from 1 --to 2"),
+        ("continue a --key b --from 1", "orbit follow a b --from 1"),
+        ("continue a --key=b --from 1", "orbit follow a b --from 1"),
         ("measure x.csv --units mm", "measure read x.csv --units mm"),
         ("measure x.csv --excitation f", "measure response x.csv --excitation f"),
         ("measure x.csv --poles 1 2", "measure response x.csv --poles 1 2"),

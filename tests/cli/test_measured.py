@@ -85,7 +85,7 @@ def test_overlay_says_how_a_measurement_differs(run: Path, tmp_path: Path) -> No
     history = xr.load_dataset(run / "result.nc", engine="h5netcdf")
     t, (a, b) = recorded(history, period=small_case().period, start=14.4, noise=1e-4)
     path = write_csv(tmp_path / "m.csv", t, {"tip thick": a, "tip thin": 1.5 * b})
-    status, output = call("measure", "overlay", run, path)
+    status, output = call("measure", "overlay", path, run)
     assert status == 0, output
     assert "tip thin: measured 1.5 ±" in output and "time of the run =" in output
     assert (run / "overlay" / "overlay.html").is_file()
@@ -95,6 +95,8 @@ def test_overlay_says_how_a_measurement_differs(run: Path, tmp_path: Path) -> No
     assert status == 2 and "none of its channels (a, b) is in the run" in output
     status, output = call("measure", "overlay", tmp_path, path)
     assert status == 2 and "result.nc" in output
+    status, output = call("measure", "overlay", path, tmp_path / "none")
+    assert status == 2 and "the folder of one run" in " ".join(output.split())
 
 
 @pytest.mark.parametrize("to", ["csv", "mat", "uff", "vtkhdf"])

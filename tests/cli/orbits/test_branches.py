@@ -49,7 +49,7 @@ def test_the_command(tmp_path: Path) -> None:
     status, output = invoke("paper", *SMALL, *RANGE, "-o", folder, "--resume", "-q")
     assert status == 0, output
     status, output = invoke(
-        "paper", *SMALL, "--key", "contact.restitution", "--from", "0.1", "--to", "0.2",
+        "paper", "contact.restitution", *SMALL, "--from", "0.1", "--to", "0.2",
         "-o", tmp_path / "c", "--over", tmp_path / "s",
     )  # fmt: skip
     assert status == 2 and "expected a sweep over contact.restitution" in " ".join(output.split())
@@ -59,7 +59,7 @@ def test_the_command(tmp_path: Path) -> None:
     ("arguments", "message"),
     [
         (("--from", "3.7", "--to", "3.7"), "expected a range"),
-        (("--key", "contact.law", "--from", "1", "--to", "2"), "contact.law"),
+        (("contact.law", "--from", "1", "--to", "2"), "contact.law"),
         (("--from", "3.7", "--to", "-1"), "excitation.frequency"),
     ],
 )
