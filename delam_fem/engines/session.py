@@ -318,7 +318,7 @@ class Solution:
         ) -> xr.Variable:
             return xr.Variable(dims, values, {"units": unit, "long_name": meaning})
 
-        n, impacts, at = self.recorder.n_closed, self.impacts, ("impact",)
+        n, impacts, at = self.recorder.n_closed, self.impacts, ("event",)
         energies = {
             f"energy_{name}": of(("period",), column, "J", f"energy: {name.replace('_', ' ')}")
             for name, column in self.energy.items()
@@ -330,10 +330,10 @@ class Solution:
                 "strobe_displacement": of(
                     ("probe", "period"), self.recorder.strobe[:n, 0].T, "m", "at ends of periods"
                 ),
-                "impact_time": of(at, impacts.time, "s", "end of the step of an impulse"),
-                "impact_pair": of(at, impacts.pair, "1", "contact pair, from 0"),
-                "impact_impulse": of(at, impacts.impulse, "N s", "impulse on the pair"),
-                "impact_rate_pre": of(at, impacts.rate_pre, "m/s", "gap rate before it"),
+                "event_time": of(at, impacts.time, "s", "end of the step of an impulse"),
+                "event_pair": of(at, impacts.pair, "1", "contact pair, from 0"),
+                "event_impulse": of(at, impacts.impulse, "N s", "impulse on the pair"),
+                "event_velocity_before": of(at, impacts.rate_pre, "m/s", "gap rate before it"),
                 **energies,
             },
             {

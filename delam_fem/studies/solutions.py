@@ -39,7 +39,7 @@ def save(solution: Solution, directory: str | Path, title: str = "Own operators"
     directory.mkdir(parents=True, exist_ok=True)
     numbers = {
         "outcome": solution.outcome,
-        "impacts": int(data.sizes["impact"]),
+        "impacts": int(data.sizes["event"]),
         "energy_residual": float(data.attrs["energy_residual"]),
         "lowest_displacement": data["displacement"].min("time").values.tolist(),
         "highest_displacement": data["displacement"].max("time").values.tolist(),
@@ -73,7 +73,7 @@ def _histories(data: xr.Dataset) -> Figure:
         name = str(row["probe"].values) if "probe" in data.coords else f"probe {number + 1}"
         axes.plot(data["time"], 1e3 * row, label=name)
     low, _ = axes.get_ylim()
-    axes.plot(data["impact_time"], np.full(data.sizes["impact"], low), "|", color="k")
+    axes.plot(data["event_time"], np.full(data.sizes["event"], low), "|", color="k")
     axes.set(xlabel="time [s]", ylabel="displacement [mm]")
     axes.legend()
     return figure
