@@ -92,7 +92,7 @@ def test_operators_run_until_a_time() -> None:
     history = found.history
     assert history.displacement.shape == (2, history.sizes["time"])
     assert history.displacement.attrs["units"] == "m"
-    assert history.sizes["impact"] > 0
+    assert history.sizes["event"] > 0
     assert float(history.event_impulse.min()) >= 0.0
     gap = 1e-3 + history.displacement[1] - history.displacement[0]
     assert float(gap.min()) < 1e-3
