@@ -437,7 +437,7 @@ def summary_of(motion: ProbeMotion, case: Case) -> dict[str, Any]:
 
     Returns:
         Values by name [m, -]; None or NaN if a number has no meaning: harmonics and periodicity
-        under a swept sine, contacts without a contact law.
+        under a swept sine, contacts of tips without a contact law or beside a single lamina.
     """
     q, N = motion.displacement, case.steps_per_period
     n_periods = q.shape[1] / N
@@ -445,7 +445,7 @@ def summary_of(motion: ProbeMotion, case: Case) -> dict[str, Any]:
     amplitudes = _harmonics(motion.whole_periods(N), N) if is_harmonic else None
     repeats = _periodicity_of(motion, N) if is_harmonic else _NO_PERIODICITY
     contacts = None
-    if case.contact.law != "none":
+    if case.contact.law != "none" and motion.is_closed.shape[0]:
         is_closed = motion.is_closed.any(axis=0)
         contacts = count_contacts(is_closed, GROUP_PERIODS * N) / n_periods
     return {

@@ -185,9 +185,9 @@ def _periodicity(run: Run) -> str:
 def _contacts(run: Run) -> str:
     """Say how often the probes meet, and how fast."""
     rate, gap = run.summary.get("tip_contacts_per_period"), run.summary.get("minimum_tip_gap")
-    if rate is None:
+    if rate is None and len(run.case.lamina) > 1:
         return "without contact: the laminae pass through one another"
-    if rate == 0.0:
+    if not rate:
         if gap is None or not np.isfinite(gap):  # nothing is known of contacts
             return ""
         near = f" (the smallest gap is {1e3 * gap:.3g} mm)" if gap > 0.0 else ""
