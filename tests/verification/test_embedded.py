@@ -64,7 +64,7 @@ def test_nothing_opens_without_cause() -> None:
 
 
 def test_small_motion_beside_an_opening_is_the_free_linear_one() -> None:
-    given = {"delamination__0__opening": 1e-3, "excitation__acceleration": 0.01}
+    given = {"delamination__1__opening": 1e-3, "excitation__acceleration": 0.01}
     apart = run(**given)
     free = run(**given, contact__law="none", time__scheme="newmark")
     assert apart.summary["impacts_per_period"] == 0
@@ -156,7 +156,7 @@ def test_sweeps_move_a_delamination(tmp_path: Path) -> None:
     assert data["start"].attrs["units"] == "m"
     assert data["outcome"].values.tolist() == ["completed"] * 3
     alone = run("compiled", **{
-        "delamination__0__start": 0.1333, "time__periods": 3, "output__window_periods": 1,
+        "delamination__1__start": 0.1333, "time__periods": 3, "output__window_periods": 1,
     })  # fmt: skip
     np.testing.assert_array_equal(data["tip_max"][2], alone.summary["tip_max"])
     data.close()

@@ -72,7 +72,7 @@ def test_middle_line_follows_a_bent_lamina() -> None:
 
 def test_lamina_that_is_too_short_is_refused() -> None:
     mesh = two_bricks("quadrilateral", (5, 1), (5, 1), ends=(0.0, 1.5))
-    with pytest.raises(CaseError, match=r"lamina 1 .* from x = 0 m to 2 m, .* nothing .* at 2 m"):
+    with pytest.raises(CaseError, match=r"lamina 2 .* from x = 0 m to 2 m, .* nothing .* at 2 m"):
         body.middle_line(mesh, 1, X)
 
 
