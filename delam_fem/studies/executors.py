@@ -203,6 +203,15 @@ class _ListeningPool(ProcessPoolExecutor):
         self._listener = QueueListener(messages, _Here())
         self._listener.start()
 
+    def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Submit a call; the death of a worker that was started for it must be noticed, too."""
+        n_workers = len(self._processes or ())
+        future = super().submit(function, *args, **kwargs)
+        if n_workers and len(self._processes) > n_workers:
+            with self._shutdown_lock:  # the manager may have listed the workers before the new one
+                self._executor_manager_thread_wakeup.wakeup()
+        return future
+
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Shut the pool down, and show the last messages."""
         super().shutdown(wait, cancel_futures=cancel_futures)
