@@ -513,6 +513,11 @@ class Support(Section):
     rotational_stiffness: Annotated[Positive | None, Unit("N m")] = None
     inside: tuple[InnerSupport, ...] = ()
 
+    @property
+    def held(self) -> tuple[InnerSupport, ...]:
+        """The supports inside the span at which a node is held: all but springs."""
+        return tuple(own for own in self.inside if own.kind != "spring")
+
     @model_validator(mode="before")
     @classmethod
     def _from_tables(cls, data: object) -> object:

@@ -57,7 +57,7 @@ def edges(case: Case) -> FloatArray:
     are no springs.
     """
     length = case.length
-    held = {own.position for own in case.support.inside if own.kind != "spring"}
+    held = {own.position for own in case.support.held}
     places = sorted({edge for own in case.delamination for edge in (own.start, own.end)} | held)
     margin = NODE_TOLERANCE * length
     kept = [0.0]

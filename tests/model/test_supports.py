@@ -78,6 +78,14 @@ def test_a_spring_at_a_place_moves_smoothly_with_it() -> None:
     assert np.abs(np.diff(f, 2)).max() < 0.04 * np.abs(np.diff(f)).max()
 
 
+@pytest.mark.parametrize("place", [0.01, 0.5, 0.99])
+def test_a_spring_holds_no_node(place: float) -> None:
+    """The reference is the middle, as without it, also where the node nearest to it is an end."""
+    case = case_of(PINNED, {"position": place * L, "kind": "spring", "stiffness": 10.0})
+    (probe,) = closed_form.assemble(case).layout.probes
+    assert probe == closed_form.assemble(case_of(PINNED)).layout.probes[0]
+
+
 def test_a_slow_base_carries_springs_and_pins_along() -> None:
     slow = {"kind": "harmonic", "amplitude": 1e-3, "frequency": 0.2}
     spring = {"position": 0.6 * L, "kind": "spring", "stiffness": 1e4, "damping": 0.1}

@@ -208,7 +208,7 @@ def network(case: Case, x: FloatArray) -> Network:
     axial: dict[tuple[int, int], int] = {}
     n_free = n_axial = 0
     supports = {0: case.support.start, n: case.support.end}
-    inner = {_node(x, own.position): own for own in case.support.inside if own.kind != "spring"}
+    inner = {_node(x, own.position): own for own in case.support.held}
     junctions = {0, *(s.last for s in segments)}
     for node in range(n + 1):
         touching = [s.groups for s in segments if s.first <= node <= s.last]
@@ -662,9 +662,9 @@ def layout_of(case: Case, network: Network) -> Layout:
     )
     supports += tuple(
         Support(i, _node(x, own.position), own.kind)
-        for own in case.support.inside
+        for own in case.support.held
         for i, lamina in enumerate(case.lamina)
-        if own.kind != "spring" and own.lamina in (None, lamina.name)
+        if own.lamina in (None, lamina.name)
     )
     return Layout(parts, interfaces, probes_of(case, x), supports)
 
@@ -703,7 +703,7 @@ def _reference(case: Case, x: FloatArray) -> tuple[int, str]:
 def _nearest(x: FloatArray, place: float, case: Case) -> int:
     """Return the inner node nearest to a place that no support holds."""
     distance = np.abs(x[1:-1] - place)
-    distance[[_node(x, own.position) - 1 for own in case.support.inside]] += case.length
+    distance[[_node(x, own.position) - 1 for own in case.support.held]] += case.length
     return 1 + int(np.argmin(distance))
 
 
