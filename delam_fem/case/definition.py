@@ -233,10 +233,6 @@ class Case(Section):
                 'expected a structure that is held with time.mass = "massless", given '
                 f'"{self.support.start}" and "{self.support.end}" ends',
             )
-        if self.stop:
-            raise inconsistent(
-                "stop", f'expected none with time.mass = "massless", given {len(self.stop)}'
-            )
         is_rigid = self.contact.law == "newton" and not self.contact.restitution
         if self.contact.law != "none" and not is_rigid:
             raise inconsistent(
@@ -283,11 +279,9 @@ class Case(Section):
             ("initial", self.initial),
         )
         for section, entries in named:
-            if entries and (self.model.kind != "beam" or self.is_massless):
+            if entries and self.model.kind != "beam":
                 raise inconsistent(
-                    section,
-                    'expected only with model.kind = "beam" and another scheme than "massless", '
-                    f'given "{self.model.kind}" and "{self.time.scheme}"',
+                    section, f'expected only with model.kind = "beam", given "{self.model.kind}"'
                 )
             for number, own in enumerate(entries, start=1):
                 if own.lamina is not None and own.lamina not in names:

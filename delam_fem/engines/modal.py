@@ -729,7 +729,7 @@ class ModalEngine:
             is_open: whether laminae pass through one another.
 
         Raises:
-            ValueError: the problem has no such modes.
+            CaseError: the problem has no such modes.
         """
         touching = operators.without_contact() if is_open else operators
         periods = Periods(reduce(touching, modes), time_step, refine)

@@ -103,10 +103,7 @@ def engine_of(
         from delam_fem.engines.modal import ModalEngine
 
         is_open, refine = law.name == "none", refinement.factor
-        try:
-            return ModalEngine(one, modes, time_step, refine, is_open=is_open)
-        except ValueError as error:
-            raise CaseError(f"model.{error}") from None
+        return ModalEngine(one, modes, time_step, refine, is_open=is_open)
     if name not in ENGINES:
         raise CaseError(f"engine: expected {' or '.join(map(repr, ENGINES))}, given {name!r}")
     if name == "petsc" and find_spec("petsc4py") is None:

@@ -45,11 +45,10 @@ class Gap:
 def from_forms(
     mass: Any,
     stiffness: Any,
-    damping: Any = (0.0, 0.0),
-    *,
-    base: Sequence[Any] = (),
+    damping: Any,
+    base: Sequence[Any],
     gap: Gap | tuple[Any, Any],
-    probes: Mapping[str, tuple[Sequence[float], Sequence[float]]] | None = None,
+    probes: Mapping[str, tuple[Sequence[float], Sequence[float]]] | None,
 ) -> Operators | DistributedOperators:
     """Assemble bilinear UFL forms on one space; see `Operators.from_forms`."""
     from delam_fem.model import _dolfinx
@@ -67,7 +66,7 @@ def from_forms(
         name: _dolfinx.rows_at(space, np.atleast_2d(point), along)
         for name, (point, along) in (probes or {}).items()
     }
-    result = from_petsc(M, C, K, gap=gap, base=_dolfinx.held_by(base, M), probes=seen)
+    result = from_petsc(M, C, K, gap, _dolfinx.held_by(base, M), seen)
     for matrix in (M, K, *([] if isinstance(C, tuple) else [C])):
         matrix.destroy()
     return result
@@ -77,10 +76,9 @@ def from_petsc(
     mass: PETSc.Mat,
     damping: Any,
     stiffness: PETSc.Mat,
-    *,
     gap: tuple[Any, Any],
-    base: FloatArray | None = None,
-    probes: Mapping[str, Any] | None = None,
+    base: FloatArray | None,
+    probes: Mapping[str, Any] | None,
 ) -> Operators | DistributedOperators:
     """Take assembled matrices over; see `Operators.from_petsc`."""
     from petsc4py import PETSc

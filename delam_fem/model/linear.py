@@ -58,6 +58,14 @@ def lowest(
     return omega / (2.0 * np.pi), vectors
 
 
+def elastic(
+    K: sp.csr_matrix, M: sp.csr_matrix, n: int, n_rigid: int
+) -> tuple[FloatArray, FloatArray]:
+    """Return the n lowest frequencies and vectors behind the rigid motions; see `lowest`."""
+    found, vectors = lowest(K, M, n_rigid + n, is_floating=n_rigid > 0)
+    return found[n_rigid:], vectors[:, n_rigid:]
+
+
 _ITERATIONS = 12
 """Number of inverse iterations; each divides the share of mode 2 by (ω2/ω1)² = 39."""
 
@@ -96,9 +104,8 @@ def first_shapes(case: Case, structure: Structure) -> FloatArray:
     if case.is_apart:
         n = len(structure.layout.parts)
         return np.asarray(np.sum([first_mode(structure, i) for i in range(n)], axis=0))
-    rigid, o = case.n_rigid, structure.operators
-    _, vectors = lowest(o.stiffness, o.mass, rigid + 1, is_floating=rigid > 0)
-    shape = vectors[:, rigid]
+    o = structure.operators
+    shape = elastic(o.stiffness, o.mass, 1, case.n_rigid)[1][:, 0]
     return np.asarray(shape / np.abs(o.probes @ shape).max())
 
 

@@ -258,7 +258,7 @@ class Operators(Recorded):
         """
         from delam_fem.model import forms
 
-        return forms.from_forms(mass, stiffness, damping, base=base, gap=gap, probes=probes)
+        return forms.from_forms(mass, stiffness, damping, base, gap, probes)
 
     @staticmethod
     def from_petsc(
@@ -289,7 +289,7 @@ class Operators(Recorded):
         """
         from delam_fem.model import forms
 
-        return forms.from_petsc(mass, damping, stiffness, gap=gap, base=base, probes=probes)
+        return forms.from_petsc(mass, damping, stiffness, gap, base, probes)
 
     @property
     def n_dofs(self) -> int:

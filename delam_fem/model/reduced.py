@@ -36,6 +36,7 @@ from scipy.sparse.linalg import splu
 from delam_fem.model.linear import lowest
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.types import FloatArray, IntArray
+from delam_fem.system.errors import CaseError
 
 NOT_RAYLEIGH = 1e-6
 """Largest entry of C - α M - β K relative to that of C, above which C is not of Rayleigh's form."""
@@ -143,11 +144,11 @@ def reduce(operators: Operators, modes: int) -> Reduced:
         modes: number of modes kept of each part.
 
     Raises:
-        ValueError: damping is not of Rayleigh's form, a part can move as a rigid body, or the
+        CaseError: damping is not of Rayleigh's form, a part can move as a rigid body, or the
             omitted modes have no flexibility at some pairs.
     """
     if modes < 1:
-        raise ValueError(f"modes: expected at least 1, given {modes}")
+        raise CaseError(f"model.modes: expected at least 1, given {modes}")
     o = operators
     count, label = connected_components(abs(o.mass) + abs(o.stiffness) + abs(o.damping), False)
     pieces = [_piece(o, np.flatnonzero(label == part), modes) for part in range(count)]
@@ -196,7 +197,7 @@ def _piece(o: Operators, dofs: IntArray, modes: int) -> _Piece:
     with np.errstate(all="ignore"):
         whole = splu(K).solve(loads)
     if not np.isfinite(whole).all():
-        raise ValueError("modes: a part is not held; support each part")
+        raise CaseError("model.modes: a part is not held; support each part")
     residual = np.zeros((o.n_dofs, loads.shape[1]))
     residual[dofs] = whole - vectors @ ((vectors.T @ loads) / squares[:, None])
     if not o.base.is_force:
@@ -218,14 +219,14 @@ def _rayleigh(
     """Return α and β of C = α M + β K, from the two lowest modes.
 
     Raises:
-        ValueError: C has another form.
+        CaseError: C has another form.
     """
     d = np.einsum("ij,ij->j", vectors, C @ vectors)
     beta = float((d[1] - d[0]) / (squares[1] - squares[0])) if d.size > 1 else 0.0
     alpha = float(d[0] - beta * squares[0])
     largest = abs(C).max()
     if abs(C - alpha * M - beta * K).max() > NOT_RAYLEIGH * largest:
-        raise ValueError("modes: expected C = alpha M + beta K in each part")
+        raise CaseError("model.modes: expected C = alpha M + beta K in each part")
     is_round_off = abs(beta) * squares[-1] <= 1e-9 * abs(d[-1])
     return alpha, 0.0 if is_round_off else beta
 
@@ -234,11 +235,11 @@ def _require_flexible(W: FloatArray, modes: int) -> None:
     """Check that the omitted modes give way at every pair.
 
     Raises:
-        ValueError: they do not.
+        CaseError: they do not.
     """
     scale = 1.0 / np.sqrt(np.maximum(W.diagonal(), 1e-300))
     if W.size and np.linalg.eigvalsh(scale[:, None] * W * scale)[0] < TOO_RIGID:
-        raise ValueError(
-            f"modes: the modes beyond the lowest {modes} cannot follow all {len(W)} contact "
+        raise CaseError(
+            f"model.modes: the modes beyond the lowest {modes} cannot follow all {len(W)} contact "
             "points; use fewer modes, more mesh.elements or fewer contact.points_per_element"
         )

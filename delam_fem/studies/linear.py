@@ -12,7 +12,7 @@ from delam_fem.case.drive import Excitation, ForceExcitation, HarmonicExcitation
 from delam_fem.model import discretise
 from delam_fem.model.beams import closed_form
 from delam_fem.model.layout import Structure
-from delam_fem.model.linear import at_start, first_mode, keeping_closed, lowest, response
+from delam_fem.model.linear import at_start, elastic, first_mode, keeping_closed, response
 from delam_fem.numerics.types import FloatArray
 from delam_fem.simulation.loop import State
 
@@ -87,13 +87,13 @@ def first_frequencies(case: Case) -> list[float]:
     """
     if _is_exact(case):
         return [float(lamina.angular_frequencies(1)[0]) for lamina in case.lamina]
-    fine, rigid = _fine(case.to_toml()), case.n_rigid
+    fine = _fine(case.to_toml())
     o = fine.operators
     if case.is_apart:
         shapes = [first_mode(fine, i) for i in range(len(case.lamina))]
         return [math.sqrt((v @ (o.stiffness @ v)) / (v @ (o.mass @ v))) for v in shapes]
-    found, _ = lowest(o.stiffness, o.mass, rigid + 1, is_floating=rigid > 0)
-    return [2.0 * math.pi * float(found[rigid])] * len(case.lamina)
+    found, _ = elastic(o.stiffness, o.mass, 1, case.n_rigid)
+    return [2.0 * math.pi * float(found[0])] * len(case.lamina)
 
 
 @lru_cache(maxsize=4)

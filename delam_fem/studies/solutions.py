@@ -6,8 +6,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.figure import Figure
 
 from delam_fem.engines.session import Solution
 from delam_fem.results.folder import RESULT, write_dataset
@@ -16,7 +16,6 @@ from delam_fem.studies.findings import Report, Table
 
 if TYPE_CHECKING:
     import xarray as xr
-    from matplotlib.figure import Figure
 
 
 def save(solution: Solution, directory: str | Path, title: str = "Own operators") -> list[Path]:
@@ -67,7 +66,8 @@ def save(solution: Solution, directory: str | Path, title: str = "Own operators"
 
 def _histories(data: xr.Dataset) -> Figure:
     """Draw the displacements of the probes over time, and the instants of impacts."""
-    figure, axes = plt.subplots()
+    figure = Figure()
+    axes = figure.subplots()
     for number in range(data.sizes["probe"]):
         row = data["displacement"].isel(probe=number)
         name = str(row["probe"].values) if "probe" in data.coords else f"probe {number + 1}"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import delam_fem as df
-from delam_fem.model import _dolfinx, forms
+from delam_fem.model import _dolfinx
 from delam_fem.model.operators import spread
 from delam_fem.system.mpi import MPI
 
@@ -107,7 +107,7 @@ def test_matrices_of_petsc_keep_what_is_known_of_them(
     assert again.near_null is not None
     assert np.linalg.matrix_rank(np.column_stack([again.near_null, shapes])) == 2
     with pytest.raises(df.CaseError, match="base: expected one number for each own dof"):
-        forms.from_petsc(
+        df.Operators.from_petsc(
             whole.mass, whole.damping, whole.stiffness, gap=(o.gap_matrix, o.gap0), base=np.zeros(1)
         )
 

@@ -76,7 +76,7 @@ from delam_fem.model.layout import (
     probe_rows,
     tributary_lengths,
 )
-from delam_fem.model.linear import kept_closed, lowest
+from delam_fem.model.linear import elastic, kept_closed
 from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.model.sensors import StrainRows, with_sensors
 from delam_fem.model.stops import in_moving_frame, with_stops
@@ -721,9 +721,8 @@ def damping(case: Case, layout: Layout, M: sp.csr_matrix, K: sp.csr_matrix) -> t
         K: stiffness of the free dofs.
     """
     S = kept_closed(layout, M.shape[0])
-    rigid = case.n_rigid
-    found, _ = lowest(S.T @ K @ S, S.T @ M @ S, rigid + 2, is_floating=rigid > 0)
-    first, second = (_TWO_PI * found[rigid : rigid + 2]).tolist()
+    found, _ = elastic(S.T @ K @ S, S.T @ M @ S, 2, case.n_rigid)
+    first, second = (_TWO_PI * found).tolist()
     return oscillator.coefficients(_damping_ratio(case), first, second, case.damping.rayleigh)
 
 

@@ -21,7 +21,7 @@ import xarray as xr
 from delam_fem.case.definition import Case
 from delam_fem.engines.session import session_of
 from delam_fem.model import discretise
-from delam_fem.model.linear import keeping_closed, lowest, response
+from delam_fem.model.linear import elastic, keeping_closed, response
 from delam_fem.numerics.types import FloatArray
 from delam_fem.results.measured.reading import assigned, read_measured
 from delam_fem.results.measured.reading import scan as measured_scan
@@ -212,10 +212,9 @@ def settling_periods(case: Case, settled: float = SETTLED) -> int:
     """Return after how many periods that share of a free motion of the lowest mode is left."""
     structure = discretise.assemble(case, needs_dolfinx=False)
     o = structure.operators
-    rigid = case.n_rigid
-    found, _ = lowest(o.stiffness, o.mass, rigid + 1, is_floating=rigid > 0)
+    found, _ = elastic(o.stiffness, o.mass, 1, case.n_rigid)
     D = min(lamina.damping_ratio for lamina in case.lamina)
-    decay = 2.0 * math.pi * D * float(found[rigid])
+    decay = 2.0 * math.pi * D * float(found[0])
     return math.ceil(-math.log(settled) / decay * case.excitation.top_frequency) if decay else 0
 
 

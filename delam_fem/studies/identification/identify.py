@@ -62,12 +62,13 @@ def posterior_figure(
         unknowns: in the order of the columns.
         truth: values of a synthetic measurement; None: not known.
     """
-    import matplotlib.pyplot as plt
+    from matplotlib.figure import Figure
     from matplotlib.ticker import MaxNLocator
 
     n = len(unknowns)
     low, high = _ranges(posterior, truth)
-    figure, axes = plt.subplots(n, n, figsize=(PANEL * n, PANEL * n), squeeze=False)
+    figure = Figure(figsize=(PANEL * n, PANEL * n))
+    axes = figure.subplots(n, n, squeeze=False)
     for i, row in enumerate(unknowns):
         for j, column in enumerate(unknowns):
             panel = axes[i, j]
@@ -120,9 +121,10 @@ def _posterior_title(truth: list[float] | None) -> str:
 
 def resonance_figure(found: Resonance) -> Figure:
     """Draw measured amplitudes, the fit, the peak and the natural frequency."""
-    import matplotlib.pyplot as plt
+    from matplotlib.figure import Figure
 
-    figure, panel = plt.subplots(figsize=(7.0, 4.0))
+    figure = Figure(figsize=(7.0, 4.0))
+    panel = figure.subplots()
     shown = found.amplitudes
     panel.plot(shown.frequency, shown.amplitude, ".", color=BLUE, ms=2.5, label="measured")
     panel.plot(shown.frequency, shown.fitted, color=VERMILLION, label="fit")

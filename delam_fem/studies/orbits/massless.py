@@ -145,10 +145,7 @@ class ModalMap:
     def _problem(self, case: Case) -> ModalProblem:
         """Return the problem of a case; the table of its drive begins at the phase."""
         structure = self._family.structure(case)
-        try:
-            reduced = reduce(structure.operators, case.model.modes)
-        except ValueError as error:
-            raise CaseError(f"model.{error}") from None
+        reduced = reduce(structure.operators, case.model.modes)
         periods = Periods(reduced, case.time_step, case.time.refine)
         table, first = motion_of(case)(0), round(self._phase * case.steps_per_period)
         drive = periods.drive(np.concatenate([table[first:-1], table[: first + 1]]))
