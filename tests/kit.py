@@ -1,11 +1,16 @@
-"""What tests share: calls of the command and of compiled code, a small case, a small sweep."""
+"""What tests share: calls of the command and of compiled code, small inputs, covering arrays."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numba
+import pytest
+from _pytest.mark import ParameterSet
+from covertable import make
 from typer.testing import CliRunner, Result
 
 from delam_fem.cli.app import app
@@ -32,3 +37,16 @@ def invoke(*arguments: str | Path) -> Result:
 def compiled(function: Any) -> Any:
     """Return a function that Python can call, of one that is for compiled code alone."""
     return numba.njit(lambda *arguments: function(*arguments))
+
+
+def covering(*axes: Sequence[Any]) -> list[ParameterSet]:
+    """Return all combinations of values; those without which any two still meet are nightly."""
+    numbers = [range(len(axis)) for axis in axes]
+    short = {tuple(cell) for cell in make([list(own) for own in numbers])}
+    return [
+        pytest.param(
+            *(axis[k] for axis, k in zip(axes, cell, strict=True)),
+            marks=() if cell in short else pytest.mark.nightly,
+        )
+        for cell in product(*numbers)
+    ]

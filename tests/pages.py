@@ -8,14 +8,21 @@ anything, and numbers agree to `CLOSE`).
 
 from __future__ import annotations
 
+import io
 import math
-import os
 import re
+import runpy
 import shlex
 import subprocess
 import sys
+import warnings
+from contextlib import chdir, redirect_stdout
 from pathlib import Path
 from typing import NamedTuple
+
+from typer.testing import CliRunner
+
+from delam_fem.cli.app import app
 
 BLOCK = re.compile(
     r"(?:^<!-- (?P<note>not run in tests: \S.*|nightly|file: \S+|output) -->\n+)?"
@@ -66,18 +73,32 @@ def commands(code: str) -> list[list[str]]:
     return [words for line in lines if (words := shlex.split(line, comments=True))]
 
 
-def run(arguments: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
+def run(script: Path, folder: Path) -> str:
+    """Run a script in a folder, in a process of its own if it starts some; return its output."""
+    if "__main__" not in script.read_text(encoding="utf-8"):
+        printed = io.StringIO()
+        with chdir(folder), redirect_stdout(printed), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            runpy.run_path(str(script), run_name="__main__")
+        return printed.getvalue()
     done = subprocess.run(
-        arguments,
+        [sys.executable, str(script)],
         cwd=folder,
-        env={**os.environ, "MPLBACKEND": "Agg", "PYVISTA_OFF_SCREEN": "true", "COLUMNS": "120"},
         stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,
         timeout=LONGEST,
     )
     assert done.returncode == 0, done.stderr
-    return done
+    return done.stdout
+
+
+def call(words: list[str], folder: Path) -> str:
+    """Call the command in a folder and return what it prints."""
+    with chdir(folder):
+        done = CliRunner().invoke(app, words, env={"COLUMNS": "120"})
+    assert done.exit_code == 0, done.output
+    return done.output
 
 
 def run_block(block: Block, folder: Path) -> str:
@@ -85,13 +106,12 @@ def run_block(block: Block, folder: Path) -> str:
     if block.language == "python":
         script = folder / "block.py"
         script.write_text(block.code, encoding="utf-8")
-        return run([sys.executable, str(script)], folder).stdout
+        return run(script, folder)
     printed = ""
     for program, *words in commands(block.code):
         name = Path(program).name
         assert name in ("delam-fem", "python"), program
-        known = sys.executable if name == "python" else str(Path(sys.executable).parent / name)
-        printed += run([known, *words], folder).stdout
+        printed += run(folder / words[0], folder) if name == "python" else call(words, folder)
     return printed
 
 

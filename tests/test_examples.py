@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import os
 import re
+import runpy
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 
 import pytest
@@ -33,6 +35,8 @@ SAID = {
 """A line that each example prints; a new one must at least print a number."""
 
 
+ALONE = ("body", "sweep")
+"""Examples that run on two ranks too, or start processes."""
 OWN_FORMS = ("body", "plate", "timoshenko")
 LONGEST_FORM = 40  # lines: the promise of a short way in
 
@@ -54,9 +58,21 @@ def printed(path: Path, folder: Path, *launcher: str) -> str:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.stem)
-def test_example_runs_and_says_its_numbers(path: Path, tmp_path: Path) -> None:
-    assert re.search(SAID.get(path.stem, r"\d"), printed(path, tmp_path), re.MULTILINE)
+@pytest.mark.parametrize(
+    "path", [path for path in SCRIPTS if path.stem not in ALONE], ids=lambda path: path.stem
+)
+def test_example_runs_and_says_its_numbers(
+    path: Path, elsewhere: None, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        runpy.run_path(str(path), run_name="__main__")
+    assert re.search(SAID.get(path.stem, r"\d"), capsys.readouterr().out, re.MULTILINE)
+
+
+@pytest.mark.slow
+def test_a_sweep_in_a_script_runs_and_says_its_numbers(tmp_path: Path) -> None:
+    assert re.search(SAID["sweep"], printed(FOLDER / "sweep.py", tmp_path), re.MULTILINE)
 
 
 @pytest.mark.slow
@@ -65,6 +81,7 @@ def test_a_form_on_two_ranks_moves_as_on_one(tmp_path: Path) -> None:
     two = "mpirun --allow-run-as-root --oversubscribe --mca mpi_yield_when_idle 1 -n 2".split()
     body = FOLDER / "body.py"
     printed_by = [printed(body, tmp_path, *launcher) for launcher in ((), two)]
+    assert re.search(SAID["body"], printed_by[0], re.MULTILINE)
     one, shared = (re.findall(r"\d+ impacts, .* mm", text) for text in printed_by)
     assert one == shared and len(one) == 1
     assert {"result.nc", "report.html"} <= {path.name for path in (tmp_path / "body").iterdir()}

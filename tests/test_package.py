@@ -56,9 +56,8 @@ def test_both_hold_the_whole_package_and_nothing_else(built: dict[str, Path]) ->
     assert wanted | {"LICENSE", "README.md", "pyproject.toml"} <= names
 
 
-@pytest.mark.parametrize(
-    "dependencies", ["of this environment", pytest.param("declared", marks=pytest.mark.nightly)]
-)
+@pytest.mark.parametrize("dependencies", ["of this environment", "declared"])
+@pytest.mark.nightly
 def test_both_install_in_a_clean_environment(
     dependencies: str, built: dict[str, Path], tmp_path: Path
 ) -> None:

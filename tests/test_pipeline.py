@@ -175,36 +175,29 @@ def test_sweep_runs_for_its_duration() -> None:
 
 
 PARALLEL = """
-import sys
 import numpy as np
 from mpi4py import MPI
 import delam_fem as df
-impulse, law = sys.argv[1:]
-case = df.preset("paper", {"time.periods": 2, "contact.impulse": impulse, "contact.law": law})
-one = df.run(case).history.tip_displacement.values
-both = df.run(case, comm=MPI.COMM_WORLD).history.tip_displacement.values
 assert MPI.COMM_WORLD.size == 2
-assert np.abs(one - both).max() < 1e-9, np.abs(one - both).max()
+keys = {"time.periods": 2, "time.steps_per_period": 300, "mesh.elements": 8}
+for impulse, law in (
+    ("lumped", "newton-penalty"), ("consistent", "newton-penalty"), ("lumped", "newton@moreau-jean")
+):
+    case = df.preset("paper", keys | {"contact.impulse": impulse, "contact.law": law})
+    one, both = df.run(case).history, df.run(case, comm=MPI.COMM_WORLD).history
+    assert one.impulse_sum.values.sum() > 0.0
+    away = np.abs(one.tip_displacement.values - both.tip_displacement.values).max()
+    assert away < 1e-9, (impulse, law, away)
 """
 
 
 @pytest.mark.mpi
-@pytest.mark.parametrize(
-    ("impulse", "law"),
-    [
-        ("lumped", "newton-penalty"),
-        ("consistent", "newton-penalty"),
-        ("lumped", "newton@moreau-jean"),
-    ],
-)
-def test_two_ranks_compute_what_one_does(impulse: str, law: str, tmp_path: Path) -> None:
+def test_two_ranks_compute_what_one_does(tmp_path: Path) -> None:
     script = tmp_path / "parallel.py"
     script.write_text(PARALLEL)
     command = ["mpirun", "--allow-run-as-root", "--oversubscribe", "-n", "2", sys.executable]
     environment = os.environ | {"OMP_NUM_THREADS": "1"}
-    done = subprocess.run(
-        [*command, str(script), impulse, law], capture_output=True, text=True, env=environment
-    )
+    done = subprocess.run([*command, str(script)], capture_output=True, text=True, env=environment)
     assert done.returncode == 0, done.stderr
 
 

@@ -48,7 +48,7 @@ def test_reduced_study_finds_limits_and_smoothness(tmp_path: Path) -> None:
 
 
 @pytest.mark.mpi
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_cost_of_solids_is_measured_on_ranks_of_their_own(tmp_path: Path) -> None:
     rows = script("continuum_cost").main(["--short", "-o", str(tmp_path)])
     assert [(row["kind"], row["ranks"]) for row in rows] == [

@@ -17,7 +17,7 @@ import delam_fem as df
 from delam_fem.case.keys import case_schema, tables
 
 pytest.importorskip("furo", reason="no sphinx")
-pytestmark = [pytest.mark.once, pytest.mark.slow]
+pytestmark = [pytest.mark.once, pytest.mark.nightly]
 DOCS = ROOT / "docs"
 OPTIONS = ["-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html"]
 LONGEST = 300  # s

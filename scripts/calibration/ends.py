@@ -28,7 +28,7 @@ def rows(is_long: bool, folder: Path) -> list[Row]:
     whole, surface = intact(case), surface_of(case, None)
     every = rigs(case, 250) | {OWN: {}}
     for number, (rig, keys) in enumerate(every.items()):
-        n = (250 if rig == OWN else 40) if is_long else (12 if rig == OWN else 0)
+        n = (250 if rig == OWN else 40) if is_long else (6 if rig == OWN else 0)
         if not n or (rig != OWN and not keys):  # noise and shaker are those of healthy plates
             continue
         rng = np.random.default_rng([9, number])

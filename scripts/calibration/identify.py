@@ -58,7 +58,7 @@ RIGS: dict[str, tuple[int, dict[str, float]]] = {
 
 def rows(is_long: bool, folder: Path) -> list[Row]:
     """Return the rows of the page."""
-    size, repeated, left_out, most = (1000, 100, 200, 1000) if is_long else (120, 12, 20, 20)
+    size, repeated, left_out, most = (1000, 100, 200, 1000) if is_long else (120, 6, 20, 20)
     given = Experiment(df.preset("paper", CASE), (1.25, 3.25), UNKNOWNS, 1e-4)
     parameters, also = given.draw(size, 1), given.disturbed(size, 2)
     exact = given.simulate(parameters, folder / "table", also=also, executor="serial")

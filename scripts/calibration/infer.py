@@ -34,7 +34,7 @@ SHAKER = "shaker with 1 % of second harmonic"
 
 def rows(is_long: bool, folder: Path) -> list[Row]:
     """Return the rows of the page."""
-    few = {OWN: 8, "EI + 5 %": 8, SHAKER: 8}
+    few = {OWN: 4, SHAKER: 4}
     size, truths = (1000, {OWN: 200, MESH: 40}) if is_long else (100, few)
     case = df.preset("embedded")
     prior = infer.Prior.of(case)

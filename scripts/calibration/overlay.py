@@ -70,7 +70,7 @@ def changed(rng: np.random.Generator, period: int, has_base: bool) -> dict[str, 
 def rows(is_long: bool, folder: Path) -> list[Row]:
     """Return the rows of the page."""
     found: list[Row] = []
-    truths, others = (200, 40) if is_long else (4, 1)
+    truths, others = (200, 40) if is_long else (2, 1)
     for period, frequency in FREQUENCIES.items():
         run = simulated(frequency, BEFORE, WINDOW)
         assert run.summary["periodicity"] == period

@@ -68,7 +68,7 @@ LONG = {
     ),
     ("strips", 2): (10.9, 10.95),
 }  # fmt: skip
-SHORT = {("paper", 1): (1.25, 3.56)}
+SHORT = {("paper", 1): (3.56,)}
 
 _log = logging.getLogger(__name__)
 

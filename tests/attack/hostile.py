@@ -2,8 +2,8 @@
 
 `attempt` may accept an input or refuse it by a `CaseError` of a few lines. Anything else is a
 defect: another exception, a warning, a long message, or no end. Run as a program, this module
-attempts a number of inputs of one kind and prints the counts; a crash inside a library then ends
-only that process.
+attempts a share of the inputs of some kinds and prints the counts; a crash inside a library then
+ends only that process.
 """
 
 from __future__ import annotations
@@ -427,4 +427,5 @@ if __name__ == "__main__":
 
     logging.getLogger("delam_fem").addHandler(logging.NullHandler())
     logging.getLogger("delam_fem").propagate = False
-    print(json.dumps(attack(sys.argv[1], int(sys.argv[2]))))
+    for kind in sys.argv[2:]:
+        print(json.dumps(attack(kind, KINDS[kind][1] // int(sys.argv[1]))), flush=True)

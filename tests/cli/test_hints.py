@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -18,6 +19,7 @@ import delam_fem as df
 from delam_fem.case.files import preset, save_case
 from delam_fem.case.toml import apply_overrides
 from delam_fem.cli.progress import progress
+from delam_fem.studies.orbits import search
 from delam_fem.system.errors import CaseError
 
 pytestmark = pytest.mark.usefixtures("elsewhere")
@@ -94,13 +96,15 @@ def test_a_window_is_no_longer_than_the_run() -> None:
     assert invoke("check", "paper", *keys[:2]).exit_code == 0  # the preset has 10
 
 
-def test_units_of_branches_are_read_and_told(tmp_path: Path) -> None:
+def test_units_of_branches_are_read_and_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(search, "USUAL", replace(search.USUAL, copies=4))  # no impacts scatter here
     bad = refused("orbit", "follow", "paper", "--from", "9.5 mm", "--to", "10")
     assert "--from: expected a frequency" in bad and "'9.5 mm'" in bad
     assert "--to: expected a number, given 'fast'" in refused(
         "orbit", "follow", "paper", "--from", "3", "--to", "fast"
     )
-    keys = ("--set", "contact.law=none", *SMALL, "--step", "0.5", "--doublings", "0")
+    small = ("--set", "mesh.elements=1", "--set", "time.steps_per_period=50")
+    keys = ("--set", "contact.law=none", *small, "--step", "0.5", "--doublings", "0")
     found = invoke(
         "orbit", "follow", "paper", "--from", "2500 mHz", "--to", "2.6 Hz", *keys, "-o", "b"
     )

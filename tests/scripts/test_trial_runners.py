@@ -24,6 +24,7 @@ from delam_fem.model.beams import closed_form
 SAME = 1e-9  # m: round-off of the first periods, which impacts raise to 1e-11
 
 
+@pytest.mark.nightly
 def test_dense_steps_are_those_of_the_package() -> None:
     case = trials.case_of(250, 4)
     operators = closed_form.assemble(case).operators

@@ -48,6 +48,7 @@ def test_no_tip_contact_at_1_25() -> None:
     assert max(late) < TIP  # … but not at the tip
 
 
+@pytest.mark.nightly
 def test_thin_beats_the_thick_at_1_60() -> None:
     run = motion(1.60)
     before = strikes(run, STEPS_BEFORE)

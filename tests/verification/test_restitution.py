@@ -7,6 +7,7 @@ little later. A forced oscillator and the laminae show the same in motions that 
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from kit import covering
 from problems import Law, oscillator, simulate
 from test_impact_oscillator import forcing, impact_phase, orbit
 
@@ -42,9 +43,7 @@ def masses(gaps: np.ndarray) -> Operators:
     )
 
 
-@pytest.mark.parametrize("refine", [1, 8])
-@pytest.mark.parametrize("e", RESTITUTIONS)
-@pytest.mark.parametrize("name", RIGID)
+@pytest.mark.parametrize(("name", "e", "refine"), covering(RIGID, RESTITUTIONS, [1, 8]))
 def test_a_free_mass_leaves_with_e(name: str, e: float, refine: int) -> None:
     n = 100  # a few at a time: each block of masses meets the wall in a step of its own
     rebounds = []

@@ -32,14 +32,14 @@ pytestmark = [
 ]
 
 SCRIPT = Path(__file__).with_name("siconos_laminae.py")
-PERIODS = 60
+PERIODS = 20
 FIRST_IMPACTS = 10
 SAME_TIPS = 1e-6
 """m, over the first impacts. Measured 3e-16: both solve each step to round-off."""
 SAME_STATISTICS = 1e-3
 """Relative to the range of the tip, over the last periods: round-off grows from impact to impact,
 differently with another version of either program. Measured 5e-12: here even the tips themselves
-stay together to 1e-13 m for all 60 periods."""
+stay together to 1e-13 m for 60 periods."""
 SAME_COUNTS = 0.02
 """Relative; hits are many and light, and counts do not settle. Measured: equal."""
 

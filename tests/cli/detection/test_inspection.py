@@ -8,7 +8,8 @@ from typer.testing import CliRunner
 
 from delam_fem.cli.app import app
 
-FAST = ("--set", "mesh.elements=20", "-j", "1", "-q")
+COARSE = ("--set", "mesh.elements=20", "--set", "time.steps_per_period=100")
+FAST = (*COARSE, "-j", "1", "-q")
 
 
 def invoke(*arguments: str | Path) -> tuple[int, str]:
@@ -80,7 +81,7 @@ def test_infer_takes_a_measured_scan(tmp_path: Path) -> None:
         text for k in range(18) for text in ("--channel", f"p{k}=P{k}:m/s@{own.x[k]:.3f}/upper")
     ]
     given = ("--measured", tmp_path / "scan.csv", "--frequency", "250", "-n", "130")
-    command = ("infer", "embedded", *given, "-j", "1", "-q")
+    command = ("infer", "embedded", *given, *FAST)
     status, output = invoke(*command, *places, "-o", tmp_path / "a")
     assert status == 0, output
     found = json.loads((tmp_path / "a" / "inference.json").read_text("utf-8"))

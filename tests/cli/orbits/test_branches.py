@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -9,9 +10,10 @@ import xarray as xr
 from typer.testing import CliRunner
 
 from delam_fem.cli.app import app
+from delam_fem.studies.orbits import search
 
 SMALL = (
-    "--set", "mesh.elements=3", "--set", "time.steps_per_period=50", "--step", "0.4",
+    "--set", "mesh.elements=1", "--set", "time.steps_per_period=50", "--step", "0.4",
     "--set", "contact.law=none",
 )  # fmt: skip
 RANGE = ("--from", "3.7", "--to", "3.8")
@@ -24,7 +26,8 @@ def invoke(*arguments: str | Path) -> tuple[int, str]:
     return result.exit_code, result.output
 
 
-def test_the_command(tmp_path: Path) -> None:
+def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(search, "USUAL", replace(search.USUAL, copies=4))  # no impacts scatter here
     sweep = tmp_path / "s.toml"
     sweep.write_text(
         'name = "s"\nbase = "paper"\nengine = "compiled"\n[[axis]]\nkey = "excitation.frequency"\n'

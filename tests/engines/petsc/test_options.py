@@ -113,7 +113,7 @@ def test_options_that_nobody_reads_are_named(
         drop(engine)
 
 
-@pytest.mark.parametrize("engine", ["petsc", "compiled"])
+@pytest.mark.parametrize("engine", ["petsc", pytest.param("compiled", marks=pytest.mark.nightly)])
 def test_the_command_refuses_in_one_line(engine: str, tmp_path: object) -> None:
     done = subprocess.run(
         [sys.executable, "-m", "delam_fem", "run", "paper", "--engine", engine, "-o",

@@ -85,6 +85,7 @@ assert MPI.COMM_WORLD.size == 2
 
 
 @pytest.mark.mpi
+@pytest.mark.nightly
 def test_two_ranks_assemble_what_one_does(tmp_path: Path) -> None:
     script = tmp_path / "parallel.py"
     script.write_text(PARALLEL)

@@ -274,7 +274,7 @@ def base(b):
     return type(b)(joined(b.mass), joined(b.damping), joined(b.stiffness), b.corner)
 
 def compare(name, kind, degree, impulse="consistent"):
-    keys = {"model.kind": kind, "mesh.elements": 10, "model.degree": degree}
+    keys = {"model.kind": kind, "mesh.elements": 6, "model.degree": degree}
     keys["contact.impulse"] = impulse
     if name == "embedded":
         keys |= {"support.start": "pinned", "support.end": "pinned"}

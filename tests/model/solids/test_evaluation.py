@@ -93,7 +93,7 @@ assert np.abs(rows @ whole - 2 * x[:, 0]).max() < 1e-12
 
 
 @pytest.mark.mpi
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_ranks_evaluate_their_own_cells() -> None:
     command = ["mpirun", "--allow-run-as-root", "--oversubscribe", "-n", "2", sys.executable]
     path = f"{ROOT}:{ROOT / 'tests'}"

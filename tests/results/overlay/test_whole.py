@@ -72,7 +72,7 @@ def test_offset_and_noise_are_found_back(tmp_path: Path, rate: float, start: flo
 def test_errors_of_the_offset_are_those_of_many_measurements(tmp_path: Path) -> None:
     t, clean = recorded(RUN.history, period=PERIOD, start=START, rate=300.0)
     rng, scores = np.random.default_rng(8), []
-    for _ in range(30):
+    for _ in range(15):
         noisy = clean + rng.normal(0.0, NOISE, clean.shape)
         path = write_csv(tmp_path / "m.csv", t, {"tip thick": noisy[0], "tip thin": noisy[1]})
         found = df.overlay(RUN, path)
@@ -229,7 +229,7 @@ def test_another_half_of_a_doubled_motion_is_not_said_to_agree(tmp_path: Path) -
 
 
 @pytest.mark.parametrize(
-    "number", [40, pytest.param(200, marks=pytest.mark.nightly)]
+    "number", [15, pytest.param(200, marks=pytest.mark.nightly)]
 )  # fmt: skip
 @pytest.mark.parametrize("has_base", [True, False])
 def test_stated_errors_contain_the_truth_as_often_as_they_say(

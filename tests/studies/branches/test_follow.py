@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -31,8 +32,16 @@ def small(folder: Path, *, resume: bool = False, stop: float = 4.0, **options: A
     )  # fmt: skip
 
 
-def test_a_linear_branch_is_the_linear_response(tmp_path: Path) -> None:
-    data = small(tmp_path)
+@pytest.fixture(scope="module")
+def linear(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder of a branch of linear motions."""
+    folder = tmp_path_factory.mktemp("linear")
+    small(folder)
+    return folder
+
+
+def test_a_linear_branch_is_the_linear_response(linear: Path) -> None:
+    data = read(linear / RESULT)
     assert data.attrs["outcome"] == "completed" and data.attrs["endings"] == "range"
     assert (data.stability == "stable").all() and data.sizes["event"] == 0
     assert float(data.parameter[0]) == 3.7 and float(data.parameter[-1]) > 4.0
@@ -43,10 +52,8 @@ def test_a_linear_branch_is_the_linear_response(tmp_path: Path) -> None:
         # three elements and sixty steps a period shift the resonance at 3.17 Hz by some parts in
         # a thousand
         assert amplitude[:, i] == pytest.approx(exact, rel=0.03)
-    again = read(tmp_path / RESULT)
-    assert again.drop_attrs().identical(data.drop_attrs())
     with pytest.raises(CaseError, match="damaged or another one"):
-        read(tmp_path / "case.toml")
+        read(linear / "case.toml")
 
 
 def half_written(path: Path) -> None:
@@ -61,10 +68,10 @@ def of_another_shape(path: Path) -> None:
 
 @pytest.mark.parametrize("damage", [half_written, of_another_shape])
 def test_a_branch_that_is_broken_off_goes_on_the_same(
-    damage: Callable[[Path], None], tmp_path: Path
+    damage: Callable[[Path], None], linear: Path, tmp_path: Path
 ) -> None:
-    whole = small(tmp_path / "whole")
-    small(tmp_path / "cut")
+    whole = read(linear / RESULT)
+    shutil.copytree(linear, tmp_path / "cut")
     points = sorted((tmp_path / "cut" / FOLDER).glob("*.npz"))
     points[-1].unlink()
     damage(points[-2])
@@ -74,6 +81,7 @@ def test_a_branch_that_is_broken_off_goes_on_the_same(
     )
     assert counted == [len(points) - 1, len(points)]
     assert resumed.drop_attrs().identical(whole.drop_attrs())
+    assert read(tmp_path / "cut" / RESULT).drop_attrs().identical(whole.drop_attrs())
     with pytest.raises(CaseError, match="belongs to another continuation"):
         small(tmp_path / "cut", resume=True, stop=4.1)
 

@@ -5,6 +5,7 @@ import pytest
 
 from delam_fem.numerics.statistics import Posterior
 from delam_fem.studies.detection.infer import (
+    Knowledge,
     Prior,
     Sensor,
     edge_posterior,
@@ -15,11 +16,11 @@ from delam_fem.studies.detection.infer import (
 from delam_fem.studies.detection.population import Population
 
 X = np.linspace(0.0, 0.4, 41)
-N = 1500
+N = 700
 
 
 @pytest.fixture(scope="module")
-def made_up() -> tuple[Population, np.ndarray]:
+def made_up() -> tuple[Population, np.ndarray, Knowledge]:
     """Second harmonics that are arches over the delamination, larger for thinner laminae."""
     parameters = Prior().sample(N, 5)
     specimens = specimens_of(parameters, "clamped", (92.0,))
@@ -29,7 +30,8 @@ def made_up() -> tuple[Population, np.ndarray]:
         assert own.length == pytest.approx(length)
         s = np.clip((X - middle + 0.5 * length) / length, 0.0, 1.0)
         V[1] = 3e-5 / depth * np.sin(np.pi * s) ** 2
-    return Population(tuple(specimens), X, (1.0, 2.0), values, np.full(N, 0.7)), parameters
+    population = Population(tuple(specimens), X, (1.0, 2.0), values, np.full(N, 0.7))
+    return population, parameters, knowledge(population, parameters, Prior(), (Sensor(40.0),))
 
 
 def test_edges_follow_from_middle_and_length() -> None:
@@ -40,10 +42,9 @@ def test_edges_follow_from_middle_and_length() -> None:
 
 
 def test_a_posterior_is_near_the_truth_and_narrower_than_the_prior(
-    made_up: tuple[Population, np.ndarray],
+    made_up: tuple[Population, np.ndarray, Knowledge],
 ) -> None:
-    population, parameters = made_up
-    known = knowledge(population, parameters, Prior(), (Sensor(40.0),))
+    population, parameters, known = made_up
     scan = population.shapes(7, 40.0, np.random.default_rng(8))
     found = edge_posterior(known.posterior((scan,)))
     truth = edges(parameters[7:8])[0]
@@ -53,8 +54,9 @@ def test_a_posterior_is_near_the_truth_and_narrower_than_the_prior(
     assert (widths < [0.06, 0.06, 0.0003]).all()
 
 
-def test_90_percent_intervals_cover_the_truth(made_up: tuple[Population, np.ndarray]) -> None:
-    population, parameters = made_up
-    known = knowledge(population, parameters, Prior(), (Sensor(40.0),))
+def test_90_percent_intervals_cover_the_truth(
+    made_up: tuple[Population, np.ndarray, Knowledge],
+) -> None:
+    *_, known = made_up
     share = known.table.coverage(np.arange(100))
     assert (share >= 0.82).all(), share  # 0.9, less 2.7 standard deviations

@@ -49,7 +49,7 @@ def write_tips(path: Path, given: Experiment) -> None:
 def test_damping_is_found_from_a_simulated_and_from_a_measured_motion(tmp_path: Path) -> None:
     given = experiment()
     found = identify(
-        given, tmp_path / "a", simulations=300, finer=30, checks=150, executor="serial"
+        given, tmp_path / "a", simulations=220, finer=22, checks=100, executor="serial"
     )
     low, high = found.posterior.interval(0.99)[0]
     assert low < 0.02 < high
@@ -64,7 +64,7 @@ def test_damping_is_found_from_a_simulated_and_from_a_measured_motion(tmp_path: 
     assert [row[0] for row in found.rows()] == [unknown.key for unknown in UNKNOWNS]
     write_tips(tmp_path / "tips.csv", given)
     again = identify(
-        given, tmp_path / "a", measured=[tmp_path / "tips.csv"], simulations=300, finer=30,
+        given, tmp_path / "a", measured=[tmp_path / "tips.csv"], simulations=220, finer=22,
         checks=0, executor="serial",
     )  # fmt: skip
     assert again.truth is None

@@ -141,7 +141,7 @@ def test_initial_conditions_are_an_axis(tmp_path: Path) -> None:
     assert float(moved.tip_amplitude[1]) == 0.0
 
 
-@pytest.mark.parametrize("order", ["independent", "both"])
+@pytest.mark.parametrize("order", [pytest.param("independent", marks=pytest.mark.nightly), "both"])
 def test_workers_give_what_one_process_gives(tmp_path: Path, order: str) -> None:
     made = small({**FREQUENCY, "count": 12}, order=order)
     one = run_sweep(made, tmp_path / "1", "serial")
@@ -247,7 +247,7 @@ order = "{order}"
 [set]
 mesh.elements = 3
 time.steps_per_period = 40
-time.periods = 150
+time.periods = {periods}
 output.fields_per_period = 20
 [[axis]]
 key = "excitation.frequency"
@@ -304,7 +304,7 @@ def stopped(file: Path, directory: Path, number: int) -> tuple[int, str]:
 @pytest.mark.parametrize(
     ("order", "number", "status"),
     [
-        ("independent", signal.SIGKILL, -9),
+        pytest.param("independent", signal.SIGKILL, -9, marks=pytest.mark.nightly),
         pytest.param("both", signal.SIGKILL, -9, marks=pytest.mark.nightly),
         ("up", signal.SIGINT, 130),
     ],
@@ -313,7 +313,7 @@ def test_a_stopped_sweep_goes_on_to_the_same_dataset(
     tmp_path: Path, order: str, number: int, status: int
 ) -> None:
     file = tmp_path / "frequencies.toml"
-    file.write_text(SWEEP_TOML.format(order=order))
+    file.write_text(SWEEP_TOML.format(order=order, periods=150))
     found, message = stopped(file, tmp_path / "stopped", number)
     assert found == status
     if number == signal.SIGINT:
@@ -348,10 +348,10 @@ def is_alive(pid: int) -> bool:
 
 
 @pytest.mark.mpi
-@pytest.mark.parametrize("n_ranks", [pytest.param(2, marks=pytest.mark.nightly), 4])
+@pytest.mark.parametrize("n_ranks", [pytest.param(2, marks=pytest.mark.nightly), 3])
 def test_ranks_of_mpi_give_what_one_process_gives(tmp_path: Path, n_ranks: int) -> None:
     file = tmp_path / "frequencies.toml"
-    file.write_text(SWEEP_TOML.format(order="independent"))
+    file.write_text(SWEEP_TOML.format(order="independent", periods=4))
     _, *arguments = command(file, "-o", tmp_path / "ranks")
     mpiexec = ["mpiexec", "--allow-run-as-root", "--oversubscribe", "-n", str(n_ranks)]
     run = [*mpiexec, sys.executable, "-m", "mpi4py.futures", *arguments]
@@ -365,7 +365,7 @@ def test_ranks_of_mpi_give_what_one_process_gives(tmp_path: Path, n_ranks: int) 
     assert same(ranks, run_sweep(df.load_sweep(file), tmp_path / "one", "serial"))
 
 
-@pytest.mark.parametrize("n_points", [300, pytest.param(1500, marks=pytest.mark.nightly)])
+@pytest.mark.parametrize("n_points", [120, pytest.param(1500, marks=pytest.mark.nightly)])
 def test_many_points_make_few_files_and_no_memory(tmp_path: Path, n_points: int) -> None:
     amplitude = {"key": "excitation.amplitude", "start": 1e-3, "stop": 2e-3, "count": n_points}
     tiny = {"mesh.elements": 2, "time.steps_per_period": 4, "time.periods": 1}
