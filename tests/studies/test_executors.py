@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import signal
 import subprocess
@@ -98,8 +99,15 @@ def test_a_script_without_a_guard_is_told_once(tmp_path: Path) -> None:
 
 
 def leave_slowly() -> None:
-    """Close all files, by which the parent sees the end, before the exit status exists."""
-    os.closerange(3, 256)
+    """Close the files, by which the parent sees the end, before the exit status exists.
+
+    The one by which the worker sees the end of the parent stays: the thread that waits for it may
+    begin only now, and would take a closed file for that end.
+    """
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    os.closerange(3, parent.sentinel)
+    os.closerange(parent.sentinel + 1, 256)
     time.sleep(0.5)
     os._exit(executors._UNGUARDED)
 
