@@ -30,6 +30,7 @@ from delam_fem.case.sections import (
     Damping,
     Delamination,
     Gap,
+    Impactor,
     Initial,
     Lamina,
     Mesh,
@@ -90,6 +91,7 @@ class Case(Section):
         gap: the gap at rest between laminae that are apart over their whole length.
         point_mass: point masses on the laminae.
         stop: stops that laminae may strike.
+        impactor: masses that strike laminae.
         initial: displacements and velocities at t = 0; at rest without any.
         sensor: sensors, whose signals are in the results.
         support: how the laminae are held at their ends.
@@ -122,6 +124,7 @@ class Case(Section):
     output: Output = Output()
     point_mass: tuple[PointMass, ...] = ()
     stop: tuple[Stop, ...] = ()
+    impactor: tuple[Impactor, ...] = ()
     initial: tuple[Initial, ...] = ()
     sensor: tuple[Sensor, ...] = ()
 
@@ -272,10 +275,11 @@ class Case(Section):
                 self._check_sensor(own, key, names)
 
     def _check_stops(self) -> None:
-        """Check that stops and initial states are on laminae, and the law of elastic stops."""
+        """Check that stops, impactors and initial states are on laminae, and the elastic ones."""
         names = [lamina.name for lamina in self.lamina]
-        named: tuple[tuple[str, tuple[Stop | Initial, ...]], ...] = (
+        named: tuple[tuple[str, tuple[Stop | Impactor | Initial, ...]], ...] = (
             ("stop", self.stop),
+            ("impactor", self.impactor),
             ("initial", self.initial),
         )
         for section, entries in named:
@@ -296,23 +300,31 @@ class Case(Section):
                             f"{section}.{number}.{key}",
                             f"expected at most the length {self.length!r} m, given {given!r}",
                         )
-        for number, own in enumerate(self.stop, start=1):
-            if own.stiffness is None:
-                continue
+        elastic = [
+            (f"{section}.{number}", own)
+            for section, entries in named
+            for number, own in enumerate(entries, start=1)
+            if getattr(own, "stiffness", None) or getattr(own, "radius", None)
+        ]
+        for label, own in elastic:
+            key = "stiffness" if getattr(own, "stiffness", None) else "radius"
             if self.contact.law != "penalty":
                 raise inconsistent(
-                    f"stop.{number}.stiffness",
-                    'expected an elastic stop only with contact.law = "penalty" (and time.scheme = '
-                    f'"newmark"), because other laws have no dampers, given "{self.contact.law}"',
+                    f"{label}.{key}",
+                    f"expected an elastic {label.split('.')[0]} only with contact.law = "
+                    '"penalty" (and time.scheme = "newmark"), because other laws have no dampers, '
+                    f'given "{self.contact.law}"',
                 )
             if not self.spring[0]:
                 raise inconsistent(
-                    "contact.penalty_stiffness", "expected a positive number beside elastic stops"
+                    "contact.penalty_stiffness",
+                    "expected a positive number beside elastic stops or impactors",
                 )
-            found, needed = own.damping / own.stiffness, self.spring[1] / self.spring[0]
+            found = getattr(own, "damping", 0.0) / (getattr(own, "stiffness", None) or math.inf)
+            needed = self.spring[1] / self.spring[0]
             if not math.isclose(found, needed, rel_tol=ROUND_OFF):
                 raise inconsistent(
-                    f"stop.{number}.damping",
+                    f"{label}.damping",
                     "expected the same ratio of damping to stiffness at all contact springs, "
                     f"{needed:g} s, given {found:g} s",
                 )
@@ -326,10 +338,11 @@ class Case(Section):
                 f'expected neighbours from bottom to top, {choices}, given ["{own.between[0]}", '
                 f'"{own.between[1]}"]',
             )
-        if own.stop is not None and own.stop > len(self.stop):
-            raise inconsistent(
-                f"{key}.stop", f"expected at most {len(self.stop)} stops, given {own.stop}"
-            )
+        for name in ("stop", "impactor"):
+            number, count = getattr(own, name), len(getattr(self, name))
+            if number is not None and number > count:
+                text = f"expected at most {count} {name}s, given {number}"
+                raise inconsistent(f"{key}.{name}", text)
         if own.sampling_rate is None:
             return
         most = 1.0 / (self.time.step or self.time_step)
@@ -400,11 +413,12 @@ class Case(Section):
     def spring(self) -> tuple[float, float]:
         """Stiffness [N/m] and damping [N s/m] of a contact spring of weight 1.
 
-        If nothing but elastic stops may touch, the first of them gives both.
+        If nothing but elastic stops and impactors may touch, the first of them gives both.
         """
         own = self.contact
-        elastic = [stop for stop in self.stop if stop.stiffness is not None]
-        if elastic and len(self.lamina) == 1 and len(elastic) == len(self.stop):
+        striking: tuple[Stop | Impactor, ...] = (*self.stop, *self.impactor)
+        elastic = [one for one in striking if one.stiffness is not None]
+        if elastic and len(self.lamina) == 1 and len(elastic) == len(striking):
             return elastic[0].stiffness or 0.0, elastic[0].damping
         return own.penalty_stiffness, own.penalty_damping
 
@@ -452,6 +466,18 @@ class Case(Section):
     def is_massless(self) -> bool:
         """Whether contact points have no mass, so that modes compute the motion."""
         return self.time.mass == "massless"
+
+    @property
+    def without_impactors(self) -> Self:
+        """The case without its impactors and their sensors: what vibrates between two blows."""
+        sensors = tuple(own for own in self.sensor if own.impactor is None)
+        return self.model_copy(update={"impactor": (), "sensor": sensors})
+
+    @property
+    def is_floating(self) -> bool:
+        """Whether something moves without any stiffness: the structure, a point, an impactor."""
+        springs = [own.stiffness for own in self.lamina] + [own.spring for own in self.impactor]
+        return self.n_rigid > 0 or 0.0 in springs
 
     @property
     def n_rigid(self) -> int:
@@ -616,7 +642,7 @@ class Case(Section):
             for section, key in _OF_PERIODS:
                 if key not in getattr(self, section).model_fields_set:
                     del data[section][key]
-        for key in ("delamination", "point_mass", "stop", "initial", "sensor"):
+        for key in ("delamination", "point_mass", "stop", "impactor", "initial", "sensor"):
             if not data[key]:
                 del data[key]
         if self.time.periods != "settled" and "most_periods" not in self.time.model_fields_set:

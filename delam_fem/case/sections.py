@@ -709,6 +709,51 @@ class Stop(Section):
         return self
 
 
+class Impactor(Section):
+    """A mass that strikes a lamina, free or on a spring, as the tip of a hammer.
+
+    Attributes:
+        lamina: name of the lamina.
+        mass: m [kg].
+        position: x of the place that it strikes [m]; the end x = length if it is not given.
+        side: side of the lamina on which it is: "above" or "below".
+        gap: gap at rest [m].
+        velocity: velocity towards the lamina at t = 0 [m/s].
+        stiffness: stiffness of the contact [N/m]; without it and radius the contact is rigid.
+        damping: damping of the contact, beside stiffness [N s/m].
+        radius: radius of a rigid ball [m], whose contact follows Hertz; needs velocity.
+        spring: stiffness of the spring that holds it [N/m]; 0: it is free.
+        spring_damping: damping of that spring [N s/m].
+        on: what carries that spring: "base" (it moves with the base) or "ground".
+    """
+
+    lamina: Label
+    mass: Annotated[Positive, Unit("kg")]
+    position: Annotated[NotNegative, Unit("m")] | None = None
+    side: Literal["above", "below"] = "above"
+    gap: Annotated[NotNegative, Unit("m")] = 0.0
+    velocity: Annotated[NotNegative, Unit("m/s")] = 0.0
+    stiffness: Annotated[Positive, Unit("N/m")] | None = None
+    damping: Annotated[NotNegative, Unit("N s/m")] = 0.0
+    radius: Annotated[Positive, Unit("m")] | None = None
+    spring: Annotated[NotNegative, Unit("N/m")] = 0.0
+    spring_damping: Annotated[NotNegative, Unit("N s/m")] = 0.0
+    on: Literal["base", "ground"] = "ground"
+
+    @model_validator(mode="after")
+    def _one_contact(self) -> Self:
+        """Check that the keys of the contact go together."""
+        if self.radius is not None and self.stiffness is not None:
+            raise inconsistent("radius", "expected stiffness or radius, not both")
+        if self.radius is not None and not self.velocity:
+            raise inconsistent(
+                "velocity", "expected a positive number beside radius: it sets the depth of contact"
+            )
+        if self.damping and self.stiffness is None:
+            raise inconsistent("damping", "expected only beside stiffness, of an elastic contact")
+        return self
+
+
 class Initial(Section):
     """A displacement and a velocity at t = 0, in the fixed frame; several of them add up.
 
@@ -747,12 +792,13 @@ class Sensor(Section):
     Attributes:
         name: name of the sensor.
         quantity: "displacement", "velocity", "acceleration" or "strain" at a place of a lamina, or
-            "contact force" of an interface or of a stop.
+            "contact force" of an interface, of a stop or of an impactor.
         lamina: name of the lamina; not of a contact force.
         position: x of the sensor [m]; not of a contact force.
         surface: "top" or "bottom" of the lamina, for a strain; "top" if it is not given.
         between: names of the two neighbouring laminae, for a contact force.
         stop: number of the stop, for its contact force; the first is 1.
+        impactor: number of the impactor, for its contact force; the first is 1.
         sampling_rate: samples per second [Hz]; every step of the window if it is not given.
         noise: standard deviation of white noise on the samples, in the sensor's unit.
         seed: number from which the noise is drawn; the same seed gives the same noise.
@@ -765,6 +811,7 @@ class Sensor(Section):
     surface: Literal["top", "bottom"] | None = None
     between: Neighbours | None = None
     stop: Count | None = None
+    impactor: Count | None = None
     sampling_rate: Annotated[Positive, Unit("Hz")] | None = None
     noise: NotNegative | None = None
     seed: CountOrNone = 0
@@ -786,10 +833,10 @@ class Sensor(Section):
             if (getattr(self, key) is None) != is_force:
                 words = "none" if is_force else "missing, but required"
                 raise inconsistent(key, f'{words} with quantity = "{self.quantity}"')
-        n_given = (self.between is not None) + (self.stop is not None)
-        if n_given != is_force:
-            words = "missing, but required (or stop)" if is_force else "expected none"
-            key = "between" if is_force or self.stop is None else "stop"
+        given = [key for key in ("between", "stop", "impactor") if getattr(self, key) is not None]
+        if len(given) != is_force:
+            words = "missing, but required (or stop, or impactor)" if is_force else "expected none"
+            key = "between" if is_force else given[0]
             raise inconsistent(key, f'{words} with quantity = "{self.quantity}"')
         if self.surface is not None and self.quantity != "strain":
             raise inconsistent("surface", 'expected only with quantity = "strain"')
@@ -807,6 +854,8 @@ class Sensor(Section):
             return f"contact force between {self.between[0]} and {self.between[1]}"
         if self.stop is not None:
             return f"contact force of stop {self.stop}"
+        if self.impactor is not None:
+            return f"contact force of impactor {self.impactor}"
         place = f"of {self.lamina} at {self.position:g} m"
         if self.quantity == "strain":
             return f"strain at the {self.surface or 'top'} {place}"

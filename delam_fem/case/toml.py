@@ -235,7 +235,7 @@ def shown(value: object) -> str:
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
-_ARRAYS = ("lamina", "delamination", "point_mass", "stop", "initial", "sensor")
+_ARRAYS = ("lamina", "delamination", "point_mass", "stop", "impactor", "initial", "sensor")
 """Sections of a case that are arrays of tables."""
 _ALTERNATIVES = (
     ("mesh", ("elements", "file")),

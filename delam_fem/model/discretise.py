@@ -50,12 +50,13 @@ KINDS: Mapping[str, tuple[tuple[ModelKind, ...], str]] = MappingProxyType(
 
 
 def require_plain(case: Case, study: str) -> None:
-    """Refuse a case with stops or inner supports, which the models of a study do not know.
+    """Refuse a case with stops, impactors or inner supports, which a study does not know.
 
     Raises:
         CaseError: the case has some.
     """
-    for key, count in (("stop", len(case.stop)), ("support", len(case.support.inside))):
+    inside = {"stop": case.stop, "impactor": case.impactor, "support": case.support.inside}
+    for key, count in ((key, len(found)) for key, found in inside.items()):
         if count:
             raise CaseError(f"{key}: {study}: expected none inside the span, given {count}")
 

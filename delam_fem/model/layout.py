@@ -151,10 +151,10 @@ class Interface:
 
 @dataclass(frozen=True)
 class StopPairs:
-    """Pairs of a part with a stop, on one of its sides.
+    """Pairs of a part with a stop or an impactor, on one of its sides.
 
     Attributes:
-        number: of the stop in the case, from 0.
+        number: of the stop in the case, from 0; impactors count on behind all stops.
         part: number of the part.
         places: of the pairs on the part as numbers of points, shape (n_pairs,).
         side: 1: the stop is above the part; -1: below.
@@ -282,13 +282,15 @@ class Layout:
         parts: the parts from bottom to top.
         interfaces: the interfaces between parts.
         probes: the probes, in the order of the rows of `Operators.probes`.
-        stops: the pairs with stops, after those of the interfaces.
+        stops: the pairs with stops and then with impactors, after those of the interfaces.
         supports: the points where parts are held.
         sensors: the sensors.
         gap_row: row of `Operators.sensors` at which the rows of all gaps begin; None: there are
             none, because no sensor reads contact forces.
         reading: what the points of the parts read from the dofs of a solid; None: `Part.dofs` are
             dofs.
+        n_impactors: number of impactors, whose displacements are the last dofs and the first rows
+            of `Operators.sensors`.
     """
 
     parts: tuple[Part, ...]
@@ -299,6 +301,7 @@ class Layout:
     gap_row: int | None = None
     reading: Reading | None = None
     stops: tuple[StopPairs, ...] = ()
+    n_impactors: int = 0
 
     def n_numbered(self, n_dofs: int) -> int:
         """Return how many numbers `Part.dofs` may have: of readings, or of free dofs."""

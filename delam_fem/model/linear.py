@@ -236,7 +236,7 @@ def keeping_closed(structure: Structure) -> sp.csr_matrix:
 def _shift(K: sp.csr_matrix, M: sp.csr_matrix) -> float:
     """Return a rough square of an elastic angular frequency, above those of rigid motions."""
     few = min(K.shape[0], 7)
-    return float(eigh(K.toarray(), M.toarray(), eigvals_only=True)[:few].max())
+    return float(eigh(K.toarray(), M.toarray(), eigvals_only=True)[:few].max()) or 1.0
 
 
 DENSE = 20

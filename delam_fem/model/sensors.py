@@ -51,12 +51,12 @@ def with_sensors(structure: Structure, case: Case, strain: StrainRows | None = N
         strain: strains of surfaces; None: those of laminae that are apart, -s h/2 w'' with s = 1
             at the top. At a point between two cells it is the mean of both.
     """
-    if not case.sensor:
-        return structure
     o, layout = structure.operators, structure.layout
+    if not (case.sensor or layout.n_impactors):
+        return structure
     if strain is None:
         strain = _of_single_laminae(case, layout, o.n_dofs)
-    rows: list[FloatArray] = []
+    rows = [*np.eye(layout.n_impactors, o.n_dofs, o.n_dofs - layout.n_impactors)]
     sensors = tuple(
         replace(_sensor(own, case, structure, strain, rows), unit=own.unit, words=own.words)
         for own in case.sensor
@@ -79,8 +79,9 @@ def _sensor(
     o, layout = structure.operators, structure.layout
     if own.quantity == "contact force":
         of_pairs = np.zeros(o.n_pairs)
+        number = own.stop or (own.impactor and len(case.stop) + own.impactor)
         for stop in layout.stops:
-            if stop.number + 1 == own.stop:
+            if stop.number + 1 == number:
                 of_pairs[stop.pairs] = 1.0
         for interface in layout.interfaces:
             if tuple(layout.names[part] for part in interface.parts) == own.between:

@@ -57,6 +57,8 @@ def history(
     add(data, "spring_share", _of_interfaces(layout, shares))
     if layout.stops:
         _add_stops(data, layout, gap0)
+    if layout.n_impactors:
+        _add_impactors(data, recorder, structure)
     _add_frames(data, recorder, structure, start)
     _add_events(data, recorder, layout, start)
     for signal in signals(recorder, structure, case):
@@ -78,6 +80,20 @@ def _add_stops(data: xr.Dataset, layout: Layout, gap0: FloatArray) -> None:
     add(data, "stop_node", np.concatenate(nodes))
     add(data, "stop_height", np.concatenate([s.side * gap0[s.pairs] for s in layout.stops]))
     add(data, "stop_on_base", np.concatenate([[s.on_base] * s.places.size for s in layout.stops]))
+
+
+def _add_impactors(data: xr.Dataset, recorder: Recorder, structure: Structure) -> None:
+    """Add the motion of the impactors at every step of the window."""
+    o, count = structure.operators, structure.layout.n_impactors
+    own = slice(o.n_probes, o.n_probes + count)
+    u = np.concatenate([r.u[_rows(r), N_BASE:][:, own] for r in recorder.window])
+    v = np.concatenate([r.v[_rows(r), own] for r in recorder.window])
+    if o.base.shift is not None:
+        drive = np.concatenate([r.base_states[_rows(r), :2] for r in recorder.window])
+        shift = o.base.shift[-count:]
+        u, v = u + np.outer(drive[:, 0], shift), v + np.outer(drive[:, 1], shift)
+    add(data, "impactor_displacement", u.T)
+    add(data, "impactor_velocity", v.T)
 
 
 def _rows(record: PeriodRecord) -> slice:

@@ -367,7 +367,8 @@ def operators_of(structure: Structure, case: Case) -> dict[str, Any]:
             free = dofs >= 0
             of_dofs[0, dofs[free]], of_dofs[2, dofs[free]] = number, component
             of_dofs[1, dofs[free]] = part.x[free]
-    lower = [(layout.parts[i.parts[0]], i) for i in layout.interfaces]
+    pairs = [layout.parts[i.parts[0]].positions(i.places(0)) for i in layout.interfaces]
+    pairs += [layout.parts[stop.part].positions(stop.places) for stop in layout.stops]
     given = case.excitation
     frequency = given.top_frequency if given.is_periodic else np.nan
     amplitude = getattr(given, "amplitude", np.nan)
@@ -387,7 +388,7 @@ def operators_of(structure: Structure, case: Case) -> dict[str, Any]:
         "lamina": of_dofs[0].astype(np.int64),
         "x": of_dofs[1],
         "component": of_dofs[2].astype(np.int64),
-        "pair_x": np.concatenate([part.positions(i.places(0)) for part, i in lower]),
+        "pair_x": np.concatenate([np.zeros(0), *pairs]),
         "drive_frequency": frequency,
         "drive_amplitude": np.nan if amplitude is None else amplitude,
         "drive_is_force": int(o.base.is_force),

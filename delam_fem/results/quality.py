@@ -83,7 +83,7 @@ def decay_of(case: Case, structure: Structure) -> float:
     if case.model.is_continuum:
         mesh = case.mesh if case.mesh.file is None else Mesh(elements=BEAM_CELLS)
         structure = closed_form.assemble(case.model_copy(update={"mesh": mesh, "sensor": ()}))
-    return slowest_decay(structure.operators, is_floating=case.n_rigid > 0)
+    return slowest_decay(structure.operators, is_floating=case.is_floating)
 
 
 def enough_of(case: Case, recorder: Recorder, n_parts: int, decay: float) -> Callable[[int], bool]:

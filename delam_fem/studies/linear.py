@@ -37,7 +37,7 @@ def linear_amplitudes(case: Case, frequency: FloatArray) -> FloatArray:
         return np.stack([case.linear_amplitude(i, frequency) for i in range(n)])
     if not given.is_periodic:
         return np.full((n, frequency.size), np.nan)
-    o = _fine(case.to_toml()).operators
+    o = _fine(case.without_impactors.to_toml()).operators
     found = np.empty((n, frequency.size))
     for k, f in enumerate(frequency.tolist()):
         tips = (o.probes @ response(o, f) + o.probe_shift[: o.n_probes])[:n]
@@ -87,7 +87,7 @@ def first_frequencies(case: Case) -> list[float]:
     """
     if _is_exact(case):
         return [float(lamina.angular_frequencies(1)[0]) for lamina in case.lamina]
-    fine = _fine(case.to_toml())
+    fine = _fine(case.without_impactors.to_toml())
     o = fine.operators
     if case.is_apart:
         shapes = [first_mode(fine, i) for i in range(len(case.lamina))]

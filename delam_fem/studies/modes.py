@@ -353,7 +353,7 @@ def modes(case: CaseSource, n: int = 6, *, delaminations: Kind = "free") -> Mode
     Raises:
         CaseError: n is below 1 or above the number of dofs.
     """
-    case = find_case(case)
+    case = find_case(case).without_impactors
     structure = discretise.assemble(case)
     if not case.is_apart or case.point_mass:
         return structure_modes(structure, case, n, kind=delaminations)
@@ -408,4 +408,4 @@ def _modes(case: Case, given: options.Modes, place: Place) -> Modes | StructureM
     return modes(case, given.number, delaminations=given.delaminations)
 
 
-STUDY = Study(options.Modes, _modes)
+STUDY = Study(options.Modes, _modes, takes_impactors=True)

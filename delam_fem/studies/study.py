@@ -17,6 +17,7 @@ from delam_fem.studies.findings import Finding
 from delam_fem.studies.options import Options
 from delam_fem.studies.sweeps.dataset import remove_results
 from delam_fem.system.docstrings import summary
+from delam_fem.system.errors import CaseError
 from delam_fem.system.files import claimed
 
 Chosen = TypeVar("Chosen", bound=Options)
@@ -57,12 +58,14 @@ class Study(Generic[Chosen, Found]):
         compute: computes what it finds.
         cost: returns what it is called and needs with a number of workers; None: it is cheap.
         remove: removes the results in a folder, so that they are computed anew.
+        takes_impactors: whether a case may have impactors.
     """
 
     options: type[Chosen]
     compute: Callable[[Case, Chosen, Place], Found]
     cost: Callable[[Case, Chosen, int | None], tuple[str, Cost]] | None = None
     remove: Callable[[Path], None] = remove_results
+    takes_impactors: bool = False
 
     @property
     def __doc__(self) -> str:  # type: ignore[override]
@@ -98,6 +101,7 @@ class Study(Generic[Chosen, Found]):
         """
         case, chosen = find_case(case), self.options(**options)
         if folder is None:
+            self._require_no_blows(case)
             with TemporaryDirectory() as scratch:
                 place = Place(Path(scratch), Path(scratch), False, workers, progress)
                 return self.compute(case, chosen, place)
@@ -114,6 +118,7 @@ class Study(Generic[Chosen, Found]):
         progress: Progress | None = None,
     ) -> tuple[Found, list[Path]]:
         """Compute the study in a folder; return what it finds and the files; see `__call__`."""
+        self._require_no_blows(case)
         may = resume or overwrite or not options.common
         inputs = [*case.files.values(), *options.inputs]
         with claimed(folder, inputs=inputs, may_hold_results=may) as directory:
@@ -125,3 +130,9 @@ class Study(Generic[Chosen, Found]):
                     case, options, Place(directory, kept, resume, workers, progress)
                 )
                 return found, found.save(directory)
+
+    def _require_no_blows(self, case: Case) -> None:
+        """Refuse impactors that the study does not know."""
+        if case.impactor and not self.takes_impactors:
+            name = self.options.__name__.lower()
+            raise CaseError(f"impactor: {name}: expected none, given {len(case.impactor)}")

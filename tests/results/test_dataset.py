@@ -16,7 +16,7 @@ NAMES = ("lamina", "interface", "probe")
 """Coordinates that hold names."""
 OF_A_FORCE = ("force",)
 """Variables of runs that a force drives."""
-OF_STOPS = ("event_stop", *(name for name in VARIABLES if name.startswith("stop_")))
+OF_STOPS = ("event_stop", *(name for name in VARIABLES if name.startswith(("stop_", "impactor_"))))
 """Variables of runs with stops."""
 
 
@@ -45,7 +45,7 @@ def test_two_laminae_have_all_variables_without_the_dimension_of_interfaces(
         if row.name not in ("event_interface", *OF_A_FORCE, *OF_STOPS)
         and not row.name.startswith("probe_")
     ]
-    assert set(run.dims) == DIMENSIONS.keys() - {INTERFACE, "probe", "stop"}
+    assert set(run.dims) == DIMENSIONS.keys() - {INTERFACE, "probe", "stop", "impactor"}
     assert "interface" not in run.variables
 
 
@@ -68,7 +68,7 @@ def test_three_laminae_have_all_variables() -> None:
         for row in VARIABLES.values()
         if row.name not in (*OF_A_FORCE, *OF_STOPS)
     ]
-    assert set(history.dims) == DIMENSIONS.keys() - {"stop"}
+    assert set(history.dims) == DIMENSIONS.keys() - {"stop", "impactor"}
     assert history["lamina"].values.tolist() == ["thick", "thin", "top"]
     assert history["interface"].values.tolist() == ["thick-thin", "thin-top"]
 

@@ -41,6 +41,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -79,7 +80,7 @@ from delam_fem.model.layout import (
 from delam_fem.model.linear import elastic, kept_closed
 from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.model.sensors import StrainRows, with_sensors
-from delam_fem.model.stops import in_moving_frame, with_stops
+from delam_fem.model.stops import in_moving_frame, with_impactors, with_stops
 from delam_fem.numerics import oscillator
 from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.errors import CaseError
@@ -454,20 +455,27 @@ def _dofs(lamina: int, n: int) -> IntArray:
 
 
 def completed(structure: Structure, case: Case, strain: StrainRows | None = None) -> Structure:
-    """Return the structure with the stops, the drive, the start and the sensors of a case.
+    """Return the structure with stops, impactors, drive, start and sensors of a case.
 
     Args:
         structure: of the case.
         case: the case.
         strain: gives the strain of surfaces, see `with_sensors`; None: laminae that are apart.
     """
-    given = structure.layout.reading
+    given, n = structure.layout.reading, structure.operators.n_dofs
     structure = with_start(driven(with_stops(structure, case), case), case)
-    structure = in_moving_frame(structure)
-    to_dofs = structure.layout.of_dofs
-    if strain is None or structure.layout.reading is given:  # strains of solids are of free dofs
+    structure = in_moving_frame(with_impactors(structure, case))
+    layout = structure.layout
+    is_same = layout.reading is given and not layout.n_impactors
+    if strain is None or is_same:  # strains of solids are of free dofs
         return with_sensors(structure, case, strain)
-    return with_sensors(structure, case, lambda *place: to_dofs(strain(*place)))
+    none = sp.csr_matrix((1, layout.n_impactors))
+
+    def of_dofs(*place: Any) -> sp.csr_matrix:
+        row = strain(*place)
+        return layout.of_dofs(sp.hstack([row[:, :n], none, row[:, n:]], format="csr"))
+
+    return with_sensors(structure, case, of_dofs)
 
 
 def driven(structure: Structure, case: Case) -> Structure:

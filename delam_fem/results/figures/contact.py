@@ -75,7 +75,7 @@ def contact_line(history: xr.Dataset, case: Case) -> Figure:
     for lamina, axes in zip(stopped, panels[len(names) - 1 :], strict=True):
         _stop_marks(axes, history, lamina, (start, unit))
         axes.set(ylabel="x [mm]", xlim=(start / unit, end / unit), ylim=(0.0, 1.02 * x_end))
-        axes.set_title(f"stops of {names[lamina]}", loc="left")
+        axes.set_title(f"stops and impactors of {names[lamina]}", loc="left")
         legend_above(axes)
     for j, axes in enumerate(panels[: len(names) - 1]):
         axes.grid(False)

@@ -306,7 +306,7 @@ def film(history: xr.Dataset, case: Case) -> Film | None:
         "Between two frames the motion is interpolated."
     )
     if stops:
-        caption += " Triangles are stops, and supports inside the span."
+        caption += " Triangles are stops, impactors, and supports inside the span."
     if factor != 1.0:
         caption += f" Deflections and gaps are drawn {factor:g} times as large as they are."
     return Film(data, "The laminae in motion", caption)
@@ -328,10 +328,18 @@ def _stops(history: xr.Dataset, case: Case, factor: float, last: slice) -> list[
             "lit": lit[last].tolist(),
         })  # fmt: skip
 
-    for k in range(history.sizes.get("stop", 0)):
+    numbers = history["stop_number"].to_numpy() if "stop_number" in history else np.zeros(0)
+    for k, number in enumerate(numbers.tolist()):
+        impactor = number - len(case.stop) - 1
+        if impactor >= 0 and number == numbers[k - 1] and k:  # Hertz's springs lie behind another
+            continue
         own = history.isel(stop=k)
         height = float(own["stop_height"])
         y = factor * height + float(own["stop_on_base"]) * base
+        if impactor >= 0:
+            reach = 5.0 * (abs(height) + float(np.abs(history["displacement"]).max()) + sum(half))
+            moved = history["impactor_displacement"][impactor].to_numpy().clip(-reach, reach)
+            y = y + factor * np.interp(history["frame"], history["time"], moved)
         side = -1 if np.signbit(height) else 1
         mark(int(own["stop_lamina"]), int(own["stop_node"]), side, y, own["stop_state"].to_numpy())
     names = [lamina.name for lamina in case.lamina]

@@ -400,4 +400,4 @@ def _follow(case: Case, given: Continue, place: Place) -> Branches:
     return Branches(data, swept)
 
 
-STUDY = Study(Continue, _follow)
+STUDY = Study(Continue, _follow, takes_impactors=True)

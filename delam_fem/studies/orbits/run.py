@@ -406,4 +406,4 @@ def _orbit(case: Case, given: options.Orbit, place: Place) -> Orbit:
     )  # fmt: skip
 
 
-STUDY = Study(options.Orbit, _orbit)
+STUDY = Study(options.Orbit, _orbit, takes_impactors=True)

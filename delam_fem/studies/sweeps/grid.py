@@ -642,6 +642,9 @@ def require_valid(sweep: Sweep) -> None:
         sweep.initial_of(trial)
     case = sweep.case_of(first, label)
     record, is_harmonic = sweep.file.record, case.is_periodic
+    is_rest = sweep.file.start == "rest" and not sweep.file.initial
+    if case.impactor and not (is_rest and not any(is_initial(d.key) for d in sweep.dimensions)):
+        raise CaseError(f"{label}: start: expected rest beside impactors, which bring their own")
     if not is_harmonic and (sweep.file.order != "independent" or record.lyapunov):
         what = "order" if sweep.file.order != "independent" else "record.lyapunov"
         raise CaseError(f'{label}: {what}: expected excitation.kind "harmonic" for it')
