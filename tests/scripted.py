@@ -40,6 +40,7 @@ class Scripted:
     resting: np.ndarray = field(default_factory=lambda: np.zeros(2, dtype=bool))
     dissipated: float = 0.0
     contact_damped: float = 0.0
+    damped: np.ndarray = field(default_factory=lambda: np.zeros(2))
     seen_u: np.ndarray = field(default_factory=lambda: np.zeros(5))
     seen_v: np.ndarray = field(default_factory=lambda: np.zeros(2))
 

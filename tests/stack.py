@@ -142,6 +142,7 @@ def _record(case: Case, structure: Structure, period: int) -> PeriodRecord:
     return PeriodRecord(
         np.zeros((STEPS + 1, 3)), u, v, frame_steps, (None, 0.0, 0.0), list(state[:, :2]),
         _contact(structure), _jumps(), n_steps=STEPS,
+        damped=np.zeros(structure.operators.n_pairs),
     )  # fmt: skip
 
 

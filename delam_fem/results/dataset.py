@@ -61,6 +61,8 @@ def history(
         _add_impactors(data, recorder, structure)
     _add_frames(data, recorder, structure, start)
     _add_events(data, recorder, layout, start)
+    if not case.is_massless:  # there impacts take no energy
+        _add_heat(data, recorder, layout)
     for signal in signals(recorder, structure, case):
         data = with_sensor(data, signal)
     data.attrs = {
@@ -203,7 +205,8 @@ def _add_events(data: xr.Dataset, recorder: Recorder, layout: Layout, start: int
             p = decision.impulses
             step = tick / recorder.refine
             when = (start + j * recorder.steps_per_period + step) * recorder.time_step
-            share = energy * p / float(p.sum()) if p.any() else np.zeros(p.size)
+            work = 0.5 * p * (decision.rate_pre + decision.rate_post)
+            share = work + (energy - work.sum()) * p / float(p.sum()) if p.any() else work
             time = np.full(p.size, when)
             columns.append(np.array([time, decision.hit, p, decision.rate_pre, share]))
     time, pair, impulse, rate, energy = np.concatenate(columns, axis=1)
@@ -218,6 +221,17 @@ def _add_events(data: xr.Dataset, recorder: Recorder, layout: Layout, start: int
     add(data, "event_impulse", impulse)
     add(data, "event_velocity_before", rate)
     add(data, "event_energy", energy)
+
+
+def _add_heat(data: xr.Dataset, recorder: Recorder, layout: Layout) -> None:
+    """Add the mean power that impacts and contact dampers take at each pair over the window."""
+    heat = np.sum([record.damped for record in recorder.window], axis=0)
+    hits = np.concatenate([record.jumps.columns().hit for record in recorder.window])
+    np.subtract.at(heat, hits, data["event_energy"].to_numpy())
+    heat /= data.sizes["time"] * recorder.time_step
+    add(data, "heat", _of_interfaces(layout, heat))
+    if layout.stops:
+        add(data, "stop_heat", heat[layout.stops[0].first_pair :])
 
 
 def _places(layout: Layout) -> tuple[IntArray, IntArray, IntArray]:

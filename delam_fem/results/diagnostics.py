@@ -62,6 +62,21 @@ def gap_field(history: xr.Dataset) -> FloatArray:
     return between(by_interface(history["gap0"])[:, None], history["displacement"].to_numpy())
 
 
+def heat(history: xr.Dataset) -> tuple[FloatArray, FloatArray]:
+    """Return the mean power that contact takes over the window; of an earlier version 0.
+
+    Returns:
+        At the nodes of each interface, shape (n_interfaces, n_nodes), and at those of each lamina
+        by its stops, shape (n_laminae, n_nodes) [W].
+    """
+    of_stops = np.zeros((history.sizes["lamina"], history.sizes["node"]))
+    if "stop_heat" in history:
+        place = history["stop_lamina"].to_numpy(), history["stop_node"].to_numpy()
+        np.add.at(of_stops, place, history["stop_heat"].to_numpy())
+    known = history["heat"] if "heat" in history else 0.0 * history["gap0"]
+    return by_interface(known), of_stops
+
+
 def contact_line(history: xr.Dataset) -> FloatArray:
     """Return the largest x at which the laminae touch in each frame.
 

@@ -262,8 +262,15 @@ _ALL = (
         "event_energy",
         ("event",),
         "J",
-        "change of energy at the instant, shared in proportion to the impulses",
+        "change of energy of the impact: impulse times the mean of the gap rates before and after",
     ),
+    Variable(
+        "heat",
+        (INTERFACE, "node"),
+        "W",
+        "mean power that impacts and contact dampers take at the point, over the window",
+    ),
+    Variable("stop_heat", ("stop",), "W", "the same as heat, at the contact point of a stop"),
 )
 
 VARIABLES: Mapping[str, Variable] = MappingProxyType({entry.name: entry for entry in _ALL})

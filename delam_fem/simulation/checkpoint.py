@@ -395,6 +395,7 @@ def _flatten(record: PeriodRecord) -> dict[str, Any]:
         "start": record.start,
         "contact": np.array(record.contact, dtype=np.int8),
         "resting": record.resting,
+        "damped": record.damped,
         "totals": [record.released, record.impact, record.n_steps, record.ticks_per_step],
         **{f"jump_{k}": column for k, column in record.jumps.columns()._asdict().items()},
     }
@@ -417,4 +418,5 @@ def _rebuild(arrays: dict[str, Any]) -> PeriodRecord:
         n_steps=int(n_steps),
         ticks_per_step=int(ticks),
         resting=arrays["resting"],
+        damped=arrays["damped"],
     )

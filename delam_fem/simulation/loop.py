@@ -122,6 +122,7 @@ class Advancing(Moving, Kinematics, Protocol):
 
     resting: BoolArray
     is_resting: bool
+    damped: FloatArray
 
     @property
     def n_shares(self) -> int:
@@ -200,6 +201,7 @@ class StepByStep:
         for _ in range(n_periods):
             record = recorder.open(self.stepper, base_states)
             n_steps = self.run_period(record, -recorder.limit)
+            record.damped = self.stepper.damped
             is_bounded = recorder.close(record, self.stepper, n_steps)
             if not is_bounded or n_steps < len(base_states) - 1:
                 return False

@@ -369,6 +369,7 @@ class PeriodRecord:
         effort: numbers of steps and contacts, in the order of `EFFORT`.
         ticks_per_step: r, the number of fine steps (ticks) in a step.
         resting: pairs at rest when the period began, shape (n_pairs,).
+        damped: energy that the damper of each pair has taken, shape (n_pairs,) [J]; none: 0.
     """
 
     base_states: FloatArray
@@ -387,6 +388,7 @@ class PeriodRecord:
     effort: IntArray = field(default_factory=lambda: np.zeros(len(EFFORT), np.int64))
     ticks_per_step: int = 1
     resting: BoolArray = field(default_factory=lambda: np.zeros(0, np.bool_))
+    damped: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
         """Prepare `keep`."""

@@ -28,6 +28,7 @@ class Ball:
     speed: float = 0.0
     dissipated: float = 0.0
     contact_damped: float = 0.0
+    damped: np.ndarray = field(default_factory=lambda: np.zeros(1))
     resting: np.ndarray = field(default_factory=lambda: np.zeros(1, dtype=bool))
     is_resting: bool = False
     gap: np.ndarray = field(default_factory=lambda: np.zeros(1))

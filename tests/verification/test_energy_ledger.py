@@ -313,3 +313,46 @@ def test_the_residual_of_each_scheme(name: str, engine: Engine) -> None:
         return
     assert residuals[0] == pytest.approx(size, rel=0.05)
     assert np.log(residuals[0] / residuals[1]) / np.log(4.0) == pytest.approx(order, abs=0.05)
+
+
+HOT: dict[str, dict[str, object]] = {
+    "newton": {"contact.law": "newton@moreau-jean"},
+    "damped, divided steps": {
+        "contact.law": "penalty", "contact.penalty_stiffness": 1e4, "contact.penalty_damping": 0.5,
+        "time.refine": 8,
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("law", HOT)
+@pytest.mark.parametrize("engine", ["petsc", "compiled"])
+def test_heat_over_x_is_what_the_ledger_says_contact_takes(law: str, engine: Engine) -> None:
+    """Divided steps are undone and made again; what they took must count once."""
+    settings = {"mesh.elements": 8, "time.steps_per_period": 400, "output.window_periods": 2}
+    history = compute({**settings, **HOT[law]}, periods=3, engine=engine).history
+    lost = (history.energy_impact_loss + history.energy_contact_damping_loss).values[-2:].sum()
+    assert lost > 1e-4
+    seconds = history.sizes["time"] * (history.time.values[1] - history.time.values[0])
+    assert float(history.heat.sum()) * seconds == pytest.approx(lost, rel=1e-12)
+    assert (history.heat.values > 0.0).sum() >= 2  # not at one place
+    if law == "newton":
+        hit = history.event_node.values
+        before, impulse = history.event_velocity_before.values, history.event_impulse.values
+        work = -0.5 * impulse * (1.0 - 0.1) * before
+        expected = np.bincount(hit, work, history.sizes["node"]) / seconds
+        np.testing.assert_allclose(history.heat.values, expected, atol=1e-9 * expected.max())
+
+
+def test_heat_of_stops_is_apart_from_that_between_laminae() -> None:
+    """An elastic stop with a damper under a tip takes all that is lost in contact."""
+    case = preset("paper", {
+        "mesh.elements": 6, "time.periods": 2, "time.steps_per_period": 400, "gap.tip": 0.1,
+        "contact.law": "penalty", "contact.penalty_stiffness": 1e4, "contact.penalty_damping": 0.5,
+        "stop": [{"lamina": "thick", "position": 0.685, "side": "both", "gap": 0.002, "on": "base",
+                  "stiffness": 2e4, "damping": 1.0}],
+    })  # fmt: skip
+    history = run(case, "compiled").history
+    lost = float(history.energy_contact_damping_loss.sum())
+    assert lost > 1e-5
+    assert not history.heat.values.any()
+    assert float(history.stop_heat.sum()) * 2 * case.period == pytest.approx(lost, rel=1e-12)

@@ -41,6 +41,7 @@ from delam_fem.engines.compiled.state import (
     N_SPRINGS,
     PENALTY,
     RELEASED,
+    SLOT,
 )
 from delam_fem.system.kernels import njit
 
@@ -166,11 +167,18 @@ def push_springs(system, law, memory):  # type: ignore[no-untyped-def]
         X[size + i] += to_v * z
         X[lk.A * size + i] += z
         X[lk.P * size + i] += to_v * z
-    if law.damping != 0.0:
-        total = 0.0
-        for j in range(memory.counts[N_SPRINGS]):
-            total += _spring_rate(system, X, memory.pairs[j], lk.P * size) ** 2
-        memory.totals[CONTACT_DAMPED] += system.scheme.weight * law.damping * total
+
+
+@njit
+def damp(system, law, memory, log):  # type: ignore[no-untyped-def]
+    """Count what the dampers of the springs have taken in a step, in all and at each pair."""
+    total, factor = 0.0, system.scheme.weight * law.damping
+    for j in range(memory.counts[N_SPRINGS]):
+        k = memory.pairs[j]
+        square = _spring_rate(system, memory.X, k, lk.P * system.size) ** 2
+        total += square
+        log.damped[memory.counts[SLOT] * system.n_pairs + k] += factor * square
+    memory.totals[CONTACT_DAMPED] += factor * total
 
 
 @njit

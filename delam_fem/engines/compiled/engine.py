@@ -148,7 +148,7 @@ class CompiledStepper:
         return self.memory.X[: (lk.A + 1) * size].reshape(3, size)
 
 
-OF_BLOCK = ("u", "v", "is_divided", "frames", "contact", "resting", "levels", "ends")
+OF_BLOCK = ("u", "v", "is_divided", "frames", "contact", "resting", "damped", "levels", "ends")
 """Members of a block that compiled code writes; see `state.Log`."""
 _IMPACT, _RELEASED = LEDGER.index("impact_loss"), LEDGER.index("spring_released")
 
@@ -175,6 +175,7 @@ class Block:
         self.frames = np.empty((n_slots, n_frames, 2, size))
         self.contact = np.empty((n_slots, n_frames, n_pairs), dtype=np.int8)
         self.resting = np.empty((n_slots, n_pairs), dtype=np.uint8)
+        self.damped = np.empty((n_slots, n_pairs))
         self.levels = np.empty((n_periods + 1, len(LEVEL)))
         self.ends = np.zeros((n_periods, 3), dtype=np.int64)
         self.addresses = [getattr(self, name).ctypes.data for name in OF_BLOCK]
@@ -227,6 +228,7 @@ class Block:
             effort=self._effort[j],
             ticks_per_step=self._ticks_per_step,
             resting=self.resting[slot].astype(np.bool_),
+            damped=self.damped[slot],
         )
 
 

@@ -259,6 +259,8 @@ class Log(NamedTuple):
         frames: u and v at the frames in internal order, shape (n_slots, n_frames, 2, size).
         contact: 0 open, 1 hit, 2 resting, shape (n_slots, n_frames, n_pairs).
         resting: pairs at rest when each period began, shape (n_slots, n_pairs).
+        damped: energy that the damper of each pair has taken in the period, shape (n_slots,
+            n_pairs) [J].
         levels: energies (`energy.LEVEL`) at the start of the first period and at the end of each,
             shape (n_periods + 1, 6).
         ends: at the end of each period of the block its number of steps, and the numbers of events
@@ -291,6 +293,7 @@ class Log(NamedTuple):
     frames: FloatArray
     contact: npt.NDArray[np.int8]
     resting: npt.NDArray[np.uint8]
+    damped: FloatArray
     levels: FloatArray
     ends: IntArray
     event_tick: IntArray

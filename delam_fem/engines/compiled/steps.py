@@ -258,6 +258,8 @@ def end_step(system, law, memory, log, tick, flow, smallest):  # type: ignore[no
         COMPLETED, or a failure of the law, see contact.py.
     """
     status = COMPLETED
+    if law.damping != 0.0 and memory.counts[N_SPRINGS] > 0:
+        contact.damp(system, law, memory, log)
     if smallest <= 0.0 or memory.counts[N_SPRINGS] > 0:
         status = contact.examine(system, law, memory, log, tick)
         if law.kind >= MOREAU:
@@ -354,7 +356,7 @@ def _leap(system, law, memory, log, new_base, level, tick, was_clear):  # type: 
         COMPLETED, NEAR if the step was undone, or a failure of the law; whether the new state is
         clear.
     """
-    X, base, totals = memory.X, memory.base, memory.totals
+    X, base = memory.X, memory.base
     reach, is_near = 0.5 * SAFETY * system.scheme.time_step, False
     for k in range(system.n_pairs if level == COARSE else 0):
         memory.near[k] = 0
@@ -365,7 +367,7 @@ def _leap(system, law, memory, log, new_base, level, tick, was_clear):  # type: 
     n_kept = (2 if system.is_chained or system.is_modal else 3) * system.size
     for i in range(n_kept):
         memory.kept[i] = X[i]
-    old_base, damped = (base[0], base[1], base[2]), totals[CONTACT_DAMPED]
+    old_base = base[0], base[1], base[2]
     flow, smallest = advance(system, law, memory, new_base, was_clear)
     is_clear = _is_clear(system, memory, reach)
     if (not is_clear and _mark_near(system, memory, -reach, level, log.slow)) or is_near:
@@ -373,7 +375,6 @@ def _leap(system, law, memory, log, new_base, level, tick, was_clear):  # type: 
             X[i] = memory.kept[i]
         memory.counts[IS_SEEN] = 0
         base[0], base[1], base[2] = old_base
-        totals[CONTACT_DAMPED] = damped
         return NEAR, False
     return end_step(system, law, memory, log, tick, flow, smallest), is_clear
 
@@ -584,6 +585,7 @@ def _begin_period(p, log, j):  # type: ignore[no-untyped-def]
         memory.base[i] = log.base_states[i]
     for k in range(n_pairs):
         log.resting[slot * n_pairs + k] = memory.resting[k]
+        log.damped[slot * n_pairs + k] = 0.0
     if log.refine > 1:
         for i in range(slot * n_rows, (slot + 1) * n_rows):
             log.is_divided[i] = 0

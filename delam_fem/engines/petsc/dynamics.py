@@ -36,6 +36,7 @@ class Dynamics:
         is_resting: whether a pair rests, so that the law must be asked although no gap is closed.
         spring_stiffness: stiffness of the spring that a resting pair carries [N/m]; 0: no spring.
         contact_damped: energy that contact dampers have taken so far [J].
+        damped: that of each pair in the period, shape (n_pairs,) [J].
     """
 
     def __init__(
@@ -74,6 +75,7 @@ class Dynamics:
         self._step = 0
         self._make_views()
         self._dissipated = self.contact_damped = 0.0
+        self.damped: FloatArray = np.zeros(o.n_pairs)
         self.resting: BoolArray = np.zeros(o.n_pairs, dtype=np.bool_)
         self.is_resting = False
         self.spring_stiffness = 0.0
@@ -126,6 +128,7 @@ class Dynamics:
         if self._base_table is not base_states or base_states.flags.writeable:
             self._base_table, self._base_rows = base_states, base_states.tolist()
         self._base_states, self._step = self._base_rows, 0
+        self.damped = np.zeros_like(self.damped)  # a record keeps that of its period
         self._see()  # as a run does that continues from a file
         return self._base_rows
 

@@ -25,7 +25,7 @@ from delam_fem.case.definition import Case
 from delam_fem.contact.laws import LAWS
 from delam_fem.model.layout import Structure
 from delam_fem.numerics.types import FloatArray, IntArray
-from delam_fem.results.diagnostics import gap_field
+from delam_fem.results.diagnostics import gap_field, heat
 from delam_fem.results.fields import vtkhdf
 from delam_fem.results.fields.vtkhdf import subcells
 from delam_fem.results.folder import SOLID
@@ -107,6 +107,17 @@ def contact_force_of_laminae(history: xr.Dataset, case: Case) -> FloatArray:
         force -= damping * share * (velocity[1:] - velocity[:-1])
     is_resting = by_interface(history["contact_state"]) == RESTING
     return _on_both_sides(np.where(is_resting, force, 0.0))
+
+
+def heat_of_laminae(history: xr.Dataset) -> FloatArray:
+    """Return the mean power that contact takes at the points of each lamina.
+
+    Returns:
+        Sums over its interfaces and stops, shape (n_laminae, n_frames, n_nodes) [W].
+    """
+    of_interfaces, of_stops = heat(history)
+    both = _on_both_sides(of_interfaces) + of_stops
+    return np.repeat(both[:, None], history.sizes["frame"], axis=1)
 
 
 def curvature(history: xr.Dataset) -> FloatArray:

@@ -113,6 +113,7 @@ class Ribbons:
                 "gap": derived.gap_of_laminae(history),
                 "contact_state": of_laminae(by_interface(history["contact_state"])),
                 "impulse": derived.impulse_of_laminae(history),
+                "heat": derived.heat_of_laminae(history),
                 "contact_force": derived.contact_force_of_laminae(history, case),
             },
         )
@@ -121,7 +122,8 @@ class Ribbons:
         """Return all fields at all points, scalars of shape (n,), vectors of shape (n, 3).
 
         displacement [m], velocity [m/s], moment [N m], curvature [1/m], gap [m], contact_state [-],
-        impulse since the frame before [N s], contact_force of a pair [N], and the axial strain of
+        impulse since the frame before [N s], heat (mean power over the window) [W], contact_force
+        of a pair [N], and the axial strain of
         bending, minus the height above the middle plane times the curvature [-].
         """
         data = {name: _lateral(values[:, frame]) for name, values in self.vectors.items()}

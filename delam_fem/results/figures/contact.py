@@ -60,7 +60,8 @@ STORES = (
 def contact_line(history: xr.Dataset, case: Case) -> Figure:
     """Draw the gap of each interface over x and t, with contacts and impacts marked.
 
-    Below them each lamina with stops has a panel with its contacts and impacts.
+    Below them each lamina with stops has a panel with its contacts and impacts. Beside each panel
+    is the power that contact takes at each point, if there is any.
     """
     unit, label = time_axis(case)
     end = float(history["time"][-1])
@@ -70,8 +71,16 @@ def contact_line(history: xr.Dataset, case: Case) -> Figure:
     stopped = np.unique(history["stop_lamina"]).tolist() if "stop_lamina" in history else []
     n = len(names) - 1 + len(stopped)
     figure = Figure(figsize=(WIDTH, ONE_PANEL if n == 1 else PANEL * n), layout="constrained")
-    panels = figure.subplots(n, 1, sharex=True, squeeze=False)[:, 0]
-    x_end = 1e3 * float(history["x"][-1])
+    of_interfaces, of_stops = diagnostics.heat(history)
+    heat = finite(np.concatenate([of_interfaces, of_stops[stopped]]))
+    ratios = [8, 1] if heat.any() else [1]
+    grid = figure.subplots(n, len(ratios), sharex="col", squeeze=False, width_ratios=ratios)
+    panels, x = grid[:, 0], 1e3 * history["x"].to_numpy()
+    x_end = float(x[-1])
+    for axes, own in zip(grid[:, 1:].ravel(), heat, strict=False):
+        axes.fill_betweenx(x, 1e3 * own, color=VERMILLION, linewidth=0.0, step="mid")
+        axes.set(ylim=(0.0, 1.02 * x_end))
+        axes.tick_params(labelleft=False)
     for lamina, axes in zip(stopped, panels[len(names) - 1 :], strict=True):
         _stop_marks(axes, history, lamina, (start, unit))
         axes.set(ylabel="x [mm]", xlim=(start / unit, end / unit), ylim=(0.0, 1.02 * x_end))
@@ -89,7 +98,8 @@ def contact_line(history: xr.Dataset, case: Case) -> Figure:
             axes.set_title(f"{names[j]} – {names[j + 1]}", loc="left")
         if axes.get_legend_handles_labels()[0]:
             legend_above(axes)
-    label_x(panels, label)
+    for column, text in zip(grid.T, (label, "heat [mW]"), strict=False):
+        label_x(column, text)
     seconds_below(panels[-1], case)
     figure.suptitle(title(case))
     return figure

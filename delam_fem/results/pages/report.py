@@ -394,7 +394,7 @@ CAPTIONS = {
     "phase_portraits": "Phase portraits of the reference probes.",
     "sensors": "Signals of the sensors over the last periods.",
     "spectra": "Amplitude spectra of the displacements at the reference probes.",
-    "contact_line": "Where and when neighbouring laminae touch.",
+    "contact_line": "Where and when neighbouring laminae touch, and the power that contact takes.",
     "energy_ledger": "What changed the energy in each period, and what was stored at its end.",
     "envelope": "Displacements at the reference probes within each period of the whole run.",
 }

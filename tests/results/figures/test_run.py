@@ -13,6 +13,7 @@ from stack import three_laminae
 from synthetic import AMPLITUDES, PERIODS, STEPS, SWEEP, WINDOW, small_case, synthetic_history
 
 from delam_fem import Case
+from delam_fem.results.fields.derived import heat_of_laminae
 from delam_fem.results.figures import contact as contact_figures
 from delam_fem.results.figures import run as figures
 from delam_fem.results.figures import style
@@ -289,6 +290,21 @@ def test_each_interface_has_its_contact_line() -> None:
     held = [[line for line in a.lines if "permanent" in str(line.get_label())] for a in panels]
     assert not held[0]
     assert sorted(set(np.round(held[1][0].get_ydata(), 6))) == [137.0, 274.0]
+
+
+def test_heat_stands_beside_each_contact_line_and_belongs_to_both_laminae() -> None:
+    recorded = three_laminae()
+    history = recorded.history()
+    heat = history["heat"].to_numpy()
+    seconds = stack.WINDOW * recorded.case.period
+    assert heat.sum() == pytest.approx(2e-5 * stack.WINDOW / seconds)  # 1e-5 J at each strike
+    figure = draw("contact_line", history, recorded.case)
+    panels = [axes for axes in figure.axes if axes.get_xlabel() == "heat [mW]"]
+    for own, axes in zip(heat, panels, strict=True):
+        (drawn,) = axes.collections
+        assert drawn.get_datalim(axes.transData).x1 == pytest.approx(1e3 * own.max())
+    shown = heat_of_laminae(history)[:, 0]
+    np.testing.assert_allclose(shown, [heat[0], heat[0] + heat[1], heat[1]])
 
 
 @pytest.mark.parametrize("name", ["spectra", "contact_line"])
