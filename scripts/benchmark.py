@@ -35,6 +35,7 @@ import delam_fem as df
 from delam_fem.engines.petsc import linear_algebra
 from delam_fem.engines.session import EngineName, session_of
 from delam_fem.model.beams import closed_form
+from delam_fem.model.operators import matrix
 from delam_fem.reference.loop import simulate_reference
 from delam_fem.simulation.recorder import N_SIZES
 
@@ -100,10 +101,9 @@ def bare_operations(case: df.Case, repeats: int) -> float:
     """Return the time of one MatSolve and two MatMult with the matrices of a case [µs]."""
     o = closed_form.assemble(case).operators
     dt = case.time_step
-    A = linear_algebra.Factor(
-        o.mass + dt / 2 * o.damping + dt**2 / 4 * o.stiffness, COMM, "benchmark_"
-    )
-    C, K = linear_algebra.matrix(o.damping, COMM), linear_algebra.matrix(o.stiffness, COMM)
+    rows = o.mass + dt / 2 * o.damping + dt**2 / 4 * o.stiffness
+    A = linear_algebra.Factor(matrix(rows, COMM), "benchmark_")
+    C, K = matrix(o.damping, COMM), matrix(o.stiffness, COMM)
     x, y = K.createVecs()
     x.set(1.0)
 

@@ -53,13 +53,13 @@ def measured(kind: str, elements: int, strips: int) -> dict[str, Any]:
     given = discretise.assemble(case, comm=comm).operators
     assembly, _ = clock.turn()
     o = spread(given, comm) if isinstance(given, Operators) else given
-    dt, of_rank = case.time_step, MPI.COMM_SELF if o.is_uncoupled else comm
-    rows = sum(
-        factor * linear_algebra.rows_of(matrix, o.is_uncoupled)
-        for factor, matrix in ((1.0, o.mass), (dt / 2, o.damping), (dt**2 / 4, o.stiffness))
-    )
+    dt = case.time_step
+    matrices = [linear_algebra.block(m, o.is_uncoupled) for m in (o.mass, o.damping, o.stiffness)]
+    whole = matrices[0].copy()
+    whole.axpy(dt / 2, matrices[1])
+    whole.axpy(dt**2 / 4, matrices[2])
     clock.turn()
-    factor = linear_algebra.Factor(rows, of_rank, "moreau_")
+    factor = linear_algebra.Factor(whole, "moreau_")
     factorisation, _ = clock.turn()
     factor.destroy()
     stepper = MoreauJean(given, dt, comm=comm)

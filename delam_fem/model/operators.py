@@ -388,7 +388,8 @@ def spread(operators: Operators, comm: MPI.Intracomm) -> DistributedOperators:
     """
     o, own = operators, _own_of(operators.n_dofs, comm)
     base, lumped = o.base, o.lumped_mass
-    M, C, K = (matrix(m[own], comm) for m in (o.mass, o.damping, o.stiffness))
+    matrices = o.mass, o.damping, o.stiffness
+    M, C, K = (matrix(m if comm.size == 1 else m[own], comm) for m in matrices)
     if o.near_null is not None:
         with_near_null(K, o.near_null[own])
     return DistributedOperators(
@@ -417,7 +418,9 @@ def spread(operators: Operators, comm: MPI.Intracomm) -> DistributedOperators:
 
 
 def matrix(rows: sp.spmatrix, comm: MPI.Intracomm) -> PETSc.Mat:
-    """Return a square PETSc matrix from the rows of each rank (collective).
+    """Return a PETSc matrix from the rows of each rank (collective); on several it is square.
+
+    On one rank the matrix is in the memory of the rows, so that nobody may write to it.
 
     Args:
         rows: the own rows with all columns, CSR (n_own, n).
@@ -427,13 +430,18 @@ def matrix(rows: sp.spmatrix, comm: MPI.Intracomm) -> PETSc.Mat:
 
     rows = sp.csr_matrix(rows)
     rows.sort_indices()
+    index = PETSc.IntType
+    arrays = (
+        rows.indptr.astype(index, copy=False),
+        rows.indices.astype(index, copy=False),
+        rows.data.astype(float, copy=False),
+    )
+    if comm.size == 1:
+        return PETSc.Mat().createAIJWithArrays(rows.shape, arrays, comm=comm)
     result = PETSc.Mat().create(comm)
     result.setSizes((rows.shape, rows.shape))
     result.setType(PETSc.Mat.Type.AIJ)
-    index = PETSc.IntType
-    result.setPreallocationCSR(
-        (rows.indptr.astype(index), rows.indices.astype(index), rows.data.astype(float))
-    )
+    result.setPreallocationCSR(arrays)
     result.assemble()
     return result
 

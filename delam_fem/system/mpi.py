@@ -7,6 +7,7 @@ leave signals to the package, and files in the working folder unread.
 
 from __future__ import annotations
 
+import ctypes
 import gc
 import os
 import sys
@@ -28,6 +29,11 @@ a deadly signal with a page of text, in which it may hang."""
 
 PETSC_ARGUMENTS = ("-no_signal_handler", "-skip_petscrc")
 """Handlers would answer a closed terminal or pipe with a page of text; .petscrc may load code."""
+
+
+RETURNING = {-4: 1 << 16, -3: 1 << 25, -1: 1 << 26}
+"""glibc's M_MMAP_MAX, M_MMAP_THRESHOLD and M_TRIM_THRESHOLD, near its own values. SuperLU_DIST,
+which comes with PETSc, sets them so that a process keeps all memory that it has ever had."""
 
 
 class _Alone:
@@ -59,6 +65,8 @@ def start_petsc(comm: MPI.Intracomm | None = None) -> None:
     with elsewhere():  # it may look for petsc.cfg, which says where PETSc is
         arch = petsc4py.lib.ImportPETSc().__arch__
     petsc4py.init(PETSC_ARGUMENTS, arch, comm)
+    for option, value in RETURNING.items():  # only glibc has such options
+        getattr(ctypes.CDLL(None), "mallopt", lambda *_: 0)(option, value)
 
 
 def hold(comm: MPI.Intracomm) -> None:

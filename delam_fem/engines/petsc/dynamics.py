@@ -16,7 +16,7 @@ import scipy.sparse as sp
 from petsc4py import PETSc
 
 from delam_fem.engines.petsc import linear_algebra
-from delam_fem.model.operators import DistributedOperators, Operators, spread, whole
+from delam_fem.model.operators import DistributedOperators, Operators, matrix, spread, whole
 from delam_fem.numerics.types import BoolArray, FloatArray
 from delam_fem.simulation.recorder import Energies
 from delam_fem.simulation.refinement import nearness
@@ -52,10 +52,11 @@ class Dynamics:
         self._is_owner = isinstance(operators, Operators)
         o = spread(operators, comm) if isinstance(operators, Operators) else operators
         self.operators, self.time_step, self.comm = o, time_step, o.comm
-        self._M, self._C, self._K = (
-            linear_algebra.product(m, o.is_uncoupled) for m in (o.mass, o.damping, o.stiffness)
-        )
-        self._H = linear_algebra.local(o.gap_matrix)
+        self._blocks = [
+            linear_algebra.block(m, o.is_uncoupled) for m in (o.mass, o.damping, o.stiffness)
+        ]
+        self._M, self._C, self._K = map(linear_algebra.product, self._blocks)
+        self._H = matrix(o.gap_matrix, MPI.COMM_SELF)
         n, memory = o.n_own, np.zeros(2 * o.n_own)
         self._motion, self.u, self.v = (  # u and v in one memory, so that one product sees both
             linear_algebra.vector_in(part) for part in (memory, memory[:n], memory[n:])
@@ -64,7 +65,7 @@ class Dynamics:
             self._vector() for _ in range(5)
         )
         columns = o.base.mass, o.base.damping, o.base.stiffness
-        self._base_columns = linear_algebra.local(np.column_stack(columns))
+        self._base_columns = matrix(np.column_stack(columns), MPI.COMM_SELF)
         self._drive = PETSc.Vec().createSeq(3)
         self._drive_memory = memoryview(self._drive.array).cast("B").cast("d")
         self._rate, self._impulse, self._force = (
@@ -91,13 +92,12 @@ class Dynamics:
         self, of_damping: float, of_stiffness: float, prefix: str, scale: float
     ) -> linear_algebra.Factor:
         """Return the factor of scale (M + of_damping C + of_stiffness K) (collective)."""
-        o = self.operators
-        rows = linear_algebra.rows_of(o.mass, o.is_uncoupled)
-        if of_damping or of_stiffness:
-            rows = rows + of_damping * linear_algebra.rows_of(o.damping, o.is_uncoupled)
-            rows = rows + of_stiffness * linear_algebra.rows_of(o.stiffness, o.is_uncoupled)
-        comm = MPI.COMM_SELF if o.is_uncoupled else o.comm
-        return linear_algebra.Factor(rows, comm, prefix, scale, like=o.stiffness)
+        mass, damping, stiffness = self._blocks
+        whole = mass.copy()
+        for factor, term in ((of_damping, damping), (of_stiffness, stiffness)):
+            if factor:
+                whole.axpy(factor, term)
+        return linear_algebra.Factor(whole, prefix, scale, like=self.operators.stiffness)
 
     @property
     def dissipated(self) -> float:
@@ -174,9 +174,8 @@ class Dynamics:
         o = self.operators
         rows = sp.csr_matrix(np.vstack([o.base.mass, o.base.damping, o.base.stiffness]))
         of_u, of_v = sp.vstack([rows, o.observed]), o.observed
-        self._view = linear_algebra.local(
-            sp.bmat([[o.gap_matrix, None], [None, o.gap_matrix], [of_u, None], [None, of_v]])
-        )
+        blocks = [[o.gap_matrix, None], [None, o.gap_matrix], [of_u, None], [None, of_v]]
+        self._view = matrix(sp.bmat(blocks), MPI.COMM_SELF)
         self._at_rest = self._view.createVecLeft()
         if o.comm.rank == 0:  # the contributions of all ranks are added
             self._at_rest.array[: o.n_pairs] = o.gap0

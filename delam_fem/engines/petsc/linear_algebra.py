@@ -14,7 +14,7 @@ import numpy as np
 import scipy.sparse as sp
 from petsc4py import PETSc
 
-from delam_fem.model.operators import DistributedOperators, matrix, with_near_null
+from delam_fem.model.operators import DistributedOperators, with_near_null
 from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.errors import CaseError
 from delam_fem.system.mpi import MPI
@@ -44,32 +44,19 @@ class Product(Protocol):
         """Write v + B x into y (collective)."""
 
 
-def local(csr: sp.spmatrix) -> PETSc.Mat:
-    """Return a CSR matrix as a sequential PETSc matrix, which may have any number of rows."""
-    csr = sp.csr_matrix(csr)
-    csr.sort_indices()
-    index = PETSc.IntType
-    arrays = csr.indptr.astype(index), csr.indices.astype(index), csr.data.astype(float)
-    result = PETSc.Mat().createAIJ(csr.shape, csr=arrays, comm=PETSc.COMM_SELF)
-    result.assemble()
-    return result
-
-
 def vector_in(memory: FloatArray) -> PETSc.Vec:
     """Return a sequential vector in the memory of an array, which it keeps alive."""
     return PETSc.Vec().createWithArray(memory, comm=PETSc.COMM_SELF)
 
 
-def product(whole: PETSc.Mat, is_uncoupled: bool) -> Product:
-    """Return a matrix as a product with own shares of vectors.
+def block(whole: PETSc.Mat, is_uncoupled: bool) -> PETSc.Mat:
+    """Return what a rank works with: its own block if no entry couples two ranks, or the whole."""
+    return whole.getDiagonalBlock() if is_uncoupled and whole.comm.size > 1 else whole
 
-    Args:
-        whole: the matrix, which must live as long as the product.
-        is_uncoupled: whether no entry couples two ranks.
-    """
-    if whole.comm.size > 1 and not is_uncoupled:
-        return SpreadProduct(whole)
-    return whole if whole.comm.size == 1 else whole.getDiagonalBlock()
+
+def product(whole: PETSc.Mat) -> Product:
+    """Return a matrix, which must live as long, as a product with own shares of vectors."""
+    return whole if whole.comm.size == 1 else SpreadProduct(whole)
 
 
 class SpreadProduct:
@@ -122,15 +109,6 @@ class Portion:
         self.vector.destroy()
 
 
-def rows_of(whole: PETSc.Mat, is_uncoupled: bool) -> sp.csr_matrix:
-    """Return the own rows of a matrix, CSR (n_own, n), or (n_own, n_own) of uncoupled ranks."""
-    if is_uncoupled and whole.comm.size > 1:
-        whole = whole.getDiagonalBlock()
-    (own, _), (_, columns) = whole.getSizes()
-    indptr, indices, data = whole.getValuesCSR()
-    return sp.csr_matrix((data, indices, indptr), shape=(own, columns))
-
-
 class Factor:
     """A factorised matrix B; `solve(b, x)` writes x = B⁻¹ b / s for own shares b, x (collective).
 
@@ -147,8 +125,7 @@ class Factor:
 
     def __init__(
         self,
-        rows: sp.spmatrix,
-        comm: MPI.Intracomm,
+        whole: PETSc.Mat,
         prefix: str,
         scale: float = 1.0,
         like: PETSc.Mat | None = None,
@@ -156,8 +133,7 @@ class Factor:
         """Factorise B.
 
         Args:
-            rows: the own rows of B, CSR (n_own, n).
-            comm: communicator over which the rows are spread; COMM_SELF: this rank alone.
+            whole: B, which this object scales and destroys.
             prefix: prefix of the PETSc options; it names the owner and ends in `_`.
             scale: s.
             like: matrix whose near-null space B shares, which iterative solvers use; None: none.
@@ -168,20 +144,20 @@ class Factor:
         """
         self.scale = scale
         self._options = [f"-{name}" for name in given_options(prefix)]
-        is_banded = comm.size == 1 and not _is_wide(rows) and not self._options
-        self._matrix = matrix((scale if is_banded else abs(scale)) * rows, comm)
+        is_shared = whole.comm.size > 1
+        is_banded = not is_shared and not _is_wide(whole) and not self._options
+        self._matrix = whole
+        whole.scale(scale if is_banded else abs(scale))
         is_symmetric = not is_banded and _is_symmetric(self._matrix)
         if is_symmetric:
             self._matrix.setOption(PETSc.Mat.Option.SPD, True)
-        self._solver = PETSc.KSP().create(comm)
+        self._solver = PETSc.KSP().create(whole.comm)
         self._solver.setOptionsPrefix(prefix)
         self._solver.setType(PETSc.KSP.Type.PREONLY)
         self._preconditioner = self._solver.getPC()
         _choose(self._preconditioner, is_symmetric, is_banded)
         self._solver.setOperators(self._matrix)
-        self._sides = (
-            [] if comm.size == 1 else [Portion(vector) for vector in self._matrix.createVecs()]
-        )
+        self._sides = [Portion(vector) for vector in whole.createVecs()] if is_shared else []
         self._sign = -1.0 if scale < 0.0 and not is_banded else 1.0
         self._factor: PETSc.Mat | None = None
         if self._options:
@@ -191,6 +167,7 @@ class Factor:
             self._solver.setUp()
             self._factor = self._preconditioner.getFactorMatrix()
             self._whole_solve = self._factor.solve
+            self._forget()  # a factor is enough
         self.solve = self._whole_solve if is_banded else self._solve
 
     def _heed(self, given: PETSc.Options, is_symmetric: bool, like: PETSc.Mat | None) -> None:
@@ -255,14 +232,18 @@ class Factor:
             side.destroy()
         if self._factor is not None:
             self._factor.destroy()
+        self._forget()
+
+    def _forget(self) -> None:
+        """Free the matrix and what the factor came from."""
         self._preconditioner.destroy()
         self._solver.destroy()
         self._matrix.destroy()
 
 
-def _is_wide(rows: sp.spmatrix) -> bool:
+def _is_wide(whole: PETSc.Mat) -> bool:
     """Return whether a serial matrix is one of those whose Cholesky factors are faster."""
-    return int(rows.nnz) > max(LARGE, WIDE * int(rows.shape[0]))
+    return int(whole.getInfo()["nz_used"]) > max(LARGE, WIDE * whole.getSize()[0])
 
 
 def _is_symmetric(whole: PETSc.Mat) -> bool:
