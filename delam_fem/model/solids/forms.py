@@ -168,19 +168,24 @@ class Solid:
         points = self.space.tabulate_dof_coordinates()[: self.n_own_nodes, : self.dim]
         return np.asarray(points, dtype=np.float64)
 
-    def coordinates_of(self, nodes: IntArray) -> FloatArray:
-        """Return the coordinates of global nodes on every rank (collective), shape (n, dim) [m].
+    def fetched(self, own: Any, nodes: IntArray) -> Any:
+        """Return values at global nodes from the ranks that own them (collective).
 
         Args:
-            nodes: the same on every rank, shape (n,).
+            own: values at the nodes that this rank owns, shape (n_own_nodes, …).
+            nodes: those that this rank asks for, shape (n,).
+
+        Returns:
+            Shape (n, …).
         """
-        local = nodes - self.first_node
-        own = np.flatnonzero((local >= 0) & (local < self.n_own_nodes))
-        pieces = self.comm.allgather((own, self.coordinates[local[own]]))
-        result = np.full((nodes.size, self.dim), np.nan)
-        for place, coordinates in pieces:
-            result[place] = coordinates
-        return result
+        if self.comm.size == 1:
+            return own[nodes]
+        ends = np.array(self.comm.allgather(self.first_node + self.n_own_nodes))
+        owner = np.searchsorted(ends, nodes, side="right")
+        asked = self.comm.alltoall([nodes[owner == rank] for rank in range(self.comm.size)])
+        answers = self.comm.alltoall([own[some - self.first_node] for some in asked])
+        order = np.argsort(owner, kind="stable")
+        return np.concatenate(answers)[np.argsort(order)]
 
     def of_cells(self, values: FloatArray) -> Any:
         """Return a coefficient that is constant in each cell.

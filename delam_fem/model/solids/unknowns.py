@@ -159,7 +159,7 @@ def _at(solid: Solid, nodes: IntArray, axis: float | None = None, lamina: int = 
     base = np.tile(np.arange(dim) == Y, nodes.size).astype(np.float64)
     turn, place = np.zeros(dofs.size), np.full(dofs.size, -1, dtype=np.int64)
     if axis is not None:
-        turn[X::dim] = axis - solid.coordinates_of(nodes)[:, Y]
+        turn[X::dim] = axis - solid.fetched(solid.coordinates, nodes)[:, Y]
         place[X::dim] = dofs[X]
     return Held(dofs, base, turn, place, np.full(dofs.size, lamina, dtype=np.int64))
 
@@ -181,7 +181,7 @@ _SAME = 1e-9
 """Share of the extent of the mesh within which nodes and shapes of cells are the same."""
 _ROUND_OFF = 1e-12
 """Sums of derivatives below this share of the largest derivative are zero."""
-_MOST_ENTRIES = 20_000_000
+_MOST_ENTRIES = 4_000_000
 """Entries of cells that are summed in one go: a bound for the memory."""
 
 
@@ -226,14 +226,12 @@ class Columns:
         """Whether T = 1."""
         return bool(np.all(self.reference == np.arange(self.reference.size)))
 
-    @cached_property
-    def transformation(self) -> sp.csr_matrix:
-        """T of R1, CSR (n_dofs, n_dofs)."""
+    def transformation(self, nodes: IntArray) -> sp.csr_matrix:
+        """Return the rows of T of R1 at some nodes, the others empty, CSR (n_dofs, n_dofs)."""
         dim, n = self.solid.dim, self.reference.size
-        own = np.arange(n)
-        moved = np.flatnonzero(self.reference != own)
-        rows = np.concatenate([own, moved])
-        columns = np.concatenate([own, self.reference[moved]])
+        moved = nodes[self.reference[nodes] != nodes]
+        rows = np.concatenate([nodes, moved])
+        columns = np.concatenate([nodes, self.reference[moved]])
         of_nodes = sp.csr_matrix((np.ones(rows.size), (rows, columns)), shape=(n, n))
         return sp.kron(of_nodes, sp.identity(dim), format="csr")
 
@@ -247,11 +245,16 @@ class Columns:
         if self.is_plain:
             return self.solid.stiffness(young_modulus, poisson)
         n = self.solid.dim * self.solid.n_nodes
-        total = sp.csr_matrix((n, n))
-        for rows, columns, values in self._entries(
-            young_modulus, elasticity(self.solid.dim, poisson)
-        ):
-            total = total + sp.csr_matrix((values, (rows, columns)), shape=(n, n))
+        sums = [sp.csr_matrix((n, n))]
+        D = elasticity(self.solid.dim, poisson)
+        for rows, columns, values in self._entries(young_modulus, D):
+            total = sp.csr_matrix((values, (rows, columns)), shape=(n, n))
+            while sums and sums[-1].nnz <= total.nnz:  # each entry is added a few times only
+                total = sums.pop() + total
+            sums.append(total)
+        total = sums.pop()
+        while sums:
+            total = sums.pop() + total
         first = self.solid.dim * self.solid.first_node
         stop = first + self.solid.dim * self.solid.n_own_nodes
         comm = self.solid.comm
@@ -272,6 +275,7 @@ class Columns:
             i, j = np.nonzero(K)
             of_slots = np.concatenate([nodes[cells], references[cells][:, outside]], axis=1)
             dofs = (dim * of_slots[:, :, None] + np.arange(dim)).reshape(len(cells), -1)
+            dofs = dofs.astype(np.int32)
             step = max(1, _MOST_ENTRIES // max(i.size, 1))
             for first in range(0, len(cells), step):
                 some = slice(first, first + step)
@@ -515,8 +519,7 @@ class Unknowns:
         reference = self.columns.reference[nodes]
         is_absolute = reference == nodes
         if not self.columns.is_plain:
-            every = np.unique(self.columns.reference)
-            there = solid.coordinates_of(every)[np.searchsorted(every, reference)]
+            there = solid.fetched(solid.coordinates, reference)
             at = at - np.where(is_absolute[:, None], 0.0, there)
         turns = [(X, Y)] if dim == 2 else [(X, Y), (Y, 2), (2, X)]
         result = np.zeros((nodes.size, dim + len(turns)))
@@ -534,27 +537,54 @@ class Unknowns:
         return np.asarray(body[self.own // self.solid.dim - self.solid.first_node])
 
     @cached_property
-    def _selection(self) -> sp.csr_matrix:
-        """T of S1, the columns of all ranks (collective), CSR (n_dofs, n_free)."""
-        own = np.concatenate(self.solid.comm.allgather(self.own))
-        plain = np.flatnonzero(~np.isin(own, self.held.place))
+    def _numbers(self) -> IntArray:
+        """Number of the free dof that each own dof of the solid is; -1: it is none, or phi."""
+        solid = self.solid
+        result = np.full(solid.dim * solid.n_own_nodes, -1, dtype=np.int64)
+        plain = np.flatnonzero(~np.isin(self.own, self.held.place))
+        result[self.own[plain] - solid.dim * solid.first_node] = self.first + plain
+        return result.reshape(-1, solid.dim)
+
+    def _selection(self, nodes: IntArray, numbers: IntArray) -> sp.csr_matrix:
+        """Return the rows of T of S1 at some nodes and at ends that turn, CSR (n_dofs, n_free).
+
+        Args:
+            nodes: global nodes, shape (n,).
+            numbers: `_numbers` of them, shape (n, dim).
+        """
+        plain = numbers >= 0
         turned = np.flatnonzero(self.column_of >= 0)
-        rows = np.concatenate([own[plain], self.held.dofs[turned]])
-        columns = np.concatenate([plain, self.column_of[turned]])
-        values = np.concatenate([np.ones(plain.size), self.held.turn[turned]])
+        dofs = self.solid.dim * nodes[:, None] + np.arange(self.solid.dim)
+        rows = np.concatenate([dofs[plain], self.held.dofs[turned]])
+        columns = np.concatenate([numbers[plain], self.column_of[turned]])
+        values = np.concatenate([np.ones(np.count_nonzero(plain)), self.held.turn[turned]])
         return sp.csr_matrix((values, (rows, columns)), shape=(self.n_dofs, self.n_free))
 
-    @cached_property
-    def _whole(self) -> sp.csr_matrix:
-        """T of R1 times T of S1, the columns of all ranks (collective), CSR (n_dofs, n_free)."""
-        if self.columns.is_plain:
-            return self._selection
-        return sp.csr_matrix(self.columns.transformation @ self._selection)
+    def _rows(self, nodes: IntArray, *, is_relative: bool) -> sp.csr_matrix:
+        """Return the rows of T of S1 at some nodes (collective), CSR (n_dofs, n_free).
+
+        Args:
+            nodes: global nodes, increasing, shape (n,).
+            is_relative: without T of R1, which stands before it otherwise.
+        """
+        columns = self.columns
+        every = nodes if is_relative else np.union1d(nodes, columns.reference[nodes])
+        result = self._selection(every, self.solid.fetched(self._numbers, every))
+        if is_relative or columns.is_plain:
+            return result
+        return sp.csr_matrix(columns.transformation(nodes) @ result)
 
     @cached_property
     def free(self) -> sp.csr_matrix:
         """T of R1 times T of S1, the columns of this rank, CSR (n_dofs, n_own)."""
-        return self._whole[:, self.first : self.first + self.n_own]
+        first, reference = self.solid.first_node, self.columns.reference
+        nodes = first + np.arange(self.solid.n_own_nodes)
+        result = self._selection(nodes, self._numbers)[:, self.first : self.first + self.n_own]
+        if self.columns.is_plain:
+            return result
+        follow = np.flatnonzero((reference >= first) & (reference < first + nodes.size))
+        reached = np.unique(np.concatenate([nodes, follow, self.held.dofs // self.solid.dim]))
+        return sp.csr_matrix(self.columns.transformation(reached) @ result)
 
     @cached_property
     def base(self) -> FloatArray:
@@ -570,11 +600,14 @@ class Unknowns:
             matrix: of the displacements of all nodes; it is destroyed.
             is_relative: whether it is one of d (R1 of unknowns.py) instead.
         """
-        T = self._selection if is_relative else self._whole
         start = self.solid.dim * self.solid.first_node
         stop = start + self.solid.dim * self.solid.n_own_nodes
         indptr, indices, data = matrix.getValuesCSR()
         matrix.destroy()
+        is_near = np.zeros(self.n_dofs // self.solid.dim, dtype=np.bool_)
+        is_near[start // self.solid.dim : stop // self.solid.dim] = True
+        is_near[indices // self.solid.dim] = True
+        T = self._rows(np.flatnonzero(is_near), is_relative=is_relative)
         A = sp.csr_matrix((data, indices, indptr), shape=(stop - start, self.n_dofs))
         moved = A @ self.base
         transposed = T[start:stop].T.tocsr()

@@ -79,7 +79,7 @@ def test_nodes_on_facets(solid: Solid) -> None:
     nodes = solid.nodes_on(facets)
     on_top = np.flatnonzero(np.abs(solid.coordinates[:, 1] - 0.5) < ROUND_OFF)
     assert nodes.tolist() == on_top.tolist()
-    np.testing.assert_array_equal(solid.coordinates_of(nodes), solid.coordinates[nodes])
+    np.testing.assert_array_equal(solid.fetched(solid.coordinates, nodes), solid.coordinates[nodes])
     assert solid.nodes_on(facets[:0]).size == 0
 
 
