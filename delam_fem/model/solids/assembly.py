@@ -83,8 +83,10 @@ def assemble(case: Case, *, comm: MPI.Intracomm = MPI.COMM_SELF) -> Structure:
     M, K, lumped = _matrices(case, unknowns, E * _width(case, mesh))
     M, lumped = _with_masses(M, lumped, case, layout, comm)
     C, rayleigh = _damping(case, unknowns, M, K)
+    matrices = [M, C, K]
+    del M, C, K  # each is freed when PETSc has it
     operators = _operators(
-        case, unknowns, layout, touching, (M, C, K), lumped, rayleigh, ranks is not None
+        case, unknowns, layout, touching, matrices, lumped, rayleigh, ranks is not None
     )
     body = Body(
         solid,
@@ -147,16 +149,21 @@ def _operators(
     unknowns: Unknowns,
     layout: Layout,
     touching: tuple[facing.Touching, ...],
-    matrices: tuple[Restricted, Restricted, Restricted],
+    matrices: list[Restricted],
     lumped: FloatArray | None,
     rayleigh: tuple[FloatArray, FloatArray],
     is_uncoupled: bool,
 ) -> Any:
-    """Return the operators: `Operators` on one rank, `DistributedOperators` on several."""
-    M, C, K = matrices
+    """Return the operators: `Operators` on one rank, `DistributedOperators` on several.
+
+    The list of M, C and K is empty afterwards.
+    """
+    M, C, K = (own.column for own in matrices)
+    corners = matrices[0].corner, matrices[1].corner, matrices[2].corner
+    taken = (matrices.pop(0).rows for _ in range(3))
     rows = [sp.csr_matrix((0, unknowns.n_own)), *(own.rows for own in touching)]
     further: dict[str, Any] = {
-        "base": BaseCoupling(M.column, C.column, K.column, (M.corner, C.corner, K.corner)),
+        "base": BaseCoupling(M, C, K, corners),
         "gap_matrix": sp.vstack(rows, format="csr"),
         "gap0": facing.gaps(case, layout, touching),
         "lumped_mass": lumped,
@@ -166,8 +173,9 @@ def _operators(
     }
     comm = unknowns.solid.comm
     if comm.size == 1:
-        return Operators(M.rows, C.rows, K.rows, near_null=unknowns.rigid_motions, **further)
-    mass, damping, stiffness = (distributed.matrix(own.rows, comm) for own in matrices)
+        mass, damping, stiffness = taken
+        return Operators(mass, damping, stiffness, near_null=unknowns.rigid_motions, **further)
+    mass, damping, stiffness = (distributed.matrix(own, comm) for own in taken)
     distributed.with_near_null(stiffness, unknowns.rigid_motions)
     further["is_uncoupled"] = is_uncoupled
     return DistributedOperators(comm, mass, damping, stiffness, **further)
