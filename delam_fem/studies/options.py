@@ -400,6 +400,8 @@ class Converge(Options):
         periods: periods in the statistics.
         limit_steps: steps per period of the limit; 0: no limit.
         engine: engine that computes the steps.
+        judged: numbers that the verdict is about: tip_min, tip_max, amplitude (of the drive's
+            frequency), modal_impulse; others are not judged (default: tip_min,tip_max).
     """
 
     common = ("workers", "resume", "overwrite", "dry_run", "yes")
@@ -412,3 +414,4 @@ class Converge(Options):
     periods: Annotated[int, Flag(least=1)] = 60
     limit_steps: Annotated[int, Flag(least=0)] = 64000
     engine: Literal["petsc", "compiled"] = "compiled"
+    judged: Annotated[tuple[str, ...] | None, Flag(("--judge",), "NAME,…", is_joined=True)] = None

@@ -2,15 +2,18 @@
 
 Two strips under a harmonic base, of a length, stiffness, damping, restitution and frequency
 that are drawn for each truth. A ladder of 250 … 2000 steps per period (10 elements) or of 4 … 16
-elements (1000 steps) gives each of its runs an interval for the distance of its tip extremes from
-the limit. The truth is the distance from a run that the ladder does not have: with eight times as
-many steps, or four times as many elements, as its finest. "Undecided": errors do not shrink within
-the ladder, so that no interval is given.
+elements (1000 steps) gives each of its runs an interval for the distance of its tip extremes, or of
+the numbers named with `--judge`, from the limit. The truth is the distance from a run that the
+ladder does not have: with eight times as many steps, or four times as many elements, as its finest.
+"Undecided": errors do not shrink within the ladder, so that no interval is given. What is left
+beyond the finest run is a bound, so that 95 % are promised at least. Contact work and distortion
+factors had intervals that contained 28 of 67 and 165 of 189 truths in steps: none is given.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +34,10 @@ KINDS = {
     "elements": ((4, 6, 8, 12, 16), (1000,), 64),
 }
 """Meshes and steps of a ladder, and the size of the run that it does not have."""
+JUDGED = {
+    "": (), " of amplitude": ("amplitude",), " of modal_impulse": ("modal_impulse",),
+}  # fmt: skip
+"""What is judged, in words and by name."""
 
 
 def rows(is_long: bool, folder: Path) -> list[Row]:
@@ -39,14 +46,16 @@ def rows(is_long: bool, folder: Path) -> list[Row]:
     found = []
     for number, by in enumerate(KINDS):
         rng = np.random.default_rng([11, number])
-        ends = [end for _ in range(truths) for end in _trial(by, rng)]
-        known = [end for end in ends if math.isfinite(end[1])]
-        inside = sum(bool(abs(truth - away) <= left) for away, left, truth in known)
-        width = float(np.median([100.0 * left for _, left, _ in known])) if known else math.nan
-        found.append(
-            Row(f"distance from the limit in {by}", OWN, PROMISE, inside, len(ends),
-                len(ends) - len(known), note=f"median ± {width:.2g} %")
-        )  # fmt: skip
+        trials = [_trial(by, rng) for _ in range(truths)]
+        for words in JUDGED:
+            ends = [end for trial in trials for end in trial[words]]
+            known = [end for end in ends if math.isfinite(end[1])]
+            inside = sum(bool(abs(truth - away) <= left) for away, left, truth in known)
+            width = float(np.median([100.0 * left for _, left, _ in known])) if known else math.nan
+            found.append(
+                Row(f"distance{words} from the limit in {by}", OWN, PROMISE, inside, len(ends),
+                    len(ends) - len(known), note=f"median ± {width:.2g} %", at_least=True)
+            )  # fmt: skip
     return found
 
 
@@ -65,8 +74,8 @@ def drawn(rng: np.random.Generator) -> Case:
     )
 
 
-def _trial(by: str, rng: np.random.Generator) -> list[tuple[float, float, float]]:
-    """Return distance, uncertainty and true distance of the runs of a ladder that are judged."""
+def _trial(by: str, rng: np.random.Generator) -> dict[str, list[tuple[float, float, float]]]:
+    """Return distance, uncertainty and true distance of the judged runs of a ladder by what is."""
     meshes, steps, finer = KINDS[by]
     ladder = Ladder(drawn(rng), (method(LAW),), meshes, steps, 30, 0)
     law, mesh = ladder.methods[0], meshes[0]
@@ -75,5 +84,11 @@ def _trial(by: str, rng: np.random.Generator) -> list[tuple[float, float, float]
     else:
         line, truth = ladder.along_meshes(law, steps[0]), ladder.rung(law, finer, steps[0])
     results = {rung.key: compute(rung, "compiled") for rung in (*line, truth)}
-    found = Convergence(ladder, results)
-    return [(*found.interval(rung, line, by), found.error(rung, truth)) for rung in line[:-2]]
+    judges = {
+        words: Convergence(replace(ladder, judged=names), results)
+        for words, names in JUDGED.items()
+    }
+    return {
+        words: [(*own.interval(rung, line, by), own.error(rung, truth)) for rung in line[:-2]]
+        for words, own in judges.items()
+    }

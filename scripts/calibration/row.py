@@ -28,6 +28,7 @@ class Row:
         truths: number of truths, with the undecided ones.
         undecided: number of truths for which the program said that it cannot tell.
         warned: number of truths at which the program named the mismatch.
+        at_least: whether more than the nominal share is promised, as of bounds.
         note: a number or a few words beside it, such as the median width.
     """
 
@@ -38,6 +39,7 @@ class Row:
     truths: int
     undecided: int = 0
     warned: int = 0
+    at_least: bool = False
     note: str = ""
 
     @property
@@ -54,7 +56,8 @@ class Row:
         """
         tail, n = 0.5 * (1.0 - BAND), self.decided
         if self.rig == OWN:
-            return int(binom.ppf(tail, n, self.nominal)), int(binom.isf(tail, n, self.nominal))
+            most = n if self.at_least else int(binom.isf(tail, n, self.nominal))
+            return int(binom.ppf(tail, n, self.nominal)), most
         # few truths scatter: the share that is allowed has a band, too, when the form is short
         least = max(1.0 - LOSS * (1.0 - self.nominal), 0.0)
         if n >= 40 or least == 1.0:

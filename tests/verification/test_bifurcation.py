@@ -167,6 +167,14 @@ def test_the_error_of_an_exponent_is_that_of_a_mean() -> None:
     assert math.isnan(mean_growth(rates[:5]).error)
 
 
+def test_the_error_holds_what_twice_the_distance_changes() -> None:
+    near, far = (
+        exponent(2.2, 0.0, 0.5, n_steps=500, perturbation=d, engine="compiled")
+        for d in (0.03, 0.06)
+    )
+    assert near.error > abs(far.value - near.value) > 1e-6
+
+
 def test_a_distance_below_a_step_of_motion_misses_the_shift_of_the_impact() -> None:
     """Both motions then hit in the same step: the reason for the default perturbation."""
     exact = math.log(0.5) * 1.8 / (2.0 * math.pi)

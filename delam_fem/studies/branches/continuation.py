@@ -123,7 +123,9 @@ def crossings(kind: Kind, tests: FloatArray, points: Sequence[Point], span: floa
             for found_at in (places[np.isfinite(places)], curved[np.isfinite(curved)])
         )
         error = TWO_SIDES * max(points[a].parameter_error, points[b].parameter_error)
-        ends = [*interval(at), *crossed, *parameters[a + 1 : b]]  # points between: open sides
+        every, small = (float(np.median(part)) for part in np.array_split(at[1:], 2))
+        beyond = 2.0 * small - every  # what kicks change goes on as they shrink
+        ends = [*interval(at), *crossed, beyond, *parameters[a + 1 : b]]  # between: open sides
         low, high = float(min(ends)), float(max(ends))
         found.append(Event(kind, float(at[0]), low - error, high + error, after))
     return found

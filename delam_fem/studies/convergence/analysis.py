@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from itertools import pairwise
 from typing import Literal
 
@@ -24,9 +24,11 @@ from delam_fem.studies.convergence.rung import (
     converging,
     extrema,
     general,
+    may_be_judged,
 )
 from delam_fem.studies.findings import Finding, Report, Table
 from delam_fem.studies.linear import first_frequencies, linear_amplitudes
+from delam_fem.system.errors import CaseError
 
 NOISE = 2.0
 """Standard errors of the means that an interval holds."""
@@ -44,6 +46,20 @@ class Convergence(Finding):
     ladder: Ladder
     results: dict[str, RungResult]
 
+    def __post_init__(self) -> None:
+        """Check the names of the numbers that are judged.
+
+        Raises:
+            CaseError: a name is not one of `may_be_judged`.
+        """
+        known = [q.name for q in may_be_judged(self.n_laminae)]
+        for name in self.ladder.judged:
+            if not any(_is_of(one, name) for one in known):
+                raise CaseError(
+                    f"judge: expected some of {', '.join(known)}, or one without its numbers for "
+                    f"all of a kind (of no others are intervals known to hold), given {name!r}"
+                )
+
     @property
     def n_laminae(self) -> int:
         """Number of laminae."""
@@ -53,6 +69,18 @@ class Convergence(Finding):
     def extrema(self) -> tuple[Statistic, ...]:
         """Extremes of all laminae, from bottom to top."""
         return extrema(self.n_laminae)
+
+    @cached_property
+    def judged(self) -> tuple[Statistic, ...]:
+        """Numbers whose distance from the limit is judged."""
+        names = self.ladder.judged or [q.name for q in self.extrema]
+        every = may_be_judged(self.n_laminae)
+        return tuple(q for q in every if any(_is_of(q.name, name) for name in names))
+
+    @property
+    def what(self) -> str:
+        """The numbers that are judged, in words."""
+        return ", ".join(q.symbol for q in self.judged) if self.ladder.judged else "tip extremes"
 
     @property
     def is_complete(self) -> bool:
@@ -105,23 +133,24 @@ class Convergence(Finding):
         return statistics.limit(sizes, values, errors)
 
     def error(self, rung: Rung, reference: Rung | None = None) -> float:
-        """Return the distance of the tip extremes from the rigid limit.
+        """Return the distance of the numbers that are judged from the rigid limit.
 
         Args:
             rung: a rung with contact.
             reference: rung that stands for the limit; by default the limit of the same mesh.
 
         Returns:
-            The largest difference of all extremes, each in half peak-to-peak displacements of its
-            lamina in the limit [-]; NaN if either is missing or if the ladder has no limit.
+            The largest difference of all; lengths in half peak-to-peak displacements of their
+            lamina in the limit, other numbers in their own size in the limit [-]. NaN if either is
+            missing or if the ladder has no limit.
         """
         if reference is None:
             if not self.ladder.has_limit:
                 return math.nan
             reference = self.ladder.limit_of(rung.mesh)
-        exact, half = self._scale(reference)
-        found = np.array([self.value(rung, q.name) for q in self.extrema])
-        return float(np.abs((found - exact) / half).max())
+        exact, size = self._scale(reference)
+        found = np.array([self.value(rung, q.name) for q in self.judged])
+        return float(np.abs((found - exact) / size).max())
 
     def interval(self, rung: Rung, rungs: Sequence[Rung], by: str) -> tuple[float, float]:
         """Return how far a rung is from the limit, and the uncertainty of that [-].
@@ -155,14 +184,23 @@ class Convergence(Finding):
         return away, left + noise
 
     def _noise(self, rung: Rung, reference: Rung) -> float:
-        """Return the largest standard error of the extremes of a rung, in units of `error`."""
-        own = np.array([self.standard_error(rung, q.name) for q in self.extrema])
+        """Return the largest standard error of what is judged of a rung, in units of `error`."""
+        own = np.array([self.standard_error(rung, q.name) for q in self.judged])
         return float((own / self._scale(reference)[1]).max())
 
     def _scale(self, reference: Rung) -> tuple[FloatArray, FloatArray]:
-        """Return the extremes of a rung, and half of each lamina's peak-to-peak displacement."""
-        exact = np.array([self.value(reference, q.name) for q in self.extrema])
-        return exact, np.repeat((exact[1::2] - exact[0::2]) / 2.0, 2)
+        """Return what is judged of a rung, and the unit of the distance of each; see `error`."""
+        exact = np.array([self.value(reference, q.name) for q in self.judged])
+        low_high = np.array([self.value(reference, q.name) for q in self.extrema]).reshape(-1, 2)
+        half = np.diff(low_high).ravel() / 2.0
+        kinds = [q.name.split("_") for q in self.judged]
+        size = [
+            half[int(kind[2 if kind[0] == "tip" else 1]) - 1]
+            if kind[0] in ("tip", "amplitude")
+            else abs(value) or math.nan
+            for kind, value in zip(kinds, exact.tolist(), strict=True)
+        ]
+        return exact, np.array(size)
 
     def free_errors(self, rung: Rung) -> FloatArray:
         """Return the relative errors of a rung without contact; see `exact_free_motion`.
@@ -191,6 +229,11 @@ class Convergence(Finding):
         result = self.results.get(rung.key)
         missing = (math.nan, math.nan)
         return missing if result is None else result.statistics.get(name, missing)
+
+
+def _is_of(name: str, given: str) -> bool:
+    """Return whether a name is a given one, or that with the numbers of laminae and harmonics."""
+    return name == given or (name.startswith(f"{given}_") and not name[len(given) + 1].isalpha())
 
 
 def exact_free_motion(case: Case) -> tuple[list[float], list[float]]:
@@ -374,7 +417,7 @@ def verdict(found: Convergence) -> str:
         for rung in ladder.along_steps(method, mesh)
     ]
     known = [own for own in judged if not math.isnan(own[1] + own[2])]
-    goal = f"{100.0 * GOAL:.2g} % of the limit of the tip extremes"
+    goal = f"{100.0 * GOAL:.2g} % of the limit of the {found.what}"
     if not known:
         return (
             f"No run is known to be within {goal}: none that was completed has two finer ones "
@@ -440,7 +483,7 @@ def overview(found: Convergence) -> Iterator[Table]:
         finest = f"the finest {direction} of each method"
         if direction == "steps" and ladder.has_limit:
             finest = "the rigid limit of the mesh"
-        text = f"distance of the tip extremes from {finest} ± what is left beyond [%], {where}"
+        text = f"distance of the {found.what} from {finest} ± what is left beyond [%], {where}"
         yield _side_by_side(
             found,
             rungs,
@@ -448,7 +491,7 @@ def overview(found: Convergence) -> Iterator[Table]:
             text,
             lambda rung, method, by=direction: _percent(found, rung, method, by),  # type: ignore[misc]
         )
-        for q in (found.extrema[0], WORK):
+        for q in dict.fromkeys((*(found.judged if ladder.judged else found.extrema[:1]), WORK)):
             yield _side_by_side(
                 found,
                 rungs,

@@ -237,6 +237,7 @@ class Ladder:
             computed before them.
         limit_steps: N of the rungs that stand for the rigid limit; 0: no such rungs.
         engine: name of the engine that computes the steps.
+        judged: names of the numbers that are judged, see `Convergence.judged`; none: tip extremes.
     """
 
     case: Case
@@ -246,6 +247,7 @@ class Ladder:
     periods: int = PERIODS
     limit_steps: int = LIMIT_STEPS
     engine: EngineName = "compiled"
+    judged: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Check the ladder before any rung is computed.

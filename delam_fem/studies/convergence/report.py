@@ -72,7 +72,7 @@ def pictures(found: Convergence) -> dict[str, Callable[[Convergence], Figure]]:
 def error_over_steps(found: Convergence) -> Figure:
     """Draw the error against the rigid limit of each mesh over steps per period."""
     figure = _panels(found, lambda rung: rung.steps, lambda rung: 100.0 * found.error(rung))
-    _finish(figure, found, "steps per period", "error of the tip extremes [%]")
+    _finish(figure, found, "steps per period", f"error of the {found.what} [%]")
     return figure
 
 
@@ -81,7 +81,7 @@ def error_over_cost(found: Convergence) -> Figure:
     figure = _panels(
         found, lambda rung: 1e6 * found.cost(rung), lambda rung: 100.0 * found.error(rung)
     )
-    _finish(figure, found, "processor time per period [µs]", "error of the tip extremes [%]")
+    _finish(figure, found, "processor time per period [µs]", f"error of the {found.what} [%]")
     return figure
 
 

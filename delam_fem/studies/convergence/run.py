@@ -130,6 +130,7 @@ def converge(
     periods: int = PERIODS,
     limit_steps: int = LIMIT_STEPS,
     engine: EngineName = "compiled",
+    judged: Sequence[str] = (),
     workers: int | None = None,
     resume: bool = False,
     progress: Callable[[int, int], None] | bool | None = None,
@@ -146,6 +147,8 @@ def converge(
         periods: number of periods in the statistics.
         limit_steps: steps per period of the rigid limit; 0: no limit.
         engine: name of the engine that computes the steps.
+        judged: names of the numbers that the verdict is about, as "amplitude"; none: the
+            extremes of the tips.
         workers: number of processes; default: one per core.
         resume: whether to continue with the runs in the folder.
         progress: called with the number of finished runs and of all runs; True: a bar.
@@ -164,6 +167,7 @@ def converge(
         periods,
         limit_steps,
         engine,
+        tuple(judged),
     )
     with reporting(progress, "run") as shown:
         return run_ladder(ladder, directory, workers=workers, resume=resume, progress=shown)
@@ -279,7 +283,10 @@ def _ladder(case: Case, given: Converge) -> Ladder:
     refined = [PointMesh(mesh, n) for mesh in meshes for n in points or ()]
     methods = tuple(method(text) for text in given.laws or METHODS)
     every = tuple(refined or meshes)
-    return Ladder(case, methods, every, steps, given.periods, given.limit_steps, given.engine)
+    return Ladder(
+        case, methods, every, steps, given.periods, given.limit_steps, given.engine,
+        given.judged or (),
+    )  # fmt: skip
 
 
 def _cost(case: Case, given: Converge, workers: int | None) -> tuple[str, Cost]:

@@ -118,6 +118,12 @@ def converging(n_laminae: int) -> tuple[Statistic, ...]:
     return (*extrema(n_laminae), *general(n_laminae), *amplitudes(n_laminae))
 
 
+def may_be_judged(n_laminae: int) -> tuple[Statistic, ...]:
+    """Return the statistics whose intervals hold beside finer runs (docs/calibration.md)."""
+    first = tuple(q for q in amplitudes(n_laminae) if q.name.endswith("_1"))
+    return (*extrema(n_laminae), *first, *(q for q in general(n_laminae) if "modal" in q.name))
+
+
 @dataclass(frozen=True)
 class PeriodRow:
     """The numbers of one period.

@@ -9,11 +9,11 @@ After each period of the excitation the distance d is measured, and the second m
 to the distance d0 along the line between both. The exponent is the mean of ln(d/d0)/T. It includes
 the jumps at impacts as the scheme computes them. A scheme that places impacts at the ends of steps
 has no derivative there: two motions closer than the approach velocity times the time step mostly
-hit in the same step. The result is then the exponent of the discrete map, so compare the results of
-several perturbations and time steps.
+hit in the same step. The result is then the exponent of the discrete map, so a third motion at
+twice the distance is followed, too.
 
-The result has the statistical error of the mean, not the error of the map. In the chaos of an
-impact oscillator, results scatter about the exact exponent by more than that (docs/sweeps.md).
+The error is that of the mean, and the difference between both distances. How often two of it hold
+is on the page docs/calibration.md.
 
 Source: Benettin, Galgani, Giorgilli, Strelcyn, Meccanica 15 (1980) 9–20; for impacts Stefański,
 Chaos, Solitons & Fractals 11 (2000) 2443–2451.
@@ -34,6 +34,7 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
+from scipy.special import ndtr, stdtrit
 
 from delam_fem.case.definition import Case
 from delam_fem.case.sections import Contact
@@ -59,6 +60,10 @@ from delam_fem.system.errors import CaseError
 
 BLOCKS = 10
 """Number of blocks of successive periods whose means give the statistical error."""
+STUDENT = float(stdtrit(BLOCKS - 1, ndtr(2.0))) / 2.0
+"""Factor by which two errors of few blocks contain what two of a known normal error do."""
+WIDER = 2.0
+"""Second distance of neighbouring motions, relative to the first."""
 ALIGNING = 0.5
 """Share of the periods at the start that are not counted, because the second motion still turns
 into the direction that decays most slowly. If two decay rates differ by 0.1/s, this takes some tens
@@ -71,7 +76,8 @@ class Exponent:
 
     Attributes:
         value: the exponent [1/s].
-        error: standard error of the mean that it is [1/s]; NaN for fewer than `BLOCKS` periods.
+        error: half of an interval of 95 % for the mean that it is and for what twice the distance
+            changes, as a standard error [1/s]; NaN for fewer than `BLOCKS` periods.
     """
 
     value: float
@@ -111,21 +117,27 @@ def largest_exponent(
     length = _norm(step, operators)
     if not (d0 > 0.0 and length > 0.0):
         return UNKNOWN
-    two = State(one.motion + d0 / length * step, one.resting)
-    growth, aligning = [], int(ALIGNING * periods)
+    apart = [d0, WIDER * d0]
+    others = [State(one.motion + size / length * step, one.resting) for size in apart]
+    growth, aligning = np.empty((periods, len(apart))), int(ALIGNING * periods)
     of_one = recorder.of_one_period()
-    for number in range(recorder.n_closed, recorder.n_closed + periods):
-        base_states = session.motion(number)
-        after = [_advanced(engine, of_one, state, base_states) for state in (one, two)]
-        if after[0] is None or after[1] is None:
+    for number in range(periods):
+        base_states = session.motion(recorder.n_closed + number)
+        after = [_advanced(engine, of_one, state, base_states) for state in (one, *others)]
+        if after[0] is None:
             return UNKNOWN
-        one, step = after[0], after[1].motion - after[0].motion
-        d = _norm(step, operators)
-        if not 0.0 < d < math.inf:
-            return UNKNOWN
-        growth.append(math.log(d / d0))
-        two = State(one.motion + d0 / d * step, one.resting)
-    return mean_growth(np.array(growth[aligning:]) / period)
+        one = after[0]
+        for k, size in enumerate(apart):
+            if (other := after[k + 1]) is None:
+                return UNKNOWN
+            step = other.motion - one.motion
+            d = _norm(step, operators)
+            if not 0.0 < d < math.inf:
+                return UNKNOWN
+            growth[number, k] = math.log(d / size)
+            others[k] = State(one.motion + size / d * step, one.resting)
+    near, far = (mean_growth(rates) for rates in growth[aligning:].T / period)
+    return Exponent(near.value, math.hypot(STUDENT * near.error, far.value - near.value))
 
 
 def mean_growth(rates: FloatArray) -> Exponent:

@@ -91,7 +91,12 @@ _SCAN = (
 )
 _LYAPUNOV = (
     Variable("lyapunov_exponent", (), "1/s", "largest Lyapunov exponent"),
-    Variable("lyapunov_error", (), "1/s", "standard error of the largest Lyapunov exponent"),
+    Variable(
+        "lyapunov_error",
+        (),
+        "1/s",
+        "its standard error, and what twice the distance of motions changes",
+    ),
 )
 _OF_POINTS = (
     Variable("outcome", (), "", "how the run of the point ended"),

@@ -241,7 +241,7 @@ def _n_workers(executor: Executor | ExecutorName | None, workers: int | None) ->
 def _cost(sweep: Sweep, wanted: tuple[Quantity, ...], n_workers: int, n_points: int) -> Cost:
     """Return the cost of a sweep whose points all are like the first."""
     case, record = sweep.case(0), sweep.file.record
-    longer = 1.0 + 2.0 * record.lyapunov / case.n_periods
+    longer = 1.0 + 3.0 * record.lyapunov / case.n_periods
     each = step_hours(case, sweep.file.engine) * longer + POINT_SECONDS / 3600.0
     hours = n_points * each / n_workers
     row = 8.0 * sum(quantity.size for quantity in wanted)

@@ -98,6 +98,23 @@ def test_error_is_relative_to_half_the_range_of_the_limit() -> None:
     assert both[2] > both[1]
 
 
+def test_numbers_of_any_size_may_be_judged() -> None:
+    """Amplitudes are in half the range of their lamina, an impulse in its own size."""
+    on = ladder()
+    rung, excess = on.rung(on.methods[0], 20, 1000), 3.0 / math.sqrt(1000)
+    of = {name: whole(replace(on, judged=(name,))) for name in ("amplitude", "modal_impulse")}
+    half = 0.030 / 2.0 * 1.025
+    assert of["amplitude"].error(rung) == pytest.approx(1e-3 * excess / half, rel=0.03)
+    assert of["modal_impulse"].error(rung) == pytest.approx(excess, rel=1e-9)
+    assert [q.name for q in of["amplitude"].judged] == ["amplitude_1_1", "amplitude_2_1"]
+
+
+@pytest.mark.parametrize("name", ["contact_work", "amplitude_1_2", "ampli", "tip"])
+def test_what_has_no_known_interval_is_not_judged(name: str) -> None:
+    with pytest.raises(CaseError, match=rf"judge: expected some of tip_min_1.* given '{name}'"):
+        whole(ladder(judged=(name,)))
+
+
 def test_missing_and_diverged_rungs_are_no_numbers() -> None:
     found = whole(ladder())
     diverged = found.ladder.rung(found.ladder.methods[1], 40, 1000)

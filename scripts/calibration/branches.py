@@ -1,0 +1,145 @@
+"""`orbit follow`: intervals of doublings and folds.
+
+Branches of maps whose doublings and folds are known in closed form. Oscillators with one stop,
+x'' + x = cos ωt, x ≤ s, restitution e, over ω: s and e are drawn for each truth, and their exact
+motions are followed, without steps. Hénon's maps x' = 1 − λx² + y, y' = bx, in coordinates that are
+drawn, too, with jumps of 1e-4 … 1e-3 of the state. Where no event of its kind is found, or
+several, the truth counts as undecided.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from calibration.oscillator import (
+    fold_stop,
+    images,
+    impact_phase,
+    multipliers,
+    state_at_zero,
+)
+from calibration.row import OWN, Row
+from scipy.optimize import brentq
+
+from delam_fem.numerics.types import FloatArray
+from delam_fem.studies.branches import continuation
+from delam_fem.studies.branches.continuation import Event, events_of, first_point, followed
+from delam_fem.studies.orbits.maps import Nature, Passage, Slow
+from delam_fem.studies.orbits.newton import Ensemble
+
+DOUBLING, FOLD = "period doubling", "fold"
+TRUTHS = {"oscillators": (100, 1), "Hénon's maps with jumps": (100, 1)}
+"""Truths of the long and of the short form."""
+NOMINAL = 0.95
+ROUGHNESS = (1e-4, 1e-3)
+
+
+class Plane:
+    """A map of the plane; see `delam_fem.studies.orbits.maps.PeriodMap`.
+
+    Args:
+        image: states of shape (k, 2) and λ to the states one period later.
+    """
+
+    slow = Slow(np.eye(2), np.eye(2))
+    nature = Nature("map of the plane", {"x": 1, "v": 1})
+
+    def __init__(self, image: Callable[[FloatArray, float], FloatArray]) -> None:
+        """Keep the map."""
+        self.image = image
+
+    def after(
+        self, states: FloatArray, parameter: float, shifts: FloatArray | None = None
+    ) -> FloatArray:
+        """Return the states one period later."""
+        with np.errstate(over="ignore", invalid="ignore"):  # a motion may leave all numbers
+            return self.image(states, parameter)
+
+    def watched(self, state: FloatArray, parameter: float, periods: int) -> Passage:
+        """Return the states at the ends of periods; nothing touches."""
+        states = [state]
+        for _ in range(periods):
+            states.append(self.after(states[-1][None], parameter)[0])
+        seen = np.array(states[1:])
+        return Passage(seen, seen, seen.min(axis=0), seen.max(axis=0), np.inf)
+
+
+def rows(is_long: bool, folder: Path) -> list[Row]:
+    """Return how often the interval of an event contains it."""
+    found = []
+    for number, (name, truths) in enumerate(TRUTHS.items()):
+        drawn = (of_oscillator, of_henon)[number]
+        for kind in (DOUBLING, FOLD):
+            rng = np.random.default_rng([29, number, kind == FOLD])
+            ends = [judged(kind, *drawn(kind, rng)) for _ in range(truths[not is_long])]
+            known = [(event, exact) for event, exact in ends if event is not None]
+            inside = sum(event.low <= exact <= event.high for event, exact in known)
+            width = [(event.high - event.low) / exact for event, exact in known]
+            note = f"median width {100.0 * abs(float(np.median(width))):.2g} %" if width else ""
+            found.append(
+                Row(f"interval of a {kind}, {name}", OWN, NOMINAL, inside, len(ends),
+                    len(ends) - len(known), at_least=True, note=note)
+            )  # fmt: skip
+    return found
+
+
+def judged(
+    kind: str, map_: Plane, state: FloatArray, path: continuation.Path, exact: float
+) -> tuple[Event | None, float]:
+    """Return the only event of a kind on a branch, else None, and where the truth is."""
+    ensemble = Ensemble(map_)
+    try:
+        first = first_point(ensemble, state, path)
+    except (ArithmeticError, np.linalg.LinAlgError):
+        return None, exact
+    points, _ = followed(
+        ensemble, [first], path, keep=lambda point, count: None, is_stopped=lambda: False
+    )
+    events = [event for event in events_of(points, path.span) if event.kind == kind]
+    return events[0] if len(events) == 1 else None, exact
+
+
+def of_oscillator(
+    kind: str, rng: np.random.Generator
+) -> tuple[Plane, FloatArray, continuation.Path, float]:
+    """Return an oscillator, a state of it, the range of ω, and where the event is."""
+    e, (before, behind) = rng.uniform(0.4, 0.85), rng.uniform(0.04, 0.12, 2)
+    if kind == FOLD:
+        exact = rng.uniform(1.3, 1.7)
+        s = fold_stop(exact, e)
+    else:
+        s = rng.uniform(-0.1, 0.1)
+        grid = np.arange(2.1, 4.0, 0.02)
+        beyond = next(w for w in grid if doubles(w, s, e) < 0.0)
+        exact = brentq(doubles, beyond - 0.02, beyond, (s, e))
+    path = continuation.Path(exact - before, exact + behind)
+    state = state_at_zero(path.start, s, e, impact_phase(path.start, s, e))
+    return Plane(lambda states, omega: images(states, omega, s, e)), state, path, exact
+
+
+def doubles(omega: float, s: float, e: float) -> float:
+    """Return the product of 1 + μ, which is 0 at a doubling."""
+    return float(1.0 + multipliers(omega, s, e).sum().real + e**2)
+
+
+def of_henon(
+    kind: str, rng: np.random.Generator
+) -> tuple[Plane, FloatArray, continuation.Path, float]:
+    """Return a rough map in coordinates of its own, a state, the range of λ, and the truth."""
+    b, rough = rng.uniform(-0.3, 0.5), float(np.exp(rng.uniform(*np.log(ROUGHNESS))))
+    exact = (-0.25 if kind == FOLD else 0.75) * (1.0 - b) ** 2
+    start = exact + (1.0 if kind == FOLD else -1.0) * rng.uniform(0.1, 0.3) * (1.0 - b) ** 2
+    path = continuation.Path(start, exact - (start - exact) * rng.uniform(0.3, 1.2))
+    turned = np.linalg.qr(rng.standard_normal((2, 2)))[0] * np.exp(rng.uniform(-0.5, 0.5, (2, 1)))
+    back = np.linalg.inv(turned)
+
+    def image(states: FloatArray, a: float) -> FloatArray:
+        x, y = (states @ back.T).T
+        jumps = np.sign(np.sin([1e9 * x + 3e8 * y, 7e8 * x - 1e9 * y])).T
+        return (np.stack([1.0 - a * x**2 + y, b * x], axis=-1) + rough * jumps) @ turned.T
+
+    x = (b - 1.0 + math.sqrt((1.0 - b) ** 2 + 4.0 * start)) / (2.0 * start)
+    return Plane(image), turned @ np.array([x, b * x]), path, exact
