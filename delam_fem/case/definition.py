@@ -355,8 +355,13 @@ class Case(Section):
     def _check_laminae(self) -> None:
         """Check that names differ and lengths agree, and that there are beams or points."""
         first = self.lamina[0]
-        if len({own.is_point for own in self.lamina}) > 1:
-            raise inconsistent("lamina", "expected either beams or points, given both")
+        if len({(own.is_point, own.motion) for own in self.lamina}) > 1:
+            raise inconsistent("lamina", "expected beams, bars or points, given several of these")
+        is_bar = self.is_axial and not self.is_of_points
+        if is_bar:
+            self._check_bars()
+        elif self.damping.rayleigh == "every mode":
+            raise inconsistent("damping.rayleigh", "expected another of beams, solids and points")
         if self.is_of_points and (
             self.mesh.elements != 1
             or self.contact.points_per_element != 1
@@ -376,6 +381,24 @@ class Case(Section):
                     f"lamina.{other.name}.length",
                     f"expected the length {first.length!r} of lamina {first.name}, as the contact "
                     f"line needs opposite points, given {other.length!r}",
+                )
+
+    def _check_bars(self) -> None:
+        """Check that bars are apart, and that nothing is asked that they do not have."""
+        n_open = len({d.between for d in self.delamination if d.spans(self.length)})
+        expected = {
+            "model.kind": self.model.kind == "beam",
+            "delamination": self.gap is not None or n_open == len(self.lamina) - 1,
+            "support": not self.support.inside and self.support.rotational_stiffness is None,
+            "contact.points_per_element": self.contact.points_per_element == 1,
+            "sensor": all(own.quantity != "strain" for own in self.sensor),
+        }
+        for key, is_there in expected.items():
+            if not is_there:
+                raise inconsistent(
+                    key,
+                    "expected of bars: apart over their whole length, pairs at nodes, supports at "
+                    'the ends alone, no strain, model.kind = "beam"',
                 )
 
     def _check_openings(self) -> None:
@@ -448,6 +471,11 @@ class Case(Section):
     def is_of_points(self) -> bool:
         """Whether masses on springs are in place of beams."""
         return self.lamina[0].is_point
+
+    @property
+    def is_axial(self) -> bool:
+        """Whether nothing bends: bars, or points."""
+        return self.is_of_points or self.lamina[0].motion == "axial"
 
     @property
     def length(self) -> float:
@@ -597,7 +625,7 @@ class Case(Section):
         if self.is_of_points:
             return 0.0, 2.0 * self.lamina[i].damping_ratio / first if first else 0.0
         return oscillator.coefficients(
-            self.lamina[i].damping_ratio, first, second, self.damping.rayleigh
+            self.lamina[i].damping_ratio, first, second, self.damping.kind
         )
 
     def linear_amplitude(self, i: int, frequency: FloatArray) -> FloatArray:

@@ -59,7 +59,7 @@ _log = logging.getLogger(__name__)
 
 def warnings(case: Case) -> list[str]:
     """Return a sentence for each number of a case that looks like a mistake in a unit."""
-    if case.is_of_points:
+    if case.is_axial:
         return []
     found = [text for lamina in case.lamina for text in _of_lamina(lamina)]
     return [*found, *_of_gaps(case), *_of_excitation(case), *_of_masses(case)]

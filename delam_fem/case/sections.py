@@ -104,6 +104,8 @@ class Lamina(Section):
         mass: mass of a point in place of a beam [kg]; its length, width and thickness then are
             those of its picture, and need not be given.
         stiffness: stiffness of the spring between a point and the base [N/m]; 0: free.
+        motion: "lateral", or "axial": a bar, which stretches along its axis in place of bending, in
+            linear elements; "above" is where its displacements are positive.
     """
 
     also_written: ClassVar[tuple[str, ...]] = ("mass_per_length",)
@@ -119,6 +121,7 @@ class Lamina(Section):
     damping_ratio: Annotated[DampingRatio, Unit("1")]
     mass: Annotated[Positive | None, Unit("kg")] = None
     stiffness: Annotated[NotNegative | None, Unit("N/m")] = None
+    motion: Literal["lateral", "axial"] = "lateral"
 
     @model_validator(mode="before")
     @classmethod
@@ -169,7 +172,7 @@ class Lamina(Section):
         return self.density * self.width * self.thickness
 
     def angular_frequencies(self, n: int) -> FloatArray:
-        """Return the first natural frequencies, omega_k = (B_k/L)^2 sqrt(EI / rho A).
+        """Return the first natural frequencies, omega_k = (B_k/L)^2 sqrt(EI / rho A) of a beam.
 
         Args:
             n: number of frequencies.
@@ -179,6 +182,9 @@ class Lamina(Section):
         """
         if self.mass is not None and self.stiffness is not None:  # a point has one
             return np.full(n, np.sqrt(self.stiffness / self.mass))
+        if self.motion == "axial":
+            waves = np.pi * (np.arange(n) + 0.5) / self.length
+            return np.asarray(waves * np.sqrt(self.young_modulus / self.density))
         speed = np.sqrt(self.flexural_rigidity / self.mass_per_length)
         frequencies: FloatArray = (cantilever_roots(n) / self.length) ** 2 * speed
         return frequencies
@@ -371,10 +377,16 @@ class Damping(Section):
     """The damping model: how C = alpha M + beta K follows from the damping ratio D.
 
     Attributes:
-        rayleigh: "two-mode" (D at modes 1 and 2), "stiffness" or "mass" (D at mode 1).
+        rayleigh: "two-mode" (D at modes 1 and 2), "stiffness" or "mass" (D at mode 1); of bars also
+            "every mode" (D at each mode of the mesh).
     """
 
-    rayleigh: Kind = "two-mode"
+    rayleigh: Kind | Literal["every mode"] = "two-mode"
+
+    @property
+    def kind(self) -> Kind:
+        """The terms of C; with "every mode" those that are nearest."""
+        return "two-mode" if self.rayleigh == "every mode" else self.rayleigh
 
 
 class Contact(Section):

@@ -50,11 +50,13 @@ KINDS: Mapping[str, tuple[tuple[ModelKind, ...], str]] = MappingProxyType(
 
 
 def require_plain(case: Case, study: str) -> None:
-    """Refuse a case with stops, impactors or inner supports, which a study does not know.
+    """Refuse bars, points, stops, impactors or inner supports, which a study does not know.
 
     Raises:
         CaseError: the case has some.
     """
+    if case.is_axial:
+        raise CaseError(f"lamina: {study}: expected beams, given bars or points")
     inside = {"stop": case.stop, "impactor": case.impactor, "support": case.support.inside}
     for key, count in ((key, len(found)) for key, found in inside.items()):
         if count:
@@ -109,7 +111,7 @@ def assemble(
 
         return reduction.load(case)
     # the massless engine takes modes of beams in closed form
-    needs_dolfinx &= not (case.is_massless or case.is_of_points)
+    needs_dolfinx &= not (case.is_massless or case.is_axial)
     if needs_dolfinx and not has_dolfinx():
         _log.warning("dolfinx is not installed: beams come from closed forms; %s", INSTALL)
     if not (needs_dolfinx and has_dolfinx()):

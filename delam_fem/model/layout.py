@@ -526,6 +526,10 @@ def interpolation(
     if cells is None:
         cells = np.clip(np.ceil(places).astype(np.int64) - 1, 0, part.n_elements - 1)
     X, h = places - cells, np.diff(part.x)[cells]
+    if np.all(part.dofs[:, SLOPE] == FIXED):  # bars and points: straight between their nodes
+        linear = {DISPLACEMENT: (1.0 - X, X), SLOPE: (-1.0 / h, 1.0 / h)}
+        ends = linear.get(component, (0.0 * X, 0.0 * X))
+        return cells, np.stack([ends[0], 0.0 * X, ends[1], 0.0 * X], axis=1)
     if component == DISPLACEMENT:
         terms = (
             1.0 - 3.0 * X**2 + 2.0 * X**3,

@@ -68,9 +68,7 @@ def steady_motion(case: Case, structure: Structure, *, is_closed: bool = True) -
 
 def _is_exact(case: Case) -> bool:
     """Return whether the laminae are the uniform cantilevers whose solution is exact."""
-    return (
-        case.is_apart and not (case.point_mass or case.is_of_points) and case.model.kind == "beam"
-    )
+    return case.is_apart and not (case.point_mass or case.is_axial) and case.model.kind == "beam"
 
 
 def _size(given: Excitation, frequency: float) -> float:

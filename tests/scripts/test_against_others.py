@@ -10,7 +10,14 @@ from project import script
 others = script("against_others")
 
 
-@pytest.mark.parametrize("test", others.TESTS, ids=lambda test: test.file)
+RODS = [test for test in others.TESTS if test.file == "rod.toml"]
+LONG = [
+    pytest.param(test, marks=pytest.mark.nightly if test in RODS[:-1] else ())
+    for test in others.TESTS
+]
+
+
+@pytest.mark.parametrize("test", LONG, ids=lambda test: test.file)
 def test_numbers_are_within_the_bar_and_on_the_page(test: others.Test) -> None:
     text = others.PAGE.read_text("utf-8")
     for row in test.rows():

@@ -26,7 +26,7 @@ import scipy.sparse as sp
 
 from delam_fem.case.definition import Case
 from delam_fem.case.sections import Lamina
-from delam_fem.model.beams import points
+from delam_fem.model.beams import axial
 from delam_fem.model.beams.network import (
     Group,
     Network,
@@ -64,9 +64,9 @@ def assemble(case: Case, x: npt.ArrayLike | None = None) -> Structure:
     Raises:
         CaseError: the mesh is a file and x is not given, or x does not run from 0 to the length.
     """
-    if case.is_of_points:
-        return points.assemble(case)
     x = _nodes(case, x)
+    if case.is_axial:
+        return axial.assemble(case, x)
     if not case.is_apart:
         return _stack(case, network(case, x))
     beams = [Beam.of(lamina, np.diff(x)) for lamina in case.lamina]

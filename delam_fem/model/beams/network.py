@@ -731,7 +731,7 @@ def damping(case: Case, layout: Layout, M: sp.csr_matrix, K: sp.csr_matrix) -> t
     S = kept_closed(layout, M.shape[0])
     found, _ = elastic(S.T @ K @ S, S.T @ M @ S, 2, case.n_rigid)
     first, second = (_TWO_PI * found).tolist()
-    return oscillator.coefficients(_damping_ratio(case), first, second, case.damping.rayleigh)
+    return oscillator.coefficients(_damping_ratio(case), first, second, case.damping.kind)
 
 
 def _damping_ratio(case: Case) -> float:
