@@ -120,15 +120,22 @@ class Limit:
     microseconds: float
 
 
-def massless(case: Case, modes: int, refine: int) -> Case:
-    """Return a case in modes with contact points that have no mass."""
-    model = {"model.kind": "modes", "model.modes": modes, "time.mass": "massless"}
+def massless(case: Case, modes: int | None, refine: int) -> Case:
+    """Return a case in modes, or of beams, with contact points that have no mass."""
+    model: dict[str, object] = {"time.mass": "massless"}
+    if modes is not None:
+        model |= {"model.kind": "modes", "model.modes": modes}
     rigid = {"contact.law": "newton", "contact.restitution": 0.0, "time.refine": refine}
     return case.with_overrides(model | rigid)
 
 
-def limit_of(case: Case, modes: int, refine: int, settle: int = 150, periods: int = 60) -> Limit:
-    """Return the means of a case with two laminae, after a number of periods from rest."""
+def limit_of(
+    case: Case, modes: int | None, refine: int, settle: int = 150, periods: int = 60
+) -> Limit:
+    """Return the means of a case with two laminae, after a number of periods from rest.
+
+    Without a number of modes it is computed as beams.
+    """
     problem = ModalMap(massless(case, modes, refine)).at(RESONANT)
     state = np.zeros(problem.periods.reduced.n_state)
     for _ in range(1 + settle):
@@ -145,7 +152,7 @@ def limit_of(case: Case, modes: int, refine: int, settle: int = 150, periods: in
         steps += int(period.effort.sum())
     means, (work, *_, closing) = np.mean(extremes, axis=0), exchanged.tolist()
     return Limit(
-        modes=modes,
+        modes=problem.periods.reduced.n_modes // problem.periods.reduced.n_parts,
         points=problem.periods.reduced.n_pairs,
         refine=refine,
         **dict(zip(("y1_min", "y1_max", "y2_min", "y2_max"), means.tolist(), strict=True)),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import sys
 import tomllib
 from collections.abc import Mapping
 from html import escape
@@ -222,14 +223,27 @@ class Case(Section):
 
     def _check_massless(self) -> None:
         """Check that modes without a file have massless contact points, which are rigid."""
-        if (self.model.kind == "modes" and self.model.file is None) != self.is_massless:
+        model = self.model
+        if not self.is_massless:
+            if model.kind == "modes" and model.file is None:
+                raise inconsistent(
+                    "time.mass",
+                    'expected "massless" with model.kind = "modes" and no file, given '
+                    f'"{self.time.mass}"',
+                )
+            return
+        if model.is_continuum or model.file is not None or self.is_of_points:
             raise inconsistent(
                 "time.mass",
-                'expected "massless" if and only if model.kind = "modes" has no file, given '
-                f'"{self.time.mass}" with model.kind = "{self.model.kind}"',
+                'expected "massless" only with model.kind = "beam", or "modes" without a file, and '
+                f'laminae with a length; given model.kind = "{model.kind}"',
             )
-        if not self.is_massless:
-            return
+        if self.is_at_middles and self.contact.points_per_element > 1:
+            raise inconsistent(
+                "contact.points_per_element",
+                'expected 1 with time.mass = "massless" and model.kind = "beam", because the mass '
+                f"is inside the elements; given {self.contact.points_per_element}",
+            )
         if self.n_rigid:
             raise inconsistent(
                 "support",
@@ -506,6 +520,16 @@ class Case(Section):
         """Whether something moves without any stiffness: the structure, a point, an impactor."""
         springs = [own.stiffness for own in self.lamina] + [own.spring for own in self.impactor]
         return self.n_rigid > 0 or 0.0 in springs
+
+    @property
+    def is_at_middles(self) -> bool:
+        """Whether the mass of beams is at the middles of elements, and nodes have none."""
+        return self.is_massless and self.model.kind == "beam"
+
+    @property
+    def n_modes(self) -> int:
+        """Largest number of modes of each part with massless contact points."""
+        return sys.maxsize if self.is_at_middles else self.model.modes
 
     @property
     def n_rigid(self) -> int:

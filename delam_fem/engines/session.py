@@ -132,6 +132,11 @@ def engine_of(
     return engine
 
 
+def modes_of(case: Case) -> int | None:
+    """Return the number of modes of each part that compute a case; None: all dofs do."""
+    return case.n_modes if case.is_massless else None
+
+
 def law_of(case: Case) -> Law:
     """Return the contact law of a case."""
     given = case.contact
@@ -505,7 +510,7 @@ def session_of(
         initial=initial,
         engine=engine,
         comm=comm,
-        modes=case.model.modes if case.is_massless else None,
+        modes=modes_of(case),
     ) as opened:
         yield opened
 

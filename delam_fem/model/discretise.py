@@ -63,6 +63,18 @@ def require_plain(case: Case, study: str) -> None:
             raise CaseError(f"{key}: {study}: expected none inside the span, given {count}")
 
 
+def require_mass(case: Case, study: str, reason: str) -> None:
+    """Refuse a case with massless contact points, which a study cannot follow.
+
+    Raises:
+        CaseError: its contact points have no mass.
+    """
+    if case.is_massless:
+        raise CaseError(
+            f'time.mass: {study}: expected "consistent" or "lumped", given "massless": {reason}'
+        )
+
+
 def require_kind(case: Case, study: str) -> None:
     """Refuse a case whose kind of model a study cannot follow.
 

@@ -46,7 +46,7 @@ def lowest(
     """
     dofs = K.shape[0]
     shift = _shift(K, M) if is_floating else 0.0
-    if dofs <= DENSE_DOFS or 2 * n > dofs:
+    if dofs <= DENSE_DOFS or 2 * n >= dofs:
         stiff = K.toarray() + shift * M.toarray() if shift else K.toarray()
         mu, vectors = eigh(M.toarray(), stiff, subset_by_index=(dofs - n, dofs - 1))
         squares, vectors = 1.0 / mu[::-1] - shift, vectors[:, ::-1]

@@ -40,6 +40,10 @@ from delam_fem.system.errors import CaseError
 
 NOT_RAYLEIGH = 1e-6
 """Largest entry of C - α M - β K relative to that of C, above which C is not of Rayleigh's form."""
+MASSLESS = 1e-9
+"""Eigenvalue of M, scaled to a unit diagonal, below which a motion has no mass."""
+ROUND_OFF = 1e-13
+"""Flexibility without mass at a pair over that of the modes, below which there is none."""
 TOO_RIGID = 1e-11
 """Smallest eigenvalue of W, scaled to a unit diagonal, below which pairs lack flexibility."""
 
@@ -141,7 +145,7 @@ def reduce(operators: Operators, modes: int) -> Reduced:
 
     Args:
         operators: the semi-discrete problem; every part is held.
-        modes: number of modes kept of each part.
+        modes: number of modes kept of each part, at most all that have mass.
 
     Raises:
         CaseError: damping is not of Rayleigh's form, a part can move as a rigid body, or the
@@ -155,8 +159,9 @@ def reduce(operators: Operators, modes: int) -> Reduced:
     H, k_b = o.gap_matrix, o.base.stiffness
     W = np.stack([H @ piece.at_gaps for piece in pieces])
     W = 0.5 * (W + W.transpose(0, 2, 1))
-    _require_flexible(W.sum(axis=0), modes)
     shapes = np.concatenate([piece.shapes for piece in pieces], axis=1)
+    squares, G = np.concatenate([piece.squares for piece in pieces]), H @ shapes
+    _require_flexible(W.sum(axis=0), (G**2 / squares).sum(axis=1), squares.size // count)
     iota = -sum((piece.at_drive for piece in pieces), np.zeros_like(k_b))
     columns = np.stack([o.base.mass, o.base.damping, k_b])
     moved = columns + np.stack([A @ iota for A in (o.mass, o.damping, o.stiffness)])
@@ -167,11 +172,11 @@ def reduce(operators: Operators, modes: int) -> Reduced:
         loads[2] = 0.0  # K ι + k_b is round-off
         base_mass = float(iota @ (moved[0] + o.base.mass) + o.base.corner[0])
     return Reduced(
-        squares=np.concatenate([piece.squares for piece in pieces]),
+        squares=squares,
         damping=np.concatenate([piece.damping for piece in pieces]),
         part=np.repeat(np.arange(count), [piece.squares.size for piece in pieces]),
         creep=np.array([piece.creep for piece in pieces]),
-        gap_modes=np.ascontiguousarray(H @ shapes),
+        gap_modes=np.ascontiguousarray(G),
         compliance=W,
         gap0=o.gap0,
         gap_drive=H @ iota,
@@ -187,6 +192,8 @@ def reduce(operators: Operators, modes: int) -> Reduced:
 def _piece(o: Operators, dofs: IntArray, modes: int) -> _Piece:
     """Return the modes of the part with some dofs, and what its omitted modes give."""
     M, C, K = (A[dofs][:, dofs].tocsc() for A in (o.mass, o.damping, o.stiffness))
+    if modes >= dofs.size:
+        modes = _rank(M)
     frequencies, vectors = lowest(K, M, min(max(modes, 2), dofs.size))
     masses = np.sqrt(np.einsum("ij,ij->j", vectors, M @ vectors))
     vectors = vectors / (masses * _signs(vectors))
@@ -198,13 +205,23 @@ def _piece(o: Operators, dofs: IntArray, modes: int) -> _Piece:
         whole = splu(K).solve(loads)
     if not np.isfinite(whole).all():
         raise CaseError("model.modes: a part is not held; support each part")
+    # K r + M Φ μ = f, Φᵀ M r = 0 is R f without the cancellation of K⁻¹ f - Φ ω⁻² Φᵀ f
+    of_modes = sp.csc_matrix(M @ vectors)
+    bordered = sp.bmat([[K, of_modes], [of_modes.T, None]], format="csc")
     residual = np.zeros((o.n_dofs, loads.shape[1]))
-    residual[dofs] = whole - vectors @ ((vectors.T @ loads) / squares[:, None])
+    residual[dofs] = splu(bordered).solve(np.pad(loads, ((0, squares.size), (0, 0))))[: dofs.size]
     if not o.base.is_force:
         residual[dofs, -1] = whole[:, -1]
     shapes = np.zeros((o.n_dofs, squares.size))
     shapes[dofs] = vectors
     return _Piece(squares, alpha + beta * squares, beta, shapes, residual[:, :-1], residual[:, -1])
+
+
+def _rank(M: sp.csc_matrix) -> int:
+    """Return the number of independent motions that have mass."""
+    size = M.diagonal()
+    scale = sp.diags(1.0 / np.sqrt(np.where(size > 0.0, size, 1.0)))
+    return int(np.linalg.matrix_rank((scale @ M @ scale).toarray(), MASSLESS, hermitian=True))
 
 
 def _signs(vectors: FloatArray) -> FloatArray:
@@ -231,15 +248,22 @@ def _rayleigh(
     return alpha, 0.0 if is_round_off else beta
 
 
-def _require_flexible(W: FloatArray, modes: int) -> None:
-    """Check that the omitted modes give way at every pair.
+def _require_flexible(W: FloatArray, of_modes: FloatArray, modes: int) -> None:
+    """Check that what has no mass gives way at every pair.
+
+    Args:
+        W: its flexibility at the pairs, shape (n, n) [m/N].
+        of_modes: flexibility of the modes at each pair, shape (n,) [m/N].
+        modes: number of modes of each part.
 
     Raises:
-        CaseError: they do not.
+        CaseError: it does not.
     """
-    scale = 1.0 / np.sqrt(np.maximum(W.diagonal(), 1e-300))
+    own = W.diagonal()
+    scale = 1.0 / np.sqrt(np.where(own > ROUND_OFF * of_modes, own, 1e300))
     if W.size and np.linalg.eigvalsh(scale[:, None] * W * scale)[0] < TOO_RIGID:
         raise CaseError(
             f"model.modes: the modes beyond the lowest {modes} cannot follow all {len(W)} contact "
-            "points; use fewer modes, more mesh.elements or fewer contact.points_per_element"
+            "points; use fewer modes, more mesh.elements, fewer contact.points_per_element or, "
+            "beside beams, stops at nodes"
         )

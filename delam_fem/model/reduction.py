@@ -25,7 +25,7 @@ from delam_fem.case.files import save_case
 from delam_fem.case.sections import Model
 from delam_fem.contact.laws import combination
 from delam_fem.model.beams.network import gap_at_rest
-from delam_fem.model.discretise import assemble, require_plain
+from delam_fem.model.discretise import assemble, require_mass, require_plain
 from delam_fem.model.layout import Interface, Layout, Part, Probe, Reading, Structure, Support
 from delam_fem.model.modal import Basis, basis_of, projected
 from delam_fem.model.operators import BaseCoupling, Operators
@@ -386,6 +386,7 @@ def reduced_case(
     if case.model.kind == "modes":
         raise CaseError('model.kind: expected a model that is not reduced yet, given "modes"')
     require_plain(case, "reduce")
+    require_mass(case, "reduce", "the case computes its motion in modes already")
     if modes < 1:
         raise CaseError(f"modes: expected at least 1, given {modes}")
     require_coupled(case)

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from delam_fem.case.definition import Case
 from delam_fem.case.files import CaseSource, find_case
-from delam_fem.model.discretise import require_kind, require_plain
+from delam_fem.model.discretise import require_kind, require_mass, require_plain
 from delam_fem.model.layout import Structure
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.types import FloatArray
@@ -182,6 +182,7 @@ def compare(case: CaseSource, *, impacts: int = 20, periods: int = 3) -> Compari
         if number < 1:
             raise CaseError(f"{name}: expected at least 1, given {number}")
     require_kind(case, "compare")
+    require_mass(case, "compare", "its masses are at nodes; converge refines the case")
     require_plain(case, "compare")
     from delam_fem import pipeline  # dolfinx too; its HDF5 must come after that of the pipeline
     from delam_fem.model.beams import forms

@@ -149,6 +149,12 @@ class Network:
             for group in segment.groups:
                 yield segment, group
 
+    def ties(self, segment: Segment, case: Case) -> bool:
+        """Return whether both ends of a segment are held or bonded."""
+        is_free = case.support.start == "free" and segment.first == 0
+        is_free |= case.support.end == "free" and segment.last == self.x.size - 1
+        return not is_free
+
     def neutral_axis(self, group: Sequence[int]) -> float:
         """Return z of the neutral axis of bonded laminae, from the bottom of the stack [m]."""
         EA = np.array([self.laminae[i].axial_rigidity for i in group])

@@ -134,7 +134,7 @@ METHODS = (
     "newton@moreau-jean",
     "newton@moreau-jean:64",
 )
-"""Methods that are compared by default."""
+"""Methods that are compared by default; of massless contact points the last two."""
 RIGID: dict[str, object] = {"contact.law": "newton@moreau-jean", "time.refine": 1}
 """Method whose run with very small steps stands for the rigid limit of a mesh. Newton's law has the
 same limit with Newmark, but is closer to it with Moreau–Jean."""

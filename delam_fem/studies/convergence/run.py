@@ -281,7 +281,8 @@ def _ladder(case: Case, given: Converge) -> Ladder:
     if points is None and given.direction == "points":
         points = POINTS
     refined = [PointMesh(mesh, n) for mesh in meshes for n in points or ()]
-    methods = tuple(method(text) for text in given.laws or METHODS)
+    usual = METHODS[-2:] if case.is_massless else METHODS
+    methods = tuple(method(text) for text in given.laws or usual)
     every = tuple(refined or meshes)
     return Ladder(
         case, methods, every, steps, given.periods, given.limit_steps, given.engine,

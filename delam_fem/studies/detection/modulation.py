@@ -15,7 +15,7 @@ import numpy as np
 
 from delam_fem.case.definition import Case
 from delam_fem.case.excitation import drive
-from delam_fem.engines.session import by_period, law_of, scheme_of, session, span_of
+from delam_fem.engines.session import by_period, law_of, modes_of, scheme_of, session, span_of
 from delam_fem.model import discretise
 from delam_fem.model.layout import Structure
 from delam_fem.numerics.types import FloatArray
@@ -268,7 +268,7 @@ def two_tone(tones: Tones, scan: Scan, kept: Path | None = None) -> Measurement:
     motion = by_period(tones, span, is_periodic=True)
     with session(
         structure.operators, law_of(case), scheme_of(case), motion, span,
-        initial=tones.start(structure),
+        initial=tones.start(structure), modes=modes_of(case),
     ) as opened:  # fmt: skip
         outcome = opened.run_kept(kept, case, f"compiled, {span}, beside {tones.pump.to_toml()}")
         if outcome != "completed":

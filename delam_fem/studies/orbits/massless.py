@@ -81,7 +81,7 @@ class ModalMap:
         self.slow = slow_of(first)
         self.n_state, m = first.n_state, first.n_modes
         self.nature = Nature(
-            f"{case.model.modes} modes of each part, r = {case.time.refine}",
+            f"{m // first.n_parts} modes of each part, r = {case.time.refine}",
             {
                 "modal_displacement": m,
                 "modal_velocity": m,
@@ -145,7 +145,7 @@ class ModalMap:
     def _problem(self, case: Case) -> ModalProblem:
         """Return the problem of a case; the table of its drive begins at the phase."""
         structure = self._family.structure(case)
-        reduced = reduce(structure.operators, case.model.modes)
+        reduced = reduce(structure.operators, case.n_modes)
         periods = Periods(reduced, case.time_step, case.time.refine)
         table, first = motion_of(case)(0), round(self._phase * case.steps_per_period)
         drive = periods.drive(np.concatenate([table[first:-1], table[: first + 1]]))
