@@ -43,7 +43,7 @@ def main(arguments: list[str] | None = None) -> int:
         "massless frequencies": frequencies(points),
         "massless steps": steps(points[0], refine, *span),
         "massless limits": limits(points, refine[-2:], *span),
-        "massless noise": noise(points[:2], refine[1], *span),
+        "massless noise": noise(points[:2], refine[-2], *span),
     }
     page.write_text(fill(page.read_text("utf-8"), tables), "utf-8")
     return 0
@@ -63,7 +63,10 @@ def frequencies(points: list[int]) -> Table:
         before = errors
         rows.append((n, *errors, *orders))
     heading = ("elements", "f1", "f2", "f3", "order", "order", "order")
-    shown = [(str(n), *(f"{x:.1e}" for x in r[:3]), *(f"{x:.1f}" for x in r[3:])) for n, *r in rows]
+    shown = [
+        (str(n), *(f"{x:.1e}" for x in r[:3]), *("" if np.isnan(x) else f"{x:.1f}" for x in r[3:]))
+        for n, *r in rows
+    ]
     return Table("frequencies", heading, tuple(shown))
 
 

@@ -421,8 +421,8 @@ class TimeStepping(Section):
 
     Attributes:
         scheme: "newmark" (average acceleration), "central-difference" or "moreau-jean".
-        mass: "consistent" or "lumped" mass matrix; "massless": modes, and contact points without
-            mass, which are rigid (docs/reduced.md).
+        mass: "consistent" or "lumped" mass matrix; "massless": beams or modes whose contact points
+            have no mass and are rigid (docs/reduced.md).
         steps_per_period: time steps per period, N; in a sweep, a period is that of the
             highest frequency.
         step: longest time step [s]; instead of steps_per_period where the excitation does not

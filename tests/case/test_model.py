@@ -23,7 +23,7 @@ def test_what_a_kind_does_not_read_is_named() -> None:
     [
         (
             {"model.kind": "modes"},
-            'time.mass: expected "massless" if and only if model.kind = "modes"',
+            'time.mass: expected "massless" with model.kind = "modes" and no file',
         ),
         ({"model.file": "a.nc"}, "model.file: expected only with kind = \"modes\", given 'beam'"),
         ({"model.poisson": 0.5}, "model.poisson: expected a number of at least 0 and below 0.5"),

@@ -42,7 +42,10 @@ def test_a_case_in_modes_becomes_the_folder_of_a_run(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("run", "default", "--set", "time.mass=massless"), 'expected "massless" if and only if'),
+        (
+            ("run", "default", "--set", "time.mass=massless"),
+            "without mass is rigid and cannot bounce",
+        ),
         (("show", "operators", "default", "-o", "a.csv"), "ends in .npz or .mat, given a.csv"),
     ],
 )

@@ -152,8 +152,8 @@ def test_sensors_read_the_modes() -> None:
     [
         ({"contact__restitution": 0.1}, 'contact.law: expected "newton" with restitution = 0, or'),
         ({"contact__law": "penalty"}, 'cannot bounce; given "penalty"'),
-        ({"time__mass": "consistent"}, 'time.mass: expected "massless" if and only if'),
-        ({"model__kind": "beam"}, 'given "massless" with model.kind = "beam"'),
+        ({"time__mass": "consistent"}, 'time.mass: expected "massless" with model.kind = "modes"'),
+        ({"model__kind": "solid"}, 'expected "massless" only with model.kind = "beam", or "modes"'),
         ({"model__modes": 14}, r"model.modes: the modes beyond the lowest 14 .*more mesh.elements"),
     ],
 )
