@@ -232,11 +232,11 @@ class Case(Section):
                     f'"{self.time.mass}"',
                 )
             return
-        if model.is_continuum or model.file is not None or self.is_of_points:
+        if model.is_continuum or model.file is not None or self.is_axial:
             raise inconsistent(
                 "time.mass",
                 'expected "massless" only with model.kind = "beam", or "modes" without a file, and '
-                f'laminae with a length; given model.kind = "{model.kind}"',
+                f'laminae that bend; given model.kind = "{model.kind}"',
             )
         if self.is_at_middles and self.contact.points_per_element > 1:
             raise inconsistent(

@@ -115,3 +115,8 @@ def test_engines_agree_on_the_rod() -> None:
 def test_what_bars_do_not_have_is_told(change: dict[str, Any], expected: str) -> None:
     with pytest.raises(CaseError, match=expected):
         case_of(**change)
+
+
+def test_bars_keep_the_mass_of_their_nodes() -> None:
+    with pytest.raises(CaseError, match=r"time.mass: expected.*laminae that bend"):
+        case_of(time={"mass": "massless"}, contact={"law": "none"})
