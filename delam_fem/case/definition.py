@@ -244,10 +244,11 @@ class Case(Section):
                 'expected 1 with time.mass = "massless" and model.kind = "beam", because the mass '
                 f"is inside the elements; given {self.contact.points_per_element}",
             )
-        if self.n_rigid:
+        if self.is_floating:
             raise inconsistent(
                 "support",
-                'expected a structure that is held with time.mass = "massless", given '
+                'expected a structure that is held with time.mass = "massless", and springs that '
+                "hold impactors, given "
                 f'"{self.support.start}" and "{self.support.end}" ends',
             )
         is_rigid = self.contact.law == "newton" and not self.contact.restitution

@@ -265,5 +265,5 @@ def _require_flexible(W: FloatArray, of_modes: FloatArray, modes: int) -> None:
         raise CaseError(
             f"model.modes: the modes beyond the lowest {modes} cannot follow all {len(W)} contact "
             "points; use fewer modes, more mesh.elements, fewer contact.points_per_element or, "
-            "beside beams, stops at nodes"
+            "beside beams, stops and impactors at nodes"
         )

@@ -183,6 +183,18 @@ def test_commands_that_need_mass_say_so(words: tuple[str, ...], message: str) ->
     assert message in " ".join(result.output.split())
 
 
+def test_impactors_run_on_springs_and_are_refused_without() -> None:
+    case = beams(mesh__elements=6, time__steps_per_period=60, time__periods=1,
+                 output__window_periods=1)  # fmt: skip
+    given: dict[str, Any] = case.model_dump(exclude_unset=True)
+    ball = {"lamina": "thin", "mass": 0.01, "gap": 1e-4, "spring": 50.0}
+    assert df.run(Case(**given | {"impactor": [ball]})).summary["energy_residual"] < 1e-9
+    with pytest.raises(
+        df.CaseError, match=r"support: expected a structure that is held with .*imp"
+    ):
+        Case(**given | {"impactor": [ball | {"spring": 0.0}]})
+
+
 @pytest.mark.nightly
 @pytest.mark.parametrize(("elements", "expected"), [(20, -19.30), (40, -18.84)])
 def test_at_resonance_it_is_near_restitution_and_twelve_modes(
