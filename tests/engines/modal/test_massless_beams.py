@@ -147,8 +147,8 @@ def test_every_combination_runs_or_has_one_message(
         keys["model.modes"] = 4
     is_rigid = law == "none" or (law == "newton" and not restitution)
     goes = kind in KINDS[:2] and is_rigid and (kind == "modes" or points == 1)
-    # 7 nodes between bonded ends have 14 dofs, fewer than 15 points
-    follows = law == "none" or (preset, points) != ("embedded", 2)
+    # two points per element are as many as the dofs of a lamina, and 4 modes take some of those
+    follows = law == "none" or points == 1 or preset == "edge"
     try:
         case = df.preset(preset, keys)
     except df.CaseError as error:
@@ -159,7 +159,7 @@ def test_every_combination_runs_or_has_one_message(
     assert goes
     operators = assemble(case, needs_dolfinx=False).operators
     if not follows:
-        with pytest.raises(df.CaseError, match="cannot follow all 15 contact points"):
+        with pytest.raises(df.CaseError, match="cannot follow all"):
             reduce(operators, case.n_modes)
         return
     with session_of(case, operators, engine=engine) as opened:
