@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 import numpy as np
+from calibration.branches import Plane, jumps
 
 from delam_fem.numerics.types import FloatArray
-from delam_fem.studies.orbits.maps import Nature, Passage, Slow
 
 
-class Toy:
+class Toy(Plane):
     """A map of the plane, rough at a small scale if asked for.
 
-    Attributes:
+    Args:
         roughness: height of jumps that change from one state to the next.
     """
 
-    slow = Slow(np.eye(2), np.eye(2))
-    nature = Nature("toy", {"x": 1, "y": 1})
-
     def __init__(self, roughness: float = 0.0) -> None:
-        self.roughness = roughness
+        super().__init__(lambda states, a: self.image(*states.T, a) + roughness * jumps(*states.T))
 
     def image(self, x: FloatArray, y: FloatArray, parameter: float) -> FloatArray:
         raise NotImplementedError
@@ -27,19 +24,9 @@ class Toy:
     def after(
         self, states: FloatArray, parameter: float, shifts: FloatArray | None = None
     ) -> FloatArray:
-        x, y = states.T
         if not np.isfinite(states).all():
             return np.full_like(states, np.nan)
-        with np.errstate(over="ignore", invalid="ignore"):  # a motion may leave all numbers
-            rough = np.sign(np.sin([1e9 * x + 3e8 * y, 7e8 * x - 1e9 * y])).T
-            return self.image(x, y, parameter) + self.roughness * rough
-
-    def watched(self, state: FloatArray, parameter: float, periods: int) -> Passage:
-        states = [state]
-        for _ in range(periods):
-            states.append(self.after(states[-1][None], parameter)[0])
-        seen = np.array(states[1:])
-        return Passage(seen, seen, seen.min(axis=0), seen.max(axis=0), np.inf)
+        return super().after(states, parameter)
 
 
 class Henon(Toy):

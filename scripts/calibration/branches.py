@@ -49,14 +49,14 @@ class Plane:
 
     def __init__(self, image: Callable[[FloatArray, float], FloatArray]) -> None:
         """Keep the map."""
-        self.image = image
+        self._image = image
 
     def after(
         self, states: FloatArray, parameter: float, shifts: FloatArray | None = None
     ) -> FloatArray:
         """Return the states one period later."""
         with np.errstate(over="ignore", invalid="ignore"):  # a motion may leave all numbers
-            return self.image(states, parameter)
+            return self._image(states, parameter)
 
     def watched(self, state: FloatArray, parameter: float, periods: int) -> Passage:
         """Return the states at the ends of periods; nothing touches."""
@@ -65,6 +65,11 @@ class Plane:
             states.append(self.after(states[-1][None], parameter)[0])
         seen = np.array(states[1:])
         return Passage(seen, seen, seen.min(axis=0), seen.max(axis=0), np.inf)
+
+
+def jumps(x: FloatArray, y: FloatArray) -> FloatArray:
+    """Return numbers ±1 that change from one state to the next, shape (k, 2)."""
+    return np.asarray(np.sign(np.sin([1e9 * x + 3e8 * y, 7e8 * x - 1e9 * y])).T)
 
 
 def rows(is_long: bool, folder: Path) -> list[Row]:
@@ -138,8 +143,8 @@ def of_henon(
 
     def image(states: FloatArray, a: float) -> FloatArray:
         x, y = (states @ back.T).T
-        jumps = np.sign(np.sin([1e9 * x + 3e8 * y, 7e8 * x - 1e9 * y])).T
-        return (np.stack([1.0 - a * x**2 + y, b * x], axis=-1) + rough * jumps) @ turned.T
+        smooth = np.stack([1.0 - a * x**2 + y, b * x], axis=-1)
+        return (smooth + rough * jumps(x, y)) @ turned.T
 
     x = (b - 1.0 + math.sqrt((1.0 - b) ** 2 + 4.0 * start)) / (2.0 * start)
     return Plane(image), turned @ np.array([x, b * x]), path, exact

@@ -169,25 +169,6 @@ def simulate(
     )
 
 
-def oscillator(stop: float) -> Operators:
-    """Return x'' + x = q(t), x <= s: a unit mass on a unit spring whose other end moves by q.
-
-    Args:
-        stop: s [m].
-    """
-    one, zero = np.ones(1), np.zeros(1)
-    return Operators(
-        mass=sp.csr_matrix([[1.0]]),
-        damping=sp.csr_matrix([[0.0]]),
-        stiffness=sp.csr_matrix([[1.0]]),
-        lumped_mass=one,
-        base=BaseCoupling(zero, zero, -one, (0.0, 0.0, 1.0)),
-        gap_matrix=sp.csr_matrix([[-1.0]]),
-        gap0=np.array([stop]),
-        probes=sp.csr_matrix([[1.0]]),
-    )
-
-
 def ball(mass: float, damping: float = 0.0) -> Operators:
     """Return a mass above a floor, u its height, which a base with q'' = g loads by its weight.
 

@@ -8,9 +8,9 @@ from typing import Literal
 
 import numpy as np
 import pytest
-from problems import Law, oscillator
+from calibration.oscillator import forcing, multipliers, oscillator
+from problems import Law
 from scipy.optimize import brentq
-from test_impact_oscillator import forcing, impact_phase, orbit
 
 from delam_fem.engines.session import session
 from delam_fem.simulation.refinement import Span
@@ -55,22 +55,6 @@ def test_a_damped_linear_motion_contracts_as_its_slowest_mode(tmp_path: Path) ->
     thin = sweep.base.lamina[1]
     exact = -thin.damping_ratio * float(thin.angular_frequencies(1)[0])
     assert found == pytest.approx(exact, rel=LINEAR)
-
-
-def multipliers(omega: float, s: float, e: float) -> np.ndarray:
-    """Return the eigenvalues of the linearised map from before one impact to before the next.
-
-    With the acceleration a = cos φ - s at the impact and V before it,
-
-        J = [[-e, 0], [(1 + e) a / V, -e]]  at the impact,  R(T) = [[C, S], [-S, C]]  between.
-    """
-    phase = impact_phase(omega, s, e)
-    V, _ = orbit(omega, e, phase)
-    T = 2.0 * math.pi / omega
-    C, S = math.cos(T), math.sin(T)
-    J = np.array([[-e, 0.0], [(1.0 + e) * (math.cos(phase) - s) / V, -e]])
-    found: np.ndarray = np.linalg.eigvals(np.array([[C, S], [-S, C]]) @ J)
-    return found
 
 
 def exponent(

@@ -12,12 +12,10 @@ shifted in proportion to Δt, for each Δt. V is then smooth in Δt, and Richard
 gives the limit.
 """
 
-import itertools
-
 import numpy as np
 import pytest
-from problems import Law, Motion, Motions, oscillator, simulate
-from scipy.optimize import brentq
+from calibration.oscillator import forcing, impact_phase, orbit, oscillator
+from problems import Law, Motions, simulate
 
 from delam_fem.numerics.types import FloatArray
 
@@ -42,42 +40,6 @@ ORDER = 0.08
 """Window around the order at the fine end of the ladder."""
 SLOPE = 1e-6
 """Phase difference for a numerical derivative [rad]."""
-
-
-def orbit(omega: float, e: float, phase: float) -> tuple[float, float]:
-    """Return V and s of the one-impact orbit with the forcing phase ωt = `phase` at the impact.
-
-    x = a cos t + b sin t + G cos(ωt + phase); x(0) = x(T) = s, x'(0) = -e V, x'(T) = V.
-    """
-    T, G = 2.0 * np.pi / omega, 1.0 / (1.0 - omega**2)
-    C, S = np.cos(T), np.sin(T)
-    conditions = [[1, 0, 0, -1], [C, S, 0, -1], [0, 1, e, 0], [-S, C, -1, 0]]
-    x, v = G * np.cos(phase), omega * G * np.sin(phase)
-    _, _, V, s = np.linalg.solve(np.array(conditions, dtype=float), [-x, -x, v, v])
-    return float(V), float(s)
-
-
-def impact_phase(omega: float, s: float, e: float) -> float:
-    """Return the phase at the impacts of the orbit with stop s and V > 0."""
-    phases = np.linspace(0.0, 2.0 * np.pi, 181)
-    for left, right in itertools.pairwise(phases):
-        ends = [orbit(omega, e, phase)[1] - s for phase in (left, right)]
-        if ends[0] * ends[1] < 0.0:
-            phase = brentq(lambda p: orbit(omega, e, p)[1] - s, left, right, xtol=1e-14)
-            if orbit(omega, e, phase)[0] > 0.0:
-                return float(phase)
-    raise AssertionError("no orbit")
-
-
-def forcing(omega: float, phase: float) -> Motion:
-    """Return q = cos(ωt + phase) with its derivatives."""
-
-    def motion(times: FloatArray) -> FloatArray:
-        angle = omega * times + phase
-        cos, sin = np.cos(angle), np.sin(angle)
-        return np.stack([cos, -omega * sin, -(omega**2) * cos], axis=-1)
-
-    return motion
 
 
 def steady_motion(

@@ -6,13 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from problems import Law, Prescribed, oscillator
+from calibration.oscillator import forcing, impact_phase, oscillator, state_at_zero
+from calibration.oscillator import multipliers as closed_form
+from problems import Law, Prescribed
 from scipy.optimize import brentq
-from test_bifurcation import multipliers as closed_form
-from test_impact_oscillator import forcing, impact_phase, orbit
 
 import delam_fem as df
-from delam_fem.numerics.types import FloatArray
 from delam_fem.simulation.refinement import Span
 from delam_fem.studies.branches import continuation
 from delam_fem.studies.branches.continuation import events_of
@@ -41,23 +40,10 @@ def stepped(s: float, e: float) -> StrobeMap:
     return StrobeMap(problem, modal(operators))
 
 
-def state_at_zero(omega: float, s: float, e: float) -> FloatArray:
-    """Return (x, v) at t = 0 of the closed form orbit with one impact a period."""
-    phase = impact_phase(omega, s, e)
-    V, G = orbit(omega, e, phase)[0], 1.0 / (1.0 - omega**2)
-    a, b = s - G * np.cos(phase), -e * V + omega * G * np.sin(phase)
-    t = (-phase / omega) % (2.0 * np.pi / omega)
-    angle = omega * t + phase
-    return np.array([
-        a * np.cos(t) + b * np.sin(t) + G * np.cos(angle),
-        -a * np.sin(t) + b * np.cos(t) - omega * G * np.sin(angle),
-    ])  # fmt: skip
-
-
 @pytest.mark.parametrize(("omega", "s", "e"), [(2.0, 0.0, 0.5), (2.2, 0.0, 0.5), (2.6, 0.0, 0.8)])
 def test_coarse_multipliers_of_the_impact_oscillator(omega: float, s: float, e: float) -> None:
     """Differences of 1e-6 see the time grid instead: they give -1 and ½ for the first row."""
-    start = state_at_zero(omega, s, e)
+    start = state_at_zero(omega, s, e, impact_phase(omega, s, e))
     ensemble = Ensemble(stepped(s, e), 1, KICKS)
     scale = float(np.linalg.norm(start))
     J = ensemble.derivatives(start, omega, scale).mean(axis=0)
@@ -82,7 +68,8 @@ def test_the_doubling_of_the_impact_oscillator() -> None:
     exact = brentq(lambda w: 1.0 + closed_form(w, 0.0, e).sum().real + e**2, 2.55, 2.75)
     path = continuation.Path(2.6, 2.7, step=0.1, longest=0.15)
     ensemble = Ensemble(stepped(0.0, e), 1, KICKS)
-    points = [continuation.first_point(ensemble, state_at_zero(2.6, 0.0, e), path)]
+    start = state_at_zero(2.6, 0.0, e, impact_phase(2.6, 0.0, e))
+    points = [continuation.first_point(ensemble, start, path)]
     points, ending = continuation.followed(
         ensemble, points, path, keep=lambda point, count: None, is_stopped=lambda: False
     )

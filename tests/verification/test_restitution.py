@@ -7,9 +7,9 @@ little later. A forced oscillator and the laminae show the same in motions that 
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from calibration.oscillator import forcing, impact_phase, orbit, oscillator
 from kit import covering
-from problems import Law, oscillator, simulate
-from test_impact_oscillator import forcing, impact_phase, orbit
+from problems import Law, simulate
 
 from delam_fem.case.files import preset
 from delam_fem.contact.laws import COMBINATIONS, combined_name
