@@ -193,12 +193,9 @@ class Convergence(Finding):
         exact = np.array([self.value(reference, q.name) for q in self.judged])
         low_high = np.array([self.value(reference, q.name) for q in self.extrema]).reshape(-1, 2)
         half = np.diff(low_high).ravel() / 2.0
-        kinds = [q.name.split("_") for q in self.judged]
         size = [
-            half[int(kind[2 if kind[0] == "tip" else 1]) - 1]
-            if kind[0] in ("tip", "amplitude")
-            else abs(value) or math.nan
-            for kind, value in zip(kinds, exact.tolist(), strict=True)
+            half[q.lamina - 1] if q.lamina else abs(value) or math.nan
+            for q, value in zip(self.judged, exact.tolist(), strict=True)
         ]
         return exact, np.array(size)
 

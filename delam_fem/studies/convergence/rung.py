@@ -60,12 +60,14 @@ class Statistic:
         symbol: symbol in headings.
         unit: unit in headings.
         factor: factor from SI to this unit.
+        lamina: number of the lamina whose motion it is a length of, from 1; None: no length.
     """
 
     name: str
     symbol: str
     unit: str
     factor: float = 1.0
+    lamina: int | None = None
 
     @property
     def heading(self) -> str:
@@ -73,6 +75,7 @@ class Statistic:
         return f"{self.symbol} [{self.unit}]"
 
 
+IMPULSE = Statistic("modal_impulse", "Σ p φ1", "mN s", 1e3)
 WORK = Statistic("contact_work", "contact work", *SHOWN["J"])
 
 
@@ -82,7 +85,7 @@ def extrema(n_laminae: int) -> tuple[Statistic, ...]:
     The extremes over several periods would grow with the scatter of cycles.
     """
     return tuple(
-        Statistic(f"tip_{end}_{i}", f"y{i} {end}", *MEASURES[f"tip_{end}"].shown)
+        Statistic(f"tip_{end}_{i}", f"y{i} {end}", *MEASURES[f"tip_{end}"].shown, i)
         for i in range(1, n_laminae + 1)
         for end in ("min", "max")
     )
@@ -99,17 +102,17 @@ def general(n_laminae: int) -> tuple[Statistic, ...]:
             Statistic(f"distortion_factor_{i}", f"d{i}", *MEASURES["distortion_factor"].shown)
             for i in range(1, n_laminae + 1)
         ),
-        Statistic("modal_impulse", "Σ p φ1", "mN s", 1e3),
+        IMPULSE,
         WORK,
     )
 
 
-def amplitudes(n_laminae: int) -> tuple[Statistic, ...]:
+def amplitudes(n_laminae: int, count: int = SHOWN_HARMONICS) -> tuple[Statistic, ...]:
     """Return the amplitudes of the first harmonics, lamina by lamina."""
     return tuple(
-        Statistic(f"amplitude_{i}_{k}", f"A{k} of {i}", *SHOWN["m"])
+        Statistic(f"amplitude_{i}_{k}", f"A{k} of {i}", *SHOWN["m"], i)
         for i in range(1, n_laminae + 1)
-        for k in range(1, SHOWN_HARMONICS + 1)
+        for k in range(1, count + 1)
     )
 
 
@@ -120,8 +123,7 @@ def converging(n_laminae: int) -> tuple[Statistic, ...]:
 
 def may_be_judged(n_laminae: int) -> tuple[Statistic, ...]:
     """Return the statistics whose intervals hold beside finer runs (docs/calibration.md)."""
-    first = tuple(q for q in amplitudes(n_laminae) if q.name.endswith("_1"))
-    return (*extrema(n_laminae), *first, *(q for q in general(n_laminae) if "modal" in q.name))
+    return (*extrema(n_laminae), *amplitudes(n_laminae, 1), IMPULSE)
 
 
 @dataclass(frozen=True)
