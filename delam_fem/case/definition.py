@@ -292,9 +292,12 @@ class Case(Section):
     def _check_stops(self) -> None:
         """Check that stops, impactors and initial states are on laminae, and the elastic ones."""
         names = [lamina.name for lamina in self.lamina]
-        named: tuple[tuple[str, tuple[Stop | Impactor | Initial, ...]], ...] = (
+        striking: tuple[tuple[str, tuple[Stop | Impactor, ...]], ...] = (
             ("stop", self.stop),
             ("impactor", self.impactor),
+        )
+        named: tuple[tuple[str, tuple[Stop | Impactor | Initial, ...]], ...] = (
+            *striking,
             ("initial", self.initial),
         )
         for section, entries in named:
@@ -316,17 +319,16 @@ class Case(Section):
                             f"expected at most the length {self.length!r} m, given {given!r}",
                         )
         elastic = [
-            (f"{section}.{number}", own)
-            for section, entries in named
-            for number, own in enumerate(entries, start=1)
-            if getattr(own, "stiffness", None) or getattr(own, "radius", None)
+            (section, number, blow)
+            for section, entries in striking
+            for number, blow in enumerate(entries, start=1)
+            if blow.elastic_by
         ]
-        for label, own in elastic:
-            key = "stiffness" if getattr(own, "stiffness", None) else "radius"
+        for section, number, blow in elastic:
             if self.contact.law != "penalty":
                 raise inconsistent(
-                    f"{label}.{key}",
-                    f"expected an elastic {label.split('.')[0]} only with contact.law = "
+                    f"{section}.{number}.{blow.elastic_by}",
+                    f"expected an elastic {section} only with contact.law = "
                     '"penalty" (and time.scheme = "newmark"), because other laws have no dampers, '
                     f'given "{self.contact.law}"',
                 )
@@ -335,11 +337,11 @@ class Case(Section):
                     "contact.penalty_stiffness",
                     "expected a positive number beside elastic stops or impactors",
                 )
-            found = getattr(own, "damping", 0.0) / (getattr(own, "stiffness", None) or math.inf)
+            found = blow.damping / (blow.stiffness or math.inf)
             needed = self.spring[1] / self.spring[0]
             if not math.isclose(found, needed, rel_tol=ROUND_OFF):
                 raise inconsistent(
-                    f"{label}.damping",
+                    f"{section}.{number}.damping",
                     "expected the same ratio of damping to stiffness at all contact springs, "
                     f"{needed:g} s, given {found:g} s",
                 )

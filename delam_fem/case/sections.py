@@ -720,6 +720,11 @@ class Stop(Section):
             raise inconsistent("damping", "expected only beside stiffness, of an elastic stop")
         return self
 
+    @property
+    def elastic_by(self) -> str | None:
+        """Name of the key that makes the contact elastic; None: it is rigid."""
+        return "stiffness" if self.stiffness is not None else None
+
 
 class Impactor(Section):
     """A mass that strikes a lamina, free or on a spring, as the tip of a hammer.
@@ -764,6 +769,13 @@ class Impactor(Section):
         if self.damping and self.stiffness is None:
             raise inconsistent("damping", "expected only beside stiffness, of an elastic contact")
         return self
+
+    @property
+    def elastic_by(self) -> str | None:
+        """Name of the key that makes the contact elastic; None: it is rigid."""
+        return next(
+            (key for key in ("stiffness", "radius") if getattr(self, key) is not None), None
+        )
 
 
 class Initial(Section):
