@@ -101,7 +101,8 @@ class Newmark(Dynamics):
         self._now = self._sizes[-1]
         self._M_factor = self._factor(0.0, 0.0, "newmark_mass_", scale=-1.0)
         self._velocities, self._damped_start, self._kept_a = (self._vector() for _ in range(3))
-        self._kept_motion, self._kept_losses = self._motion.duplicate(), (0.0, 0.0, self.damped)
+        self._kept_motion, self._kept_losses = self._motion.duplicate(), (0.0, 0.0)
+        self._kept_damped = self.damped.copy()
         self._coupled = coupled_impulses
         self._is_average = (beta, gamma) == (0.25, 0.5)
         inverse = np.zeros(o.n_own) if coupled_impulses else 1.0 / o.require_lumped_mass()
@@ -137,7 +138,9 @@ class Newmark(Dynamics):
         """Keep the present state for `undo`."""
         self._motion.copy(self._kept_motion)
         self.a.copy(self._kept_a)
-        self._kept_losses = self._dissipated, self.contact_damped, self.damped.copy()
+        self._kept_losses = self._dissipated, self.contact_damped
+        if self._spring_damping:
+            np.copyto(self._kept_damped, self.damped)
 
     def undo(self) -> None:
         """Return to the state of the last `keep`; resting pairs are those of the present."""
@@ -145,7 +148,9 @@ class Newmark(Dynamics):
         self._kept_a.copy(self.a)
         self._see()
         self._C.mult(self.v, self._damped)
-        self._dissipated, self.contact_damped, self.damped[:] = self._kept_losses
+        self._dissipated, self.contact_damped = self._kept_losses
+        if self._spring_damping:
+            np.copyto(self.damped, self._kept_damped)
 
     def rate_pre(self) -> FloatArray:
         """Return gap rates before an impact, shape (n_pairs,) [m/s]."""
