@@ -14,8 +14,8 @@ import numpy.typing as npt
 import xarray as xr
 
 from delam_fem.case.definition import Case
-from delam_fem.case.gap import initial_gap
 from delam_fem.model import layout as fields
+from delam_fem.model.beams.network import opening
 from delam_fem.model.layout import Layout, Structure
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.types import FloatArray, IntArray
@@ -48,9 +48,10 @@ def history(
     add(data, "x", layout.parts[0].positions(layout.stations))
     data = data.set_coords("x")
     add(data, "tip_node", layout.station_of_point(layout.probes[0].point))
-    at_rest = _of_interfaces(layout, gap0)
-    if case.gap is not None:  # the clamp is no pair
-        at_rest[..., 0] = initial_gap(case.gap, 0.0, case.length)
+    at_rest, x = _of_interfaces(layout, gap0), data["x"].to_numpy()
+    for row, interface in zip(np.atleast_2d(at_rest), layout.interfaces, strict=True):
+        alone = np.delete(np.arange(x.size), layout.stations_of(interface))  # clamps, stops
+        row[alone] = opening(case, layout, interface, x[alone])
     add(data, "gap0", at_rest)
     weights = structure.operators.pair_weights
     shares = np.ones(gap0.size) if weights is None else weights

@@ -95,3 +95,27 @@ def test_events_name_interface_and_node() -> None:
     assert history["event_node"].values.tolist() == [4, 4, 3] * WINDOW
     np.testing.assert_array_equal(history["event_impulse"], [1e-3, 3e-3, 1e-3] * WINDOW)
     np.testing.assert_allclose(history["event_energy"][:3], [-1e-5, -0.75e-5, -0.25e-5])
+
+
+@pytest.mark.parametrize(
+    ("preset", "keys"), [("paper", {}), ("embedded", {"delamination.1.opening": 1e-3})]
+)
+def test_beside_a_stop_within_an_element_the_gap_is_that_of_the_laminae(
+    preset: str, keys: dict[str, object]
+) -> None:
+    """It was 0 at such a point, which is a pair of the stop and none of the laminae."""
+    keys = keys | {
+        "time.periods": 1, "output.window_periods": 1, "output.fields_per_period": 1,
+        "contact.impulse": "consistent", "time.mass": "consistent",
+    }  # fmt: skip
+    case = df.preset(preset, keys)
+    places = [share * case.length for share in (0.17, 0.365, 0.485)]
+    stop = {"lamina": case.lamina[-1].name, "side": "above", "gap": 1.0, "on": "base"}
+    stops = [stop | {"position": x} for x in places]
+    history = df.run(df.Case(**case.model_dump() | {"stop": stops}), "compiled").history
+    x, gaps = history["x"].to_numpy(), history["gap0"].to_numpy()
+    added = np.isin(x, places)
+    assert added.sum() == len(places)
+    expected = np.interp(x[added], x[~added], gaps[~added])
+    np.testing.assert_allclose(gaps[added], expected, atol=0.02 * gaps.max())
+    assert expected.max() > 0.1 * gaps.max()

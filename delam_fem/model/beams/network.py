@@ -63,6 +63,7 @@ from delam_fem.model.layout import (
     DISPLACEMENT,
     FIXED,
     SLOPE,
+    Interface,
     Layout,
     Part,
     Probe,
@@ -413,20 +414,23 @@ def gap_at_rest(case: Case, layout: Layout) -> FloatArray:
     Raises:
         CaseError: see `initial_gap` and `opening_at_rest`.
     """
-    gaps = []
+    gaps = [np.zeros(0)]
     for interface in layout.interfaces:
         x = layout.parts[interface.parts[0]].positions(interface.places(0))
-        if case.gap is not None:
-            gaps.append(initial_gap(case.gap, x, case.length))
-        else:
-            names = (layout.names[interface.parts[0]], layout.names[interface.parts[1]])
-            gaps.append(_openings(case, names, x))
-    return np.concatenate([np.zeros(0), *gaps])
+        gaps.append(opening(case, layout, interface, x))
+    return np.concatenate(gaps)
 
 
-def _openings(case: Case, between: tuple[str, str], x: FloatArray) -> FloatArray:
-    """Return the gaps at rest between two laminae at places within their delaminations [m]."""
+def opening(case: Case, layout: Layout, interface: Interface, x: FloatArray) -> FloatArray:
+    """Return the gap at rest between the laminae of an interface at x [m], 0 where it is bonded.
+
+    Raises:
+        CaseError: see `initial_gap` and `opening_at_rest`.
+    """
+    if case.gap is not None:
+        return initial_gap(case.gap, x, case.length)
     gap, margin = np.zeros(x.size), EDGE_TOLERANCE * case.length
+    between = tuple(layout.names[part] for part in interface.parts)
     for own in case.delamination:
         if own.between == between:
             inside = (x >= own.start - margin) & (x <= own.end + margin)
