@@ -38,12 +38,10 @@ if TYPE_CHECKING:
     from delam_fem.case.definition import Case
     from delam_fem.case.excitation import HarmonicMotion, SweptMotion
     from delam_fem.case.files import PRESETS, load_case, preset, save_case
-    from delam_fem.contact.laws import LAWS, Decision, Law
+    from delam_fem.contact.laws import LAWS, SCHEMES, Decision, Law, Scheme
     from delam_fem.engines.session import Solution, solve
-    from delam_fem.model.forms import Gap
-    from delam_fem.model.operators import BaseCoupling, DistributedOperators, Operators
+    from delam_fem.model.operators import BaseCoupling, DistributedOperators, Gap, Operators
     from delam_fem.model.reduction import reduced_case
-    from delam_fem.numerics.schemes import SCHEMES, Scheme
     from delam_fem.pipeline import run
     from delam_fem.reference.compare import compare
     from delam_fem.results.export import operators
@@ -65,7 +63,7 @@ if TYPE_CHECKING:
     from delam_fem.studies.models import compare_models
     from delam_fem.studies.modes import modes
     from delam_fem.studies.orbits.run import orbit
-    from delam_fem.studies.solutions import save
+    from delam_fem.studies.study import save
     from delam_fem.studies.sweeps.grid import Sweep, load_sweep
     from delam_fem.studies.sweeps.run import run_sweep
     from delam_fem.system.errors import CaseError
@@ -73,18 +71,18 @@ if TYPE_CHECKING:
 _HOMES = {
     "LAWS": "contact.laws",
     "PRESETS": "case.files",
-    "SCHEMES": "numerics.schemes",
+    "SCHEMES": "contact.laws",
     "BaseCoupling": "model.operators",
     "Case": "case.definition",
     "CaseError": "system.errors",
     "Decision": "contact.laws",
     "DistributedOperators": "model.operators",
-    "Gap": "model.forms",
+    "Gap": "model.operators",
     "HarmonicMotion": "case.excitation",
     "Law": "contact.laws",
     "Operators": "model.operators",
     "Result": "results.folder",
-    "Scheme": "numerics.schemes",
+    "Scheme": "contact.laws",
     "Solution": "engines.session",
     "State": "simulation.loop",
     "Sweep": "studies.sweeps.grid",
@@ -114,7 +112,7 @@ _HOMES = {
     "resonance": "studies.identification.resonance:STUDY",
     "run": "pipeline",
     "run_sweep": "studies.sweeps.run",
-    "save": "studies.solutions",
+    "save": "studies.study",
     "save_case": "case.files",
     "solve": "engines.session",
 }

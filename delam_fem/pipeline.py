@@ -27,7 +27,7 @@ from delam_fem.model.operators import Operators
 from delam_fem.results import dataset, diagnostics, quality
 from delam_fem.results.fields import derived
 from delam_fem.results.folder import Result, json_ready
-from delam_fem.results.pages.progress import reporting
+from delam_fem.results.pages.html import reporting
 from delam_fem.results.schema import solvers
 from delam_fem.simulation import checkpoint
 from delam_fem.simulation.checkpoint import CHECKPOINT_SECONDS, Watch, stop_signals

@@ -17,7 +17,7 @@ from ladders.document import document, fill
 from ladders.study import ladders
 from rich.console import Console
 
-from delam_fem.cli.progress import progress
+from delam_fem.cli.console import progress
 from delam_fem.results.figures.style import styled
 from delam_fem.studies.convergence.run import run_ladder
 

@@ -47,7 +47,7 @@ from delam_fem.case.sections import (
 from delam_fem.case.toml import Data, apply_overrides, message, toml_text
 from delam_fem.case.values import Section, expected, inconsistent
 from delam_fem.contact.laws import combination
-from delam_fem.numerics import oscillator
+from delam_fem.numerics import harmonics
 from delam_fem.numerics.beams import transmissibility
 from delam_fem.numerics.types import FloatArray
 from delam_fem.system.errors import CaseError
@@ -651,7 +651,7 @@ class Case(Section):
         first, second = self.lamina[i].angular_frequencies(2).tolist()
         if self.is_of_points:
             return 0.0, 2.0 * self.lamina[i].damping_ratio / first if first else 0.0
-        return oscillator.coefficients(
+        return harmonics.coefficients(
             self.lamina[i].damping_ratio, first, second, self.damping.kind
         )
 

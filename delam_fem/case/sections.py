@@ -50,10 +50,9 @@ from delam_fem.case.values import (
     in_si,
     inconsistent,
 )
-from delam_fem.contact.laws import Impulse, LawName
+from delam_fem.contact.laws import Impulse, LawName, SchemeName
 from delam_fem.numerics.beams import cantilever_roots
-from delam_fem.numerics.oscillator import Kind
-from delam_fem.numerics.schemes import SchemeName
+from delam_fem.numerics.harmonics import Kind
 from delam_fem.numerics.types import FloatArray
 
 

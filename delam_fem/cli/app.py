@@ -15,9 +15,14 @@ from typing import Annotated, Any, Literal
 import typer
 from typer.core import TyperGroup
 
-from delam_fem.cli.cases import check_command, new_command, show_case
-from delam_fem.cli.console import reported, tell, with_messages
-from delam_fem.cli.inputs import (
+from delam_fem.cli.cases import (
+    check_command,
+    new_command,
+    operators_command,
+    reduce_command,
+    show_case,
+)
+from delam_fem.cli.console import (
     CaseArgument,
     DryRun,
     Folder,
@@ -26,12 +31,19 @@ from delam_fem.cli.inputs import (
     Quiet,
     Yes,
     case_of,
+    reported,
+    tell,
+    with_messages,
 )
-from delam_fem.cli.measured import export_command, overlay_command, read_command, response_command
-from delam_fem.cli.paper import paper_command
-from delam_fem.cli.reduction import operators_command, reduce_command
 from delam_fem.cli.run import engine_in, film_command, report_in_folder, run_in_folder
-from delam_fem.cli.studies import study_command
+from delam_fem.cli.studies import (
+    export_command,
+    overlay_command,
+    paper_command,
+    read_command,
+    response_command,
+    study_command,
+)
 from delam_fem.cli.sweep import diagram_command, sweep_command
 
 HELP = ["-h", "--help"]

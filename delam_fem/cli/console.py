@@ -1,9 +1,9 @@
-"""The terminal: messages once each, tables, progress without readers, the exit status.
+"""What commands share: arguments, the case with its overrides, the folder, and what they say.
 
-Show the messages of the package on the terminal, once each, and keep them in a file. Every command
+The messages of the package appear on the terminal once each, and a file keeps them. Every command
 has `-v` and `--log FILE`, which `with_messages` adds.
 
-Keep a command alive when nobody reads its output any more. A reader may go away (`… | head`), a
+A command stays alive when nobody reads its output any more. A reader may go away (`… | head`), a
 terminal may be closed, a disk may be full. What cannot be written is dropped; the computation and
 its files go on.
 """
@@ -25,12 +25,222 @@ from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn, TextIO, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn, TextIO, TypeAlias, get_type_hints
 
 import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn, TimeRemainingColumn
+from rich.text import Text
 
 if TYPE_CHECKING:
-    from rich.console import Console
+    from delam_fem.case.definition import Case
+
+CaseArgument = Annotated[
+    str, typer.Argument(metavar="CASE", help="A preset by name, or a case file (.toml).")
+]
+Overrides = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Override a key of the case, e.g. excitation.frequency=3.65; repeatable. "
+        "KEY= without a value removes an optional key.",
+    ),
+]
+Folder = Annotated[
+    Path | None,
+    typer.Option(
+        "-o", "--output", metavar="DIR",
+        help="Folder of the results (default: runs/NAME, or runs/NAME-COMMAND).",
+    ),
+]  # fmt: skip
+Workers = Annotated[
+    int | None,
+    typer.Option("-j", "--workers", min=1, metavar="N", help="Processes (default: one per core)."),
+]
+Resume = Annotated[bool, typer.Option("--resume", help="Continue what was interrupted.")]
+Overwrite = Annotated[
+    bool, typer.Option("--overwrite", help="Replace other results in the folder.")
+]
+Yes = Annotated[
+    bool, typer.Option("--yes", help="Compute also what needs many hours or much space.")
+]
+DryRun = Annotated[
+    bool,
+    typer.Option(
+        "--dry-run", help="Check everything and tell what it needs; compute and write nothing."
+    ),
+]
+Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Show no progress, no table.")]
+
+
+def case_of(name: str, overrides: list[str] | None) -> Case:
+    """Return the case of a preset or a case file, with the overrides of the command line."""
+    from delam_fem.case.files import find_case
+    from delam_fem.case.toml import parse_override
+    from delam_fem.system.errors import CaseError
+
+    keys = dict(parse_override(text) for text in overrides or [])
+    case = find_case(name, keys)
+    window, longest = keys.get("output.window_periods"), case.n_periods
+    if case.is_periodic and isinstance(window, int) and window > longest:
+        raise CaseError(
+            f"override output.window_periods: expected at most the {longest} periods of the run, "
+            f"given {window}"
+        )
+    return _told(case)
+
+
+def _told(case: Case) -> Case:
+    """Return a case after a warning for each number that looks like a mistake in a unit."""
+    from delam_fem.case.plausible import tell
+
+    tell(case)
+    return case
+
+
+def inputs_of(case: Case) -> list[Path]:
+    """Return the files that a case names."""
+    return list(case.files.values())
+
+
+def require_one(**given: object) -> str | None:
+    """Return which of some options is given; None if none is.
+
+    Args:
+        given: options by name, without `--`.
+
+    Raises:
+        CaseError: several are given.
+    """
+    from delam_fem.system.errors import CaseError
+
+    names = [f"--{name}" for name, value in given.items() if value not in (None, False)]
+    if len(names) > 1:
+        raise CaseError(f"expected one of {' and '.join(names)}, given both")
+    return names[0].removeprefix("--") if names else None
+
+
+Report: TypeAlias = Callable[[int, int], None]
+"""Function of the numbers of finished and of all periods (or points, in a sweep), called after each
+period (or chunk of points)."""
+
+LINES = 10
+"""Number of plain lines per run, unless the run is slow."""
+
+SILENCE = 10.0
+"""Longest time between two plain lines [s]."""
+
+_log = logging.getLogger(__name__)
+
+
+@contextmanager
+def progress(console: Console, steps_per_period: int = 0) -> Iterator[Report]:
+    """Show the progress of a run on a console.
+
+    Args:
+        console: console for the output; a terminal shows a bar.
+        steps_per_period: number of steps per period, for the rate; 0: count points of a sweep
+            instead of periods.
+
+    Yields:
+        The function to call with the numbers of finished and of all periods (or points).
+    """
+    logged = PlainProgress(_log.debug, steps_per_period)
+    if console.quiet:  # a bar would still hide and show the cursor
+        yield logged
+        return
+    if not console.is_terminal:
+
+        def say(line: str) -> None:
+            console.print(line, soft_wrap=True)
+            _log.debug(line)
+
+        yield PlainProgress(say, steps_per_period)
+        return
+    columns = (
+        TextColumn(_unit(steps_per_period) + " {task.completed:.0f} of {task.total:.0f}"),
+        BarColumn(),
+        _Rate(steps_per_period),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=console, transient=True) as bar:
+
+        def report(done: int, total: int) -> None:
+            if not bar.tasks:  # a resumed run does not start at 0
+                bar.add_task("run", total=total, completed=done)
+            bar.update(bar.tasks[0].id, completed=done)
+            logged(done, total)
+
+        yield report
+
+
+def _unit(steps_per_period: int) -> str:
+    """Return the word for the counted unit."""
+    return "period" if steps_per_period else "point"
+
+
+def _rate(per_second: float, steps_per_period: int) -> str:
+    """Return a rate of periods or points as text."""
+    if not steps_per_period:
+        return f"{per_second:,.4g} points/s"
+    return f"{per_second * steps_per_period:,.0f} steps/s"
+
+
+class _Rate(ProgressColumn):
+    """Column of the progress bar with steps or points per second."""
+
+    def __init__(self, steps_per_period: int) -> None:
+        """Store the number of steps per period."""
+        super().__init__()
+        self.steps_per_period = steps_per_period
+
+    def render(self, task: Task) -> Text:
+        """Return the rate as text."""
+        speed = task.speed
+        return Text(_rate(speed, self.steps_per_period) if speed else "")
+
+
+class PlainProgress:
+    """Print a line at every tenth of the run, and at least every ten seconds.
+
+    Attributes:
+        say: function that prints a line.
+        steps_per_period: number of steps per period, for the rate; 0: count points.
+    """
+
+    def __init__(
+        self,
+        say: Callable[[str], None],
+        steps_per_period: int,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """Store the arguments; the first call sets the start, because a resumed run is past 0."""
+        self.say = say
+        self.steps_per_period = steps_per_period
+        self._clock = clock
+        self._start: tuple[float, int] | None = None
+        self._said: tuple[float, int] = (0.0, 0)
+
+    def __call__(self, done: int, total: int) -> None:
+        """Count a finished period, and print a line if one is due."""
+        now = (self._clock(), done)
+        if self._start is None:
+            self._start = self._said = now
+        is_next_tenth = done * LINES // total > self._said[1] * LINES // total
+        if done == total or is_next_tenth or now[0] - self._said[0] >= SILENCE:
+            self._said = now
+            unit = _unit(self.steps_per_period)
+            self.say(f"{unit} {done} of {total}{self._rate(self._start, now, total)}")
+
+    def _rate(self, start: tuple[float, int], now: tuple[float, int], total: int) -> str:
+        """Return the rate and the remaining time as text; empty until they are known."""
+        seconds, periods = now[0] - start[0], now[1] - start[1]
+        if seconds <= 0.0 or periods <= 0:
+            return ""
+        left = (total - now[1]) * seconds / periods
+        return f", {_rate(periods / seconds, self.steps_per_period)}, {left:.0f} s left"
+
 
 PACKAGE = "delam_fem"
 PROGRESS = f"{PACKAGE}.cli.console.progress"
@@ -262,8 +472,6 @@ PATIENCE = 3.0
 
 LONGEST = 1000
 """Longest line of a message, in characters."""
-
-_log = logging.getLogger(__name__)
 
 
 @contextmanager

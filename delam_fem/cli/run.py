@@ -15,9 +15,11 @@ from delam_fem.cli.console import (
     DONE,
     FAILED,
     INTERRUPTED,
+    Quiet,
     error_console,
     explained,
     fail,
+    inputs_of,
     let_the_first_speak,
     reported,
     say_files,
@@ -25,7 +27,6 @@ from delam_fem.cli.console import (
     table,
     tell,
 )
-from delam_fem.cli.inputs import Quiet, inputs_of
 
 if TYPE_CHECKING:
     from delam_fem.case.definition import Case
@@ -68,7 +69,7 @@ def film_command(
 ) -> None:
     """Write a film of the laminae, with the pairs that touch lit."""
     with reported(quiet):
-        from delam_fem.cli.progress import progress
+        from delam_fem.cli.console import progress
         from delam_fem.results.fields.animation import animate
 
         with progress(error_console(quiet)) as report:
@@ -173,7 +174,7 @@ def _computed(
     **options: Any,
 ) -> str:
     """Compute a case and let the first rank write the results; return the outcome."""
-    from delam_fem.cli.progress import progress
+    from delam_fem.cli.console import progress
     from delam_fem.pipeline import run
 
     with progress(error_console(quiet), case.steps_per_period) as report:

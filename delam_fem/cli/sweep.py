@@ -15,14 +15,6 @@ from delam_fem.cli.console import (
     DONE,
     FAILED,
     INTERRUPTED,
-    error_console,
-    fail,
-    reported,
-    say_files,
-    table,
-    tell,
-)
-from delam_fem.cli.inputs import (
     DryRun,
     Folder,
     Overrides,
@@ -30,8 +22,14 @@ from delam_fem.cli.inputs import (
     Quiet,
     Workers,
     Yes,
+    error_console,
+    fail,
     inputs_of,
+    reported,
     require_one,
+    say_files,
+    table,
+    tell,
 )
 
 if TYPE_CHECKING:
@@ -107,7 +105,7 @@ def compute_shard(
     **options: Any,
 ) -> None:
     """Compute a shard and show how far it is; exit with a message if it is not complete."""
-    from delam_fem.cli.progress import progress
+    from delam_fem.cli.console import progress
     from delam_fem.studies.sweeps.run import run_shard
     from delam_fem.studies.sweeps.schedule import parse_shard
     from delam_fem.system.files import claimed
@@ -160,7 +158,7 @@ def print_script(
     hours: float | None,
 ) -> None:
     """Measure the time of a point, and print the script of the shards."""
-    from delam_fem.studies.slurm import array_script, measured_cost
+    from delam_fem.studies.sweeps.run import array_script, measured_cost
 
     command = [sys.executable, "-m", "delam_fem", "sweep", str(sweep_file.resolve())]
     command += ["-o", str(directory.resolve())]
@@ -334,7 +332,7 @@ def _computed(
     `going_on` says whether to resume and whether to overwrite; `check` looks at the sweep before
     anything is computed.
     """
-    from delam_fem.cli.progress import progress
+    from delam_fem.cli.console import progress
     from delam_fem.studies.sweeps import dataset, run
     from delam_fem.system.files import claimed
 

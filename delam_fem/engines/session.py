@@ -28,10 +28,17 @@ import numpy.typing as npt
 
 from delam_fem.case.definition import PARTS, ROUND_OFF, Case
 from delam_fem.case.excitation import HarmonicMotion, drive
-from delam_fem.contact.laws import ContactLaw, Law, LawName, combination
+from delam_fem.contact.laws import (
+    SCHEMES,
+    ContactLaw,
+    Law,
+    LawName,
+    Scheme,
+    SchemeName,
+    combination,
+)
 from delam_fem.model.linear import require_stable
 from delam_fem.model.operators import DistributedOperators, Operators
-from delam_fem.numerics.schemes import SCHEMES, Scheme, SchemeName
 from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.simulation import checkpoint
 from delam_fem.simulation.checkpoint import Watch, stop_signals
@@ -39,7 +46,7 @@ from delam_fem.simulation.loop import ASKED_EVERY, Engine, Outcome, State, set_i
 from delam_fem.simulation.recorder import LEDGER, N_BASE, PeriodRecord, Recorder
 from delam_fem.simulation.refinement import NOT_REFINED, Refinement, Span
 from delam_fem.system.errors import CaseError, require
-from delam_fem.system.petsc_options import require_options_used
+from delam_fem.system.mpi import require_options_used
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -10,7 +10,7 @@ import numpy as np
 
 from delam_fem.model import linear
 from delam_fem.model.beams import closed_form
-from delam_fem.numerics import attractors
+from delam_fem.numerics import settling
 from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.paper.claims import Criterion, Numbers, Piece, Statement, between, canvas
 from delam_fem.paper.lab import FREQUENCIES, RESONANT, Laboratory, motion_case
@@ -101,7 +101,7 @@ def plane_of(data: xr.Dataset) -> Numbers:
     axes = (first, "penalty_stiffness")
     data = data.transpose(*axes, "lamina", "strobe", ...)
     strobes, amplitude = data["strobe_displacement"].to_numpy(), data["tip_amplitude"].to_numpy()
-    kind = attractors.kinds_of_motion(
+    kind = settling.kinds_of_motion(
         data["outcome"].to_numpy(),
         data["periodicity"].to_numpy(),
         strobes,
@@ -160,8 +160,8 @@ def best_decade(damping: FloatArray, kind: IntArray, amplitude: FloatArray) -> N
     for low in damping[damping <= damping[-1] / 10.0 * (1.0 + 1e-9)]:
         inside = (damping >= low) & (damping <= 10.0 * low * (1.0 + 1e-9))
         chosen = amplitude[inside].reshape(-1, 2)
-        share = float((kind[inside] == attractors.PERIOD_1).mean())
-        unsure = float((kind[inside] == attractors.UNDECIDED).mean())
+        share = float((kind[inside] == settling.PERIOD_1).mean())
+        unsure = float((kind[inside] == settling.UNDECIDED).mean())
         decades.append(
             {
                 "from": float(low),
@@ -250,7 +250,7 @@ def _shares(panel: Axes, planes: tuple[Numbers, ...], titles: tuple[str, ...]) -
         panel.semilogx(thresholds, share, line, color=BLACK, label=title)
     at, margin = 100.0 * PERIODIC_SCATTER, PERIODIC_MARGIN
     panel.axvline(at, color=VERMILLION, linewidth=2.0)
-    look: dict[str, Any] = {"color": KIND_COLOURS[attractors.UNDECIDED], "zorder": 0}
+    look: dict[str, Any] = {"color": KIND_COLOURS[settling.UNDECIDED], "zorder": 0}
     panel.axvspan(at / margin, at * margin, label="undecided", **look)
     panel.set(
         xlabel="threshold of the scatter one period apart [%]",
@@ -320,8 +320,8 @@ PLANES = Piece(
     "{0.points} × {0.points} points, {0.periods} periods each, "
     f"T/1000, 3.25 Hz. Period P: strobes P ≤ {LARGEST_PERIODICITY} periods apart differ by "
     f"less than {100 * PERIODIC_SCATTER:g} % of the half peak-to-peak amplitude (rms of the "
-    f"worse tip over the last 40 periods); quasi-periodic: {100 * attractors.LINE_SHARE:g} % "
-    f"of the power of the last {SWEPT_STROBES} strobes in {attractors.LINES} spectral lines; "
+    f"worse tip over the last 40 periods); quasi-periodic: {100 * settling.LINE_SHARE:g} % "
+    f"of the power of the last {SWEPT_STROBES} strobes in {settling.LINES} spectral lines; "
     "irregular: neither; undecided: the class changes with the threshold times or over "
     f"{PERIODIC_MARGIN:g}. Right: that scatter for P = 1 (line: the threshold). Below: the share "
     "of points with a scatter below a threshold. Ring: the "

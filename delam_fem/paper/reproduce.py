@@ -14,16 +14,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from delam_fem.paper import (
-    histories,
-    lateral,
-    parameters,
-    portraits,
-    responses,
-    shapes,
-    spectra,
-    system,
-)
+from delam_fem.paper import histories, lateral, parameters, portraits, responses, shapes
 from delam_fem.paper.claims import HEADING, Claim, Piece
 from delam_fem.paper.lab import Laboratory
 from delam_fem.results.figures.style import styled
@@ -132,12 +123,12 @@ def _table(claims: Sequence[Claim], figures: Sequence[Entry]) -> Table:
 FIGURES: dict[str, Piece] = {
     piece.name: piece
     for piece in (
-        system.SYSTEM,
+        shapes.SYSTEM,
         responses.WITHOUT_CONTACT,
         responses.WITH_CONTACT,
         histories.HISTORIES,
         shapes.SHAPES,
-        spectra.SPECTRA,
+        portraits.SPECTRA,
         lateral.ROLLING_STRIP,
         lateral.STRUCK_TIP,
         histories.VELOCITIES,

@@ -17,13 +17,12 @@ import numpy as np
 import scipy.sparse as sp
 
 from delam_fem.case.sections import Lamina
-from delam_fem.contact.laws import Law
+from delam_fem.contact.laws import SCHEMES, Law, Scheme
 from delam_fem.engines.session import ImpactTable, Solution, solve
 from delam_fem.model.beams import closed_form
 from delam_fem.model.linear import lowest
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.beams import StruckBeam, peak_end
-from delam_fem.numerics.schemes import SCHEMES, Scheme
 from delam_fem.numerics.types import BoolArray, FloatArray
 from delam_fem.simulation.loop import State
 

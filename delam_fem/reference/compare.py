@@ -14,16 +14,15 @@ from delam_fem.model.discretise import require_kind, require_mass, require_plain
 from delam_fem.model.layout import Structure
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.types import FloatArray
-from delam_fem.reference import matrices, stack
+from delam_fem.reference import matrices
 from delam_fem.reference.loop import ReferenceRun, refused_motion, simulate_reference
-from delam_fem.reference.stack import lowest_frequencies
+from delam_fem.reference.matrices import lowest_frequencies
 from delam_fem.results.figures.style import label_x
 from delam_fem.results.folder import Result
 from delam_fem.studies import options
-from delam_fem.studies.findings import Finding, Report, Table
 from delam_fem.studies.models import ModelComparison, compare_models
 from delam_fem.studies.modes import modes_of, structure_modes
-from delam_fem.studies.study import Place, Study
+from delam_fem.studies.study import Finding, Place, Report, Study, Table
 from delam_fem.system.errors import CaseError
 
 
@@ -189,7 +188,9 @@ def compare(case: CaseSource, *, impacts: int = 20, periods: int = 3) -> Compari
 
     structure = forms.assemble(case)
     x, observed = structure.layout.x, structure.layout.probes[0].point
-    independent = matrices.assemble(case, x) if case.is_apart else stack.assemble(case, x, observed)
+    independent = (
+        matrices.assemble(case, x) if case.is_apart else matrices.assemble_stack(case, x, observed)
+    )
     motion, refusal = None, refused_motion(case)
     if not refusal:
         span = {"time.periods": periods, "output.window_periods": periods}

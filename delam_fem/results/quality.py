@@ -19,6 +19,7 @@ import xarray as xr
 
 from delam_fem.case.definition import Case
 from delam_fem.case.sections import Mesh
+from delam_fem.contact.laws import SCHEMES
 from delam_fem.model.beams import closed_form
 from delam_fem.model.layout import Structure
 from delam_fem.model.linear import slowest_decay
@@ -28,7 +29,6 @@ from delam_fem.numerics.harmonics import (
     harmonic_amplitudes,
     total_harmonic_distortion,
 )
-from delam_fem.numerics.schemes import SCHEMES
 from delam_fem.numerics.settling import Settling, judge
 from delam_fem.numerics.statistics import BLOCKS, block_means, interval
 from delam_fem.numerics.types import BoolArray, FloatArray

@@ -6,7 +6,8 @@ near contact into fine steps of Δt/r. Contact laws are asked after every step, 
 
 The gap of a pair is a parabola within a step of constant acceleration. It stays open if
 
-    U + a min(U̇, 0) > 0 at the start,   U - a max(U̇, 0) > 0 at the end,   a = s Δt/2            (F1)
+    U + a min(U̇, 0) > 0 at the start,   U - a max(U̇, 0) > 0 at the end,   a = s Δt/2
+(F1)
 
 with the safety s = 1. A larger s covers the difference between the coarse and the true motion. The
 signs are opposite for a pair that rests on a spring: it must stay closed. A pair that moves slower

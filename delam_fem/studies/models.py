@@ -23,8 +23,8 @@ from delam_fem.model.layout import Structure
 from delam_fem.numerics.types import FloatArray
 from delam_fem.results import diagnostics
 from delam_fem.results.figures.style import BLACK, BLUE, GREEN, ORANGE, VERMILLION, WIDTH, styled
-from delam_fem.studies.findings import Finding, Report, Table
 from delam_fem.studies.modes import modes_of, structure_modes
+from delam_fem.studies.study import Finding, Report, Table
 from delam_fem.system.errors import CaseError
 
 Name = Literal["beam", "plane-stress", "solid", "modes"]

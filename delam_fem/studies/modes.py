@@ -26,8 +26,7 @@ from delam_fem.numerics.beams import cantilever_mode
 from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.results.figures.style import GAP_COLOUR, label_x, lamina_colours
 from delam_fem.studies import options
-from delam_fem.studies.findings import Finding, Report, Table
-from delam_fem.studies.study import Place, Study
+from delam_fem.studies.study import Finding, Place, Report, Study, Table
 from delam_fem.system.errors import CaseError
 
 Kind = Literal["free", "closed"]

@@ -1,8 +1,12 @@
-"""The one door to MPI: no other module imports `mpi4py.MPI`, whose import starts MPI.
+"""What MPI and the options of PETSc are asked.
 
-A process that no launcher has started needs no network. Open MPI nevertheless opens listening
-sockets on all interfaces, unless it is told before its start to stay alone. PETSc is started to
-leave signals to the package, and files in the working folder unread.
+The one door to MPI: no other module imports `mpi4py.MPI`, whose import starts MPI. A process that
+no launcher has started needs no network. Open MPI nevertheless opens listening sockets on all
+interfaces, unless it is told before its start to stay alone. PETSc is started to leave signals to
+the package, and files in the working folder unread.
+
+The options of PETSc that have a prefix of the package are listed here, and whether they are read.
+Nothing is imported for that: the compiled engine, which reads no options, asks too.
 """
 
 from __future__ import annotations
@@ -14,6 +18,7 @@ import sys
 from types import SimpleNamespace
 from typing import Any
 
+from delam_fem.system.errors import CaseError
 from delam_fem.system.imports import added, elsewhere
 
 LAUNCHED = ("OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_RANK", "PMI_SIZE", "MPI_LOCALNRANKS")
@@ -106,3 +111,44 @@ def release(comm: MPI.Intracomm) -> None:
         if hasattr(PETSc, "garbage_cleanup"):
             PETSc.garbage_cleanup(PETSc.Comm(comm))
         comm.Barrier()
+
+
+PREFIXES = ("moreau_", "newmark_mass_", "newmark_")
+"""One prefix for each kind of factor; an option belongs to the first one that it starts with."""
+
+
+def given_options(prefix: str | None = None) -> list[str]:
+    """Return the options of PETSc with a prefix of the package, also before PETSc is loaded.
+
+    Args:
+        prefix: one of `PREFIXES`; None: all.
+    """
+    PETSc = sys.modules.get("petsc4py.PETSc")
+    words = os.environ.get("PETSC_OPTIONS", "").split()
+    names = [w[1:] for w in words if w[:1] == "-"] if PETSc is None else PETSc.Options().getAll()
+    wanted = PREFIXES if prefix is None else (prefix,)
+    return [n for n in names if next(filter(n.startswith, PREFIXES), None) in wanted]
+
+
+def require_options_used() -> None:
+    """Refuse options of PETSc with a prefix of the package that nothing has read so far.
+
+    Raises:
+        CaseError: there are some.
+    """
+    PETSc = sys.modules.get("petsc4py.PETSc")
+
+    def is_used(name: str) -> bool:
+        if PETSc is None or PETSc.__file__ is None:
+            return False
+        used = ctypes.c_int(0)
+        library = ctypes.CDLL(PETSc.__file__)  # petsc4py does not offer this function
+        library.PetscOptionsUsed(None, name.encode(), ctypes.byref(used))
+        return bool(used.value)
+
+    unused = [f"-{name}" for name in given_options() if not is_used(name)]
+    if unused:
+        raise CaseError(
+            f"PETSC_OPTIONS: {', '.join(unused)}: expected options that the solvers of this run "
+            "read (docs/continuum.md has their prefixes); given, but read by none"
+        )

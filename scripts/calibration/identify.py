@@ -24,7 +24,7 @@ from delam_fem.numerics.statistics import Table
 from delam_fem.numerics.types import FloatArray
 from delam_fem.studies.identification import identify
 from delam_fem.studies.identification.identify import FINER, Experiment, mismatch
-from delam_fem.studies.sweeps.quantities import probe_motion
+from delam_fem.studies.sweeps.point import probe_motion
 from delam_fem.studies.unknown import Unknown
 
 CASE = {

@@ -20,7 +20,7 @@ import delam_fem
 from delam_fem.case.definition import Case
 from delam_fem.case.files import load_case, preset, save_case
 from delam_fem.cli.app import GROUPS, OLD_NAMES, app, renamed
-from delam_fem.cli.progress import PlainProgress, progress
+from delam_fem.cli.console import PlainProgress, progress
 from delam_fem.system.errors import CaseError
 
 PERIODS = 20

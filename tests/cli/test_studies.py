@@ -15,9 +15,8 @@ from matplotlib.figure import Figure
 import delam_fem as df
 from delam_fem.cli.studies import STUDIES
 from delam_fem.studies.detection import excitation
-from delam_fem.studies.findings import Finding, Report, Table
 from delam_fem.studies.options import Detect, Excite, Infer, Modulate, Pod, Scan
-from delam_fem.studies.study import Place, Study
+from delam_fem.studies.study import Finding, Place, Report, Study, Table
 from delam_fem.system.docstrings import meanings, summary
 
 pytestmark = pytest.mark.usefixtures("elsewhere")

@@ -7,8 +7,15 @@ import pytest
 from stand_ins import seen, setting
 
 from delam_fem.case.sections import Contact
-from delam_fem.contact.laws import COMBINATIONS, LAWS, Law, LawName, combination
-from delam_fem.numerics.schemes import SCHEMES, SchemeName
+from delam_fem.contact.laws import (
+    COMBINATIONS,
+    LAWS,
+    SCHEMES,
+    Law,
+    LawName,
+    SchemeName,
+    combination,
+)
 
 
 def test_the_tables_have_the_names_of_case_files() -> None:

@@ -10,10 +10,9 @@ import pytest
 import scipy.sparse as sp
 
 import delam_fem as df
-from delam_fem.contact.laws import Decision, Kinematics, Setting
+from delam_fem.contact.laws import SCHEMES, Decision, Kinematics, Scheme, Setting
 from delam_fem.engines import session as session_module
 from delam_fem.engines.session import ENGINES, EngineName
-from delam_fem.numerics.schemes import SCHEMES, Scheme
 
 STEPS = 2000
 NEWMARK, MOREAU = SCHEMES["newmark"], SCHEMES["moreau-jean"]

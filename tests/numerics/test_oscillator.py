@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from delam_fem.numerics.oscillator import driven, pole
+from delam_fem.numerics.harmonics import driven, pole
 
 NATURAL, D = 2.0 * np.pi * 1.4357, 0.008
 

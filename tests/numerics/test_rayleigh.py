@@ -2,7 +2,7 @@
 
 import pytest
 
-from delam_fem.numerics.oscillator import Kind, coefficients, overdamped_from
+from delam_fem.numerics.harmonics import Kind, coefficients, overdamped_from
 
 D, OMEGA = 0.008, (19.9, 124.6)
 ROUND_OFF = 1e-14

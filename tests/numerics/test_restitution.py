@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from delam_fem.numerics.restitution import identify, restitution, restitution_by_body
+from delam_fem.paper.histories import identify, restitution, restitution_by_body
 
 EXACT = 1e-10
 """Straight lines through exact samples meet at the jump up to round-off."""

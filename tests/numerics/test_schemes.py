@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from delam_fem.numerics.schemes import SCHEMES, Scheme
+from delam_fem.contact.laws import SCHEMES, Scheme
 
 
 def test_the_table_has_average_acceleration_central_difference_and_the_midpoint() -> None:

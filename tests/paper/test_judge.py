@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from project import ROOT
 
-from delam_fem.paper import parameters, responses, spectra
+from delam_fem.paper import parameters, portraits, responses
 from delam_fem.paper.claims import Claim, Criterion, Numbers, Verdict, judged, yes
 from delam_fem.paper.lab import Laboratory, Plan, motion_case
 from delam_fem.paper.portraits import NARROW, SCATTERS, WIDE
@@ -208,10 +208,10 @@ def test_tip_on_a_block_is_judged(lab: Laboratory) -> None:
 
 
 def test_bands_say_whether_the_printed_value_is_inside(lab: Laboratory) -> None:
-    orders = dict.fromkeys(spectra.ORDERS, np.array([0.003, 0.02]))
+    orders = dict.fromkeys(portraits.ORDERS, np.array([0.003, 0.02]))
     bands = {"1": [0.0020, 0.05], "2": [0.0034, 0.02], "3": [0.0046, 0.04]}
-    numbers = but(spectra.measure(lab), d=orders, thd=orders, d_by_gap_exponent=bands)
-    thick, thin, *_ = spectra.SPECTRA.judge(numbers)
+    numbers = but(portraits.measure(lab), d=orders, thd=orders, d_by_gap_exponent=bands)
+    thick, thin, *_ = portraits.SPECTRA.judge(numbers)
     assert "0.20 … 0.46 % for gaps (x/L)^p, p = 1 … 3 (the printed value is outside" in (
         thick.measured
     )

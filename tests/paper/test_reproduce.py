@@ -15,8 +15,8 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from delam_fem.cli.app import app
-from delam_fem.paper import histories, parameters, reproduce, responses, shapes, spectra, system
-from delam_fem.paper.claims import HEADING, Claim
+from delam_fem.paper import histories, parameters, portraits, reproduce, responses, shapes
+from delam_fem.paper.claims import HEADING, Claim, rough_part, settling, tip_positions
 from delam_fem.paper.lab import (
     BAND,
     Laboratory,
@@ -27,7 +27,6 @@ from delam_fem.paper.lab import (
     swept_case,
     swept_envelope,
 )
-from delam_fem.paper.measures import rough_part, settling, tip_positions
 from delam_fem.paper.reproduce import entries, tally, write_page
 from delam_fem.results.folder import json_ready
 from delam_fem.studies.executors import Serial
@@ -50,7 +49,7 @@ def lab() -> Iterator[Laboratory]:
 
 
 def test_natural_frequencies_and_mass_ratio(lab: Laboratory) -> None:
-    numbers = system.measure(lab)
+    numbers = shapes.measure(lab)
     first = [f[0] for f in numbers.natural_frequencies_hz]
     assert first == pytest.approx([THICK_HZ, THIN_HZ], abs=PRINTED)
     assert numbers.mass_ratio == pytest.approx(1.942, abs=5e-4)
@@ -100,10 +99,10 @@ def test_shapes_are_drawn_and_filmed_over_a_period(lab: Laboratory, tmp_path: Pa
 def test_distortion_of_the_thin_lamina_grows_with_each_derivative_at_every_node(
     lab: Laboratory,
 ) -> None:
-    numbers = spectra.measure(lab)
+    numbers = portraits.measure(lab)
     d, thd = numbers.d_at_nodes, numbers.thd_at_nodes
     assert d["displacement"].shape == (2, 21)
-    for order in spectra.ORDERS:
+    for order in portraits.ORDERS:
         assert np.sqrt(1.0 + thd[order][:, 1:] ** 2) - 1.0 == pytest.approx(d[order][:, 1:])
     for i, j in (("displacement", "velocity"), ("velocity", "acceleration")):
         assert (d[i][:, 1:] < d[j][:, 1:]).all()

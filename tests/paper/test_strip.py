@@ -5,11 +5,10 @@ import pytest
 from scipy.integrate import trapezoid
 from scipy.sparse.linalg import spsolve
 
-from delam_fem.contact.laws import Law
+from delam_fem.contact.laws import SCHEMES, Law
 from delam_fem.engines.session import ImpactTable
 from delam_fem.model.beams import closed_form
 from delam_fem.numerics.beams import cantilever_roots
-from delam_fem.numerics.schemes import SCHEMES
 from delam_fem.paper import lateral
 from delam_fem.paper import strip as strips
 from delam_fem.paper.strip import LIFT, Energy, Rolling, RollingStudy, TipBlock, rolling, tip_block

@@ -10,7 +10,7 @@ import pytest
 from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
 from delam_fem.model.beams import closed_form
-from delam_fem.reference import stack
+from delam_fem.reference import matrices
 from delam_fem.reference.compare import compare, operator_differences
 from delam_fem.system.errors import CaseError
 
@@ -54,7 +54,7 @@ def test_constraints_give_what_the_transformation_gives(
 ) -> None:
     own = case(delaminations, supports, **{"time.mass": mass})
     made = closed_form.assemble(own)
-    expected = stack.assemble(own, made.layout.x, made.layout.probes[0].point)
+    expected = matrices.assemble_stack(own, made.layout.x, made.layout.probes[0].point)
     differences = operator_differences(made.operators, expected)
     assert max(differences.values()) < ROUND_OFF, differences
 
@@ -63,7 +63,7 @@ def test_constraints_give_what_the_transformation_gives(
 def test_damping_models_agree(kind: str) -> None:
     own = case(CROSSING, "clamped clamped", **{"damping.rayleigh": kind})
     made = closed_form.assemble(own)
-    expected = stack.assemble(own, made.layout.x, 3)
+    expected = matrices.assemble_stack(own, made.layout.x, 3)
     assert operator_differences(made.operators, expected)["C"] < ROUND_OFF
 
 
@@ -80,7 +80,7 @@ def test_openings_agree(end: str, tmp_path: Path) -> None:
     for shape in shapes:
         own = case([{"between": ["a", "b"], **edges, **shape}], supports)
         made = closed_form.assemble(own)
-        expected = stack.assemble(own, made.layout.x, 3)
+        expected = matrices.assemble_stack(own, made.layout.x, 3)
         assert made.operators.gap0.max() > 1e-3
         assert made.operators.gap0 == pytest.approx(expected.gap0, abs=1e-15)
 
@@ -99,4 +99,4 @@ def test_the_embedded_beam_moves_alike_over_its_first_impacts() -> None:
 def test_points_inside_elements_are_refused() -> None:
     own = case(CROSSING, "clamped clamped", **{"contact.points_per_element": 2})
     with pytest.raises(CaseError, match=r"expected contact\.points_per_element = 1"):
-        stack.assemble(own, np.linspace(0.0, 0.4, 9), 3)
+        matrices.assemble_stack(own, np.linspace(0.0, 0.4, 9), 3)

@@ -14,7 +14,7 @@ from delam_fem.engines.session import Solution
 from delam_fem.model.beams import closed_form
 from delam_fem.model.mesh import node_coordinates
 from delam_fem.model.operators import Operators
-from delam_fem.reference import stack as judge
+from delam_fem.reference import matrices as judge
 from delam_fem.simulation.refinement import Refinement
 
 F = 63.7

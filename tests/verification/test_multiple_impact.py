@@ -12,8 +12,8 @@ import pytest
 import scipy.sparse as sp
 
 import delam_fem as df
+from delam_fem.contact.laws import SchemeName
 from delam_fem.engines.session import EngineName
-from delam_fem.numerics.schemes import SchemeName
 
 OUTCOMES = {
     ("newmark", 1.0): (0.0, 0.0, 1.0),

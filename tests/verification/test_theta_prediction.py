@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from problems import ball
 
-from delam_fem.contact.laws import Law
+from delam_fem.contact.laws import SCHEMES, Law
 from delam_fem.engines.session import EngineName, solve
-from delam_fem.numerics.schemes import SCHEMES
 from delam_fem.simulation.loop import State
 
 STEP = 0.125

@@ -14,7 +14,7 @@ from typing import Any, cast
 import numpy as np
 
 from delam_fem.contact import complementarity
-from delam_fem.contact.laws import LAWS, ContactLaw, Law
+from delam_fem.contact.laws import LAWS, ContactLaw, Law, Scheme
 from delam_fem.engines.compiled import lanes as lk
 from delam_fem.engines.compiled import state, steps, system
 from delam_fem.engines.compiled.state import (
@@ -29,7 +29,6 @@ from delam_fem.engines.compiled.state import (
 )
 from delam_fem.engines.compiled.system import Problem, StepNumbers
 from delam_fem.model.operators import Operators
-from delam_fem.numerics.schemes import Scheme
 from delam_fem.numerics.types import BoolArray, FloatArray
 from delam_fem.simulation.loop import State
 from delam_fem.simulation.recorder import (

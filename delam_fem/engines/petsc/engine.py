@@ -8,11 +8,10 @@ from typing import Protocol
 
 import numpy as np
 
-from delam_fem.contact.laws import NO_PAIRS, ContactLaw, Setting
+from delam_fem.contact.laws import NO_PAIRS, ContactLaw, Scheme, Setting
 from delam_fem.engines.petsc.newmark import Newmark
 from delam_fem.engines.petsc.theta import MoreauJean
 from delam_fem.model.operators import DistributedOperators, Operators
-from delam_fem.numerics.schemes import Scheme
 from delam_fem.numerics.types import BoolArray, FloatArray, IntArray
 from delam_fem.simulation.loop import Advancing, StepByStep
 from delam_fem.simulation.recorder import N_BASE, PeriodRecord, add_rows

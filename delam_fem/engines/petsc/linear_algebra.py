@@ -17,8 +17,7 @@ from petsc4py import PETSc
 from delam_fem.model.operators import DistributedOperators, with_near_null
 from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.errors import CaseError
-from delam_fem.system.mpi import MPI
-from delam_fem.system.petsc_options import given_options
+from delam_fem.system.mpi import MPI, given_options
 
 LARGE = 20000
 """Entries up to which PETSc's LU factors are the fastest: 800 dofs in plane stress, 240 in 3D."""

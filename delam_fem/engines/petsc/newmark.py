@@ -13,7 +13,8 @@ After an impact on a stiff body, Δt² a is many times the displacement, and N1 
 that the energy needs. With springs λ = k U + c U̇ on the pairs P, the exact correction of the
 candidate is
 
-    (I + (k β Δt² + c γ Δt) S_PP) λ = k U + c U̇,   S = H A⁻¹ Hᵀ,   Δa = -A⁻¹ Hᵀ λ               (N2)
+    (I + (k β Δt² + c γ Δt) S_PP) λ = k U + c U̇,   S = H A⁻¹ Hᵀ,   Δa = -A⁻¹ Hᵀ λ
+(N2)
 
 If pairs have weights w, the springs act on the gaps times √w: U, H and S stand for √w U, √w H and
 √w S √w, so that the stiffness of a pair is w k.

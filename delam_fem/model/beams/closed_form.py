@@ -42,7 +42,7 @@ from delam_fem.model.beams.network import (
 from delam_fem.model.layout import Structure, gap_matrix, probe_rows, selection
 from delam_fem.model.mesh import node_coordinates, require_edges
 from delam_fem.model.operators import BaseCoupling, Operators
-from delam_fem.numerics import oscillator
+from delam_fem.numerics import harmonics
 from delam_fem.numerics.beams import cantilever_mode, cantilever_roots
 from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.errors import CaseError
@@ -441,7 +441,7 @@ def on_ground(
     beam = Beam.of(lamina, np.full(n, lamina.length / n))
     M, K = (matrix[N_CLAMP:, N_CLAMP:].tocsr() for matrix in (beam.mass, beam.stiffness))
     first, second = lamina.angular_frequencies(2).tolist()
-    alpha, beta = oscillator.coefficients(lamina.damping_ratio, first, second)
+    alpha, beta = harmonics.coefficients(lamina.damping_ratio, first, second)
     pairs = np.arange(n) if touching == "everywhere" else np.array([n - 1])
     entries = np.ones(pairs.size), (np.arange(pairs.size), 2 * pairs)
     return Operators(

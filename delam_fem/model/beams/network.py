@@ -56,7 +56,6 @@ from delam_fem.case.sections import (
     PointMass,
     open_ends,
 )
-from delam_fem.model.initial import with_start
 from delam_fem.model.layout import (
     BASE,
     CURVATURE,
@@ -81,8 +80,8 @@ from delam_fem.model.layout import (
 from delam_fem.model.linear import elastic, kept_closed
 from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.model.sensors import StrainRows, with_sensors
-from delam_fem.model.stops import in_moving_frame, with_impactors, with_stops
-from delam_fem.numerics import oscillator
+from delam_fem.model.stops import in_moving_frame, with_impactors, with_start, with_stops
+from delam_fem.numerics import harmonics
 from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.errors import CaseError
 
@@ -741,7 +740,7 @@ def damping(case: Case, layout: Layout, M: sp.csr_matrix, K: sp.csr_matrix) -> t
     S = kept_closed(layout, M.shape[0])
     found, _ = elastic(S.T @ K @ S, S.T @ M @ S, 2, case.n_rigid)
     first, second = (_TWO_PI * found).tolist()
-    return oscillator.coefficients(_damping_ratio(case), first, second, case.damping.kind)
+    return harmonics.coefficients(_damping_ratio(case), first, second, case.damping.kind)
 
 
 def _damping_ratio(case: Case) -> float:

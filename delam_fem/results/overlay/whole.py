@@ -1,18 +1,32 @@
-"""Lay a measurement over a run: align, compare, and keep all of it."""
+"""Lay a measurement over a run: the whole comparison, its figures and its page."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from scipy.signal import savgol_filter
 
 from delam_fem.case.definition import Case
+from delam_fem.numerics.types import FloatArray
 from delam_fem.results.diagnostics import summary as summary_of_run
+from delam_fem.results.figures.style import (
+    BASE_COLOUR,
+    BLACK,
+    WIDTH,
+    lamina_colours,
+    legend_above,
+    styled,
+    time_axis,
+    title,
+)
 from delam_fem.results.folder import Result, json_ready, load_numbers, write_dataset
 from delam_fem.results.measured.reading import read_measured
 from delam_fem.results.overlay.alignment import (
@@ -31,8 +45,237 @@ from delam_fem.results.overlay.comparison import (
     drive_frequency,
     findings,
 )
-from delam_fem.results.overlay.figures import save_figures, shown_unit
-from delam_fem.system.files import write_text
+from delam_fem.results.pages import html
+from delam_fem.results.pages.html import Block, Gallery, Paragraph, Section, Table, embedded
+from delam_fem.results.pages.report import shown
+from delam_fem.system.files import atomic, write_text
+
+SHOWN_PERIODS = 3.0
+"""Periods that histories show."""
+MOST_CHANNELS = 6
+"""Channels that a figure shows."""
+SHOWN_ORDERS = 10
+"""Harmonics that the bars show."""
+SMOOTHED = 11
+"""Samples over which a history that does not repeat is smoothed for its derivative."""
+UNITS = {"m": ("mm", 1e3), "1": ("µm/m", 1e6)}
+"""Units that figures show in place of SI, and their factors."""
+
+
+def shown_unit(units: str) -> tuple[str, float]:
+    """Return the unit that is shown for an SI unit, and its factor."""
+    return UNITS.get(units, (units, 1.0))
+
+
+def save_figures(overlay: Overlay, directory: Path) -> list[Path]:
+    """Write the figures as PNG.
+
+    Harmonics are left out where the motion does not repeat.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    draws: dict[str, Callable[[Overlay], Figure]] = {"histories": histories}
+    if overlay.course.period is not None:
+        draws["harmonics"] = harmonics
+    draws["portraits"] = portraits
+    paths = []
+    with styled():
+        for name, draw in draws.items():
+            path = directory / f"overlay_{name}.png"
+            figure = draw(overlay)
+            with atomic(path) as temporary:
+                figure.savefig(temporary)
+            paths.append(path)
+    return paths
+
+
+def _channels(overlay: Overlay) -> list[tuple[int, Comparison, str]]:
+    """Return number, comparison and colour of the channels that are shown."""
+    colours = iter(lamina_colours(len(overlay.channels)))
+    return [
+        (k, own, BASE_COLOUR if own.is_drive else next(colours))
+        for k, own in enumerate(overlay.channels[:MOST_CHANNELS])
+    ]
+
+
+def histories(overlay: Overlay) -> Figure:
+    """Draw each channel over the run, and what is left over below it."""
+    shown, data = _channels(overlay), overlay.data
+    unit, label = time_axis(overlay.case)
+    t = data["time"].to_numpy()
+    inside = t <= t[0] + SHOWN_PERIODS * (unit if overlay.case.is_periodic else np.inf)
+    figure = Figure(figsize=(WIDTH, 3.3 * len(shown)), layout="constrained")
+    panels = figure.subplots(
+        2 * len(shown), 1, squeeze=False, sharex=True, height_ratios=[3, 1] * len(shown)
+    )[:, 0]
+    for (k, own, colour), axes, below in zip(shown, panels[::2], panels[1::2], strict=True):
+        name, factor = shown_unit(own.units)
+        mean = own.mean_difference
+        axes.plot(
+            t[inside] / unit, factor * data["measured"][k].to_numpy()[inside], ".",
+            color=BLACK, markersize=2.5, label="measured",
+        )  # fmt: skip
+        fine = np.linspace(t[0], t[inside][-1], 2000)
+        computed = overlay.course.at(fine)[k]
+        axes.plot(fine / unit, factor * computed, color=colour, label="run")
+        axes.set_ylabel(f"[{name}]")
+        axes.set_title(own.name, loc="left", color=colour)
+        legend_above(axes)
+        rest = factor * (data["residual"][k].to_numpy()[inside] - mean)
+        below.plot(t[inside] / unit, rest, color=BLACK, linewidth=0.6)
+        below.set_ylabel(f"difference\n[{name}]")
+        for panel in (axes, below):
+            panel.set_xlabel(label)
+            panel.tick_params(labelbottom=True)
+            panel.margins(x=0.0)
+    figure.suptitle(f"{title(overlay.case)}; differences without their mean")
+    return figure
+
+
+def harmonics(overlay: Overlay) -> Figure:
+    """Draw the amplitudes of the harmonics of both side by side, with the floor of the noise."""
+    shown = _channels(overlay)
+    figure = Figure(figsize=(WIDTH, 2.7 * len(shown)), layout="constrained")
+    panels = figure.subplots(len(shown), 1, squeeze=False)[:, 0]
+    for (_, own, colour), axes in zip(shown, panels, strict=True):
+        if own.measured is None or own.computed is None:
+            continue
+        name, factor = shown_unit(own.units)
+        a, b = own.measured.amplitudes[:SHOWN_ORDERS], own.computed.amplitudes[:SHOWN_ORDERS]
+        orders, floor = np.arange(1, a.size + 1), factor * own.measured.floor
+        axes.bar(orders - 0.2, factor * a, 0.4, color=BLACK, label="measured")
+        axes.bar(orders + 0.2, factor * b, 0.4, color=colour, label="run")
+        axes.axhline(floor, color=BASE_COLOUR, linestyle="--", label="noise of the measurement")
+        axes.set_yscale("log")
+        largest = factor * max(float(a.max()), float(b.max()))
+        axes.set_ylim(max(0.3 * floor, 1e-5 * largest), 2.0 * largest)
+        axes.set(xlabel="harmonic of the drive", ylabel=f"amplitude [{name}]", xticks=orders)
+        d, _ = own.measured.distortion()
+        d_run, _ = own.computed.distortion()
+        text = f"{own.name}: d measured {100 * d:.2f} %, run {100 * d_run:.2f} %"
+        axes.set_title(text, loc="left", color=colour, fontsize=9.0)
+        legend_above(axes)
+    figure.suptitle(title(overlay.case))
+    return figure
+
+
+def portraits(overlay: Overlay) -> Figure:
+    """Draw the time derivative of each channel over the channel itself, measured and computed."""
+    shown = [entry for entry in _channels(overlay) if not entry[1].is_drive] or _channels(overlay)
+    columns = min(2, len(shown))
+    rows = -(-len(shown) // columns)
+    figure = Figure(figsize=(WIDTH, 4.4 * rows), layout="constrained")
+    panels = figure.subplots(rows, columns, squeeze=False).ravel()
+    for axes in panels[len(shown) :]:
+        axes.remove()
+    for (k, own, colour), axes in zip(shown, panels, strict=False):
+        _portrait(axes, overlay, k, own, colour)
+    figure.suptitle(title(overlay.case))
+    return figure
+
+
+def _portrait(axes: Axes, overlay: Overlay, k: int, own: Comparison, colour: str) -> None:
+    """Draw the portrait of one channel, of both from the same harmonics, without the noise."""
+    name, factor = shown_unit(own.units)
+    u = overlay.alignment.on_clock_of_run(overlay.pairs.time)
+    period = overlay.course.period
+    at = u if period is None else u[0] + np.linspace(0.0, period, 1000)
+    if own.measured is None or own.computed is None:
+        computed = overlay.course.at(at)[k], overlay.course.at(at, 1)[k]
+        values: FloatArray = overlay.pairs.measured[k]
+        n = min(SMOOTHED, values.size - 1 + values.size % 2)
+        step = float(np.median(np.diff(u)))
+        measured = (
+            savgol_filter(values, n, min(3, n - 1)),
+            savgol_filter(values, n, min(3, n - 1), deriv=1, delta=step),
+        )
+    else:
+        clear, run = own.measured.clear(), own.computed
+        measured = clear.at(at), clear.at(at, 1)
+        computed = run.at(at), run.at(at, 1)
+    axes.plot(factor * computed[0], factor * computed[1], color=colour, label="run")
+    axes.plot(factor * measured[0], factor * measured[1], color=BLACK, linewidth=0.9,
+              linestyle="--", label="measured")  # fmt: skip
+    axes.set(xlabel=f"{own.name} [{name}]", ylabel=f"time derivative [{name}/s]")
+    legend_above(axes)
+
+
+CAPTIONS = {
+    "overlay_histories": "The measurement (dots) over the run, and below each the difference.",
+    "overlay_harmonics": "Amplitudes at the harmonics of the drive; dashed: what noise gives.",
+    "overlay_portraits": "Phase portraits, both made of the harmonics that stand out of the noise.",
+}
+MEANINGS = {
+    "gain": ("measured amplitude over that of the run", "gain_error"),
+    "phase_degrees": ("later than the other channels say, degrees", "phase_degrees_error"),
+    "correlation": ("of both after the alignment", ""),
+    "mean_difference": ("mean of the measurement minus that of the run", ""),
+    "residual_rms": ("root mean square of the difference without its mean", ""),
+    "misfit_rms": ("the same of what repeats", ""),
+    "noise_rms": ("what does not repeat in the measurement", ""),
+    "distortion_measured": ("d of the measurement without its noise", "distortion_measured_error"),
+    "distortion_computed": ("d of the run, from the same harmonics", ""),
+}  # fmt: skip
+"""Rows of the table of a channel: meaning, and the name of the error."""
+IN_UNITS = ("mean_difference", "residual_rms", "misfit_rms", "noise_rms")
+"""Rows in the unit of the channel."""
+
+
+def page(overlay: Overlay, figures: Sequence[Path]) -> str:
+    """Return the page as HTML, with the figures inside.
+
+    Raises:
+        OSError: a figure cannot be read.
+    """
+    numbers = overlay.numbers
+    kind = "warning" if overlay.findings else "verdict"
+    outcome: list[Block] = [Paragraph(text, kind) for text in list(overlay.sentences())[1:]]
+    pictures = [
+        Gallery([embedded(path)], CAPTIONS[path.stem], CAPTIONS[path.stem]) for path in figures
+    ]
+    sections = [
+        Section("", outcome),
+        Section("Alignment", [_alignment(overlay, numbers)]),
+        *(Section(name, [_channel(own)]) for name, own in numbers["channels"].items()),
+        Section("Figures", pictures),
+    ]
+    return html.page(f"Measured over {title(overlay.case)}", sections, contents=True)
+
+
+def _alignment(overlay: Overlay, numbers: dict[str, Any]) -> Table:
+    """Return the numbers of the alignment as a table."""
+    rows = [
+        ("offset", f"{shown(numbers['offset'], 1e3)} ± {shown(numbers['offset_error'], 1e3)} ms",
+         f"time of the run minus that of the measurement, at {numbers['first_sample']:.10g} s"),
+        ("clock", f"{numbers['clock_rate']:.8g} ± {numbers['clock_rate_error']:.1g}",
+         f"seconds of the run in one measured: {shown(numbers['clock_drift'], 1e3)} ms in all"),
+        ("method", numbers["method"], "of the alignment"),
+        ("samples", f"{numbers['samples']} in {shown(numbers['duration'])} s", "measured"),
+    ]  # fmt: skip
+    if numbers["measured_frequency"] is not None:
+        drive = f"{numbers['measured_frequency']:.6g} Hz; run: {numbers['frequency']:.6g} Hz"
+        rows.append(("frequency", drive, "of the drive, from the measurement"))
+    if numbers["offset_degrees"] is not None:
+        rows.append(("phase", f"{shown(numbers['offset_degrees'])}°", "the offset at the drive"))
+    if overlay.pairs.unmatched:
+        rows.append(("not in the run", ", ".join(overlay.pairs.unmatched), "left out"))
+    return Table(("", "value", "meaning"), rows)
+
+
+def _channel(own: dict[str, Any]) -> Table:
+    """Return the numbers of one channel as a table."""
+    rows = []
+    for key, (meaning, error) in MEANINGS.items():
+        if own.get(key) is None:
+            continue
+        unit, factor = shown_unit(own["units"]) if key in IN_UNITS else ("", 1.0)
+        text = shown(own[key], factor)
+        if error and own.get(error) is not None:
+            text += f" ± {own[error]:.2g}"
+        rows.append((key.replace("_", " "), f"{text}\u00a0{unit}" if unit else text, meaning))
+    return Table(("", "value", "meaning"), rows)
+
 
 SHOWN_HARMONICS = 10
 """Harmonics whose amplitudes overlay.json lists."""
@@ -191,8 +434,6 @@ class Overlay:
         Raises:
             OSError: a file cannot be written.
         """
-        from delam_fem.results.overlay.figures import page
-
         directory = Path(directory)
         directory.mkdir(parents=True, exist_ok=True)
         text = json.dumps(self.numbers, indent=2, allow_nan=False) + "\n"

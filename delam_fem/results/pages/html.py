@@ -1,8 +1,9 @@
-"""Pages of HTML: a title, contents, and sections of paragraphs, tables, figures, films and texts.
+"""Pages in HTML, and bars of progress.
 
-All texts are escaped here, so callers pass plain text. A page needs no other file, except pictures
-and links that are given by their address. Its style follows the reader's choice of light or dark,
-the width of the screen, and paper; its scripts enlarge figures (page.js) and play films (film.js).
+A page has a title, contents, and sections of paragraphs, tables, figures, films and texts. All
+texts are escaped here, so callers pass plain text. A page needs no other file, except pictures and
+links that are given by their address. Its style follows the reader's choice of light or dark, the
+width of the screen, and paper; its scripts enlarge figures (page.js) and play films (film.js).
 """
 
 from __future__ import annotations
@@ -10,10 +11,14 @@ from __future__ import annotations
 import base64
 import json
 import re
-from collections.abc import Iterable, Mapping, Sequence
+import sys
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from html import escape
+from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -326,3 +331,79 @@ def _text(text: Text) -> str:
 def _attribute(name: str, value: str) -> str:
     """Return an attribute with a space before it, nothing for an empty value."""
     return f' {name}="{escape(value, quote=True)}"' if value else ""
+
+
+Report: TypeAlias = Callable[[int, int], None]
+"""Function of the numbers of finished and of all periods, points or runs."""
+
+LEAST_SECONDS = 0.1
+"""Least time between two pictures of a bar [s]."""
+
+
+@contextmanager
+def reporting(progress: Report | bool | None, unit: str) -> Iterator[Report | None]:
+    """Yield the function that takes in progress.
+
+    Args:
+        progress: such a function; True: show a bar; None or False: nothing.
+        unit: what is counted, as in "period".
+    """
+    if not isinstance(progress, bool):
+        yield progress
+    elif not progress:
+        yield None
+    elif _is_notebook():
+        yield NotebookBar(unit)
+    else:
+        from rich.console import Console
+        from rich.progress import Progress
+
+        with Progress(console=Console(stderr=True)) as bar:
+            task = bar.add_task(f"{unit}s", total=None)
+            yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+def _is_notebook() -> bool:
+    """Return whether this process is the kernel of a notebook."""
+    shell = sys.modules.get("IPython")  # a kernel has loaded it
+    return shell is not None and getattr(shell.get_ipython(), "kernel", None) is not None
+
+
+class NotebookBar:
+    """A bar in the output of a cell; it needs no widgets.
+
+    Attributes:
+        unit: what is counted.
+    """
+
+    def __init__(self, unit: str) -> None:
+        """Start the clock."""
+        self.unit = unit
+        self._start: tuple[float, int] | None = None
+        self._shown = 0.0
+        self._handle: Any = None
+
+    def __call__(self, done: int, total: int) -> None:
+        """Show the numbers of finished and of all units, not too often."""
+        notebook = import_module("IPython.display")  # of the kernel that runs this
+        now = time.monotonic()
+        if self._start is None:
+            self._start = now, done
+        if done < total and self._handle is not None and now - self._shown < LEAST_SECONDS:
+            return
+        self._shown = now
+        picture = notebook.HTML(self._html(done, total, now))
+        if self._handle is None:
+            self._handle = notebook.display(picture, display_id=True)
+        else:
+            self._handle.update(picture)
+
+    def _html(self, done: int, total: int, now: float) -> str:
+        """Return the bar, and the time that is left once that is known [s]."""
+        begin, first = self._start or (now, done)
+        new = done - first
+        left = f", {(total - done) * (now - begin) / new:.0f} s left" if new and now > begin else ""
+        return (
+            f'<progress value="{done}" max="{total}"></progress> {self.unit} {done} of {total}'
+            f"{left if done < total else ''}"
+        )

@@ -23,7 +23,7 @@ from delam_fem.results import diagnostics
 from delam_fem.results.diagnostics import LARGEST_PERIODICITY, probe_node
 from delam_fem.results.fields import derived
 from delam_fem.results.fields.pictures import drawable_frames, middle_lines
-from delam_fem.results.figures.contact import FLOWS
+from delam_fem.results.figures.run import FLOWS
 from delam_fem.results.figures.style import lamina_colours, title
 from delam_fem.results.pages import html
 from delam_fem.results.pages.html import (

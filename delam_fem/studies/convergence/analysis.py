@@ -26,8 +26,8 @@ from delam_fem.studies.convergence.rung import (
     general,
     may_be_judged,
 )
-from delam_fem.studies.findings import Finding, Report, Table
 from delam_fem.studies.linear import first_frequencies, linear_amplitudes
+from delam_fem.studies.study import Finding, Report, Table
 from delam_fem.system.errors import CaseError
 
 NOISE = 2.0

@@ -25,7 +25,7 @@ from delam_fem.engines.session import EngineName
 from delam_fem.model.discretise import require_kind
 from delam_fem.model.mesh import node_coordinates
 from delam_fem.model.solids.meshing import cells_along, solid_mesh
-from delam_fem.numerics.oscillator import overdamped_from
+from delam_fem.numerics.harmonics import overdamped_from
 from delam_fem.system.errors import CaseError
 
 

@@ -27,7 +27,7 @@ from delam_fem.case.files import CaseSource, find_case
 from delam_fem.engines.cost import FILE_BYTES, STUDY_SECONDS, WORKER_BYTES, Cost, run_cost
 from delam_fem.engines.session import EngineName
 from delam_fem.results.folder import json_ready
-from delam_fem.results.pages.progress import reporting
+from delam_fem.results.pages.html import reporting
 from delam_fem.results.schema import provenance
 from delam_fem.simulation.checkpoint import stop_signals
 from delam_fem.studies import executors

@@ -45,10 +45,9 @@ from delam_fem.studies.detection.indices import (
     mark,
     repeated,
 )
-from delam_fem.studies.findings import Finding, Report, Table
 from delam_fem.studies.linear import steady_motion
 from delam_fem.studies.options import Detect, Measured, Scan
-from delam_fem.studies.study import Place, Study
+from delam_fem.studies.study import Finding, Place, Report, Study, Table
 from delam_fem.system.errors import CaseError
 
 SAMPLES = 50

@@ -24,10 +24,9 @@ from delam_fem.studies.detection.detect import drive_responses, intact, per_shap
 from delam_fem.studies.detection.indices import SHARE, mark, repeated
 from delam_fem.studies.detection.population import PERIODS, SAMPLES, SETTLED, STEPS, scans
 from delam_fem.studies.executors import ExecutorName
-from delam_fem.studies.findings import Finding, Picture, Report
 from delam_fem.studies.modes import structure_modes
 from delam_fem.studies.options import Excite
-from delam_fem.studies.study import Place, Study
+from delam_fem.studies.study import Finding, Picture, Place, Report, Study
 from delam_fem.studies.sweeps.grid import Axis, ScanRecord, Sweep
 from delam_fem.studies.sweeps.run import run_sweep
 from delam_fem.system.errors import CaseError

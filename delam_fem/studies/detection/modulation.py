@@ -29,10 +29,9 @@ from delam_fem.studies.detection.detect import (
     settling_periods,
 )
 from delam_fem.studies.detection.indices import FALSE_CALLS, sideband_ratio
-from delam_fem.studies.findings import Finding, Report
 from delam_fem.studies.linear import steady_motion
 from delam_fem.studies.options import Modulate, Scan
-from delam_fem.studies.study import Place, Study
+from delam_fem.studies.study import Finding, Place, Report, Study
 from delam_fem.system.errors import CaseError
 
 MOST_TURNS = 1000

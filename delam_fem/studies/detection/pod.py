@@ -23,9 +23,8 @@ from delam_fem.studies.detection.population import (
     roc,
     trials,
 )
-from delam_fem.studies.findings import Finding, Report, Table
 from delam_fem.studies.options import Pod
-from delam_fem.studies.study import Place, Study
+from delam_fem.studies.study import Finding, Place, Report, Study, Table
 
 _WORDS = {"clamped": "clamped at both ends", "free": "cantilever", "pinned": "clamped and pinned"}
 

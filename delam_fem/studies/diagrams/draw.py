@@ -15,8 +15,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from delam_fem.case.definition import Case
-from delam_fem.numerics import attractors as at
-from delam_fem.numerics.attractors import KINDS, SAME_ATTRACTOR, UNSETTLED
+from delam_fem.numerics import settling as at
+from delam_fem.numerics.settling import KINDS, SAME_ATTRACTOR, UNSETTLED
 from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.results.diagnostics import LARGEST_PERIODICITY, PERIODIC_MARGIN, PERIODIC_SCATTER
 from delam_fem.results.figures.style import (

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from matplotlib.figure import Figure
 
-from delam_fem.numerics.attractors import FEWEST_STROBES
+from delam_fem.numerics.settling import FEWEST_STROBES
 from delam_fem.numerics.types import FloatArray
 from delam_fem.results.figures.style import GREEN, ORANGE, SKY, styled
 from delam_fem.results.pages import html

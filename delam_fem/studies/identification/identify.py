@@ -32,8 +32,7 @@ from delam_fem.results.figures.style import BLUE, GREEN, VERMILLION
 from delam_fem.results.measured.reading import read_measured
 from delam_fem.studies import options
 from delam_fem.studies.executors import ExecutorName
-from delam_fem.studies.findings import Finding, Report, Table
-from delam_fem.studies.study import Place, Study
+from delam_fem.studies.study import Finding, Place, Report, Study, Table
 from delam_fem.studies.sweeps.grid import sweep_of
 from delam_fem.studies.sweeps.run import run_sweep
 from delam_fem.studies.unknown import Unknown, drawn, of_rig, value_of

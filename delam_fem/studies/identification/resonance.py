@@ -31,14 +31,13 @@ from delam_fem.engines.session import session_of
 from delam_fem.model import discretise
 from delam_fem.model.linear import first_mode
 from delam_fem.numerics.beams import ComplexArray, cantilever_roots
-from delam_fem.numerics.oscillator import driven, pole
+from delam_fem.numerics.harmonics import driven, pole
 from delam_fem.numerics.types import BoolArray, FloatArray
 from delam_fem.studies import options
-from delam_fem.studies.findings import Finding, Report, Table
 from delam_fem.studies.identification.identify import tips_of
 from delam_fem.studies.linear import first_frequencies
-from delam_fem.studies.study import Place, Study
-from delam_fem.studies.sweeps.quantities import probe_motion
+from delam_fem.studies.study import Finding, Place, Report, Study, Table
+from delam_fem.studies.sweeps.point import probe_motion
 from delam_fem.system.errors import CaseError
 
 FIRST_DAMPING, FIRST_SHIFTS = (0.001, 0.003, 0.01, 0.03, 0.1), (0.0, 0.3, 0.6, 0.9)

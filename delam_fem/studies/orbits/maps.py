@@ -25,13 +25,12 @@ import numpy as np
 
 from delam_fem.case.definition import Case
 from delam_fem.case.excitation import drive
-from delam_fem.contact.laws import Law
+from delam_fem.contact.laws import Law, Scheme
 from delam_fem.engines.session import Prescribed, engine_of, law_of, scheme_of, span_of
 from delam_fem.model import discretise
 from delam_fem.model.layout import Structure
 from delam_fem.model.linear import lowest
 from delam_fem.model.operators import Operators
-from delam_fem.numerics.schemes import Scheme
 from delam_fem.numerics.types import FloatArray
 from delam_fem.simulation.checkpoint import CHECKPOINT_SECONDS
 from delam_fem.simulation.loop import Engine, State, one_period, set_initial

@@ -32,7 +32,6 @@ from delam_fem.results.figures.style import (
 )
 from delam_fem.results.schema import versions
 from delam_fem.studies import options
-from delam_fem.studies.findings import Finding, Report, Table
 from delam_fem.studies.orbits.maps import FREQUENCY, KeptCaseMap, Nature, Passage, PeriodMap
 from delam_fem.studies.orbits.newton import EXACT, Perturbations
 from delam_fem.studies.orbits.search import (
@@ -51,7 +50,7 @@ from delam_fem.studies.orbits.search import (
     stability_of,
     usual,
 )
-from delam_fem.studies.study import Place, Study
+from delam_fem.studies.study import Finding, Place, Report, Study, Table
 from delam_fem.system.errors import CaseError
 from delam_fem.system.files import atomic_file
 

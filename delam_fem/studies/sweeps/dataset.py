@@ -29,8 +29,7 @@ from delam_fem.results.scan import ORDERS, scan_positions
 from delam_fem.results.schema import Variable, occasion, origin
 from delam_fem.studies.sweeps.grid import DIRECTIONS, Dimension, Sweep
 from delam_fem.studies.sweeps.journal import OUTCOMES, Block, Joined, Journal, remove_journal
-from delam_fem.studies.sweeps.point import PointRunner
-from delam_fem.studies.sweeps.quantities import VARIABLES, Quantity, quantities
+from delam_fem.studies.sweeps.point import VARIABLES, PointRunner, Quantity, quantities
 from delam_fem.studies.sweeps.schedule import owners
 from delam_fem.system.errors import CaseError
 from delam_fem.system.files import atomic_file, write_text
@@ -94,7 +93,7 @@ def _require_sweep(data: xr.Dataset) -> None:
     from delam_fem.case.definition import Case
     from delam_fem.results.schema import SENSOR
     from delam_fem.studies.sweeps.grid import SweepFile
-    from delam_fem.studies.sweeps.quantities import VARIABLES
+    from delam_fem.studies.sweeps.point import VARIABLES
 
     Case.from_toml(data.attrs["case"])
     file = SweepFile.model_validate(tomllib.loads(data.attrs["sweep"]))

@@ -9,12 +9,12 @@ import pytest
 import scipy.sparse as sp
 
 import delam_fem as df
+from delam_fem.contact.laws import SCHEMES
 from delam_fem.engines.compiled import modes
 from delam_fem.engines.compiled.engine import compiled_engine
 from delam_fem.engines.session import Solution
 from delam_fem.model.beams import closed_form
 from delam_fem.model.operators import Operators
-from delam_fem.numerics.schemes import SCHEMES
 from delam_fem.simulation.loop import State
 
 F, A = 63.7, 6.2e-7

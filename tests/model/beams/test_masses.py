@@ -11,7 +11,7 @@ from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
 from delam_fem.model.beams import closed_form
 from delam_fem.model.operators import Operators
-from delam_fem.reference import matrices, stack
+from delam_fem.reference import matrices
 from delam_fem.reference.compare import operator_differences
 
 ROUND_OFF = 1e-9
@@ -69,7 +69,7 @@ def test_the_judge_has_the_same_matrices_of_a_bonded_stack(mass: str) -> None:
     masses = [{**keys, "position": 0.2}, {**keys, "position": 0.033}]
     case = preset("embedded", {"point_mass": masses, "time.mass": mass})
     found = closed_form.assemble(case)
-    expected = stack.assemble(case, found.layout.x, found.layout.probes[0].point)
+    expected = matrices.assemble_stack(case, found.layout.x, found.layout.probes[0].point)
     assert max(operator_differences(found.operators, expected).values()) < 1e-6
 
 

@@ -7,7 +7,7 @@ import nbformat
 import pytest
 from nbclient import NotebookClient
 
-from delam_fem.results.pages.progress import reporting
+from delam_fem.results.pages.html import reporting
 
 CELL = """
 import warnings

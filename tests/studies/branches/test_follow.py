@@ -14,8 +14,7 @@ import xarray as xr
 
 import delam_fem as df
 from delam_fem.studies.branches import follow as following
-from delam_fem.studies.branches.diagram import read
-from delam_fem.studies.branches.follow import FOLDER, RESULT, follow
+from delam_fem.studies.branches.follow import FOLDER, RESULT, follow, read
 from delam_fem.studies.orbits.newton import Perturbations
 from delam_fem.system.errors import CaseError
 

@@ -14,7 +14,7 @@ from delam_fem.model.layout import Structure
 from delam_fem.results import diagnostics
 from delam_fem.simulation.recorder import N_BASE
 from delam_fem.studies.sweeps.grid import Record
-from delam_fem.studies.sweeps.quantities import VARIABLES, probe_motion, quantities, row_of
+from delam_fem.studies.sweeps.point import VARIABLES, probe_motion, quantities, row_of
 
 RECORD = Record(
     strobes=3, harmonics=2, node_distortion=True, energies=True, lyapunov=4, summary=True
