@@ -208,11 +208,11 @@ def _views_of_solid(history: xr.Dataset, case: Case, directory: Path) -> list[Pa
     if not path.is_file():
         target.unlink(missing_ok=True)
         return []
-    from delam_fem.results.fields import stressed, vtx
+    from delam_fem.results.fields import animation, vtx
     from delam_fem.results.fields.vtkhdf import Series
 
     bodies = vtx.write_bodies(Series.read(path), path.parent)
-    drawn = stressed.render(path, history, case, target)
+    drawn = animation.render_solid(path, history, case, target)
     return [found for found in (bodies, drawn) if found is not None]
 
 

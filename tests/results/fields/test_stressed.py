@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 import delam_fem as df
 from delam_fem.cli.app import app
-from delam_fem.results.fields import pictures, stressed
+from delam_fem.results.fields import animation, pictures
 from delam_fem.results.fields.vtkhdf import Series
 from delam_fem.results.folder import Result, load_numbers, save_views
 
@@ -82,17 +82,17 @@ def test_thickness_and_gaps_have_their_factors(
 
 def test_factor_of_thicknesses(folder: Path) -> None:
     series = Series.read(folder / "fields" / "solid.vtkhdf")
-    assert stressed.thickening(series) == 20.0, "0.1 L over 3 mm is 22.8"
-    assert "thickness × 20" in stressed.scales(20.0, 1.0)
-    assert stressed.scales(20.0, 1.0).endswith("true to scale")
-    assert "× 50" in stressed.scales(1.0, 50.0)
+    assert animation.thickening(series) == 20.0, "0.1 L over 3 mm is 22.8"
+    assert "thickness × 20" in animation.scales(20.0, 1.0)
+    assert animation.scales(20.0, 1.0).endswith("true to scale")
+    assert "× 50" in animation.scales(1.0, 50.0)
 
 
 @pytest.mark.parametrize(
     ("largest", "shown"), [(7.5e6, (7.5, "MPa")), (6940.0, (6.94, "kPa")), (20.0, (20.0, "Pa"))]
 )
 def test_units_of_stress(largest: float, shown: tuple[float, str]) -> None:
-    assert stressed._scaled(largest)[:2] == shown
+    assert animation._scaled(largest)[:2] == shown
 
 
 def test_picture_and_page(folder: Path) -> None:
@@ -101,7 +101,7 @@ def test_picture_and_page(folder: Path) -> None:
     path = folder / "figures" / "solid.png"
     assert path in written
     picture = imread(path)[..., :3]
-    assert picture.shape[:2] == stressed.SIZE[::-1]
+    assert picture.shape[:2] == animation.STILL_SIZE[::-1]
     upper, lower = np.vsplit(picture, 2)
     is_blue, is_red = (lower[..., 2] - lower[..., 0] > 0.3), (lower[..., 0] - lower[..., 2] > 0.3)
     assert min(is_blue.sum(), is_red.sum()) > 1000, "tension and compression"
@@ -110,7 +110,7 @@ def test_picture_and_page(folder: Path) -> None:
     page = (folder / "report.html").read_text()
     assert "Von Mises stress" in page and "solid.vtkhdf" in page
     shorter = history.isel(frame=slice(0, 5))
-    assert stressed.render(folder / "fields" / "solid.vtkhdf", shorter, case, path) is None
+    assert animation.render_solid(folder / "fields" / "solid.vtkhdf", shorter, case, path) is None
 
 
 def test_colours_show_the_stress_after_the_strike(folder: Path, result: Result) -> None:
@@ -127,7 +127,7 @@ def test_film(folder: Path, tmp_path: Path) -> None:
     done = CliRunner().invoke(app, [*arguments, "-o", files[0], "-o", files[1]])
     assert done.exit_code == 0, done.output
     with Image.open(files[0]) as film:
-        assert (film.n_frames, film.size) == (5, stressed.FILM_SIZE)
+        assert (film.n_frames, film.size) == (5, animation.SOLID_SIZE)
         first = np.asarray(film.convert("RGB"), dtype=float)
         film.seek(4)
         last = np.asarray(film.convert("RGB"), dtype=float)
