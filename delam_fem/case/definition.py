@@ -8,7 +8,6 @@ import sys
 import tomllib
 from collections.abc import Mapping
 from html import escape
-from itertools import pairwise
 from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Self
@@ -43,6 +42,7 @@ from delam_fem.case.sections import (
     Support,
     TimeStepping,
     require_fitting,
+    require_neighbours,
 )
 from delam_fem.case.toml import Data, apply_overrides, message, toml_text
 from delam_fem.case.values import Section, expected, inconsistent
@@ -146,10 +146,10 @@ class Case(Section):
         """Check conditions that involve several sections."""
         self._check_laminae()
         self._check_openings()
-        self._check_force()
+        self._check_places()
         self._check_time()
-        self._check_attachments()
-        self._check_stops()
+        self._check_sensors()
+        self._check_elastic()
         if self.time.periods == "settled" and not self.is_periodic:
             raise inconsistent(
                 "time.periods",
@@ -177,22 +177,33 @@ class Case(Section):
             )
         return self
 
-    def _check_force(self) -> None:
-        """Check that the point of a force exists."""
-        name = getattr(self.excitation, "lamina", None)
-        if name is None:
-            return
-        lengths = {lamina.name: lamina.length for lamina in self.lamina}
-        if name not in lengths:
+    def _check_places(self) -> None:
+        """Check that what acts on laminae names one of them and a place on it."""
+        self._check_place("excitation", self.excitation)
+        for section in ("point_mass", "sensor", "stop", "impactor", "initial"):
+            entries, is_of_beams = getattr(self, section), section not in ("point_mass", "sensor")
+            if entries and is_of_beams and self.model.kind != "beam":
+                raise inconsistent(
+                    section, f'expected only with model.kind = "beam", given "{self.model.kind}"'
+                )
+            for number, own in enumerate(entries, start=1):
+                key = f"{section}.{getattr(own, 'name', number)}"
+                self._check_place(key, own, EDGE_TOLERANCE if is_of_beams else 0.0)
+
+    def _check_place(self, key: str, own: Section, tolerance: float = 0.0) -> None:
+        """Check the lamina and the place of a table; where it gives none, there is none."""
+        names = [lamina.name for lamina in self.lamina]
+        given = getattr(own, "lamina", None)
+        if given is not None and given not in names:
             raise inconsistent(
-                "excitation.lamina", f"expected one of {', '.join(lengths)}, given {name!r}"
+                f"{key}.lamina", f"expected one of {', '.join(names)}, given {given!r}"
             )
-        position = getattr(self.excitation, "position", 0.0)
-        if position > lengths[name]:
-            raise inconsistent(
-                "excitation.position",
-                f"expected at most the length {lengths[name]!r} m, given {position!r}",
-            )
+        for end in ("position", "end"):
+            x = getattr(own, end, None)
+            if x is not None and x > self.length * (1.0 + tolerance):
+                raise inconsistent(
+                    f"{key}.{end}", f"expected at most the length {self.length!r} m, given {x!r}"
+                )
 
     def _check_time(self) -> None:
         """Check that time is in periods, or in seconds if the excitation does not repeat."""
@@ -267,57 +278,12 @@ class Case(Section):
                     'out has no inertia; given "acceleration"',
                 )
 
-    def _check_attachments(self) -> None:
-        """Check that point masses and sensors are on laminae, and that sensors have names."""
-        names = [lamina.name for lamina in self.lamina]
-        labels: list[str] = []
-        attached: tuple[PointMass | Sensor, ...] = (*self.point_mass, *self.sensor)
-        for number, own in enumerate(attached, start=1):
-            key = f"sensor.{own.name}" if isinstance(own, Sensor) else f"point_mass.{number}"
-            if own.lamina is not None and own.lamina not in names:
-                raise inconsistent(
-                    f"{key}.lamina", f"expected one of {', '.join(names)}, given {own.lamina!r}"
-                )
-            if own.position is not None and own.position > self.length:
-                raise inconsistent(
-                    f"{key}.position",
-                    f"expected at most the length {self.length!r} m, given {own.position!r}",
-                )
-            if isinstance(own, Sensor):
-                if own.name in labels:
-                    raise inconsistent("sensor", f"expected other names, given {own.name!r} twice")
-                labels.append(own.name)
-                self._check_sensor(own, key, names)
-
-    def _check_stops(self) -> None:
-        """Check that stops, impactors and initial states are on laminae, and the elastic ones."""
-        names = [lamina.name for lamina in self.lamina]
+    def _check_elastic(self) -> None:
+        """Check that elastic stops and impactors fit the contact law and its springs."""
         striking: tuple[tuple[str, tuple[Stop | Impactor, ...]], ...] = (
             ("stop", self.stop),
             ("impactor", self.impactor),
         )
-        named: tuple[tuple[str, tuple[Stop | Impactor | Initial, ...]], ...] = (
-            *striking,
-            ("initial", self.initial),
-        )
-        for section, entries in named:
-            if entries and self.model.kind != "beam":
-                raise inconsistent(
-                    section, f'expected only with model.kind = "beam", given "{self.model.kind}"'
-                )
-            for number, own in enumerate(entries, start=1):
-                if own.lamina is not None and own.lamina not in names:
-                    raise inconsistent(
-                        f"{section}.{number}.lamina",
-                        f"expected one of {', '.join(names)}, given {own.lamina!r}",
-                    )
-                for key in ("position", "end"):
-                    given = getattr(own, key, None)
-                    if given is not None and given > self.length * (1.0 + EDGE_TOLERANCE):
-                        raise inconsistent(
-                            f"{section}.{number}.{key}",
-                            f"expected at most the length {self.length!r} m, given {given!r}",
-                        )
         elastic = [
             (section, number, blow)
             for section, entries in striking
@@ -346,28 +312,26 @@ class Case(Section):
                     f"{needed:g} s, given {found:g} s",
                 )
 
-    def _check_sensor(self, own: Sensor, key: str, names: list[str]) -> None:
-        """Check the interface and the sampling rate of a sensor."""
-        if own.between is not None and own.between not in pairwise(names):
-            choices = " or ".join(f'["{a}", "{b}"]' for a, b in pairwise(names))
-            raise inconsistent(
-                f"{key}.between",
-                f'expected neighbours from bottom to top, {choices}, given ["{own.between[0]}", '
-                f'"{own.between[1]}"]',
-            )
-        for name in ("stop", "impactor"):
-            number, count = getattr(own, name), len(getattr(self, name))
-            if number is not None and number > count:
-                text = f"expected at most {count} {name}s, given {number}"
-                raise inconsistent(f"{key}.{name}", text)
-        if own.sampling_rate is None:
-            return
-        most = 1.0 / (self.time.step or self.time_step)
-        if own.sampling_rate > most * (1.0 + ROUND_OFF):
-            raise inconsistent(
-                f"{key}.sampling_rate",
-                f"expected at most {most:g} Hz, one sample a step, given {own.sampling_rate:g} Hz",
-            )
+    def _check_sensors(self) -> None:
+        """Check that names of sensors differ, what they measure, and their sampling rates."""
+        most, names = 1.0 / (self.time.step or self.time_step), [own.name for own in self.sensor]
+        for own in self.sensor:
+            key = f"sensor.{own.name}"
+            if names.count(own.name) > 1:
+                raise inconsistent("sensor", f"expected other names, given {own.name!r} twice")
+            if own.between is not None:
+                require_neighbours(f"{key}.between", own.between, self.lamina)
+            for name in ("stop", "impactor"):
+                number, count = getattr(own, name), len(getattr(self, name))
+                if number is not None and number > count:
+                    text = f"expected at most {count} {name}s, given {number}"
+                    raise inconsistent(f"{key}.{name}", text)
+            if own.sampling_rate is not None and own.sampling_rate > most * (1.0 + ROUND_OFF):
+                raise inconsistent(
+                    f"{key}.sampling_rate",
+                    f"expected at most {most:g} Hz, one sample a step, given "
+                    f"{own.sampling_rate:g} Hz",
+                )
 
     def _check_laminae(self) -> None:
         """Check that names differ and lengths agree, and that there are beams or points."""
@@ -423,8 +387,7 @@ class Case(Section):
         if self.delamination:
             if self.gap is not None:
                 raise inconsistent("gap", "expected no gap beside [[delamination]]: give openings")
-            names = tuple(lamina.name for lamina in self.lamina)
-            require_fitting(self.delamination, names, self.length, self.support)
+            require_fitting(self.delamination, self.lamina, self.support)
         elif len(self.lamina) == 1:
             if self.gap is not None:
                 raise inconsistent("gap", "expected none beside a single lamina; give [[stop]]")
@@ -464,7 +427,7 @@ class Case(Section):
 
     def _check_inner_supports(self) -> None:
         """Check that supports inside the span are apart from the ends and from one another."""
-        inside, names = self.support.inside, [lamina.name for lamina in self.lamina]
+        inside = self.support.inside
         if inside and self.model.is_continuum:
             raise inconsistent(
                 "support", f'expected only its ends with model.kind = "{self.model.kind}"'
@@ -472,10 +435,7 @@ class Case(Section):
         margin = EDGE_TOLERANCE * self.length
         taken = [0.0, self.length]
         for own in sorted(inside, key=lambda own: own.position):
-            if own.lamina is not None and own.lamina not in names:
-                raise inconsistent(
-                    "support.lamina", f"expected one of {', '.join(names)}, given {own.lamina!r}"
-                )
+            self._check_place("support", own, math.inf)
             if own.position >= self.length or min(abs(own.position - x) for x in taken) <= margin:
                 raise inconsistent(
                     "support.position",

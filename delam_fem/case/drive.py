@@ -11,7 +11,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal, Self, TypeAlias
+from typing import Annotated, ClassVar, Literal, Self, TypeAlias
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -94,7 +94,40 @@ def _check_times(time: FloatArray, lines: Sequence[int], name: str) -> None:
 Target = Literal["base", "force"]
 
 
-class _OfBase(Section):
+class _Kind(Section):
+    """What the kinds of excitation share; each knows its own keys."""
+
+    @property
+    def is_periodic(self) -> bool:
+        """Whether the excitation repeats after each period."""
+        return getattr(self, "frequency", None) is not None
+
+    @property
+    def top_frequency(self) -> float:
+        """Frequency whose period is divided into steps; the highest one of a sweep [Hz]."""
+        keys = ("frequency", "start_frequency", "end_frequency")
+        return max(getattr(self, key, None) or 0.0 for key in keys)
+
+    @property
+    def length(self) -> float | None:
+        """Time that a run must cover [s]; None: that of the section `time`."""
+        return getattr(self, "duration", None)
+
+    @property
+    def size(self) -> str:
+        """The amplitude in words."""
+        raise NotImplementedError
+
+    @property
+    def words(self) -> str:
+        """The excitation in words, for titles."""
+        if self.is_periodic:
+            return f"{self.top_frequency:g} Hz, {self.size}"
+        start, end = (getattr(self, f"{name}_frequency") for name in ("start", "end"))
+        return f"sweep {start:g}–{end:g} Hz, {self.size}"
+
+
+class _OfBase(_Kind):
     """A motion of the base with a given amplitude of its displacement or of its acceleration.
 
     Attributes:
@@ -102,6 +135,7 @@ class _OfBase(Section):
         acceleration: amplitude of the acceleration [m/s2], as shakers are set.
     """
 
+    acts_on: ClassVar[Target] = "base"
     amplitude: Annotated[NotNegative, Unit("m")] | None = None
     acceleration: Annotated[NotNegative, Unit("m/s2")] | None = None
 
@@ -117,11 +151,6 @@ class _OfBase(Section):
                 "acceleration", "expected either amplitude [m] or acceleration [m/s2], given both"
             )
         return self
-
-    @property
-    def acts_on(self) -> Target:
-        """Whether the base moves or a force acts."""
-        return "base"
 
     @property
     def size(self) -> str:
@@ -148,26 +177,6 @@ class HarmonicExcitation(_OfBase):
     kind: Literal["harmonic"] = "harmonic"
     frequency: Annotated[Positive, Unit("Hz")]
 
-    @property
-    def is_periodic(self) -> bool:
-        """Whether the excitation repeats after each period."""
-        return True
-
-    @property
-    def top_frequency(self) -> float:
-        """Frequency whose period is divided into steps [Hz]."""
-        return self.frequency
-
-    @property
-    def length(self) -> float | None:
-        """Time that a run must cover [s]; None: `time.periods` periods."""
-        return None
-
-    @property
-    def words(self) -> str:
-        """The excitation in words, for titles."""
-        return f"{self.frequency:g} Hz, {self.size}"
-
 
 class SweepExcitation(_OfBase):
     """Base motion A sin(phi(t)) with a frequency that changes from a start to an end value.
@@ -186,28 +195,8 @@ class SweepExcitation(_OfBase):
     duration: Annotated[Positive, Unit("s")]
     spacing: Literal["linear", "logarithmic"] = "linear"
 
-    @property
-    def is_periodic(self) -> bool:
-        """Whether the excitation repeats after each period."""
-        return False
 
-    @property
-    def top_frequency(self) -> float:
-        """Frequency whose period is divided into steps: the highest one [Hz]."""
-        return max(self.start_frequency, self.end_frequency)
-
-    @property
-    def length(self) -> float | None:
-        """Time that a run must cover [s]."""
-        return self.duration
-
-    @property
-    def words(self) -> str:
-        """The excitation in words, for titles."""
-        return f"sweep {self.start_frequency:g}–{self.end_frequency:g} Hz, {self.size}"
-
-
-class _AtPoint(Section):
+class _AtPoint(_Kind):
     """A force at a point of a lamina, in the direction of the deflection.
 
     Attributes:
@@ -216,14 +205,10 @@ class _AtPoint(Section):
         amplitude: largest force [N]; positive acts upwards, from the first lamina to the last.
     """
 
+    acts_on: ClassVar[Target] = "force"
     lamina: Label
     position: Annotated[NotNegative, Unit("m")]
     amplitude: Annotated[NotNegative, Unit("N")]
-
-    @property
-    def acts_on(self) -> Target:
-        """Whether the base moves or a force acts."""
-        return "force"
 
     @property
     def size(self) -> str:
@@ -253,44 +238,19 @@ class ForceExcitation(_AtPoint):
     @model_validator(mode="after")
     def _one_course(self) -> Self:
         """Check that either one frequency is given or all keys of a sweep."""
-        swept = {key: getattr(self, key) for key in _SWEPT}
-        if self.frequency is not None:
-            for key in _SWEPT:
-                if swept[key] is not None:
-                    raise inconsistent(
-                        key, "expected either frequency or the keys of a sweep, given both"
-                    )
-            return self
-        if all(value is None for value in swept.values()):
+        given = [key for key in _SWEPT if getattr(self, key) is not None]
+        if given and self.frequency is not None:
+            raise inconsistent(
+                given[0], "expected either frequency or the keys of a sweep, given both"
+            )
+        if not given and self.frequency is None:
             raise inconsistent(
                 "frequency", f"missing, but required; or {', '.join(_SWEPT)} of a sweep"
             )
-        for key, value in swept.items():
-            if value is None:
+        for key in _SWEPT:
+            if given and key not in given:
                 raise inconsistent(key, "missing, but required for a swept force")
         return self
-
-    @property
-    def is_periodic(self) -> bool:
-        """Whether the excitation repeats after each period."""
-        return self.frequency is not None
-
-    @property
-    def top_frequency(self) -> float:
-        """Frequency whose period is divided into steps; the highest one of a sweep [Hz]."""
-        return max(self.frequency or 0.0, self.start_frequency or 0.0, self.end_frequency or 0.0)
-
-    @property
-    def length(self) -> float | None:
-        """Time that a run must cover [s]; None: `time.periods` periods."""
-        return self.duration
-
-    @property
-    def words(self) -> str:
-        """The excitation in words, for titles."""
-        if self.frequency is not None:
-            return f"{self.frequency:g} Hz, {self.size}"
-        return f"sweep {self.start_frequency:g}–{self.end_frequency:g} Hz, {self.size}"
 
 
 _SWEPT = ("start_frequency", "end_frequency", "duration")
@@ -311,11 +271,6 @@ class HammerExcitation(_AtPoint):
     start: Annotated[NotNegative, Unit("s")] = 0.0
 
     @property
-    def is_periodic(self) -> bool:
-        """Whether the excitation repeats after each period."""
-        return False
-
-    @property
     def top_frequency(self) -> float:
         """Frequency of the half sine [Hz]."""
         return 0.5 / self.duration
@@ -331,7 +286,7 @@ class HammerExcitation(_AtPoint):
         return f"hammer {1e3 * self.duration:g} ms, {self.size}"
 
 
-class TableExcitation(Section):
+class TableExcitation(_Kind):
     """A motion of the base or a force from a table.
 
     Attributes:
@@ -353,27 +308,13 @@ class TableExcitation(Section):
     def _has_point(self) -> Self:
         """Check that a force has its point, and a motion of the base none."""
         for key in ("lamina", "position"):
-            is_given, needs = getattr(self, key) is not None, self.acts_on == "force"
-            if needs and not is_given:
-                raise inconsistent(key, 'missing, but required with acts_on = "force"')
-            if is_given and not needs:
-                raise inconsistent(key, 'expected none with acts_on = "base"')
+            self.require_just(key, self.acts_on == "force", "acts_on")
         return self
-
-    @property
-    def is_periodic(self) -> bool:
-        """Whether the excitation repeats after each period."""
-        return False
 
     @property
     def top_frequency(self) -> float:
         """Frequency whose period is divided into steps [Hz]; a table has none."""
         return math.nan
-
-    @property
-    def length(self) -> float | None:
-        """Time that a run must cover [s]; None: `time.duration`, by default that of the table."""
-        return None
 
     @property
     def size(self) -> str:

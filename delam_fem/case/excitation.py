@@ -57,47 +57,6 @@ class HalfSine:
 
 
 @dataclass(frozen=True)
-class TabulatedForce:
-    """A measured force: PCHIP, which does not overshoot between the rows.
-
-    Attributes:
-        interpolant: the force [N].
-        length: last time of the table [s]; the force is 0 afterwards.
-    """
-
-    interpolant: PchipInterpolator
-    length: float
-
-    @classmethod
-    def of(cls, series: Series) -> TabulatedForce:
-        """Return the force of a table [N]."""
-        return cls(PchipInterpolator(series.time, series.value), series.length)
-
-    def states(self, times: npt.ArrayLike) -> FloatArray:
-        """Return force, rate and second derivative, shape (k, 3) [N, N/s, N/s2]."""
-        t = np.asarray(times, dtype=np.float64)
-        inside = np.minimum(t, self.length)
-        course = np.stack([self.interpolant(inside, nu=order) for order in range(3)], axis=-1)
-        return np.where((t <= self.length * (1.0 + _LAST))[:, None], course, 0.0)
-
-
-class BaseMotion(Protocol):
-    """A motion of the base, which all clamped dofs share."""
-
-    def states(self, times: npt.ArrayLike) -> FloatArray:
-        """Return the motion at `times`, shape (k,) [s].
-
-        Returns:
-            Displacement [m], velocity [m/s] and acceleration [m/s2] as columns, shape (k, 3).
-        """
-        ...
-
-    def instantaneous_frequency(self, times: npt.ArrayLike) -> FloatArray:
-        """Return the frequency phi'(t) / (2 pi) at `times`, same shape as `times` [Hz]."""
-        ...
-
-
-@dataclass(frozen=True)
 class HarmonicMotion:
     """The motion A sin(2 pi f t).
 
@@ -116,7 +75,7 @@ class HarmonicMotion:
         require(math.isfinite(self.amplitude), "amplitude", "a finite number [m]", self.amplitude)
 
     def states(self, times: npt.ArrayLike) -> FloatArray:
-        """Return displacement, velocity and acceleration, shape (k, 3); see `BaseMotion`."""
+        """Return displacement, velocity and acceleration, shape (k, 3); see `Drive`."""
         t = np.asarray(times, dtype=np.float64)
         omega = 2.0 * math.pi * self.frequency
         return _states(self.amplitude, omega * t, np.full_like(t, omega), np.zeros_like(t))
@@ -153,7 +112,7 @@ class SweptMotion:
     acceleration: float | None = None
 
     def states(self, times: npt.ArrayLike) -> FloatArray:
-        """Return displacement, velocity and acceleration, shape (k, 3); see `BaseMotion`."""
+        """Return displacement, velocity and acceleration, shape (k, 3); see `Drive`."""
         t = np.asarray(times, dtype=np.float64)
         rate = np.where(t > self.duration, 0.0, self._law(np.minimum(t, self.duration))[1])
         rotation = 2.0 * math.pi * self.instantaneous_frequency(t)
@@ -199,34 +158,45 @@ class SweptMotion:
 
 
 @dataclass(frozen=True)
-class TabulatedMotion:
-    """A measured motion of the base: a quintic spline of its displacement.
+class Tabulated:
+    """A measured force [N], or a measured motion of the base [m].
 
-    From accelerations, the displacement is their double integral that is 0 at both ends of the
-    table, so that a base that vibrates does not drift away. A displacement counts from its first
-    value.
+    A force is PCHIP, which does not overshoot between the rows, and 0 after its last. A motion is
+    a quintic spline of its displacement. From accelerations, the displacement is their double
+    integral that is 0 at both ends of the table, so that a base that vibrates does not drift away.
+    A displacement counts from its first value.
 
     Attributes:
-        spline: the displacement [m].
+        course: the force or the displacement.
+        length: last time of the table [s].
+        ends: whether it is 0 afterwards; otherwise it stays.
     """
 
-    spline: BSpline
+    course: BSpline | PchipInterpolator
+    length: float
+    ends: bool
 
     @classmethod
-    def of(cls, series: Series) -> TabulatedMotion:
-        """Return the motion of a table of displacements [m] or accelerations [m/s2]."""
+    def of(cls, series: Series) -> Tabulated:
+        """Return the drive of a table of forces [N], displacements [m] or accelerations [m/s2]."""
+        time, value, length = series.time, series.value, series.length
+        if series.unit == "N":
+            return cls(PchipInterpolator(time, value), length, ends=True)
         if series.unit == "m":
-            return cls(make_interp_spline(series.time, series.value - series.value[0], k=5))
-        twice = make_interp_spline(series.time, series.value, k=3).antiderivative(2)
-        ends = np.array([0.0, series.length])
+            return cls(make_interp_spline(time, value - value[0], k=5), length, ends=False)
+        twice = make_interp_spline(time, value, k=3).antiderivative(2)
+        ends = np.array([0.0, length])
         first, last = twice(ends).tolist()
         line = make_interp_spline(ends, [first, last], k=1)
-        return cls(_difference(twice, line))
+        return cls(_difference(twice, line), length, ends=False)
 
     def states(self, times: npt.ArrayLike) -> FloatArray:
-        """Return displacement, velocity and acceleration, shape (k, 3); see `BaseMotion`."""
-        t = np.clip(np.asarray(times, dtype=np.float64), *self.spline.t[[0, -1]])
-        return np.stack([self.spline(t, nu=order) for order in range(3)], axis=-1)
+        """Return the value and two derivatives, shape (k, 3); see `Drive`."""
+        t = np.asarray(times, dtype=np.float64)
+        inside = np.clip(t, 0.0, self.length)
+        course = np.stack([self.course(inside, nu=order) for order in range(3)], axis=-1)
+        lasts = (t <= self.length * (1.0 + _LAST)) | (not self.ends)
+        return np.where(lasts[:, None], course, 0.0)
 
 
 def _difference(spline: BSpline, line: BSpline) -> BSpline:
@@ -257,9 +227,7 @@ def drive(case: Case) -> Drive:
     if isinstance(given, HarmonicExcitation | SweepExcitation):
         return base_motion(case)
     if isinstance(given, TableExcitation):
-        series = read_series(given.file, given.acts_on)
-        of = TabulatedMotion.of if given.acts_on == "base" else TabulatedForce.of
-        return of(series)
+        return Tabulated.of(read_series(given.file, given.acts_on))
     if isinstance(given, HammerExcitation):
         return HalfSine(given.amplitude, given.duration, given.start)
     if given.frequency is not None:
@@ -267,7 +235,7 @@ def drive(case: Case) -> Drive:
     return swept_motion(given, given.amplitude)
 
 
-def base_motion(case: Case) -> BaseMotion:
+def base_motion(case: Case) -> HarmonicMotion | SweptMotion:
     """Return the harmonic or swept motion of the base that a case describes.
 
     Raises:

@@ -380,7 +380,7 @@ class Damping(Section):
             "every mode" (D at each mode of the mesh).
     """
 
-    rayleigh: Kind | Literal["every mode"] = "two-mode"
+    rayleigh: Literal[Kind, "every mode"] = "two-mode"
 
     @property
     def kind(self) -> Kind:
@@ -495,9 +495,7 @@ class InnerSupport(Section):
     def _fitting_keys(self) -> Self:
         """Check that the keys are those of the kind."""
         is_spring = self.kind == "spring"
-        if (self.stiffness is not None) != is_spring:
-            words = "missing, but required" if is_spring else "expected none"
-            raise inconsistent("stiffness", f'{words} with kind = "{self.kind}"')
+        self.require_just("stiffness", is_spring, "kind")
         if self.damping and not is_spring:
             raise inconsistent("damping", f'expected none with kind = "{self.kind}"')
         if self.rotational_stiffness and self.kind == "clamped":
@@ -596,51 +594,56 @@ class Delamination(Section):
 
 
 def require_fitting(
-    delaminations: tuple[Delamination, ...],
-    names: tuple[str, ...],
-    length: float,
-    support: Support,
+    delaminations: tuple[Delamination, ...], laminae: tuple[Lamina, ...], support: Support
 ) -> None:
     """Check delaminations beside the laminae of their case.
 
     Args:
         delaminations: of the case.
-        names: names of the laminae from bottom to top.
-        length: length of the laminae [m].
+        laminae: laminae from bottom to top.
         support: the supports of the case.
 
     Raises:
         PydanticCustomError: a delamination does not fit; the error names its key.
     """
-    before: dict[tuple[str, str], list[tuple[int, Delamination]]] = {}
+    length = laminae[0].length
     for number, own in enumerate(delaminations, start=1):
-        lower, upper = own.between
         key = f"delamination.{number}"
-        neighbours = [*pairwise(names)]
-        if (lower, upper) not in neighbours:
-            choices = " or ".join(f'["{a}", "{b}"]' for a, b in neighbours)
-            raise inconsistent(
-                f"{key}.between",
-                f'expected neighbours from bottom to top, {choices}, given ["{lower}", "{upper}"]',
-            )
+        require_neighbours(f"{key}.between", own.between, laminae)
         if own.end > length * (1.0 + EDGE_TOLERANCE):
             raise inconsistent(
                 f"{key}.end", f"expected at most the length {length!r} m, given {own.end!r}"
             )
-        for other_number, other in before.setdefault((lower, upper), []):
-            if own.start <= other.end and other.start <= own.end:
+        for other_number, other in enumerate(delaminations[: number - 1], start=1):
+            is_beside = own.start <= other.end and other.start <= own.end
+            if own.between == other.between and is_beside:
                 raise inconsistent(
                     f"{key}.start",
                     f"expected a place apart from delamination.{other_number} between the same "
                     f"laminae, {other.start!r} to {other.end!r} m, given {own.start!r}",
                 )
-        before[lower, upper].append((number, own))
         if own.shape == "power" and len(open_ends(own, length, support)) != 1:
             raise inconsistent(
                 f"{key}.shape",
                 'expected "half-cosine" or a file: "power" needs one edge at a free end of the '
                 "structure",
             )
+
+
+def require_neighbours(key: str, between: tuple[str, str], laminae: tuple[Lamina, ...]) -> None:
+    """Check that two names are those of neighbours, the lower one first.
+
+    Raises:
+        PydanticCustomError: they are not; the error names the key.
+    """
+    neighbours = [*pairwise(lamina.name for lamina in laminae)]
+    if between not in neighbours:
+        choices = " or ".join(f'["{a}", "{b}"]' for a, b in neighbours)
+        raise inconsistent(
+            key,
+            f"expected neighbours from bottom to top, {choices}, given "
+            f'["{between[0]}", "{between[1]}"]',
+        )
 
 
 def open_ends(delamination: Delamination, length: float, support: Support) -> tuple[str, ...]:
@@ -799,9 +802,7 @@ class Initial(Section):
     @model_validator(mode="after")
     def _fitting_keys(self) -> Self:
         """Check that the keys are those of the shape."""
-        if (self.position is not None) != (self.shape == "force"):
-            words = "missing, but required" if self.shape == "force" else "expected none"
-            raise inconsistent("position", f'{words} with shape = "{self.shape}"')
+        self.require_just("position", self.shape == "force", "shape")
         if self.shape == "force" and self.lamina is None:
             raise inconsistent("lamina", 'missing, but required with shape = "force"')
         if self.mode != 1 and self.shape != "mode":
@@ -853,9 +854,7 @@ class Sensor(Section):
         """Check that the keys are those of the quantity."""
         is_force = self.quantity == "contact force"
         for key in ("lamina", "position"):
-            if (getattr(self, key) is None) != is_force:
-                words = "none" if is_force else "missing, but required"
-                raise inconsistent(key, f'{words} with quantity = "{self.quantity}"')
+            self.require_just(key, not is_force, "quantity")
         given = [key for key in ("between", "stop", "impactor") if getattr(self, key) is not None]
         if len(given) != is_force:
             words = "missing, but required (or stop, or impactor)" if is_force else "expected none"

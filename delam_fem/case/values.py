@@ -176,6 +176,16 @@ class Section(BaseModel):
                 )
         return data
 
+    def require_just(self, key: str, is_needed: bool, by: str) -> None:
+        """Check that a key is given if the value of another, `by`, needs it, and not otherwise.
+
+        Raises:
+            PydanticCustomError: it is missing, or has no meaning here.
+        """
+        if (getattr(self, key) is not None) != is_needed:
+            words = "missing, but required" if is_needed else "expected none"
+            raise inconsistent(key, f'{words} with {by} = "{getattr(self, by)}"')
+
 
 _VALUE = re.compile(
     r"\s*([+-]?(?:\d{1,40}(?:\.\d{0,40})?|\.\d{1,40})(?:[eE][+-]?\d{1,3})?)"

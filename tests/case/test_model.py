@@ -29,6 +29,10 @@ def test_what_a_kind_does_not_read_is_named() -> None:
         ({"model.poisson": 0.5}, "model.poisson: expected a number of at least 0 and below 0.5"),
         ({"model.degree": 1}, "model.degree: expected 2 or 3, given 1"),
         ({"model.kind": "shell"}, "model.kind: expected 'beam', 'plane-stress'"),
+        (
+            {"damping.rayleigh": "no"},
+            "damping.rayleigh: expected 'two-mode', 'stiffness', 'mass' or",
+        ),
     ],
 )
 def test_bad_models_are_refused(given: dict[str, object], words: str) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from delam_fem.case.definition import Case
-from delam_fem.case.excitation import HalfSine, HarmonicMotion, SweptMotion, TabulatedMotion, drive
+from delam_fem.case.excitation import HalfSine, HarmonicMotion, SweptMotion, Tabulated, drive
 from delam_fem.case.files import preset, save_case
 from delam_fem.case.plausible import warnings
 from delam_fem.system.errors import CaseError
@@ -112,7 +112,7 @@ def test_table_of_accelerations_does_not_drift(tmp_path: Path) -> None:
     heading = "# measured\ntime [s], acceleration [m/s²]"
     file = table(tmp_path / "a.csv", lambda t: -(w**2) * 1e-3 * np.sin(w * t), heading, 1001)
     motion = drive(with_excitation(kind="table", file=str(file), acts_on="base"))
-    assert isinstance(motion, TabulatedMotion)
+    assert isinstance(motion, Tabulated)
     t = np.linspace(0.0, 1.0, 301)
     expected = HarmonicMotion(5.0, 1e-3).states(t)
     assert np.abs(motion.states(t) - expected)[:, 0].max() < 1e-9

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from delam_fem.case.excitation import BaseMotion, HarmonicMotion, SweptMotion, base_motion
+from delam_fem.case.excitation import HarmonicMotion, SweptMotion, base_motion
 from delam_fem.case.files import preset
 
 A = 0.0025
@@ -38,7 +38,9 @@ OF_ACCELERATION = [
 
 @pytest.mark.parametrize("motion", [*MOTIONS, *OF_ACCELERATION], ids=str)
 @pytest.mark.parametrize("column", [0, 1])
-def test_each_column_is_the_derivative_of_the_one_before(motion: BaseMotion, column: int) -> None:
+def test_each_column_is_the_derivative_of_the_one_before(
+    motion: HarmonicMotion | SweptMotion, column: int
+) -> None:
     t = np.concatenate([np.linspace(0.01, T - 0.01, 199), np.linspace(T + 0.01, T + 0.5, 21)])
     difference = (motion.states(t + STEP) - motion.states(t - STEP))[:, column] / (2 * STEP)
     exact = motion.states(t)[:, column + 1]
@@ -46,7 +48,7 @@ def test_each_column_is_the_derivative_of_the_one_before(motion: BaseMotion, col
 
 
 @pytest.mark.parametrize("motion", MOTIONS, ids=str)
-def test_phase_is_the_integral_of_the_frequency(motion: BaseMotion) -> None:
+def test_phase_is_the_integral_of_the_frequency(motion: HarmonicMotion | SweptMotion) -> None:
     for end in (0.7, 6.3, T):
         turns, _ = quad(motion.instantaneous_frequency, 0.0, end, epsabs=1e-12)
         displacement = motion.states(np.array([end]))[0, 0]
