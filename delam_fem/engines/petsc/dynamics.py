@@ -68,8 +68,10 @@ class Dynamics:
         self._base_columns = matrix(np.column_stack(columns), MPI.COMM_SELF)
         self._drive = PETSc.Vec().createSeq(3)
         self._drive_memory = memoryview(self._drive.array).cast("B").cast("d")
-        self._rate, self._impulse, self._force = (
-            linear_algebra.Shared(o.n_pairs, o.comm) for _ in range(3)
+        self._moved = np.diff(sp.csr_matrix(o.gap_matrix).indptr) > 0  # pairs of this rank's dofs
+        self._rate = linear_algebra.Shared(o.n_pairs, o.comm, np.flatnonzero(self._moved))
+        self._impulse, self._force = (  # all ranks know them
+            linear_algebra.Shared(o.n_pairs, MPI.COMM_SELF) for _ in range(2)
         )
         self._base_table: FloatArray | None = None
         self._base_states: Sequence[BaseState] = [[0.0, 0.0, 0.0]]
@@ -180,7 +182,10 @@ class Dynamics:
         if o.comm.rank == 0:  # the contributions of all ranks are added
             self._at_rest.array[: o.n_pairs] = o.gap0
         self._probe_shift = o.probe_shift if o.base.shift is not None else None
-        self._seen = linear_algebra.Shared(self._at_rest.getSize(), o.comm)
+        is_sent = np.ones(self._at_rest.getSize(), dtype=np.bool_)
+        is_sent[: o.n_pairs] = self._moved | (o.comm.rank == 0)
+        is_sent[o.n_pairs : 2 * o.n_pairs] = self._moved
+        self._seen = linear_algebra.Shared(is_sent.size, o.comm, np.flatnonzero(is_sent))
         ends = np.cumsum([o.n_pairs, o.n_pairs, of_u.shape[0]])
         self._gap_values, self._rate_values, seen_u, seen_v = np.split(self._seen.values, ends)
         self.seen_u: FloatArray = seen_u
@@ -219,12 +224,8 @@ class Dynamics:
         self._impulse.values[pair] = 1.0
         self._H.multTranspose(self._impulse.total, self._load)
         factor.solve(self._load, self._response)
-        # new vectors, because a law may still read the values of the usual ones
-        gaps = linear_algebra.Shared(self.operators.n_pairs, self.comm)
-        self._H.mult(self._response, gaps.own)
-        result = gaps.gather().copy()
-        gaps.destroy()
-        return result
+        self._H.mult(self._response, self._rate.own)
+        return self._rate.gather().copy()
 
     # -- for recorders ------------------------------------------------------------------------
 

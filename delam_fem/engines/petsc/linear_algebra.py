@@ -27,8 +27,9 @@ ROUND_OFF = 1e-12
 """Differences between a symmetric matrix and its transpose, in parts of the largest row sum."""
 EXACT = ("lu", "cholesky", "redundant", "svd")
 """Preconditioners of PETSc that solve by themselves; the others take conjugate gradients."""
-RESIDUAL = 1e-12
-"""Relative residual of iterative solvers. The energy ledger is open by up to 10⁶ times as much."""
+RESIDUAL, OF_GRADIENTS = 1e-12, 1e-14
+"""Relative residuals of iterative solvers, and of conjugate gradients, which can go on so far.
+The energy ledger is open by up to 10⁶ times as much."""
 UNSOLVED = 1e-2
 """Relative residual of a trial at which a solver does not solve."""
 
@@ -174,9 +175,10 @@ class Factor:
         solver, kinds = self._solver, PETSc.KSP.Type
         if given.getString("pc_type", EXACT[0]) not in EXACT:
             solver.setType(kinds.CG if is_symmetric else kinds.GMRES)
+        solver.setTolerances(rtol=RESIDUAL)
         if given.getString("ksp_type", solver.getType()) == kinds.CG:
             solver.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
-        solver.setTolerances(rtol=RESIDUAL)
+            solver.setTolerances(rtol=OF_GRADIENTS)
         shapes = like and like.getNearNullSpace()
         if shapes:
             own = np.array([vector.array_r for vector in shapes.getVecs()])
@@ -281,9 +283,9 @@ def _choose(preconditioner: PETSc.PC, is_symmetric: bool, is_banded: bool) -> No
 class Shared:
     """A few numbers that are sums of what each rank contributes, known to all ranks.
 
-    One collective call adds the contributions, on every rank in the order of the ranks, so that all
-    ranks have the same bits and decide the same. In serial `values` is the memory of the
-    contributions, so that gathering costs nothing.
+    One collective call brings the contributions to every rank, which adds them in the order of the
+    ranks, so that all have the same bits and decide the same. In serial `values` is the memory of
+    the contributions, so that gathering costs nothing.
 
     Attributes:
         own: vector of the own contributions.
@@ -291,28 +293,33 @@ class Shared:
         total: vector of the sums, in the memory of `values`.
     """
 
-    def __init__(self, size: int, comm: MPI.Intracomm) -> None:
-        """Create the vectors.
+    def __init__(self, size: int, comm: MPI.Intracomm, places: IntArray | None = None) -> None:
+        """Create the vectors (collective).
 
         Args:
             size: number of the numbers.
             comm: communicator of the ranks that contribute.
+            places: numbers to which this rank contributes, the only ones that it sends, increasing;
+                None: all.
         """
         self._comm = comm
         self.own = PETSc.Vec().createSeq(size)
         self._memory: FloatArray = self.own.array
         self.values, self.total = self._memory, self.own
-        self._parts: FloatArray | None = None
+        self._sent = np.arange(size) if places is None else places
         if comm.size > 1:
-            self._parts = np.zeros((comm.size, size))
+            every = comm.allgather(self._sent)
+            self._counts, self._places = [own.size for own in every], np.concatenate(every)
+            self._parts = np.empty(self._places.size)
             self.values = np.zeros(size)
             self.total = vector_in(self.values)
 
     def gather(self) -> FloatArray:
         """Update `values` from the contributions of all ranks (collective) and return them."""
-        if self._parts is not None:
-            self._comm.Allgather(self._memory, self._parts)
-            np.sum(self._parts, axis=0, out=self.values)
+        if self._comm.size > 1:
+            own = self._memory[self._sent]
+            self._comm.Allgatherv(own, [self._parts, self._counts])
+            self.values[:] = np.bincount(self._places, self._parts, self.values.size)
         return self.values
 
     def destroy(self) -> None:

@@ -52,6 +52,16 @@ def test_a_destroyed_factor_leaves_no_matrix_behind() -> None:
     assert not own  # a sweep of many points would keep 24 kB of each
 
 
+def test_gradients_go_on_to_what_the_ledger_asks_for(options: PETSc.Options) -> None:
+    options.insertString("-moreau_pc_type jacobi")
+    rows = sp.diags([-1.0, 2.1, -1.0], [-1, 0, 1], shape=(1000, 1000), format="csr")
+    factor = linear_algebra.Factor(matrix(rows.copy(), MPI.COMM_SELF), "moreau_")
+    load, x = np.ones(1000), PETSc.Vec().createSeq(1000)
+    factor.solve(linear_algebra.vector_in(load), x)
+    factor.destroy()
+    assert np.linalg.norm(rows @ x.array - load) < 1e-13 * np.linalg.norm(load)
+
+
 @pytest.mark.parametrize(
     "text",
     [
