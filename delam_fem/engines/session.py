@@ -43,8 +43,9 @@ from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.simulation import checkpoint
 from delam_fem.simulation.checkpoint import Watch, stop_signals
 from delam_fem.simulation.loop import ASKED_EVERY, Engine, Outcome, State, set_initial, simulate
-from delam_fem.simulation.recorder import LEDGER, N_BASE, PeriodRecord, Recorder
+from delam_fem.simulation.recorder import LEDGER, PeriodRecord, Recorder
 from delam_fem.simulation.refinement import NOT_REFINED, Refinement, Span
+from delam_fem.simulation.signals import steps_of
 from delam_fem.system.errors import CaseError, require
 from delam_fem.system.mpi import require_options_used
 
@@ -285,17 +286,12 @@ class Solution:
                 "operators: probes: missing, so no displacement is recorded; give Operators(…, "
                 "probes=P), P of shape (n_probes, n_dofs)"
             )
-        first, *_ = records = self.records
-        rows = np.concatenate([first.u[:1], *(r.u[1 : r.n_steps + 1] for r in records)])
-        n = self.recorder.strobe.shape[2]
-        return np.asarray(rows[:, N_BASE : N_BASE + n])
+        return steps_of(self.recorder)[0][:, : self.recorder.strobe.shape[2]]
 
     @cached_property
     def velocity(self) -> FloatArray:
         """Velocities of the probes at the times `time`, shape (k, n_probes) [m/s]."""
-        first, *_ = records = self.records
-        n = self.recorder.strobe.shape[2]
-        return np.concatenate([first.v[:1, :n], *(r.v[1 : r.n_steps + 1, :n] for r in records)])
+        return steps_of(self.recorder)[1][:, : self.recorder.strobe.shape[2]]
 
     @property
     def frames(self) -> FloatArray:

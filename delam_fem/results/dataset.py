@@ -17,11 +17,10 @@ from delam_fem.case.definition import Case
 from delam_fem.model import layout as fields
 from delam_fem.model.beams.network import opening
 from delam_fem.model.layout import Layout, Structure
-from delam_fem.model.operators import Operators
 from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.results.schema import INTERFACE, SENSOR, add, provenance, with_sensor
-from delam_fem.simulation.recorder import LEDGER, N_BASE, PeriodRecord, Recorder
-from delam_fem.simulation.signals import signals
+from delam_fem.simulation.recorder import LEDGER, Recorder
+from delam_fem.simulation.signals import frames_of, signals, steps_of
 
 
 def history(
@@ -41,10 +40,22 @@ def history(
     data = xr.Dataset(coords={"lamina": list(layout.names)})
     if len(layout.interfaces) != 1:
         data = data.assign_coords(interface=[interface.name for interface in layout.interfaces])
-    _add_window(data, recorder, start, len(layout.parts), structure.operators.base.is_force)
-    if len(layout.probes) > len(layout.parts):
-        data = _with_further_probes(data, recorder, layout)
-    _add_periods(data, recorder, len(layout.parts))
+    u, v, base = (rows[1:] for rows in steps_of(recorder))
+    add(data, "time", (start + 1 + np.arange(len(u))) * recorder.time_step)
+    n = len(layout.parts)
+    add(data, "tip_displacement", u[:, :n].T)
+    add(data, "tip_velocity", v[:, :n].T)
+    add(data, "base_displacement", np.zeros(len(u)) if recorder.is_forced else base[:, 0])
+    if recorder.is_forced:
+        add(data, "force", base[:, 0])
+    if probes := layout.probes[n:]:
+        own = slice(n, len(layout.probes))  # those of sensors follow
+        data = data.assign_coords(probe=[probe.name for probe in probes])
+        add(data, "probe_displacement", u[:, own].T)
+        add(data, "probe_velocity", v[:, own].T)
+        add(data, "probe_lamina", [probe.part for probe in probes])
+        add(data, "probe_node", [layout.station_of_point(probe.point) for probe in probes])
+    _add_periods(data, recorder, n)
     add(data, "x", layout.parts[0].positions(layout.stations))
     data = data.set_coords("x")
     add(data, "tip_node", layout.station_of_point(layout.probes[0].point))
@@ -59,7 +70,11 @@ def history(
     if layout.stops:
         _add_stops(data, layout, gap0)
     if layout.n_impactors:
-        _add_impactors(data, recorder, structure)
+        o = structure.operators
+        own = slice(o.n_probes, o.n_probes + layout.n_impactors)
+        shift = 0.0 if o.base.shift is None else o.base.shift[-layout.n_impactors :]
+        add(data, "impactor_displacement", (u[:, own] + base[:, :1] * shift).T)
+        add(data, "impactor_velocity", (v[:, own] + base[:, 1:2] * shift).T)
     _add_frames(data, recorder, structure, start)
     _add_events(data, recorder, layout, start)
     if not case.is_massless:  # there impacts take no energy
@@ -85,55 +100,6 @@ def _add_stops(data: xr.Dataset, layout: Layout, gap0: FloatArray) -> None:
     add(data, "stop_on_base", np.concatenate([[s.on_base] * s.places.size for s in layout.stops]))
 
 
-def _add_impactors(data: xr.Dataset, recorder: Recorder, structure: Structure) -> None:
-    """Add the motion of the impactors at every step of the window."""
-    o, count = structure.operators, structure.layout.n_impactors
-    own = slice(o.n_probes, o.n_probes + count)
-    u = np.concatenate([r.u[_rows(r), N_BASE:][:, own] for r in recorder.window])
-    v = np.concatenate([r.v[_rows(r), own] for r in recorder.window])
-    if o.base.shift is not None:
-        drive = np.concatenate([r.base_states[_rows(r), :2] for r in recorder.window])
-        shift = o.base.shift[-count:]
-        u, v = u + np.outer(drive[:, 0], shift), v + np.outer(drive[:, 1], shift)
-    add(data, "impactor_displacement", u.T)
-    add(data, "impactor_velocity", v.T)
-
-
-def _rows(record: PeriodRecord) -> slice:
-    return slice(1, record.n_steps + 1)
-
-
-def _add_window(
-    data: xr.Dataset, recorder: Recorder, start: int, n_parts: int, is_forced: bool
-) -> None:
-    """Add the histories of the reference probes and the drive at every step of the window."""
-    window, references = recorder.window, slice(N_BASE, N_BASE + n_parts)
-    u = np.concatenate([r.u[_rows(r), references] for r in window])
-    v = np.concatenate([r.v[_rows(r), :n_parts] for r in window])
-    add(data, "time", (start + 1 + np.arange(len(u))) * recorder.time_step)
-    add(data, "tip_displacement", u.T)
-    add(data, "tip_velocity", v.T)
-    drive = np.concatenate([r.base_states[_rows(r), 0] for r in window])
-    add(data, "base_displacement", np.zeros_like(drive) if is_forced else drive)
-    if is_forced:
-        add(data, "force", drive)
-
-
-def _with_further_probes(data: xr.Dataset, recorder: Recorder, layout: Layout) -> xr.Dataset:
-    """Return the dataset with the histories of the probes beyond the reference probes."""
-    first = len(layout.parts)
-    probes = layout.probes[first:]
-    data = data.assign_coords(probe=[probe.name for probe in probes])
-    last = len(layout.probes)  # those of sensors follow
-    u = np.concatenate([r.u[_rows(r), N_BASE + first : N_BASE + last] for r in recorder.window])
-    v = np.concatenate([r.v[_rows(r), first:last] for r in recorder.window])
-    add(data, "probe_displacement", u.T)
-    add(data, "probe_velocity", v.T)
-    add(data, "probe_lamina", [probe.part for probe in probes])
-    add(data, "probe_node", [layout.station_of_point(probe.point) for probe in probes])
-    return data
-
-
 def _add_periods(data: xr.Dataset, recorder: Recorder, n_parts: int) -> None:
     """Add strobes, envelopes, impulses and energies of every period."""
     k, references = recorder.n_closed, slice(0, n_parts)
@@ -151,11 +117,13 @@ def _add_periods(data: xr.Dataset, recorder: Recorder, n_parts: int) -> None:
 def _add_frames(data: xr.Dataset, recorder: Recorder, structure: Structure, start: int) -> None:
     """Add the fields of the window's frames."""
     layout = structure.layout
-    steps, states, contact, base = _frames(recorder, structure.operators, start)
+    steps, frames, contact, base = frames_of(recorder)
+    states = np.array(frames) if frames else np.empty((0, 2, structure.operators.n_own))
+    contact = contact.reshape(len(frames), structure.operators.n_pairs)
     nodal = fields.nodal(layout, states[:, 0], base[:, 0])
     u, phi = fields.at_stations(layout, *nodal)
     v, _ = fields.at_stations(layout, *fields.nodal(layout, states[:, 1], base[:, 1]))
-    add(data, "frame", steps * recorder.time_step)
+    add(data, "frame", (start + steps) * recorder.time_step)
     add(data, "displacement", u)
     add(data, "slope", phi)
     add(data, "velocity", v)
@@ -164,30 +132,6 @@ def _add_frames(data: xr.Dataset, recorder: Recorder, structure: Structure, star
     if layout.stops:
         first = layout.stops[0].first_pair
         add(data, "stop_state", contact[:, first:])
-
-
-def _frames(
-    recorder: Recorder, operators: Operators, start: int
-) -> tuple[IntArray, FloatArray, npt.NDArray[np.int8], FloatArray]:
-    """Return step, (u, v) of all dofs, contact states and (q, q') of the base at all frames."""
-    steps, states, contact, base = [], [], [], []
-    for j, record in enumerate(recorder.window):
-        if record.frames:
-            own = record.frame_steps[: len(record.frames)]
-            steps.append(start + j * recorder.steps_per_period + own)
-            states.append(np.array(record.frames))
-            contact.append(np.array(record.contact))
-            base.append(record.base_states[own, :2])
-    if not steps:
-        empty = np.empty((0, 2, operators.n_own)), np.empty((0, operators.n_pairs), np.int8)
-        return np.empty(0, np.int64), *empty, np.empty((0, 2))
-    of_base = 0.0 if operators.base.is_force else 1.0
-    return (
-        np.concatenate(steps),
-        np.concatenate(states),
-        np.concatenate(contact),
-        of_base * np.concatenate(base),
-    )
 
 
 def _of_interfaces(layout: Layout, of_pairs: npt.NDArray[Any]) -> npt.NDArray[Any]:

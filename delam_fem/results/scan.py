@@ -22,6 +22,7 @@ from delam_fem.case.definition import Case
 from delam_fem.model.layout import Layout, Structure, interpolation, nodal
 from delam_fem.numerics.types import FloatArray
 from delam_fem.simulation.recorder import Recorder
+from delam_fem.simulation.signals import frames_of
 from delam_fem.system.errors import CaseError
 
 _ROUND_OFF = 1e-9
@@ -75,17 +76,10 @@ def scan_field(
     Returns:
         Times [s], shape (k,), displacements [m] and velocities [m/s], each of shape (k, n).
     """
-    found = []
-    for kind in (0, 1):
-        vectors = np.concatenate([np.array(record.frames)[:, kind] for record in recorder.window])
-        base = np.concatenate([r.base_states[r.frame_steps, kind] for r in recorder.window])
-        fixed = 0.0 * base if recorder.is_forced else base
-        found.append(at_points(structure, lamina, x, vectors, fixed))
-    steps = [
-        number * recorder.steps_per_period + record.frame_steps
-        for number, record in enumerate(recorder.window)
-    ]
-    return np.concatenate(steps) * recorder.time_step, found[0], found[1]
+    frames = frames_of(recorder)
+    of_kinds = zip(np.array(frames.states).swapaxes(0, 1), frames.base.T, strict=True)
+    u, v = (at_points(structure, lamina, x, *of_kind) for of_kind in of_kinds)
+    return frames.steps * recorder.time_step, u, v
 
 
 def at_points(

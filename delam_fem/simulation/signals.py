@@ -1,4 +1,6 @@
-"""The signals of sensors over the window of a run, sampled and with noise.
+"""What a recorder has kept in its window: steps, frames, and the signals of sensors.
+
+Signals are sampled and have noise.
 
 A sensor without a sampling rate has a value at every step. With a rate, the signal passes a
 low-pass filter without phase shift before it is sampled, as in front of a converter: the pass band
@@ -11,8 +13,10 @@ from __future__ import annotations
 
 import zlib
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 from scipy.interpolate import make_interp_spline
 
 from delam_fem.case.definition import Case
@@ -26,6 +30,54 @@ PASS, STOP, ATTENUATION = 0.4, 0.5, 60.0
 """Ends of the pass band and of the transition over the sampling rate; attenuation [dB]."""
 _ROUND_OFF = 1e-6
 """Share of a sample within which a sample is at an end of the window."""
+
+
+def steps_of(recorder: Recorder) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return what a window has of its start and of every step, one after another.
+
+    Returns:
+        Displacements and velocities of probes and sensors, as in `PeriodRecord` but without the
+        entries of the ledger, and (q, q', q'') of the base or force; first axis: k steps + 1.
+    """
+    first, *_ = records = list(recorder.window)
+    tables = ((r.u[:, N_BASE:], r.v, r.base_states) for r in records)
+    begun = (first.u[:1, N_BASE:], first.v[:1], first.base_states[:1])
+    rows = ([t[1 : r.n_steps + 1] for t in own] for r, own in zip(records, tables, strict=True))
+    u, v, base = (np.concatenate(table) for table in zip(begun, *rows, strict=True))
+    return u, v, base
+
+
+class Instants(NamedTuple):
+    """What a window has of its frames.
+
+    Attributes:
+        steps: from the start of the window, shape (k,).
+        states: (u, v) of the dofs of this rank, each of shape (2, n_own).
+        contact: contact states, shape (k, n_pairs).
+        base: (q, q') of the base, 0 where a force drives, shape (k, 2).
+    """
+
+    steps: IntArray
+    states: list[FloatArray]
+    contact: npt.NDArray[np.int8]
+    base: FloatArray
+
+
+def frames_of(recorder: Recorder) -> Instants:
+    """Return what the window of a recorder has of its frames, one after another."""
+    steps, base = [np.zeros(0, np.int64)], [np.zeros((0, 2))]
+    for number, record in enumerate(recorder.window):
+        own = record.frame_steps[: len(record.frames)]
+        steps.append(number * recorder.steps_per_period + own)
+        base.append(record.base_states[own, :2])
+    of_base = 0.0 if recorder.is_forced else 1.0
+    contact = [state for record in recorder.window for state in record.contact]
+    return Instants(
+        np.concatenate(steps),
+        [state for record in recorder.window for state in record.frames],
+        np.array(contact, np.int8),
+        of_base * np.concatenate(base),
+    )
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ its nodes. "Warp By Vector" with the displacement shows the motion.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -30,7 +30,8 @@ from delam_fem.results.fields import vtkhdf
 from delam_fem.results.fields.vtkhdf import subcells
 from delam_fem.results.folder import SOLID
 from delam_fem.results.schema import by_interface, event_interfaces
-from delam_fem.simulation.recorder import HIT, RESTING, PeriodRecord, Recorder
+from delam_fem.simulation.recorder import HIT, RESTING, Recorder
+from delam_fem.simulation.signals import frames_of
 
 if TYPE_CHECKING:
     from delam_fem.model.solids.body import Body, Shape
@@ -242,18 +243,16 @@ def collected(structure: Structure, recorder: Recorder, case: Case) -> Frames | 
         None: the structure has no body, no finite frame was kept, or this is not the first rank.
     """
     body = structure.body
-    kept = [state for record in recorder.window for state in record.frames]
-    if body is None or not kept:
+    steps, states, contact, base = frames_of(recorder)
+    if body is None or not states:
         return None
-    flags = body.solid.comm.allgather([bool(np.isfinite(state).all()) for state in kept])
+    flags = body.solid.comm.allgather([bool(np.isfinite(state).all()) for state in states])
     finite = np.flatnonzero(np.all(flags, axis=0))  # a diverged run ends without numbers
     if not finite.size:
         return None
-    kept = [kept[k] for k in finite]
-    ticks, base, resting = _instants(recorder)
-    ticks, base, resting = ticks[finite], base[finite], resting[finite]
-    forces = _spring_forces(structure, case, kept, resting)
-    motion = _motion(body, kept, base)
+    kept, ticks = [states[k] for k in finite], steps[finite] * recorder.refine
+    forces = _spring_forces(structure, case, kept, contact[finite] == RESTING)
+    motion = _motion(body, kept, base[finite])
     shape = body.shape()
     if motion is None:
         return None
@@ -270,29 +269,14 @@ def collected(structure: Structure, recorder: Recorder, case: Case) -> Frames | 
     )
 
 
-def _records(recorder: Recorder) -> Iterator[tuple[int, PeriodRecord]]:
-    """Yield the periods of the window, each with the tick at which it begins."""
-    for number, record in enumerate(recorder.window):
-        yield number * recorder.steps_per_period * recorder.refine, record
-
-
-def _instants(recorder: Recorder) -> tuple[IntArray, FloatArray, npt.NDArray[np.bool_]]:
-    """Return ticks of the frames from the window's start, (q, q') of the base, resting pairs."""
-    ticks, base, resting = [], [], []
-    for begin, record in _records(recorder):
-        steps = record.frame_steps[: len(record.frames)]
-        ticks.append(begin + steps * recorder.refine)
-        base.append(record.base_states[steps, :2])
-        resting += [contact == RESTING for contact in record.contact]
-    moving = 0.0 if recorder.is_forced else 1.0
-    return np.concatenate(ticks), moving * np.concatenate(base), np.array(resting)
-
-
 def _impulses(recorder: Recorder, ticks: IntArray, n_pairs: int) -> FloatArray:
     """Return the impulses on all pairs since the frame before, shape (n_frames, n_pairs) [N s]."""
     sums = np.zeros((ticks.size + 1, n_pairs))  # the last row: after the last frame
-    for begin, record in _records(recorder):
-        columns = record.jumps.columns()
+    for number, record in enumerate(recorder.window):
+        begin, columns = (
+            number * recorder.steps_per_period * recorder.refine,
+            record.jumps.columns(),
+        )
         row = np.searchsorted(ticks, begin + np.repeat(columns.ticks, columns.sizes))
         np.add.at(sums, (row, columns.hit), columns.impulses)
     return sums[:-1]

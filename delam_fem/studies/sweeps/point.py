@@ -61,8 +61,8 @@ from delam_fem.results.quality import OPEN, decay_of, enough_of, is_lost
 from delam_fem.results.scan import ORDERS, scan_field, scan_positions, shapes_of, surface_of
 from delam_fem.results.schema import MEASURES, SENSOR, Variable
 from delam_fem.simulation.loop import Engine, State, initial_state, one_period, set_initial
-from delam_fem.simulation.recorder import LEDGER, N_BASE, Recorder
-from delam_fem.simulation.signals import Signal, signals
+from delam_fem.simulation.recorder import LEDGER, Recorder
+from delam_fem.simulation.signals import Signal, frames_of, signals, steps_of
 from delam_fem.studies.linear import steady_motion
 from delam_fem.studies.sweeps.grid import Record, ScanRecord, Sweep, Value, is_initial
 from delam_fem.system.errors import CaseError
@@ -343,9 +343,8 @@ def probe_motion(recorder: Recorder, structure: Structure) -> diagnostics.ProbeM
         for row, pair in zip(is_hit, pairs, strict=True):
             row[steps[jumps.hit == pair]] = True
         start += record.n_steps
-    u = [r.u[1 : r.n_steps + 1, N_BASE : N_BASE + n_laminae] for r in recorder.window]
     return diagnostics.ProbeMotion(
-        np.concatenate(u).T,
+        steps_of(recorder)[0][1:, :n_laminae].T,
         recorder.strobe[: recorder.n_closed, 0, :n_laminae].T,
         np.where(pairs == NO_PAIR, 0.0, gap0[pairs]),
         is_hit,
@@ -366,9 +365,8 @@ def _pairs_at_probes(layout: Layout) -> IntArray:
 
 def _node_distortion(recorder: Recorder, layout: Layout) -> dict[str, npt.ArrayLike]:
     """Return d and THD at every node from the frames of the window."""
-    states = np.concatenate([np.array(record.frames)[:, 0] for record in recorder.window])
-    base = np.concatenate([r.base_states[r.frame_steps, 0] for r in recorder.window])
-    u, _ = nodal(layout, states, 0.0 * base if recorder.is_forced else base)
+    frames = frames_of(recorder)
+    u, _ = nodal(layout, np.array(frames.states)[:, 0], frames.base[:, 0])
     amplitudes = harmonic_amplitudes(u.swapaxes(1, 2), len(recorder.window))
     return {
         "node_distortion_factor": distortion_factor(amplitudes),
