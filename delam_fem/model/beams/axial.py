@@ -15,19 +15,8 @@ import scipy.sparse as sp
 from scipy.linalg import eigh
 
 from delam_fem.case.definition import Case
-from delam_fem.model.beams.network import completed, gap_at_rest, probes_of, with_masses
-from delam_fem.model.layout import (
-    BASE,
-    FIXED,
-    Layout,
-    Part,
-    Structure,
-    Support,
-    gap_matrix,
-    neighbours,
-    probe_rows,
-)
-from delam_fem.model.operators import BaseCoupling, Operators
+from delam_fem.model.beams.network import probes_of, side_by_side
+from delam_fem.model.layout import BASE, FIXED, Layout, Part, Structure, Support, neighbours
 from delam_fem.numerics.types import FloatArray, IntArray
 
 
@@ -37,21 +26,14 @@ def assemble(case: Case, x: FloatArray) -> Structure:
     ends = ((0, case.support.start), (last, case.support.end))
     held = [(node, kind) for node, kind in ends if kind != "free"]
     free = np.delete(np.arange(x.size), [node for node, _ in held])
-    n = count * free.size
-    numbers = np.full((count, x.size), BASE)
-    numbers[:, free] = np.arange(n).reshape(count, free.size)
-    both = [sp.eye(last, x.size, k=k, format="csr") for k in (0, 1)]  # nodes at the ends of cells
-    sums = [sp.csr_matrix((n + 1, n + 1)) for _ in range(3)]
-    lumped = np.zeros(n + 1)
+    start, end = (sp.eye(last, x.size, k=k, format="csr") for k in (0, 1))  # nodes of cells
+    laminae, lumped = [], []
     for i, own in enumerate(case.lamina):
-        to = sp.csr_matrix((np.ones(x.size), (np.arange(x.size), numbers[i] % (n + 1))))
-        to.resize(x.size, n + 1)  # column n is the base
-        start, end = (N @ to for N in both)
         masses = sp.diags(own.mass_per_length * h)
         k = own.axial_rigidity / h if own.stiffness is None else np.array([own.stiffness])
         diagonal = 0.5 * (start + end).T @ masses.diagonal()
         if own.mass is not None:
-            diagonal = own.mass * to.toarray()[last]
+            diagonal = own.mass * np.eye(x.size)[last]
         M = sum(N.T @ masses @ N for N in (start, end, start + end)) / 6.0
         if own.mass is not None or case.time.mass == "lumped":
             M = sp.diags(diagonal)
@@ -59,45 +41,34 @@ def assemble(case: Case, x: FloatArray) -> Structure:
         alpha, beta = case.rayleigh(i)
         C = alpha * M + beta * K
         if case.damping.rayleigh == "every mode":
-            C = _damped(M, K, own.damping_ratio, numbers[i, free])
-        sums = [A + added for A, added in zip(sums, (M, C, K), strict=True)]
-        lumped += diagonal
-    slopes = np.full(x.size, FIXED)
+            C = _damped(M, K, own.damping_ratio, free)
+        laminae.append((M, C, K))
+        lumped.append(diagonal)
+    dofs = np.full((count, x.size, 2), FIXED)
+    dofs[..., 0] = BASE
+    dofs[:, free, 0] = np.arange(count * free.size).reshape(count, free.size)
     parts = tuple(
-        Part(own.name, x, np.column_stack([dofs, slopes]), np.zeros(last),
-             np.full(last, own.mass_per_length))
-        for own, dofs in zip(case.lamina, numbers, strict=True)
-    )  # fmt: skip
+        Part(own.name, x, dofs[i], np.zeros(last), np.full(last, own.mass_per_length))
+        for i, own in enumerate(case.lamina)
+    )
     layout = Layout(
         parts,
         neighbours(parts, 1),
         probes_of(case, x),
         tuple(Support(i, node, kind) for i in range(count) for node, kind in held),
     )
-    mass, damping, stiffness = (sp.csr_matrix(A[:n, :n]) for A in sums)
-    m, c, k = (A[:n, n].toarray().ravel() for A in map(sp.csr_matrix, sums))
-    m_aa, c_aa, k_aa = (float(A[n, n]) for A in map(sp.csr_matrix, sums))
-    operators = Operators(
-        mass=mass,
-        damping=damping,
-        stiffness=stiffness,
-        lumped_mass=lumped[:n],
-        base=BaseCoupling(m, c, k, corner=(m_aa, c_aa, k_aa)),
-        gap_matrix=gap_matrix(layout.parts, layout.interfaces, n),
-        gap0=gap_at_rest(case, layout),
-        probes=probe_rows(layout, n),
-    )
-    return completed(with_masses(Structure(operators, layout), case), case)
+    straight = np.diag([1.0, 0.0])  # the slopes have no stiffness and no mass
+    matrices = [sp.kron(sp.block_diag(own), straight) for own in zip(*laminae, strict=True)]
+    return side_by_side(case, layout, matrices, np.kron(np.concatenate(lumped), straight[0]))
 
 
-def _damped(M: sp.spmatrix, K: sp.spmatrix, ratio: float, dofs: IntArray) -> sp.csr_matrix:
+def _damped(M: sp.spmatrix, K: sp.spmatrix, ratio: float, free: IntArray) -> sp.csr_matrix:
     """Return C = M Σ 2 D ω φ φᵀ M of motions relative to the base, with φᵀ M φ = 1."""
-    n_columns = M.shape[0]
-    M, K = (sp.csr_matrix(A)[dofs][:, dofs].toarray() for A in (M, K))
-    squares, shapes = eigh(K, M)
-    momenta = M @ shapes
+    M_free, K_free = (sp.csr_matrix(A)[free][:, free].toarray() for A in (M, K))
+    squares, shapes = eigh(K_free, M_free)
+    momenta = M_free @ shapes
     C = momenta * (2.0 * ratio * np.sqrt(np.maximum(squares, 0.0))) @ momenta.T
-    entries = np.ones(dofs.size), (np.arange(dofs.size), dofs)
-    relative = sp.csr_matrix(entries, shape=(dofs.size, n_columns)).tolil()
-    relative[:, -1] = -1.0
+    relative = np.eye(M.shape[0])[free]
+    for node in np.setdiff1d(np.arange(M.shape[0]), free)[:1]:  # all held nodes are the base
+        relative[:, node] = -1.0
     return sp.csr_matrix(relative.T @ C @ relative)

@@ -32,23 +32,17 @@ from delam_fem.model.beams.network import (
     Network,
     Segment,
     clamped_laminae,
-    completed,
-    gap_at_rest,
     network,
-    pair_weights,
+    side_by_side,
     structure,
-    with_masses,
 )
-from delam_fem.model.layout import Structure, gap_matrix, probe_rows, selection
+from delam_fem.model.layout import Structure, selection
 from delam_fem.model.mesh import node_coordinates, require_edges
 from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.numerics import harmonics
 from delam_fem.numerics.beams import cantilever_mode, cantilever_roots
 from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.errors import CaseError
-
-CLAMP_U, CLAMP_PHI = 0, 1
-"""Dofs of the clamped node. One lamina's dofs run node by node from the clamp, u before phi."""
 
 
 def assemble(case: Case, x: npt.ArrayLike | None = None) -> Structure:
@@ -77,24 +71,9 @@ def assemble(case: Case, x: npt.ArrayLike | None = None) -> Structure:
     C = [alpha * m + beta * k for (alpha, beta), m, k in zip(damping, M, K, strict=True)]
     EI = np.stack([beam.flexural_rigidity for beam in beams])
     rhoA = np.stack([beam.mass_per_length for beam in beams])
-    layout, mass = clamped_laminae(case, x, EI, rhoA), _free_block(M)
-    operators = Operators(
-        mass=mass,
-        damping=_free_block(C),
-        stiffness=_free_block(K),
-        lumped_mass=np.concatenate([beam.lumped_mass[CLAMP_PHI + 1 :] for beam in beams]),
-        base=BaseCoupling(
-            mass=_base_column(M),
-            damping=_base_column(C),
-            stiffness=_base_column(K),
-            corner=(_base_corner(M), _base_corner(C), _base_corner(K)),
-        ),
-        gap_matrix=gap_matrix(layout.parts, layout.interfaces, mass.shape[0]),
-        gap0=gap_at_rest(case, layout),
-        pair_weights=pair_weights(case, layout),
-        probes=probe_rows(layout, mass.shape[0]),
-    )
-    return completed(with_masses(Structure(operators, layout), case), case)
+    matrices = [sp.block_diag(own) for own in (M, C, K)]
+    lumped = np.concatenate([beam.lumped_mass for beam in beams])
+    return side_by_side(case, clamped_laminae(case, x, EI, rhoA), matrices, lumped)
 
 
 def _stack(case: Case, stack: Network) -> Structure:
@@ -331,24 +310,6 @@ def _scaled(numbers: FloatArray, factor: FloatArray, h: npt.ArrayLike) -> FloatA
         factor[..., None, None] * numbers * units[..., :, None] * units[..., None, :]
     )
     return scaled
-
-
-def _free_block(laminae: list[sp.csr_matrix]) -> sp.csr_matrix:
-    """Return the matrix of the free dofs of both laminae."""
-    free = slice(CLAMP_PHI + 1, None)
-    return sp.block_diag([matrix[free, free] for matrix in laminae], format="csr")
-
-
-def _base_column(laminae: list[sp.csr_matrix]) -> FloatArray:
-    """Return the forces on the free dofs per unit motion of both clamps (paper eq. 9)."""
-    return np.concatenate(
-        [matrix[CLAMP_PHI + 1 :, CLAMP_U].toarray().ravel() for matrix in laminae]
-    )
-
-
-def _base_corner(laminae: list[sp.csr_matrix]) -> float:
-    """Return the force on the base, from both laminae, per unit motion of the base."""
-    return float(sum(matrix[CLAMP_U, CLAMP_U] for matrix in laminae))
 
 
 Touching = Literal["everywhere", "tip"]

@@ -46,16 +46,12 @@ from delam_fem.model.beams.network import (
     Network,
     Segment,
     clamped_laminae,
-    completed,
-    gap_at_rest,
     network,
-    pair_weights,
+    side_by_side,
     structure,
-    with_masses,
 )
-from delam_fem.model.layout import BASE, Layout, Structure, gap_matrix, probe_rows
+from delam_fem.model.layout import Structure
 from delam_fem.model.mesh import node_coordinates
-from delam_fem.model.operators import BaseCoupling, Operators
 from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.system.errors import CaseError
 from delam_fem.system.mpi import MPI
@@ -221,8 +217,7 @@ def assemble(
         for profile in (EI, rhoA)
     )
     layout = clamped_laminae(case, x, EI_of_cell, rhoA_of_cell)
-    structure = Structure(_operators(case, layout, (M, C, K), lumped), layout)
-    return completed(with_masses(structure, case), case)
+    return side_by_side(case, layout, (M, C, K), lumped)
 
 
 def _lines(n: int, count: int) -> IntArray:
@@ -268,31 +263,6 @@ def _matrices(
     # two forms, because ffcx 0.5 does not allow two quadrature rules in one form
     C = laminae.assemble(inertia(alpha)) + laminae.assemble(beta * EI * w2 * v2 * dx_bending)
     return M, C, K, laminae.assemble(lumped_mass(1)).diagonal()
-
-
-def _operators(
-    case: Case,
-    layout: Layout,
-    matrices: tuple[sp.csr_matrix, sp.csr_matrix, sp.csr_matrix],
-    lumped: FloatArray,
-) -> Operators:
-    """Separate the clamped dofs (paper eq. 9) and pair opposite nodes."""
-    whole = np.concatenate([part.dofs.ravel() for part in layout.parts])  # the assembly's order
-    free, base = np.flatnonzero(whole >= 0), np.flatnonzero(whole == BASE)
-    mass, damping, stiffness = (matrix[free][:, free].tocsr() for matrix in matrices)
-    m, c, k = (np.asarray(matrix[free][:, base].sum(axis=1)).ravel() for matrix in matrices)
-    m_aa, c_aa, k_aa = (float(matrix[base][:, base].sum()) for matrix in matrices)
-    return Operators(
-        mass=mass,
-        damping=damping,
-        stiffness=stiffness,
-        lumped_mass=lumped[free],
-        base=BaseCoupling(m, c, k, corner=(m_aa, c_aa, k_aa)),
-        gap_matrix=gap_matrix(layout.parts, layout.interfaces, free.size),
-        gap0=gap_at_rest(case, layout),
-        pair_weights=pair_weights(case, layout),
-        probes=probe_rows(layout, free.size),
-    )
 
 
 Line = tuple[Segment, Group, int]

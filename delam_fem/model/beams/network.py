@@ -525,22 +525,25 @@ def point_load(layout: Layout, lamina: str, position: float, n_dofs: int) -> Flo
     return np.asarray(layout.of_dofs(row).toarray()[0])
 
 
-def added_mass(case: Case, layout: Layout, n: int) -> tuple[sp.csr_matrix, FloatArray]:
-    """Return what the point masses of a case add to the mass of free dofs and base.
+def added_mass(
+    case: Case, layout: Layout, n: int, masses: Sequence[PointMass]
+) -> tuple[sp.csr_matrix, FloatArray]:
+    """Return what point masses add to the mass of free dofs and base.
 
     Args:
-        case: gives the masses.
+        case: the case.
         layout: of the structure.
         n: number of free dofs; column n is the base.
+        masses: the masses, of the case or of one of its laminae.
 
     Returns:
         Matrix of shape (n + 1, n + 1), lumped if the case takes the lumped mass; the diagonal that
         they add to the lumped mass, shape (n + 1,) [kg].
     """
     matrix, lumped = sp.csr_matrix((n + 1, n + 1)), np.zeros(n + 1)
-    for own in case.point_mass:
+    for own in masses:
         part = layout.parts[layout.names.index(own.lamina)]
-        place = place_of(part, _position(own, case))
+        place = place_of(part, case.length if own.position is None else own.position)
         row = columns_of(part, place, n)
         matrix = matrix + own.mass * (row.T @ row)
         point = min(int(place), part.n_elements - 1)
@@ -551,40 +554,49 @@ def added_mass(case: Case, layout: Layout, n: int) -> tuple[sp.csr_matrix, Float
     return (sp.diags(lumped, format="csr") if case.time.mass == "lumped" else matrix), lumped
 
 
-def with_masses(structure: Structure, case: Case) -> Structure:
-    """Return laminae that are apart with the point masses of their case."""
-    if not case.point_mass:
-        return structure
-    o, layout = structure.operators, structure.layout
-    n = o.n_dofs
-    mass, damping, base = o.mass, o.damping, o.base
-    lumped = np.zeros(n + 1)
+def side_by_side(
+    case: Case, layout: Layout, matrices: Sequence[sp.spmatrix], lumped: FloatArray
+) -> Structure:
+    """Return laminae that are apart, with their point masses; each has its own damping.
+
+    Args:
+        case: the case.
+        layout: of the laminae.
+        matrices: M, C, K of all points of all laminae, point by point, held ones included.
+        lumped: diagonal of the lumped mass of the same dofs.
+    """
+    whole = np.concatenate([part.dofs.ravel() for part in layout.parts])
+    n, moving = int(whole.max()) + 1, np.flatnonzero(whole != FIXED)
+    columns = np.where(whole == BASE, n, whole)[moving]
+    to = sp.csr_matrix((np.ones(moving.size), (moving, columns)), shape=(whole.size, n + 1))
+    M, C, K = (to.T @ matrix @ to for matrix in matrices)
+    lumped = to.T @ lumped
     for i, lamina in enumerate(case.lamina):
-        own = tuple(point for point in case.point_mass if point.lamina == lamina.name)
-        added, diagonal = added_mass(case.model_copy(update={"point_mass": own}), layout, n)
-        alpha, _ = case.rayleigh(i)
-        column, corner = added[:n, n].toarray().ravel(), float(added[n, n])
-        mass, damping = mass + added[:n, :n], damping + alpha * added[:n, :n]
-        base = replace(
-            base,
-            mass=base.mass + column,
-            damping=base.damping + alpha * column,
-            corner=(base.corner[0] + corner, base.corner[1] + alpha * corner, base.corner[2]),
-        )
-        lumped += diagonal
-    operators = replace(
-        o,
-        mass=mass.tocsr(),
-        damping=damping.tocsr(),
-        base=base,
-        lumped_mass=None if o.lumped_mass is None else o.lumped_mass + lumped[:n],
+        if masses := [own for own in case.point_mass if own.lamina == lamina.name]:
+            added, diagonal = added_mass(case, layout, n, masses)
+            M, C, lumped = M + added, C + case.rayleigh(i)[0] * added, lumped + diagonal
+    return completed(Structure(_operators(case, layout, (M, C, K), lumped), layout), case)
+
+
+def _operators(
+    case: Case, layout: Layout, matrices: Sequence[sp.spmatrix], lumped: FloatArray
+) -> Operators:
+    """Return operators from M, C, K and the lumped mass, whose last column is the base."""
+    n = lumped.size - 1
+    M, C, K = (sp.csr_matrix(matrix) for matrix in matrices)
+    m, c, k = (matrix[:n, n].toarray().ravel() for matrix in (M, C, K))
+    corner = float(M[n, n]), float(C[n, n]), float(K[n, n])
+    return Operators(
+        mass=M[:n, :n],
+        damping=C[:n, :n],
+        stiffness=K[:n, :n],
+        lumped_mass=lumped[:n],
+        base=BaseCoupling(m, c, k, corner=corner),
+        gap_matrix=gap_matrix(layout.parts, layout.interfaces, n),
+        gap0=gap_at_rest(case, layout),
+        pair_weights=pair_weights(case, layout),
+        probes=probe_rows(layout, n),
     )
-    return replace(structure, operators=operators)
-
-
-def _position(own: PointMass, case: Case) -> float:
-    """Return the place of a mass [m]; without one, the end x = L."""
-    return case.length if own.position is None else own.position
 
 
 _TWO_PI = 2.0 * np.pi
@@ -606,25 +618,13 @@ def structure(
     layout = layout_of(case, network)
     if case.time.mass == "lumped":
         mass = sp.diags(lumped)
-    added, diagonal = added_mass(case, layout, n)
+    added, diagonal = added_mass(case, layout, n, case.point_mass)
     M = sp.csr_matrix(sp.csr_matrix(mass)[: n + 1, : n + 1] + added)
     of_supports = _inner_springs(case, layout, n)
     K = eliminated(stiffness, n + 1) + _springs(case, network) + of_supports[0]
     alpha, beta = damping(case, layout, M[:n, :n], K[:n, :n])
-    C = sp.csr_matrix(alpha * M + beta * K + of_supports[1])
-    m, c, k = (matrix[:n, n].toarray().ravel() for matrix in (M, C, K))
-    corner = tuple(float(matrix[n, n]) for matrix in (M, C, K))
-    operators = Operators(
-        mass=sp.csr_matrix(M[:n, :n]),
-        damping=sp.csr_matrix(C[:n, :n]),
-        stiffness=sp.csr_matrix(K[:n, :n]),
-        lumped_mass=lumped[:n] + diagonal[:n],
-        base=BaseCoupling(m, c, k, corner=(corner[0], corner[1], corner[2])),
-        gap_matrix=gap_matrix(layout.parts, layout.interfaces, n),
-        gap0=gap_at_rest(case, layout),
-        pair_weights=pair_weights(case, layout),
-        probes=probe_rows(layout, n),
-    )
+    C = alpha * M + beta * K + of_supports[1]
+    operators = _operators(case, layout, (M, C, K), lumped[: n + 1] + diagonal)
     return completed(Structure(operators, layout), case, surface_strain(network, stiffness))
 
 
