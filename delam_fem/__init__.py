@@ -59,6 +59,7 @@ if TYPE_CHECKING:
     from delam_fem.studies.detection.pod import STUDY as pod
     from delam_fem.studies.diagrams.page import diagram
     from delam_fem.studies.identification.identify import STUDY as identify
+    from delam_fem.studies.identification.natural import STUDY as natural
     from delam_fem.studies.identification.resonance import STUDY as resonance
     from delam_fem.studies.models import compare_models
     from delam_fem.studies.modes import modes
@@ -102,6 +103,7 @@ _HOMES = {
     "load_sweep": "studies.sweeps.grid",
     "modes": "studies.modes",
     "modulate": "studies.detection.modulation:STUDY",
+    "natural": "studies.identification.natural:STUDY",
     "operators": "results.export",
     "orbit": "studies.orbits.run",
     "overlay": "results.overlay.whole",
@@ -153,6 +155,7 @@ __all__ = [
     "load_sweep",
     "modes",
     "modulate",
+    "natural",
     "operators",
     "orbit",
     "overlay",

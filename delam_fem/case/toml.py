@@ -319,6 +319,10 @@ def set_key(data: Data, key: str, value: object) -> None:
             table = _entry(table, part, key)
         if not isinstance(table, dict | list):
             raise CaseError(f"override {key}: {'.'.join(parents[:depth])} is not a table")
+    if parents == ["support"] and isinstance(table, list):  # its own keys are those of the ends
+        ends = [entry for entry in table if "position" not in entry] or [{}]
+        table[:] = [*table, *(own for own in ends if own not in table)]
+        table = ends[0]
     if not isinstance(table, dict) or not last:
         names = " or ".join(f"{'.'.join(parents)}.{name}.{last}" for name in _names(table))
         raise CaseError(

@@ -160,6 +160,7 @@ GROUPS: dict[str, dict[str, Callable[..., None]]] = {
         "measure overlay": overlay_command,
         "identify resonance": study_command("identify resonance"),
         "identify keys": study_command("identify keys"),
+        "identify natural": study_command("identify natural"),
         "detect scan": study_command("detect scan"),
         "detect excite": study_command("detect excite"),
         "detect pod": study_command("detect pod"),
@@ -178,7 +179,7 @@ GROUPS: dict[str, dict[str, Callable[..., None]]] = {
 FAMILIES = {
     "orbit": "find, follow: periodic orbits, their stability, and branches over a key.",
     "measure": "read, response, overlay: measured data in SI; beside a run.",
-    "identify": "resonance, keys: parameters from measured or simulated motions.",
+    "identify": "resonance, keys, natural: parameters from measured or simulated motions.",
     "detect": "scan, excite, pod, infer, modulate: where a delamination is, and how surely.",
     "show": "page, film, diagram, export, operators: what was computed, for eyes and programs.",
 }

@@ -67,6 +67,7 @@ STUDIES = {
     "detect infer": Entry(studies.Infer, "studies.detection.infer"),
     "identify resonance": Entry(studies.Resonance, "studies.identification.resonance"),
     "identify keys": Entry(studies.Identify, "studies.identification.identify", "identification"),
+    "identify natural": Entry(studies.Natural, "studies.identification.natural"),
     "detect modulate": Entry(studies.Modulate, "studies.detection.modulation"),
 }
 """Commands by their words."""
@@ -201,6 +202,13 @@ PoleRange = Annotated[
     tuple[float, float] | None,
     typer.Option("--poles", metavar="LOW HIGH", help="Find poles between two frequencies."),
 ]
+Free = Annotated[
+    tuple[str, float, float] | None,
+    typer.Option(
+        metavar="CHANNEL LOW HIGH",
+        help="Follow the free vibration of a channel between two frequencies, in segments.",
+    ),
+]
 MeasuredFolder = Annotated[
     Path | None,
     typer.Option(
@@ -234,11 +242,12 @@ def response_command(
     segment: Segment = None,
     estimator: Estimator = "H1",
     pole_range: PoleRange = None,
+    free: Free = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
-    """Read measurements, and add frequency responses to a channel and their poles."""
-    asked = excitation, segment, estimator, pole_range
+    """Read measurements, and add frequency responses, poles, or a free vibration over time."""
+    asked = excitation, segment, estimator, pole_range, free
     _measure(files, output, channels, units, rate, asked, overwrite=overwrite, quiet=quiet)
 
 
@@ -248,7 +257,14 @@ def _measure(
     channels: list[str] | None,
     units: str | None,
     rate: float | None,
-    asked: tuple[str | None, float | None, Method, tuple[float, float] | None] | None = None,
+    asked: tuple[
+        str | None,
+        float | None,
+        Method,
+        tuple[float, float] | None,
+        tuple[str, float, float] | None,
+    ]
+    | None = None,
     *,
     overwrite: bool,
     quiet: bool,
@@ -256,7 +272,7 @@ def _measure(
     """Read measurements, write and show them.
 
     `asked` is what a user asks of frequency responses: excitation, length of segments, estimator,
-    range of poles; None: nothing.
+    range of poles, free vibration; None: nothing.
     """
     with reported(quiet):
         from delam_fem.results.measured.reading import (
@@ -270,17 +286,21 @@ def _measure(
         from delam_fem.system.errors import CaseError
         from delam_fem.system.files import claimed
 
-        excitation, segment, estimator, pole_range = asked or (None, None, "H1", None)
-        if asked is not None and excitation is None and pole_range is None:
+        excitation, segment, estimator, pole_range, free = asked or (None, None, "H1", None, None)
+        if asked is not None and not (excitation or pole_range or free):
             raise CaseError(
-                "measure response: expected --excitation NAME, --poles LOW HIGH or both; "
-                "`measure read` only reads"
+                "measure response: expected --excitation NAME, --poles LOW HIGH or both, or --free "
+                "CHANNEL LOW HIGH; `measure read` only reads"
             )
         data = read_measured(*files, channels=assigned(channels), units=units, rate=rate)
         if excitation is not None:
             from delam_fem.results.measured.responses import with_responses
 
             data = with_responses(data, excitation, segment=segment, estimator=estimator)
+        if free is not None:
+            from delam_fem.results.measured.responses import with_free_vibrations
+
+            data = with_free_vibrations(data, *free, segment=segment)
         found = _poles(data, pole_range)
         folder = output or Path("runs") / f"{files[0].stem}-measured"
         with claimed(folder, inputs=files, may_hold_results=overwrite) as directory:
@@ -292,6 +312,9 @@ def _measure(
                 typer.echo(line)
             if found:
                 table("poles", ("frequency [Hz]", "damping [%]"), found)
+            if free is not None:
+                heading = ("time [s]", "frequency [Hz]", "damping [%]", "amplitude")
+                table(f"free vibration of {free[0]}", heading, _free_rows(data))
             say_files(paths)
 
 
@@ -312,6 +335,16 @@ def _poles(data: xr.Dataset, pole_range: tuple[float, float] | None) -> list[tup
             f"{100 * pole.damping:.3g} ± {100 * pole.damping_scatter:.1g}",
         )
         for pole in found
+    ]
+
+
+def _free_rows(data: xr.Dataset) -> list[tuple[str, ...]]:
+    """Return the numbers of a free vibration as rows of a table."""
+    names = "frequency", "frequency_error", "damping", "damping_error", "amplitude"
+    columns = (data[f"free_{name}"].to_numpy().tolist() for name in ("time", *names))
+    return [
+        (f"{t:.4g}", f"{f:.6g} ± {e:.1g}", f"{100 * d:.3g} ± {100 * s:.1g}", f"{a:.3g}")
+        for t, f, e, d, s, a in zip(*columns, strict=True)
     ]
 
 

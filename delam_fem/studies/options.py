@@ -385,6 +385,28 @@ class Identify(Options):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Natural(Options):
+    """Identify keys of a case over time from one of its natural frequencies.
+
+    Attributes:
+        measured: what measure response --free has written.
+        unknown: a key that is sought; repeatable.
+        mode: number of the mode.
+        uncertain: in what the rig may differ from the case, as for identify keys; repeatable.
+        simulations: number of cases from the prior.
+        seed: seed of the prior and of the noise.
+    """
+
+    common = ()
+    measured: Annotated[Path, Flag(metavar="FILE")]
+    unknown: Annotated[tuple[str, ...], RIG]
+    mode: Annotated[int, Flag(least=1)] = 1
+    uncertain: Annotated[tuple[str, ...] | None, RIG] = None
+    simulations: Annotated[int, Flag(least=50)] = 300
+    seed: Annotated[int, Flag(least=0)] = 1
+
+
+@dataclass(frozen=True, kw_only=True)
 class Converge(Options):
     """Refine a case, and show to which limit, how fast and at what cost each method converges.
 

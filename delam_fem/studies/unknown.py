@@ -65,6 +65,16 @@ class Unknown:
         return tuple(f"lamina.{lamina.name}.{last}" for lamina in case.lamina)
 
 
+def require_values(unknowns: Sequence[Unknown]) -> None:
+    """Refuse multiples of the values of a case, which only what is uncertain may have."""
+    for own in unknowns:
+        if own.is_relative:
+            raise CaseError(
+                f"unknown: {own.key}: expected values of the key, given multiples of its own; "
+                "only --uncertain takes them"
+            )
+
+
 def value_of(case: Case, key: str) -> float:
     """Return a number of a case by its key; NaN if it has none."""
     found: object = case

@@ -129,8 +129,9 @@ def netcdf_sheets(data: xr.Dataset, path: Path) -> list[Sheet]:
             found.append(Sheet(f"{path}", tuple(columns)))
     if "gap0" in data and "x" in data["gap0"].coords and "x" not in data.dims:
         x = data["x"]
-        column = Column("x", x.to_numpy(), x.attrs.get("units"))
-        found.append(Sheet(f"{path}", (column, *_columns(data["gap0"], str(x.dims[0])))))
+        if columns := _columns(data["gap0"], str(x.dims[0])):  # a single lamina has none
+            own = Column("x", x.to_numpy(), x.attrs.get("units"))
+            found.append(Sheet(f"{path}", (own, *columns)))
     if not found:
         raise CaseError(
             f"{path}: expected variables over a dimension time, frequency or x with its "

@@ -66,6 +66,12 @@ BESIDES = {
     "response_imag": "its imaginary part, in a file",
     "response_units": "unit of each frequency response, where they differ",
     "coherence": "coherence",
+    "free_time": "middle of a segment of a free vibration",
+    "free_frequency": "its frequency",
+    "free_damping": "its damping ratio",
+    "free_amplitude": "its amplitude at the beginning of the segment",
+    "free_frequency_error": "standard error of its frequency",
+    "free_damping_error": "standard error of its damping ratio",
     "channel": "name of a channel",
     **{f"channel_{name}": meaning for name, meaning in TABLE.items()},
 }
@@ -514,10 +520,10 @@ def write_all(data: xr.Dataset, directory: Path) -> list[Path]:
         OSError: a file cannot be written.
     """
     written = [write_measured(data, directory / MEASURED)]
-    if "response" in data:
-        from delam_fem.results.measured.responses import save_responses
+    if "response" in data or "free_frequency" in data:
+        from delam_fem.results.measured.responses import save_pictures
 
-        written.append(save_responses(data, directory))
+        written += save_pictures(data, directory)
     if "gap0" in data:
         names = data["interface"].to_numpy() if "interface" in data.coords else [""]
         for name, gap in zip(names, by_interface(data["gap0"]), strict=True):

@@ -17,10 +17,17 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
-from scipy.signal import detrend, find_peaks
+from scipy.signal import detrend, find_peaks, resample_poly
 
 from delam_fem.numerics.types import FloatArray
-from delam_fem.results.figures.style import WIDTH, lamina_colours, legend_above, styled
+from delam_fem.results.figures.style import (
+    BLUE,
+    WIDTH,
+    label_x,
+    lamina_colours,
+    legend_above,
+    styled,
+)
 from delam_fem.results.measured.channels import Values, unit_of
 from delam_fem.results.measured.reading import history_of
 from delam_fem.system.errors import CaseError
@@ -431,19 +438,126 @@ def _at_peak(model: Any, peak: float) -> Pole | None:
     return Pole(float(f), float(d), float(scatter[0]), float(scatter[1]))
 
 
-FILE = "responses.png"
+ORDERS = (4, 6, 8)
+"""Numbers of damped exponentials, two for each mode: so many modes may be close to one another."""
+CYCLES = 10.0
+"""Length of a segment, where it is not given."""
+OVERSAMPLED = 4.0
+"""Rate to which a record is thinned, over its highest frequency."""
 
 
-def save_responses(data: xr.Dataset, directory: Path) -> Path:
-    """Write the figure of the responses of a measurement.
+def with_free_vibrations(
+    data: xr.Dataset, channel: str, lower: float, upper: float, segment: float | None = None
+) -> xr.Dataset:
+    """Return a measurement with frequency and damping of a free vibration over time.
+
+    Each segment is a sum of damped exponentials, by the matrix pencil. Of those between the two
+    frequencies the one with the most energy counts. What vibrates close by is another exponential
+    and does no harm; a segment in which the structure changes has large errors.
+
+    Args:
+        data: a measurement, or the result of a run.
+        channel: name of a history.
+        lower: least frequency [Hz].
+        upper: largest frequency [Hz].
+        segment: length of the segments, which overlap by half [s]; None: `CYCLES` of the least
+            frequency.
+
+    Returns:
+        The measurement with `free_frequency(free_time)`, `free_damping`, `free_amplitude` at the
+        beginning of the segment, and standard errors; NaN where nothing vibrates.
 
     Raises:
-        OSError: the file cannot be written.
+        CaseError: there is no such history, or the range or the segments do not suit it.
+
+    Source: Y. Hua, T. K. Sarkar, "Matrix pencil method for estimating parameters of exponentially
+    damped/undamped sinusoids in noise", IEEE Trans. ASSP 38 (1990).
     """
-    path = directory / FILE
-    with styled(), atomic(path) as temporary:
-        responses(data).savefig(temporary)
-    return path
+    names = [str(name) for name in data["channel"].to_numpy()]
+    if channel not in names:
+        raise CaseError(f"free: expected one of {', '.join(names)}, given {channel!r}")
+    time: FloatArray = data["time"].to_numpy()
+    step = _step(time)
+    thinned = max(1, int(1.0 / (OVERSAMPLED * upper * step)))
+    segment = CYCLES / max(lower, 1e-9) if segment is None else segment
+    n, least = round(segment / (thinned * step)), 4 * ORDERS[-1]
+    if not 0.0 <= lower < upper < 0.4 / step or not least <= n <= time.size // thinned:
+        raise CaseError(
+            f"free: expected LOW below HIGH up to {0.4 / step:.6g} Hz, and segments from "
+            f"{least * thinned * step:.3g} s to the whole record, given {lower:g} to {upper:g} Hz "
+            f"and {segment:g} s"
+        )
+    values = resample_poly(history_of(data, names.index(channel)), 1, thinned, padtype="line")
+    starts = np.arange(0, values.size - n + 1, max(1, n // 2))
+    own = [_strongest(values[k : k + n], thinned * step, lower, upper) for k in starts]
+    at = {"units": "s", "long_name": "middle of the segment"}
+    middles = time[0] + (starts + 0.5 * (n - 1)) * thinned * step
+    data = data.assign_coords(free_time=("free_time", middles, at))
+    units = str(data["channel_units"].to_numpy()[names.index(channel)])
+    for (name, unit), column in zip(FREE.items(), np.transpose(own), strict=True):
+        words = f"{name.replace('_', ' ')} of the free vibration of {channel}"
+        about = {"units": unit or units, "long_name": words, "segment": segment}
+        data[f"free_{name}"] = ("free_time", column, about)
+    return data
+
+
+FREE = {"frequency": "Hz", "frequency_error": "Hz", "damping": "1", "damping_error": "1",
+        "amplitude": ""}  # fmt: skip
+"""Variables `free_…` with their units."""
+
+
+def _strongest(
+    values: FloatArray, step: float, lower: float, upper: float
+) -> tuple[float, float, float, float, float]:
+    """Return the `FREE` numbers of the strongest mode between two frequencies.
+
+    They are medians over the orders. The errors hold the scatter over the orders, and what the
+    rest that is left does to the poles, by linear least squares of the sum and its derivatives.
+    """
+    t, found = step * np.arange(values.size), []
+    rows = np.lib.stride_tricks.sliding_window_view(values, values.size // 2 + 1)
+    vectors = np.linalg.svd(rows, full_matrices=False)[2]
+    for order in ORDERS:
+        shifted = vectors[:order]
+        z = np.linalg.eigvals(np.linalg.lstsq(shifted[:, :-1].T, shifted[:, 1:].T, rcond=None)[0])
+        roots = np.log(z[np.abs(z) > 0.5].astype(complex)) / step
+        sums = np.exp(np.outer(t, roots))
+        sizes = np.linalg.lstsq(sums, values.astype(complex), rcond=None)[0]
+        rest = values - (sums @ sizes).real
+        noise = float(np.sqrt(rest @ rest / (values.size - 2 * order)))
+        size, damping = np.abs(roots) / (2.0 * np.pi), -roots.real / np.abs(roots)
+        fits = (roots.imag > 0.0) & (lower < size) & (size < upper) & (damping > -LARGEST_DAMPING)
+        fits &= damping < LARGEST_DAMPING
+        if not fits.any():
+            continue
+        k = int(
+            np.argmax(np.where(fits, np.abs(sizes) ** 2 * (np.abs(sums) ** 2).sum(axis=0), 0.0))
+        )
+        slopes = t[:, None] * sums * sizes
+        of_root = np.linalg.pinv(np.hstack([sums, slopes]))[roots.size + k]
+        errors = noise * np.linalg.norm([of_root.imag, of_root.real], axis=1) / np.abs(roots[k])
+        found.append([size[k], size[k] * errors[0], damping[k], errors[1], 2.0 * np.abs(sizes[k])])
+    if len(found) < 2:
+        return (np.nan,) * 5
+    table = np.array(found)
+    result = np.median(table, axis=0)
+    scatter = 1.4826 * np.median(np.abs(table - result), axis=0)
+    result[[1, 3]] = np.hypot(result[[1, 3]], scatter[[0, 2]])
+    return tuple(result.tolist())
+
+
+def save_pictures(data: xr.Dataset, directory: Path) -> list[Path]:
+    """Write the figures of the responses and of the free vibration that a measurement has.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    drawn, written = {"response": responses, "free_frequency": free_vibration}, []
+    for draw in [draw for name, draw in drawn.items() if name in data]:
+        written.append(directory / f"{draw.__name__}.png")
+        with styled(), atomic(written[-1]) as temporary:
+            draw(data).savefig(temporary)
+    return written
 
 
 def responses(data: xr.Dataset) -> Figure:
@@ -466,4 +580,20 @@ def responses(data: xr.Dataset) -> Figure:
         panel.tick_params(labelbottom=True)
     legend_above(panels[0])
     figure.suptitle(str(data["response"].attrs.get("long_name", "frequency responses")))
+    return figure
+
+
+def free_vibration(data: xr.Dataset) -> Figure:
+    """Draw frequency and damping of a free vibration over the time, where they are known well."""
+    figure = Figure(figsize=(WIDTH, 5.0), layout="constrained")
+    panels = figure.subplots(2, 1, sharex=True)
+    data = data.isel(free_time=data["free_frequency_error"] < STABLE * data["free_frequency"])
+    for panel, name, unit, factor in zip(
+        panels, ("frequency", "damping"), ("Hz", "%"), (1, 100), strict=True
+    ):
+        values, errors = (factor * data[f"free_{own}"] for own in (name, f"{name}_error"))
+        panel.errorbar(data["free_time"], values, 2.0 * errors, fmt=".", color=BLUE)
+        panel.set_ylabel(f"{name} [{unit}]\n± two errors")
+    label_x(panels, "time [s]")
+    figure.suptitle(str(data["free_frequency"].attrs["long_name"]))
     return figure

@@ -35,7 +35,7 @@ from delam_fem.studies.executors import ExecutorName
 from delam_fem.studies.study import Finding, Place, Report, Study, Table
 from delam_fem.studies.sweeps.grid import sweep_of
 from delam_fem.studies.sweeps.run import run_sweep
-from delam_fem.studies.unknown import Unknown, drawn, of_rig, value_of
+from delam_fem.studies.unknown import Unknown, drawn, of_rig, require_values, value_of
 from delam_fem.system.errors import CaseError
 
 if TYPE_CHECKING:
@@ -266,12 +266,7 @@ class Experiment:
 
     def __post_init__(self) -> None:
         """Check that the sought keys have values, which the results show."""
-        for own in self.unknowns:
-            if own.is_relative:
-                raise CaseError(
-                    f"unknown: {own.key}: expected values of the key, given multiples of its own; "
-                    "only --uncertain takes them"
-                )
+        require_values(self.unknowns)
 
     @property
     def doubts(self) -> tuple[Unknown, ...]:

@@ -1,0 +1,159 @@
+"""Identify keys of a case from a natural frequency that was followed over time.
+
+What changes, such as the place of a support, is sought anew at each time. Natural frequencies of
+cases with parameters drawn from the prior are interpolated to many more. The error of a measured
+frequency, and that of the interpolation, is added to them as noise; those that come nearest to the
+measured one are accepted, and led to it along a straight line.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from matplotlib.figure import Figure
+from scipy.interpolate import RBFInterpolator
+
+from delam_fem.case.definition import Case
+from delam_fem.model import discretise
+from delam_fem.model.beams import closed_form
+from delam_fem.model.linear import elastic
+from delam_fem.numerics.types import FloatArray
+from delam_fem.results.figures.style import BLUE, VERMILLION, WIDTH, label_x
+from delam_fem.results.measured.reading import read_measured
+from delam_fem.studies import options
+from delam_fem.studies.study import Finding, Place, Report, Study, Table
+from delam_fem.studies.unknown import Unknown, drawn, of_rig, require_values
+from delam_fem.system.errors import CaseError
+
+QUANTILES = (0.05, 0.5, 0.95)
+"""Ends of the 90 % interval and the median."""
+DRAWS, NEAREST = 20_000, 400
+"""Points of the prior at which the frequency is interpolated, and those that are accepted."""
+
+
+@dataclass(frozen=True)
+class Followed(Finding):
+    """What a natural frequency over time says of the unknowns.
+
+    Attributes:
+        case: of which keys change.
+        unknowns: that are sought.
+        uncertain: in what the rig may differ from the case.
+        time: shape (n,) [s].
+        frequency: measured, shape (n,) [Hz].
+        error: its standard error, shape (n,) [Hz].
+        quantiles: of the posterior at each time, in the order of `QUANTILES`, shape (n, 3,
+            n_unknowns).
+    """
+
+    case: Case
+    unknowns: tuple[Unknown, ...]
+    uncertain: tuple[Unknown, ...]
+    time: FloatArray
+    frequency: FloatArray
+    error: FloatArray
+    quantiles: FloatArray
+
+    @property
+    def report(self) -> Report:
+        """What it says in files and on the terminal."""
+        keys = [own.key for own in self.unknowns]
+        numbers = {
+            "time_s": self.time,
+            "frequency_hz": self.frequency,
+            "frequency_error_hz": self.error,
+            "unknowns": {
+                key: dict(zip(("low", "median", "high"), own.T, strict=True))
+                for key, own in zip(keys, self.quantiles.T.swapaxes(1, 2), strict=True)
+            },
+            "uncertain": [asdict(own) for own in self.uncertain],
+        }
+        rows = []
+        for t, f, e, own in zip(self.time, self.frequency, self.error, self.quantiles, strict=True):
+            spans = [f"{middle:.4g} ({low:.4g} … {high:.4g})" for low, middle, high in own.T]
+            rows.append((f"{t:.4g}", f"{f:.6g} ± {e:.1g}", *spans))
+        heading = ("time [s]", "frequency [Hz]", *(f"{key} (90 %)" for key in keys))
+        return Report(
+            name="natural",
+            numbers=numbers,
+            tables=[Table(f"{self.case.name}, from a natural frequency", heading, rows)],
+            pictures={"natural": (self.figure, "")},
+        )
+
+    def figure(self) -> Figure:
+        """Draw the frequency, and below it the median and the interval of each unknown."""
+        n = 1 + len(self.unknowns)
+        figure = Figure(figsize=(WIDTH, 1.0 + 2.2 * n), layout="constrained")
+        panels = figure.subplots(n, 1, sharex=True)
+        panels[0].errorbar(self.time, self.frequency, 2.0 * self.error, fmt=".", color=VERMILLION)
+        panels[0].set_ylabel("frequency [Hz]\n± two errors")
+        for axes, own, (low, middle, high) in zip(
+            panels[1:], self.unknowns, self.quantiles.T, strict=True
+        ):
+            axes.fill_between(self.time, low, high, color=BLUE, alpha=0.3, linewidth=0.0)
+            axes.plot(self.time, middle, ".", color=BLUE)
+            axes.set(ylabel=f"{own.key}\nmedian, 90 %", ylim=(own.low, own.high))
+        label_x(panels, "time [s]")
+        return figure
+
+
+def natural_frequency(case: Case, mode: int = 1) -> float:
+    """Return a natural frequency of a structure, rigid motions not counted [Hz]."""
+    assemble = closed_form.assemble if case.model.kind == "beam" else discretise.assemble
+    o = assemble(case).operators
+    return float(elastic(o.stiffness, o.mass, mode, case.n_rigid)[0][-1])
+
+
+def _compute(case: Case, given: options.Natural, place: Place) -> Followed:
+    """Identify with options of a user."""
+    data, n = read_measured(given.measured), given.simulations
+    if "free_frequency" in data:
+        data = data.isel(free_time=np.flatnonzero(np.isfinite(data["free_frequency_error"])))
+    if not data.sizes.get("free_time"):
+        raise CaseError(
+            f"{given.measured}: expected a frequency over time; delam-fem measure response FILE "
+            "--free CHANNEL LOW HIGH makes it"
+        )
+    unknowns, doubts = tuple(map(Unknown.parse, given.unknown)), of_rig(case)
+    require_values(unknowns)
+    if given.uncertain is not None:
+        doubts = tuple(map(Unknown.parse, given.uncertain))
+    columns, places = _prior(case, unknowns, doubts, n, given.seed)
+    simulated = np.empty(n)
+    for j in range(n):
+        changed = case.with_overrides({key: float(column[j]) for key, column in columns.items()})
+        simulated[j] = natural_frequency(changed, given.mode)
+        if place.progress is not None:
+            place.progress(j + 1, n)
+    columns, many = _prior(case, unknowns, doubts, DRAWS, given.seed + 1)
+    many, places = (own / np.ptp(places, axis=0) for own in (many, places))
+    interpolated = RBFInterpolator(places, simulated, kernel="cubic")(many)
+    half = RBFInterpolator(places[::2], simulated[::2], kernel="cubic")(places[1::2])
+    rough = float(np.sqrt(np.mean((half - simulated[1::2]) ** 2)))  # the whole has less
+    sought = np.array([columns[own.keys(case)[0]] for own in unknowns]).T
+    names = "time", "frequency", "frequency_error"
+    time, frequency, error = (data[f"free_{name}"].to_numpy() for name in names)
+    rng, found = np.random.default_rng(given.seed), []
+    for f, e in zip(frequency, error, strict=True):
+        off = interpolated - f + np.hypot(e, rough) * rng.standard_normal(DRAWS)
+        near = np.argsort(np.abs(off))[:NEAREST]
+        line = np.column_stack([np.ones(NEAREST), off[near]])
+        slope = np.linalg.lstsq(line, sought[near], rcond=None)[0][1]
+        own = np.quantile(sought[near] - np.outer(off[near], slope), QUANTILES, axis=0)
+        found.append(np.clip(own, [key.low for key in unknowns], [key.high for key in unknowns]))
+    return Followed(case, unknowns, doubts, time, frequency, error, np.array(found))
+
+
+def _prior(
+    case: Case, unknowns: tuple[Unknown, ...], doubts: tuple[Unknown, ...], n: int, seed: int
+) -> tuple[dict[str, FloatArray], FloatArray]:
+    """Return n values of each key, and what varies (doubts in logarithms), shape (n, n_varied)."""
+    rng, columns = np.random.default_rng(seed), drawn(doubts, case, n, seed + 3)
+    logs = [np.log(columns[own.keys(case)[0]]) for own in doubts]
+    for own in unknowns:
+        columns |= dict.fromkeys(own.keys(case), rng.uniform(own.low, own.high, n))
+    return columns, np.array([*(columns[own.keys(case)[0]] for own in unknowns), *logs]).T
+
+
+STUDY = Study(options.Natural, _compute)

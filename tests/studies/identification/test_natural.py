@@ -1,0 +1,86 @@
+"""Keys of a case from a natural frequency over time, beside an exact beam."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import delam_fem as df
+from delam_fem import CaseError
+from delam_fem.case.definition import Case
+from delam_fem.results.measured.reading import SCHEMA, write_measured
+from delam_fem.studies.unknown import drawn, of_rig
+
+EI, L, RHO_A, PLACES, ERROR = 10.0, 0.5, 0.1, (0.12, 0.2), 0.2
+"""A beam, places of a clamp inside its span [m], and the error of a frequency [Hz]."""
+CASE = Case(
+    name="moving", support=[{"start": "clamped"}, {"kind": "clamped", "position": 0.1}],
+    lamina=[{"name": "one", "length": L, "width": 0.02, "thickness": 0.002,
+             "mass_per_length": RHO_A, "bending_stiffness": EI, "damping_ratio": 0.01}],
+    mesh={"elements": 4}, contact={"law": "none"},
+    excitation={"kind": "harmonic", "amplitude": 0.0, "frequency": 20.0},
+)  # fmt: skip
+
+
+def exact(place: float | np.ndarray) -> np.ndarray:
+    """Return the first frequency of the cantilever beyond the clamp [Hz]."""
+    return np.asarray((1.875104 / (L - place)) ** 2 * np.sqrt(EI / RHO_A) / (2.0 * np.pi))
+
+
+def measured(path: Path, frequencies: np.ndarray) -> Path:
+    errors = np.full(frequencies.size, ERROR)
+    errors[np.isnan(frequencies)] = np.nan
+    data = xr.Dataset(
+        {"free_frequency": ("free_time", frequencies),
+         "free_frequency_error": ("free_time", errors)},
+        {"free_time": np.arange(frequencies.size, dtype=float)}, {"schema": SCHEMA},
+    )  # fmt: skip
+    return write_measured(data, path)
+
+
+def test_each_time_has_the_place_of_its_own_and_an_interval_as_wide_as_the_error(
+    tmp_path: Path,
+) -> None:
+    """The slope of the exact frequency says how wide: the error is the only doubt."""
+    path = measured(tmp_path / "m.nc", np.array([exact(PLACES[0]), np.nan, exact(PLACES[1])]))
+    found = df.natural(
+        CASE, tmp_path / "out", measured=path, unknown=("support.2.position=0.05:0.25",),
+        uncertain=(), simulations=60,
+    )  # fmt: skip
+    assert found.time.tolist() == [0.0, 2.0]
+    for (low, middle, high), place in zip(found.quantiles[:, :, 0], PLACES, strict=True):
+        width = 2.0 * 1.645 * ERROR / float(exact(place + 5e-4) - exact(place - 5e-4)) * 1e-3
+        assert low < place < high
+        assert middle == pytest.approx(place, abs=0.5 * width)
+        assert 0.8 * width < high - low < 1.25 * width
+    numbers = json.loads((tmp_path / "out" / "natural.json").read_text())
+    assert numbers["unknowns"]["support.2.position"]["median"] == pytest.approx(PLACES, abs=2e-3)
+    assert (tmp_path / "out" / "natural.png").stat().st_size > 10_000
+
+
+def test_what_is_no_such_measurement_is_refused(tmp_path: Path) -> None:
+    path = measured(tmp_path / "m.nc", np.array([np.nan]))
+    with pytest.raises(CaseError, match=r"m.nc: expected a frequency over time; delam-fem measure"):
+        df.natural(CASE, measured=path, unknown=("support.2.position=0.05:0.25",))
+    path = measured(path, np.array([20.0]))
+    with pytest.raises(CaseError, match=r"position: expected values of the key, given multiples"):
+        df.natural(CASE, measured=path, unknown=("support.2.position=0.9x:1.1x",))
+
+
+@pytest.mark.parametrize("ends", [[{"start": "clamped"}], []])
+def test_clamps_of_cases_with_inner_supports_yield(ends: list[dict[str, str]]) -> None:
+    """Whether the case names its ends or not, and without a word of what is uncertain."""
+    data = CASE.model_dump(exclude_unset=True) | {
+        "support": [{"kind": "pinned", "position": 0.1}, *ends]
+    }
+    case = Case(**data)
+    [stiffness] = drawn(of_rig(case), case, 1, 1)["support.rotational_stiffness"]
+    changed = case.with_overrides(
+        {"support.rotational_stiffness": stiffness, "support.end": "pinned"}
+    )
+    assert changed.support.rotational_stiffness == stiffness
+    assert (changed.support.end, changed.support.inside) == ("pinned", case.support.inside)
