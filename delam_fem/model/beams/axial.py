@@ -19,6 +19,9 @@ from delam_fem.model.beams.network import probes_of, side_by_side
 from delam_fem.model.layout import BASE, FIXED, Layout, Part, Structure, Support, neighbours
 from delam_fem.numerics.types import FloatArray, IntArray
 
+_RIGID = 1e-12
+"""Square of a frequency over the largest, below which a motion is rigid but for round-off."""
+
 
 def assemble(case: Case, x: FloatArray) -> Structure:
     """Return the operators and the layout of a case of bars or points with nodes at x [m]."""
@@ -67,7 +70,8 @@ def _damped(M: sp.spmatrix, K: sp.spmatrix, ratio: float, free: IntArray) -> sp.
     M_free, K_free = (sp.csr_matrix(A)[free][:, free].toarray() for A in (M, K))
     squares, shapes = eigh(K_free, M_free)
     momenta = M_free @ shapes
-    C = momenta * (2.0 * ratio * np.sqrt(np.maximum(squares, 0.0))) @ momenta.T
+    squares[squares < _RIGID * squares[-1]] = 0.0
+    C = momenta * (2.0 * ratio * np.sqrt(squares)) @ momenta.T
     relative = np.eye(M.shape[0])[free]
     for node in np.setdiff1d(np.arange(M.shape[0]), free)[:1]:  # all held nodes are the base
         relative[:, node] = -1.0
