@@ -27,7 +27,6 @@ from delam_fem.engines.compiled.algebra import (
     spread_one,
 )
 from delam_fem.engines.compiled.lanes import R, Z
-from delam_fem.engines.compiled.points import measure
 from delam_fem.engines.compiled.state import (
     COMPLETED,
     CONTACT_DAMPED,
@@ -323,7 +322,7 @@ def _apply_impulses(system, law, memory, n):  # type: ignore[no-untyped-def]
 
 @njit(forceinline=True)
 def _gap(system, memory, k):  # type: ignore[no-untyped-def]
-    """Return the gap of a pair, which `points.measure` has written if pairs are in elements."""
+    """Return the gap of a pair; `modes.measure_cells` has written it if pairs are in elements."""
     if system.is_within:
         return memory.gap[k]
     return system.gap0[k] + row_product(system.gap_rows, k, memory.X, 0)
@@ -343,7 +342,7 @@ def examine_impacts(system, law, memory, log, tick):  # type: ignore[no-untyped-
     X, resting = memory.X, memory.resting
     n, is_same = 0, True
     if system.is_within:
-        measure(system.points, system.size, X, 0.0, False, memory.gap, memory.rate)
+        modes.measure_cells(system.points, system.size, X, 0.0, False, memory.gap, memory.rate)
     for k in range(system.n_pairs):
         gap = _gap(system, memory, k)
         if resting[k] and not gap <= 0.0:
@@ -389,7 +388,9 @@ def examine_penalty(system, law, memory):  # type: ignore[no-untyped-def]
     """Put springs on exactly the closed pairs (penalty.PenaltySprings)."""
     is_same = True
     if system.is_within:
-        measure(system.points, system.size, memory.X, 0.0, False, memory.gap, memory.rate)
+        modes.measure_cells(
+            system.points, system.size, memory.X, 0.0, False, memory.gap, memory.rate
+        )
     for k in range(system.n_pairs):
         memory.gap[k] = _gap(system, memory, k)
         is_same &= (memory.gap[k] <= 0.0) == (memory.resting[k] != 0)

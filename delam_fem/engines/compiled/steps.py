@@ -12,7 +12,6 @@ from delam_fem.engines.compiled import algebra, modes
 from delam_fem.engines.compiled import contact as contact
 from delam_fem.engines.compiled import contact as springs
 from delam_fem.engines.compiled import lanes as lk
-from delam_fem.engines.compiled import points as points
 from delam_fem.engines.compiled.algebra import both_products, measure, row_product
 from delam_fem.engines.compiled.state import (
     COMPLETED,
@@ -109,7 +108,7 @@ def look_ahead(system, law, memory, is_clear):  # type: ignore[no-untyped-def]
     if system.is_modal:
         return modes.measure(system, memory, ahead)
     if system.is_within:
-        return points.see(system, memory, ahead, 0.0)
+        return modes.see_cells(system, memory, ahead, 0.0)
     smallest = smallest_gap(system, memory.X, ahead)
     if smallest <= 0.0 or system.is_touching:
         measure(system, memory.X, ahead, memory.gap, memory.rate)
@@ -216,7 +215,7 @@ def advance(system, law, memory, new_base, is_clear):  # type: ignore[no-untyped
     if law.kind == MOREAU:
         return flow, contact.widen_contact(system, memory) if system.is_touching else predicted
     if system.is_within:
-        return flow, points.see(system, memory, 0.0, 0.0)
+        return flow, modes.see_cells(system, memory, 0.0, 0.0)
     return flow, smallest
 
 
@@ -327,7 +326,7 @@ def _mark_points(system, memory, ahead, level, slow):  # type: ignore[no-untyped
     """Do the same as `_mark_near` for pairs inside the elements."""
     X, found = memory.X, False
     n_springs = memory.counts[N_SPRINGS]
-    if points.see_approach(system, memory, ahead) <= 0.0:
+    if modes.see_cells_approach(system, memory, ahead) <= 0.0:
         for k in range(system.n_pairs):
             if memory.present_gap[k] <= 0.0 and not (n_springs and memory.resting[k]):
                 found |= abs(row_product(system.gap_rows, k, X, system.size)) > slow
@@ -489,7 +488,7 @@ def _glide(system, law, memory, log, span, touch):  # type: ignore[no-untyped-de
         if law.kind == MOREAU:
             smallest = predicted
         elif system.is_within:
-            smallest = points.see(system, memory, 0.0, touch)
+            smallest = modes.see_cells(system, memory, 0.0, touch)
         if smallest <= touch:
             return step, flow, smallest
         totals[DISSIPATED] += weight * flow

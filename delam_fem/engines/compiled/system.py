@@ -29,14 +29,16 @@ from delam_fem.engines.compiled import lanes as lk
 from delam_fem.engines.compiled.algebra import Band, Rows
 from delam_fem.engines.compiled.lanes import aligned_zeros
 from delam_fem.engines.compiled.modes import (
+    NO_POINTS,
     Coordinates,
     Modes,
     Places,
+    Points,
     filled_up,
     in_modes,
     is_reduced,
+    points_of,
 )
-from delam_fem.engines.compiled.points import NO_POINTS, Points, points_of
 from delam_fem.engines.compiled.state import LawNumbers, Memory
 from delam_fem.model.operators import Operators
 from delam_fem.numerics.types import FloatArray, IntArray
@@ -108,7 +110,7 @@ class System(NamedTuple):
         n_pairs: number of contact pairs.
         n_probes: number of probes, those of sensors included.
         is_chained: True: two laminae in lane order; False: sparse rows and bands.
-        is_within: whether, in lane order, some pairs are inside the elements (points.py).
+        is_within: whether, in lane order, some pairs are inside the elements (modes.py).
         is_diagonal_load: whether the matrix B of L1 is diagonal (L4).
         scheme: the time integration.
         coefficients: coefficients of L1 and L2, shape (16,).

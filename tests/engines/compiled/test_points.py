@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from delam_fem.case.files import preset
-from delam_fem.engines.compiled import points
+from delam_fem.engines.compiled import modes
 from delam_fem.engines.compiled.state import Memory, memory, packed, view_at
 from delam_fem.engines.compiled.system import StepNumbers, System, build
 from delam_fem.model.beams import closed_form
@@ -36,15 +36,15 @@ system_at, memory_at = view_at(System), view_at(Memory)
 def lowest(system, state, ahead):  # type: ignore[no-untyped-def]
     s, m = system_at(system), memory_at(state)
     return (
-        points.lowest_control(m.X, s.size, s.points.control, ahead),
-        points.lowest_approach(m.X, s.size, s.points.control, ahead),
+        modes.lowest_control(m.X, s.size, s.points.control, ahead),
+        modes.lowest_approach(m.X, s.size, s.points.control, ahead),
     )
 
 
 @numba.njit
 def measured(system, state, ahead, is_closing):  # type: ignore[no-untyped-def]
     s, m = system_at(system), memory_at(state)
-    return points.measure(s.points, s.size, m.X, ahead, is_closing, m.gap, m.rate)
+    return modes.measure_cells(s.points, s.size, m.X, ahead, is_closing, m.gap, m.rate)
 
 
 def operators_of(p: int, shape: dict[str, object], folder: Path, x: FloatArray | None) -> Operators:
