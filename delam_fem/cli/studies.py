@@ -101,6 +101,7 @@ def study_command(name: str) -> Callable[..., None]:
             common = {key: given.pop(key) for key in kind.common}
             own = kind(**{key: value for key, value in given.items() if value is not None})
             folder = output or Path("runs") / f"{case.name}-{suffix or name.split()[-1]}"
+            study.require_no_blows(case)
             is_dry, is_confirmed = common.pop("dry_run", False), common.pop("yes", False)
             if study.cost is not None:
                 what, cost = study.cost(case, own, common["workers"])

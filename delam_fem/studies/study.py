@@ -227,7 +227,7 @@ class Study(Generic[Chosen, Found]):
         """
         case, chosen = find_case(case), self.options(**options)
         if folder is None:
-            self._require_no_blows(case)
+            self.require_no_blows(case)
             with TemporaryDirectory() as scratch:
                 place = Place(Path(scratch), Path(scratch), False, workers, progress)
                 return self.compute(case, chosen, place)
@@ -244,7 +244,7 @@ class Study(Generic[Chosen, Found]):
         progress: Progress | None = None,
     ) -> tuple[Found, list[Path]]:
         """Compute the study in a folder; return what it finds and the files; see `__call__`."""
-        self._require_no_blows(case)
+        self.require_no_blows(case)
         may = resume or overwrite or not options.common
         inputs = [*case.files.values(), *options.inputs]
         with claimed(folder, inputs=inputs, may_hold_results=may) as directory:
@@ -257,7 +257,7 @@ class Study(Generic[Chosen, Found]):
                 )
                 return found, found.save(directory)
 
-    def _require_no_blows(self, case: Case) -> None:
+    def require_no_blows(self, case: Case) -> None:
         """Refuse impactors that the study does not know."""
         if case.impactor and not self.takes_impactors:
             name = self.options.__name__.lower()

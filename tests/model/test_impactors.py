@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from covertable import make
+from typer.testing import CliRunner
 
 from delam_fem import CaseError, Result, Sweep, run
 from delam_fem.case.definition import Case
+from delam_fem.cli.app import app
 from delam_fem.cli.studies import STUDIES
 from delam_fem.engines.session import ENGINES
 from delam_fem.model import discretise
@@ -278,6 +281,14 @@ def test_what_does_not_go_together_is_told() -> None:
     }  # fmt: skip
 
 
+def test_a_ladder_names_the_impactor_before_its_law(tmp_path: Path) -> None:
+    path = tmp_path / "tap.toml"
+    path.write_text(case_of({"stiffness": 1e5}).to_toml())
+    found = CliRunner().invoke(app, ["converge", str(path), "-o", str(tmp_path / "out")])
+    assert found.exit_code == 2
+    assert "impactor: converge: expected none, given 1" in found.output
+
+
 def _takes(home: str) -> bool:
     from importlib import import_module
 
@@ -285,7 +296,7 @@ def _takes(home: str) -> bool:
 
     study: Study[Any, Any] = import_module(f"delam_fem.{home}").STUDY
     try:
-        study._require_no_blows(case_of({}))
+        study.require_no_blows(case_of({}))
     except CaseError as error:
         assert "impactor" in str(error)
         return False

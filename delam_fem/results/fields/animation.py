@@ -46,6 +46,8 @@ TRACK, DONE = 215, 60
 """Greys of the time bar: what is to come, what has passed."""
 LIGHTS = {HIT: "#f0a000", RESTING: "#202020"}
 """Colours of pairs that were hit since the frame before, and of those that rest."""
+BLOCKS = "#9a9a9a"
+"""Colour of what holds, stops or strikes the laminae."""
 RADIUS = 0.011
 """Radius of a light in lengths of the laminae."""
 STRETCH = 3.0
@@ -240,7 +242,8 @@ class _Scene:
         plotter: that shows them.
         bodies: ribbons with their fields.
         deflection: factor of the displacements; that of the bodies is in `at_rest`.
-        at_rest: corners at rest, stretched, shape (n_points, 3) [m].
+        at_rest: corners at rest, stretched, first those of the laminae, shape (n_points, 3) [m].
+        laminae: number of the corners of the laminae.
         meshes: of the laminae, with the numbers of their points.
         clamps: of the ends that are held: 0 or -1, the block, its points at rest.
         edge: z of the lights: before the near edges of all laminae [m].
@@ -258,7 +261,8 @@ class _Scene:
         """Put the laminae at rest into the plotter and aim at where they will move."""
         self.plotter, self.bodies = plotter, bodies
         stretch, self.deflection = factors
-        self.at_rest = bodies.rest.reshape(-1, 3) * np.array([1.0, stretch, 1.0])
+        self.laminae = bodies.rest.size // 3
+        self.at_rest = bodies.mesh.points * np.array([1.0, stretch, 1.0])
         length = float(np.ptp(history["x"].to_numpy()))
         self.edge = float(self.at_rest[:, 2].min()) - 0.005 * length
         self.radius = RADIUS * length
@@ -266,8 +270,10 @@ class _Scene:
         grid = pv.wrap(bodies.grid(0))
         names = [str(name) for name in history["lamina"].to_numpy()]
         entries = list(zip(names, lamina_colours(len(names)), strict=True))
-        for i, (_, colour) in enumerate(entries):
-            cells = np.flatnonzero(grid.cell_data["lamina"] == i + 1)
+        for i, (_, colour) in enumerate([*entries, ("", BLOCKS)], start=1):
+            cells = np.flatnonzero(grid.cell_data["lamina"] == i % (len(names) + 1))
+            if not cells.size:
+                continue
             own = grid.extract_cells(cells)
             plotter.add_mesh(own, color=colour, ambient=0.75, diffuse=0.3, specular=0.0)
             self.meshes.append((own, own.point_data["vtkOriginalPointIds"]))
@@ -277,7 +283,7 @@ class _Scene:
             if held_ends(case)[end]
         ]
         for _, clamp, _ in self.clamps:
-            plotter.add_mesh(clamp, color="#9a9a9a", ambient=0.5)
+            plotter.add_mesh(clamp, color=BLOCKS, ambient=0.5)
         plotter.set_background("white")
         plotter.add_legend(
             [*map(list, entries), ["hit", LIGHTS[HIT]], ["resting", LIGHTS[RESTING]]],
@@ -290,17 +296,20 @@ class _Scene:
         points = self.at_rest + self.deflection * self.bodies.point_data(frame)["displacement"]
         for mesh, own in self.meshes:
             mesh.points = points[own]
-        faces = points.reshape(*self.bodies.rest.shape)
+        faces, marks = points[: self.laminae].reshape(self.bodies.rest.shape), self.bodies.marks
         for end, clamp, at_rest in self.clamps:
             moved = float(self.bodies.vectors["displacement"][0, frame, end])
             clamp.points = at_rest + np.array([0.0, self.deflection * moved, 0.0])
         for state, colour in LIGHTS.items():
             where, node = np.nonzero(lights == state)
             name = f"light {state}"
-            if not where.size:
+            lit = [k for k, mark in enumerate(marks) if mark.state[frame] == state]
+            if not where.size and not lit:
                 self.plotter.remove_actor(name, render=False)
                 continue
             between = (faces[where, node, 1] + faces[where + 1, node, 0]) / 2.0
+            own = [faces[m.lamina, m.node, 1 if m.side > 0 else 0] for m in (marks[k] for k in lit)]
+            between = np.concatenate([between, np.reshape(own, (-1, 3))])
             between[:, 2] = self.edge
             spheres = pv.PolyData(between).glyph(
                 geom=pv.Sphere(radius=self.radius), scale=False, orient=False
@@ -313,7 +322,7 @@ class _Scene:
         """Return the blocks that clamp the first and the last section at rest."""
         blocks = []
         for end, outwards in ((0, -1.0), (-1, 1.0)):
-            section = self.at_rest.reshape(*self.bodies.rest.shape)[:, end]
+            section = self.at_rest[: self.laminae].reshape(self.bodies.rest.shape)[:, end]
             (x, low, _), (_, high, z) = section.min(axis=(0, 1)), section.max(axis=(0, 1))
             margin, x_end = 0.015 * length, x + outwards * 0.04 * length
             bounds = (min(x, x_end), max(x, x_end), low - margin, high + margin, -z, z)
@@ -323,7 +332,7 @@ class _Scene:
     def _aim(self, history: xr.Dataset, length: float) -> None:
         """Point the camera at the middle of all motion."""
         u = self.deflection * history["displacement"].to_numpy()
-        y = self.at_rest[:, 1].reshape(*self.bodies.rest.shape[:3])
+        y = self.at_rest[: self.laminae, 1].reshape(self.bodies.rest.shape[:3])
         low, high = float(y.min() + u.min()), float(y.max() + u.max())
         focus: FloatArray = np.array([0.5 * length, 0.0, 0.0]) + 0.5 * (low + high) * RIGHT
         half = max(0.62 * length, 0.55 * (high - low) * SIZE[1] / SIZE[0])

@@ -39,6 +39,9 @@ from delam_fem.results.figures.style import DPI, styled, title
 from delam_fem.results.schema import by_interface
 from delam_fem.system.files import atomic
 
+ENDS = np.array([-1.0, 1.0])
+BLOCK_LENGTH = 0.01
+"""Half the length of the block of a stop or an impactor, in lengths of the laminae."""
 CORNERS = 4
 """Points per section: (-y, -z), (+y, -z), (+y, +z), (-y, +z)."""
 UPWARDS = np.array([-1.0, 1.0, 1.0, -1.0])
@@ -84,27 +87,97 @@ def rest_points(history: xr.Dataset, case: Case, enlarged: float = 1.0) -> Float
 
 
 @dataclass(frozen=True)
+class Mark:
+    """A contact point of a stop or of an impactor, or a support inside the span.
+
+    Attributes:
+        lamina: number of the lamina that it is beside, from 0.
+        node: where.
+        side: 1 above the lamina, -1 below.
+        rest: y of the face at rest [m]; see `middle_lines`.
+        motion: of the face, shape (n_frames,) [m].
+        state: contact states, shape (n_frames,).
+        heat: mean power that its contact takes [W].
+    """
+
+    lamina: int
+    node: int
+    side: int
+    rest: float
+    motion: FloatArray
+    state: npt.NDArray[Any]
+    heat: float = 0.0
+
+
+def marks(history: xr.Dataset, case: Case, enlarged: float = 1.0) -> list[Mark]:
+    """Return what pictures show beside the laminae; see `middle_lines`.
+
+    Hertz's springs lie behind one another, so that the first of them stands for an impactor. One
+    that has flown off stays where the picture would become small.
+    """
+    middle, found = middle_lines(history, case, enlarged), []
+    x, half = history["x"].to_numpy(), [0.5 * lamina.thickness for lamina in case.lamina]
+    frames, times = history["frame"].to_numpy(), history["time"].to_numpy()
+    base = np.interp(frames, times, history["base_displacement"])
+    numbers = history["stop_number"].to_numpy() if "stop_number" in history else np.zeros(0)
+    for k, number in enumerate(numbers.tolist()):
+        impactor = number - len(case.stop) - 1
+        if impactor >= 0 and number == numbers[k - 1] and k:
+            continue
+        own = history.isel(stop=k)
+        height, lamina = float(own["stop_height"]), int(own["stop_lamina"])
+        motion = float(own["stop_on_base"]) * base
+        if impactor >= 0:
+            reach = 5.0 * (abs(height) + float(np.abs(history["displacement"]).max()) + sum(half))
+            moved = history["impactor_displacement"][impactor].to_numpy().clip(-reach, reach)
+            motion = motion + np.interp(frames, times, moved)
+        side, node = -1 if np.signbit(height) else 1, int(own["stop_node"])
+        face = float(middle[lamina, node]) + side * half[lamina] + enlarged * height
+        state = own["stop_state"].to_numpy()
+        found.append(Mark(lamina, node, side, face, motion, state, float(own["stop_heat"])))
+    names = [lamina.name for lamina in case.lamina]
+    for support in case.support.inside:
+        lamina = names.index(support.lamina) if support.lamina else 0
+        node = int(np.abs(x - support.position).argmin())
+        face, open_ = float(middle[lamina, node]) - half[lamina], np.zeros(base.size, np.int8)
+        found.append(Mark(lamina, node, -1, face, base, open_))
+    return found
+
+
+@dataclass(frozen=True)
 class Ribbons:
     """The laminae at rest, and what is known of them at every frame.
+
+    Stops, impactors and supports inside the span are blocks beside them.
 
     Attributes:
         rest: corners of all sections, shape (n_laminae, n_nodes, 4 corners, 3) [m].
         height: of the corners above the middle planes, shape (n_laminae, 4 corners) [m].
         vectors: lateral components of vector fields, each (n_laminae, n_frames, n_nodes).
         scalars: other fields, each (n_laminae, n_frames, n_nodes).
+        marks: of the blocks.
+        blocks: their corners at rest, shape (n_marks, 2 sections, 4 corners, 3) [m].
     """
 
     rest: FloatArray
     height: FloatArray
     vectors: Mapping[str, FloatArray]
     scalars: Mapping[str, npt.NDArray[Any]]
+    marks: list[Mark]
+    blocks: FloatArray
 
     @classmethod
     def of(cls, history: xr.Dataset, case: Case, enlarged: float = 1.0) -> Ribbons:
         """Return the ribbons of a run with the fields of its frames; see `middle_lines`."""
         half = np.array([lamina.thickness / 2.0 for lamina in case.lamina])
+        rest, own = rest_points(history, case, enlarged), marks(history, case, enlarged)
+        blocks = np.empty((len(own), 2, CORNERS, 3))
+        for mark, block in zip(own, blocks, strict=True):
+            block[:] = rest[mark.lamina, mark.node]
+            block[..., 0] += BLOCK_LENGTH * case.length * ENDS[:, None]
+            block[..., 1] = mark.rest + mark.side * half.sum() * (1.0 + mark.side * UPWARDS)
         return cls(
-            rest_points(history, case, enlarged),
+            rest,
             half[:, None] * UPWARDS,
             {name: history[name].to_numpy() for name in ("displacement", "velocity")},
             {
@@ -116,6 +189,8 @@ class Ribbons:
                 "heat": derived.heat_of_laminae(history),
                 "contact_force": derived.contact_force_of_laminae(history, case),
             },
+            own,
+            blocks,
         )
 
     def point_data(self, frame: int) -> dict[str, npt.NDArray[Any]]:
@@ -124,23 +199,37 @@ class Ribbons:
         displacement [m], velocity [m/s], moment [N m], curvature [1/m], gap [m], contact_state [-],
         impulse since the frame before [N s], heat (mean power over the window) [W], contact_force
         of a pair [N], and the axial strain of
-        bending, minus the height above the middle plane times the curvature [-].
+        bending, minus the height above the middle plane times the curvature [-]. Blocks have
+        displacement, contact_state and heat.
         """
         data = {name: _lateral(values[:, frame]) for name, values in self.vectors.items()}
         for name, values in self.scalars.items():
             data[name] = np.repeat(values[:, frame].ravel(), CORNERS)
         curvature = self.scalars["curvature"][:, frame, :, None]
         data["strain"] = (-self.height[:, None, :] * curvature).ravel()
+        of_blocks: dict[str, Any] = {"gap": np.inf}  # as of a lamina without neighbours
+        for name in ("motion", "state", "heat"):
+            own = [getattr(mark, name) for mark in self.marks]
+            of_blocks[name] = np.repeat([v[frame] if np.ndim(v) else v for v in own], 2 * CORNERS)
+        of_blocks["displacement"] = of_blocks["motion"][:, None] * [0.0, 1.0, 0.0]
+        of_blocks["contact_state"] = of_blocks["state"]
+        n = self.blocks.size // 3
+        for name, values in data.items():
+            more = np.zeros((n, *values.shape[1:]), values.dtype)
+            more[:] = of_blocks.get(name, 0)
+            data[name] = np.concatenate([values, more])
         return data
 
     @property
     def mesh(self) -> Grid:
-        """The laminae at rest as points and cells."""
+        """The laminae at rest as points and cells, and the blocks, whose lamina is 0."""
         shape = self.rest.shape[:2]
-        cells = hexahedra(*shape)
+        blocks = hexahedra(len(self.marks), 2) + self.rest.size // 3
+        numbers = np.concatenate([lamina_numbers(*shape), np.zeros(len(blocks), np.int8)])
         return Grid(
-            self.rest.reshape(-1, 3), cells, "hexahedron", {"lamina": lamina_numbers(*shape)}
-        )
+            np.concatenate([self.rest.reshape(-1, 3), self.blocks.reshape(-1, 3)]),
+            np.concatenate([hexahedra(*shape), blocks]), "hexahedron", {"lamina": numbers},
+        )  # fmt: skip
 
     def grid(self, frame: int) -> meshio.Mesh:
         """Return the laminae at rest with the fields of one frame.
@@ -190,7 +279,6 @@ RIGHT = np.cross([1.0, 0.0, 0.0], TO_CAMERA) / np.cos(TILT)
 """Horizontal in the picture: the direction in which the snapshots stand side by side."""
 SCREEN = np.column_stack([RIGHT, np.cross(TO_CAMERA, RIGHT)])
 """Axes of the picture: places there are points @ SCREEN, shape (3, 2)."""
-ENDS = np.array([-1.0, 1.0])
 PIECES = 100
 """Pieces of one colour along a lamina."""
 SHADE = 0.7

@@ -99,7 +99,7 @@ def contact_line(history: xr.Dataset, case: Case) -> Figure:
         axes.set(ylim=(0.0, 1.02 * x_end))
         axes.tick_params(labelleft=False)
     for lamina, axes in zip(stopped, panels[len(names) - 1 :], strict=True):
-        _stop_marks(axes, history, lamina, (start, unit))
+        _stop_marks(axes, history, lamina, (start, unit), len(case.stop))
         axes.set(ylabel="x [mm]", xlim=(start / unit, end / unit), ylim=(0.0, 1.02 * x_end))
         axes.set_title(f"stops and impactors of {names[lamina]}", loc="left")
         legend_above(axes)
@@ -185,14 +185,18 @@ def _impact_marks(
     _marks(axes, history, event_interfaces(history) == interface, axis)
 
 
-def _stop_marks(axes: Axes, history: xr.Dataset, lamina: int, axis: tuple[float, float]) -> None:
-    """Mark the stops of a lamina, the impacts on them, and when it rests on them."""
+def _stop_marks(
+    axes: Axes, history: xr.Dataset, lamina: int, axis: tuple[float, float], n_stops: int
+) -> None:
+    """Mark stops and impactors of a lamina, the impacts on them, and when it rests on them."""
     _, unit = axis
     x, frames = 1e3 * history["x"].to_numpy(), history["frame"].to_numpy()
     own = history["stop_lamina"].to_numpy() == lamina
-    nodes = history["stop_node"].to_numpy()[own]
-    for k, node in enumerate(np.unique(nodes)):
-        axes.axhline(x[node], color="0.7", linewidth=0.8, label="_more" if k else "stop")
+    nodes, strikes = history["stop_node"].to_numpy()[own], history["stop_number"][own] > n_stops
+    for label, style, those in (("stop", "-", ~strikes), ("impactor", ":", strikes)):
+        for k, node in enumerate(np.unique(nodes[those])):
+            name = f"_more {label}" if k else label
+            axes.axhline(x[node], color="0.7", linewidth=0.8, linestyle=style, label=name)
     held = np.argwhere(history["stop_state"].to_numpy()[:, own] == RESTING)
     if held.size:
         axes.plot(frames[held[:, 0]] / unit, x[nodes[held[:, 1]]], "s", color=BLUE, markersize=3.0,

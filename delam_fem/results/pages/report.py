@@ -18,11 +18,10 @@ import numpy.typing as npt
 import xarray as xr
 
 from delam_fem.case.definition import Case
-from delam_fem.numerics.types import FloatArray
 from delam_fem.results import diagnostics
 from delam_fem.results.diagnostics import LARGEST_PERIODICITY, probe_node
 from delam_fem.results.fields import derived
-from delam_fem.results.fields.pictures import drawable_frames, middle_lines
+from delam_fem.results.fields.pictures import drawable_frames, marks, middle_lines
 from delam_fem.results.figures.run import FLOWS
 from delam_fem.results.figures.style import lamina_colours, title
 from delam_fem.results.pages import html
@@ -285,7 +284,14 @@ def film(history: xr.Dataset, case: Case) -> Film | None:
     y = middle_lines(history, case, factor)[:, None] + factor * u
     y = 1e3 * y.transpose(1, 0, 2)[last][..., nodes]
     unit = float(np.abs(y).max()) / LARGEST or 1.0
-    stops = _stops(history, case, factor, last)
+    stops = [
+        {
+            "x": 1e3 * float(history["x"][own.node]), "side": own.side,
+            "y": _short(1e3 * (own.rest + factor * own.motion)[last]),
+            "lit": own.state[last].tolist(),
+        }
+        for own in marks(history, case, factor)
+    ]  # fmt: skip
     data = {
         "names": [str(name) for name in history["lamina"].to_numpy()],
         "colours": list(lamina_colours(history.sizes["lamina"])),
@@ -310,44 +316,6 @@ def film(history: xr.Dataset, case: Case) -> Film | None:
     if factor != 1.0:
         caption += f" Deflections and gaps are drawn {factor:g} times as large as they are."
     return Film(data, "The laminae in motion", caption)
-
-
-def _stops(history: xr.Dataset, case: Case, factor: float, last: slice) -> list[dict[str, object]]:
-    """Return x, side, face at each frame (x, y in mm) and contact states of what a film marks.
-
-    These are the contact points of stops, and the supports inside the span.
-    """
-    middle, found = middle_lines(history, case, factor), []
-    x, half = history["x"].to_numpy(), [0.5 * lamina.thickness for lamina in case.lamina]
-    base = factor * np.interp(history["frame"], history["time"], history["base_displacement"])
-
-    def mark(lamina: int, node: int, side: int, y: FloatArray, lit: npt.NDArray[Any]) -> None:
-        face = middle[lamina, node] + side * half[lamina]
-        found.append({
-            "x": 1e3 * float(x[node]), "side": side, "y": _short(1e3 * (face + y)[last]),
-            "lit": lit[last].tolist(),
-        })  # fmt: skip
-
-    numbers = history["stop_number"].to_numpy() if "stop_number" in history else np.zeros(0)
-    for k, number in enumerate(numbers.tolist()):
-        impactor = number - len(case.stop) - 1
-        if impactor >= 0 and number == numbers[k - 1] and k:  # Hertz's springs lie behind another
-            continue
-        own = history.isel(stop=k)
-        height = float(own["stop_height"])
-        y = factor * height + float(own["stop_on_base"]) * base
-        if impactor >= 0:
-            reach = 5.0 * (abs(height) + float(np.abs(history["displacement"]).max()) + sum(half))
-            moved = history["impactor_displacement"][impactor].to_numpy().clip(-reach, reach)
-            y = y + factor * np.interp(history["frame"], history["time"], moved)
-        side = -1 if np.signbit(height) else 1
-        mark(int(own["stop_lamina"]), int(own["stop_node"]), side, y, own["stop_state"].to_numpy())
-    names = [lamina.name for lamina in case.lamina]
-    for support in case.support.inside:
-        lamina = names.index(support.lamina) if support.lamina else 0
-        node = int(np.abs(x - support.position).argmin())
-        mark(lamina, node, -1, base, np.zeros(base.size, dtype=np.int8))
-    return found
 
 
 def _factor(largest: float, thickness: float) -> float:

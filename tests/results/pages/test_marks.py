@@ -1,4 +1,4 @@
-"""A film marks stops where their faces are, and supports inside the span."""
+"""Films and ParaView show stops, impactors and supports inside the span where their faces are."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import numpy as np
 
 from delam_fem import run
 from delam_fem.case.definition import Case
+from delam_fem.results.fields.pictures import CORNERS, Ribbons
+from delam_fem.results.figures.run import contact_line
 from delam_fem.results.pages.report import film
 
 T, GAP = 0.002, 1e-3
@@ -45,3 +47,50 @@ def test_stops_and_supports_are_marked() -> None:
         np.testing.assert_allclose(mark["y"], 1e3 * y * np.ones(base.size), atol=1e-5)
     assert [mark["side"] for mark in (above, below, carried, pin)] == [1, -1, 1, -1]
     assert any(above["lit"]) or any(below["lit"])
+
+
+def test_blocks_stand_for_them_in_paraview() -> None:
+    """At rest a gap from the lamina; then at rest, with the base, or as the impactor moves."""
+    stops = [
+        {"lamina": "one", "position": 0.5, "side": "below", "gap": GAP, "on": "ground"},
+        {"lamina": "one", "position": 0.375, "side": "above", "gap": 2.0 * GAP},
+    ]
+    blow = {"lamina": "one", "position": 0.3, "mass": 0.02, "gap": 0.5 * GAP, "spring": 500.0}
+    case = Case(
+        name="marks", lamina=[LAMINA], mesh={"elements": 8}, stop=stops, impactor=[blow],
+        support=[{"position": 0.125, "kind": "pinned"}],
+        excitation={"kind": "harmonic", "amplitude": 2e-3, "frequency": 20.0},
+        contact={"law": "newton"}, time={"steps_per_period": 400, "periods": 2},
+        output={"window_periods": 2},
+    )  # fmt: skip
+    history = run(case, engine="compiled").history
+    bodies = Ribbons.of(history, case)
+    mesh, n = bodies.mesh, bodies.rest.size // 3
+    assert mesh.cell_data["lamina"].tolist() == [1] * (history.sizes["node"] - 1) + [0] * 4
+    blocks = mesh.points[n:].reshape(4, 2 * CORNERS, 3)
+    np.testing.assert_allclose(blocks[:, :, 0].mean(axis=1), [0.5, 0.375, 0.3, 0.125])
+    low, high = blocks[:, :, 1].min(axis=1), blocks[:, :, 1].max(axis=1)
+    np.testing.assert_allclose(high - low, T)
+    np.testing.assert_allclose(
+        [high[0], low[1], low[2], high[3]], [-T - GAP, 2.0 * GAP, 0.5 * GAP, -T]
+    )
+    cells = mesh.points[mesh.cells[-4:]]
+    edges = cells[:, [1, 3, 4]] - cells[:, :1]
+    assert (np.linalg.det(edges) > 0.0).all()
+    frame = 30
+    data = bodies.point_data(frame)
+    moved = data["displacement"][n:].reshape(4, 2 * CORNERS, 3)
+    at = {"time": history["frame"][frame], "method": "nearest"}
+    base, mass = (
+        float(history[name].sel(**at).squeeze())
+        for name in ("base_displacement", "impactor_displacement")
+    )
+    assert abs(base) > 1e-5
+    assert abs(mass) > 1e-6
+    for own, y in zip(moved, (0.0, base, mass, base), strict=True):
+        np.testing.assert_allclose(own, np.tile([0.0, y, 0.0], (2 * CORNERS, 1)), atol=1e-12)
+    states = np.array([bodies.point_data(k)["contact_state"][n :: 2 * CORNERS] for k in (0, frame)])
+    np.testing.assert_array_equal(states[:, :3], history["stop_state"].to_numpy()[[0, frame]])
+    assert all(len(values) == len(mesh.points) for values in data.values())
+    labels = contact_line(history, case).axes[0].get_legend_handles_labels()[1]
+    assert labels[:2] == ["stop", "impactor"]
