@@ -781,6 +781,7 @@ class Case(Section):
         """The files that the case names, by their keys."""
         numbered = enumerate(self.delamination, start=1)
         named = {f"delamination.{number}.file": own.file for number, own in numbered}
+        named |= {f"stop.{number}.file": own.file for number, own in enumerate(self.stop, start=1)}
         named["gap.file"] = None if self.gap is None else self.gap.file
         named["mesh.file"] = self.mesh.file
         named["model.file"] = self.model.file

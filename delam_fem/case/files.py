@@ -63,8 +63,8 @@ def load_case(path: str | Path, overrides: Mapping[str, object] | None = None) -
     data = read_toml(path)
     if "axis" in data:
         raise CaseError(f"case {path}: is a sweep; compute it with delam-fem sweep {path}")
-    delaminations = data.get("delamination")
-    listed = delaminations if isinstance(delaminations, list) else []
+    several = [data.get(name) for name in ("delamination", "stop")]
+    listed = [table for tables in several if isinstance(tables, list) for table in tables]
     sections = [data.get(name) for name in ("gap", "mesh", "model", "excitation")]
     for table in (*sections, *listed):
         if isinstance(table, dict) and isinstance(table.get("file"), str):

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import PchipInterpolator
 
-from delam_fem.case.sections import Delamination, Gap
+from delam_fem.case.sections import Delamination, Gap, Stop
 from delam_fem.case.tables import in_si_units, read_columns
 from delam_fem.numerics.beams import cantilever_mode
 from delam_fem.numerics.types import FloatArray
@@ -65,16 +65,16 @@ def initial_gap(gap: Gap, x: npt.ArrayLike, length: float) -> FloatArray:
 
 
 def opening_at_rest(
-    delamination: Delamination, x: FloatArray, length: float, *, opens_at_start: bool = False
+    own: Delamination | Stop, x: FloatArray, length: float, *, opens_at_start: bool = False
 ) -> FloatArray:
-    """Return the gap at rest at places within a delamination, shape of x [m].
+    """Return the gap at rest at places within a delamination or a stop, shape of x [m].
 
         half-cosine:  opening cos(pi (s - 1/2)),  s = (x - start)/(end - start)
-        power:        opening s^p, s from the bonded end to the open end
+        power:        opening s^p, s from the bonded end to the open end; of a stop to its end
         file:         the table, interpolated by PCHIP
 
     Args:
-        delamination: gives edges, opening and shape.
+        own: gives edges, opening and shape.
         x: places from start to end [m].
         length: length of the laminae [m].
         opens_at_start: whether the open end of the shape "power" is the start.
@@ -82,7 +82,8 @@ def opening_at_rest(
     Raises:
         CaseError: the table cannot be used.
     """
-    own = delamination
+    if own.start is None or own.end is None:  # of a stop at a point
+        return np.zeros_like(x)
     if own.file is not None:
         table = read_table(own.file, own.start, own.end, length)
         return np.asarray(PchipInterpolator(*table)(np.clip(x, table[0][0], table[0][-1])))

@@ -577,10 +577,7 @@ class Delamination(Section):
             raise inconsistent(
                 "end", f"expected a place beyond start = {self.start!r} m, given {self.end!r}"
             )
-        if self.file is not None and (self.shape is not None or self.opening):
-            raise inconsistent("file", "expected no shape and no opening beside the table")
-        if self.exponent is not None and self.shape != "power":
-            raise inconsistent("exponent", 'expected only with shape = "power"')
+        _require_one_shape(self)
         return self
 
     def spans(self, length: float) -> bool:
@@ -591,6 +588,14 @@ class Delamination(Section):
         """Return whether one of its edges is at `end` (0 or the length) of the structure."""
         edge = self.start if end == 0.0 else self.end
         return abs(edge - end) <= EDGE_TOLERANCE * length
+
+
+def _require_one_shape(own: Delamination | Stop) -> None:
+    """Check that what opens has either a shape or a table."""
+    if own.file is not None and (own.shape is not None or own.opening):
+        raise inconsistent("file", "expected no shape and no opening beside the table")
+    if own.exponent is not None and own.shape != "power":
+        raise inconsistent("exponent", 'expected only with shape = "power"')
 
 
 def require_fitting(
@@ -693,6 +698,12 @@ class Stop(Section):
         position: x of a point [m]; the end x = length if nothing is given.
         start: where a stretch begins [m]; instead of position.
         end: where a stretch ends [m]; each node of the mesh from start to end is a contact point.
+        opening: largest gap at rest of a stretch beyond `gap` [m]; 0: all of it has the same gap.
+        shape: of the opening: "half-cosine" (zero at both ends), or "power" (zero at the start,
+            largest at the end); "half-cosine" if neither shape nor file is given.
+        exponent: exponent of the shape "power" [-]; 2 if it is not given.
+        file: CSV table with the columns x [m], gap [m] from start to end, which is added to `gap`;
+            a relative name counts from the case file.
         on: what carries the stop: "base" (it moves with the base) or "ground".
         stiffness: stiffness of an elastic stop, of a stretch as a whole [N/m]; rigid if not given.
         damping: damping of an elastic stop, of a stretch as a whole [N s/m].
@@ -704,6 +715,10 @@ class Stop(Section):
     position: Annotated[NotNegative, Unit("m")] | None = None
     start: Annotated[NotNegative, Unit("m")] | None = None
     end: Annotated[Positive, Unit("m")] | None = None
+    opening: Annotated[NotNegative, Unit("m")] = 0.0
+    shape: Literal["half-cosine", "power"] | None = None
+    exponent: Positive | None = None
+    file: FileName | None = None
     on: Literal["base", "ground"] = "base"
     stiffness: Annotated[Positive, Unit("N/m")] | None = None
     damping: Annotated[NotNegative, Unit("N s/m")] = 0.0
@@ -718,6 +733,10 @@ class Stop(Section):
             raise inconsistent(
                 "end", f"expected a place beyond start = {self.start!r} m, given {self.end!r}"
             )
+        for key in ("opening", "shape", "file"):
+            if getattr(self, key) and not is_stretch:
+                raise inconsistent(key, "expected only of a stretch, from start to end")
+        _require_one_shape(self)
         if self.damping and self.stiffness is None:
             raise inconsistent("damping", "expected only beside stiffness, of an elastic stop")
         return self

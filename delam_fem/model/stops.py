@@ -33,6 +33,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from delam_fem.case.definition import Case
+from delam_fem.case.gap import opening_at_rest
 from delam_fem.case.sections import EDGE_TOLERANCE, Impactor, Initial, Stop
 from delam_fem.model.layout import (
     DISPLACEMENT,
@@ -71,9 +72,12 @@ def with_stops(structure: Structure, case: Case) -> Structure:
         which, places, shares = _places(own, structure, f"stop.{number + 1}", case)
         factor = 1.0 if own.stiffness is None else own.stiffness / case.spring[0] * shares
         N = interpolation_rows(structure.layout.parts[which], places, structure.operators.n_dofs)
+        x = structure.layout.parts[which].x
+        at = np.interp(places, np.arange(x.size), x)
+        gap = own.gap + opening_at_rest(own, at, case.length)
         for side in _SIDES[own.side]:
             stop = StopPairs(number, which, places, side, 0, own.on == "base")
-            added.append((stop, -side * N, np.full(places.size, own.gap), factor))
+            added.append((stop, -side * N, gap, factor))
     return _with_pairs(structure, added)
 
 

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from covertable import make
 
-from delam_fem import CaseError, Result, run
+from delam_fem import CaseError, Result, load_case, run, save_case
 from delam_fem.case.definition import Case
+from delam_fem.case.toml import toml_text
 from delam_fem.engines.session import ENGINES, EngineName
 from delam_fem.model import discretise
 from delam_fem.model.beams import closed_form
@@ -27,6 +29,7 @@ SHAKER = {"kind": "harmonic", "amplitude": 1e-4, "frequency": 20.0}
 RIGID = {"law": "newton", "restitution": 0.3}
 OF_STOPS = {"event_stop", *(name for name in VARIABLES if name.startswith("stop_"))}
 ELASTIC = {"stiffness": K, "damping": 0.02}
+CURVED = {"position": None, "start": 0.25, "end": L, "opening": 3e-3}
 
 
 def case_of(stop: dict[str, Any] | list[dict[str, Any]], **sections: Any) -> Case:
@@ -171,6 +174,30 @@ def test_dolfinx_assembles_the_same_stops() -> None:
     np.testing.assert_allclose(found.base.mass, expected.base.mass, rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.parametrize("side", ["above", "below"])
+@pytest.mark.parametrize(
+    ("shape", "opened"),
+    [
+        ({"opening": 3e-3}, [0.0, 3e-3, 0.0]),
+        ({"opening": 3e-3, "shape": "power"}, [0.0, 0.75e-3, 3e-3]),
+        ({"opening": 3e-3, "shape": "power", "exponent": 3.0}, [0.0, 0.375e-3, 3e-3]),
+        ({"file": "curve.csv"}, [1e-4, 2e-4, 4e-4]),
+    ],
+)
+def test_a_stop_along_a_stretch_has_a_shape(
+    tmp_path: Path, shape: dict[str, Any], opened: list[float], side: str
+) -> None:
+    """Nodes at the ends and in the middle; a folder that was written has the table, too."""
+    (tmp_path / "curve.csv").write_text("x [m],gap [m]\n0.25,1e-4\n0.375,2e-4\n0.5,4e-4\n")
+    stop = {"lamina": "one", "side": side, "gap": GAP, "start": 0.25, "end": L, **shape}
+    data = case_of([]).model_dump(exclude_unset=True, exclude_none=True) | {"stop": [stop]}
+    (tmp_path / "case.toml").write_text(toml_text(data))
+    case = load_case(save_case(load_case(tmp_path / "case.toml"), tmp_path / "copy"))
+    assembled = closed_form.assemble(case)
+    [own] = assembled.layout.stops
+    np.testing.assert_allclose(assembled.operators.gap0[own.pairs], GAP + np.array(opened))
+
+
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
@@ -182,6 +209,10 @@ def test_dolfinx_assembles_the_same_stops() -> None:
         ({"side": "left"}, r"side"),
         ({"stiffness": -1.0}, r"stiffness: expected a positive number, given -1\.0"),
         ({"damping": 1.0}, r"damping: expected only beside stiffness"),
+        ({"opening": 1e-3}, r"opening: expected only of a stretch, from start to end"),
+        ({"shape": "power"}, r"shape: expected only of a stretch, from start to end"),
+        (CURVED | {"exponent": 3.0}, r'exponent: expected only with shape = "power"'),
+        (CURVED | {"file": "a.csv"}, r"file: expected no shape and no opening beside the table"),
     ],
 )
 def test_bad_stops_are_told(change: dict[str, Any], expected: str) -> None:
