@@ -25,7 +25,8 @@ def test_numbers_are_within_the_bar_and_on_the_page(test: others.Test) -> None:
         assert abs(row.difference) < test.bar, row
         shown = re.search(rf"{re.escape(row.what)} \| {row.theirs:.7g} \| (\S+) \|", text)
         assert shown is not None
-        assert float(shown[1]) == pytest.approx(row.ours, rel=1e-5)
+        rounded = 1e-5 if test.bar == others.BAR else 0.05 * test.bar  # impacts amplify round-off
+        assert float(shown[1]) == pytest.approx(row.ours, rel=rounded)
         assert f"`{row.command}`" in text
     assert test.reason in text
     assert test.bar == others.BAR or test.reason
