@@ -28,6 +28,7 @@ SAID = {
     "one_impact": r"^\d\d single impacts, the strongest lost \d\.\d+e-05 J$",
     "plate": r"^frequency 3\.824, exact 3\.824; \d+ impacts$",
     "timoshenko": r"^\d+ impacts, lowest tip -12\.2\d mm$",
+    "tap": r"^200 mm: 1\.4[45] ms, 6\.5\d N; as a spring of 3\.50e\+05 N/m 1\.38 ms, 5\.69 N$",
     "own_law": r"^speeds of approach \[m/s\]: \[1\. +0\.5333\d 0\.3368\d 0\.2306\d\] exact",
     "own_operators": r"^pairs hit: \[0 1 0\] velocities at the end \[m/s\]: \[-0\.25 +-0\.125\]$",
     "sweep": r"^3\.65 Hz: period 2, 0\.50 tip contacts per period$",
