@@ -8,6 +8,7 @@ from pathlib import Path
 
 import hypothesis
 import pytest
+from crew import Crew
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -47,6 +48,14 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     """Skip a test for which there is no time."""
     if time.monotonic() > item.config.stash[END]:
         pytest.skip("the minutes given are over")
+
+
+@pytest.fixture(scope="session")
+def crew() -> Iterator[Crew]:
+    """Yield the processes of MPI that run programs of tests."""
+    result = Crew()
+    yield result
+    result.close()
 
 
 @pytest.fixture(autouse=True)

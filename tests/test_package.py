@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -10,6 +11,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from test_without_dolfinx import PROGRAM
 
 ROOT = Path(__file__).parents[1]
 CONSTRAINTS = ROOT / ".venv" / "constraints.txt"
@@ -56,17 +58,18 @@ def test_both_hold_the_whole_package_and_nothing_else(built: dict[str, Path]) ->
     assert wanted | {"LICENSE", "README.md", "pyproject.toml"} <= names
 
 
-@pytest.mark.parametrize("dependencies", ["of this environment", "declared"])
+@pytest.mark.parametrize("dependencies", ["of this environment", "declared", "without dolfinx"])
 @pytest.mark.nightly
 def test_both_install_in_a_clean_environment(
     dependencies: str, built: dict[str, Path], tmp_path: Path
 ) -> None:
     base = Path(sys.base_prefix) / "bin" / "python3"
-    call(base, "-m", "venv", "--system-site-packages", tmp_path / "venv", folder=tmp_path)
+    distribution = [] if dependencies == "without dolfinx" else ["--system-site-packages"]
+    call(base, "-m", "venv", *distribution, tmp_path / "venv", folder=tmp_path)
     python = tmp_path / "venv" / "bin" / "python"
     install = [python, "-m", "pip", "install", "--no-input", "--quiet", "--no-compile"]
     held = ["-c", CONSTRAINTS] if CONSTRAINTS.exists() else []
-    if dependencies == "declared":
+    if dependencies != "of this environment":
         call(*install, *held, built["wheel"], folder=tmp_path)
     else:  # after the environment's own packages come those of this one, without this project
         (site,) = (tmp_path / "venv" / "lib").glob("python*/site-packages")
@@ -82,3 +85,12 @@ def test_both_install_in_a_clean_environment(
     run = ["run", "paper", "--set", "time.periods=1", "--set", "output.window_periods=1"]
     call(command, *run, "-o", "run", folder=tmp_path)
     assert (tmp_path / "run" / "report.html").is_file()
+    has_dolfinx = "import importlib.util as i; print(i.find_spec('dolfinx') is not None)"
+    assert call(python, "-c", has_dolfinx, folder=tmp_path).strip() == str(bool(distribution))
+    if not distribution:  # runs, studies, commands and refusals
+        (tmp_path / "covering").mkdir()
+        found = json.loads(
+            call(python, "-c", PROGRAM, folder=tmp_path / "covering").splitlines()[-1]
+        )
+        assert found["sweep"] == ["completed", "completed"] and found["run"][0] == 0
+        assert found["solid"][0] == found["compare"][0] == 2

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import json
 import logging
-import os
 import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray as xr
+from crew import Crew
 
 import delam_fem as df
 from delam_fem.results.folder import Result
@@ -176,15 +174,14 @@ def test_sweep_runs_for_its_duration() -> None:
 
 PARALLEL = """
 import numpy as np
-from mpi4py import MPI
 import delam_fem as df
-assert MPI.COMM_WORLD.size == 2
+assert comm.size == 2
 keys = {"time.periods": 2, "time.steps_per_period": 300, "mesh.elements": 8}
 for impulse, law in (
     ("lumped", "newton-penalty"), ("consistent", "newton-penalty"), ("lumped", "newton@moreau-jean")
 ):
     case = df.preset("paper", keys | {"contact.impulse": impulse, "contact.law": law})
-    one, both = df.run(case).history, df.run(case, comm=MPI.COMM_WORLD).history
+    one, both = df.run(case).history, df.run(case, comm=comm).history
     assert one.impulse_sum.values.sum() > 0.0
     away = np.abs(one.tip_displacement.values - both.tip_displacement.values).max()
     assert away < 1e-9, (impulse, law, away)
@@ -192,13 +189,8 @@ for impulse, law in (
 
 
 @pytest.mark.mpi
-def test_two_ranks_compute_what_one_does(tmp_path: Path) -> None:
-    script = tmp_path / "parallel.py"
-    script.write_text(PARALLEL)
-    command = ["mpirun", "--allow-run-as-root", "--oversubscribe", "-n", "2", sys.executable]
-    environment = os.environ | {"OMP_NUM_THREADS": "1"}
-    done = subprocess.run([*command, str(script)], capture_output=True, text=True, env=environment)
-    assert done.returncode == 0, done.stderr
+def test_two_ranks_compute_what_one_does(crew: Crew) -> None:
+    crew.run(2, PARALLEL)
 
 
 def test_keys_that_nothing_reads_are_in_the_summary_and_the_log(

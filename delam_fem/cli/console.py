@@ -514,7 +514,8 @@ def explained(error: BaseException) -> tuple[str, int] | None:
 
     if isinstance(error, CaseError):
         return str(error), BAD_INPUT
-    if isinstance(error, ModuleNotFoundError) and error.name in ("dolfinx", "petsc4py", "mpi4py"):
+    fenicsx = ("dolfinx", "ufl", "petsc4py", "mpi4py")
+    if isinstance(error, ModuleNotFoundError) and error.name in fenicsx:
         from delam_fem.model.discretise import INSTALL
 
         return f"{error.name} is not installed, but needed here: {INSTALL}", BAD_INPUT

@@ -55,8 +55,8 @@ with added({} if any(name in os.environ for name in LAUNCHED) else ALONE):
 
 __all__ = ["MPI", "end_with_any", "hold", "release", "start_petsc"]
 
-_held: list[Any] = []
-"""PETSc's copies of communicators that `hold` keeps."""
+_held: list[tuple[MPI.Intracomm, Any]] = []
+"""Communicators with PETSc's copies of them, which `hold` keeps."""
 
 
 def start_petsc(comm: MPI.Intracomm | None = None) -> None:
@@ -80,10 +80,10 @@ def hold(comm: MPI.Intracomm) -> None:
     PETSc frees its copy with the last object on it, and makes a new one, collectively, when it
     cleans up at the end. If one rank still has an object then, the others wait forever.
     """
-    if comm.size > 1 and not _held:
+    if comm.size > 1 and comm not in [own for own, _ in _held]:
         from petsc4py import PETSc
 
-        _held.append(PETSc.Comm(comm).duplicate())
+        _held.append((comm, PETSc.Comm(comm).duplicate()))
 
 
 def end_with_any(comm: MPI.Intracomm) -> None:

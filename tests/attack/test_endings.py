@@ -266,3 +266,24 @@ def test_an_error_within_a_step_of_one_rank_ends_all(way: str, tmp_path: Path) -
     status, errors = ended([*MPIRUN, sys.executable, str(script)])
     assert status == 1
     assert "RuntimeError: rank one is lost" in errors
+
+
+TWICE = """
+import delam_fem as df
+from delam_fem.system.mpi import MPI, start_petsc
+
+start_petsc()
+keys = {"model.kind": "plane-stress", "mesh.elements": 4, "time.periods": 1}
+case = df.preset("paper", keys | {"time.steps_per_period": 50, "output.window_periods": 1})
+for comm in (MPI.COMM_WORLD.Split(MPI.COMM_WORLD.rank // 2), MPI.COMM_WORLD):
+    df.run(case, comm=comm)
+"""
+
+
+@pytest.mark.mpi
+@pytest.mark.nightly
+def test_runs_on_two_communicators_end(tmp_path: Path) -> None:
+    script = tmp_path / "twice.py"
+    script.write_text(TWICE)
+    status, errors = ended([*MPIRUN[:-1], "3", sys.executable, str(script)])
+    assert status == 0, errors

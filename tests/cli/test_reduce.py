@@ -1,14 +1,10 @@
 """The command `delam-fem reduce`, and the commands that take what it writes."""
 
 import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
-import xarray as xr
+from crew import Crew
 from typer.testing import CliRunner
 
 from delam_fem.cli.app import app
@@ -92,17 +88,18 @@ values = [0.010, 0.012]
     assert (tmp_path / "sweep" / "sweep.nc").is_file()
 
 
-def test_two_ranks_read_the_whole_file(folder: Path, tmp_path: Path) -> None:
-    line = ["run", folder / "case.toml", *SHORT, "-q", "--no-figures", "-o"]
-    status, output = call(*line, tmp_path / "one")
-    assert status == 0, output
-    both = ("mpirun", "--allow-run-as-root", "--oversubscribe", "-n", "2")
-    whole = [*both, sys.executable, "-m", "delam_fem", *map(str, line), str(tmp_path / "two")]
-    environment = os.environ | {"OMP_NUM_THREADS": "1"}  # without what MPI set in this process
-    done = subprocess.run(whole, capture_output=True, text=True, env=environment, check=False)
-    assert done.returncode == 0, done.stderr[-2000:]
-    one, two = (
-        xr.load_dataset(tmp_path / name / "result.nc", engine="h5netcdf") for name in ("one", "two")
-    )
-    for name in ("tip_displacement", "displacement", "velocity"):
-        np.testing.assert_allclose(two[name], one[name], atol=1e-10)
+RANKS = """
+import numpy as np
+import delam_fem as df
+
+keys = {"time.steps_per_period": 200, "time.periods": 3, "output.window_periods": 2}
+case = df.load_case(arguments[0], keys)
+one, two = df.run(case).history, df.run(case, comm=comm).history
+for name in ("tip_displacement", "displacement", "velocity"):
+    np.testing.assert_allclose(two[name], one[name], atol=1e-10)
+"""
+
+
+@pytest.mark.mpi
+def test_two_ranks_read_the_whole_file(folder: Path, crew: Crew) -> None:
+    crew.run(2, RANKS, folder / "case.toml")

@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from crew import Crew
 
 SCRIPT = """
-import os, signal, sys
+import os, signal
 import numpy as np
 import delam_fem as df
 from delam_fem.cli.run import ended_together
-from delam_fem.system.mpi import MPI
 
 ROUND_OFF = 1e-8  # of 2 cm; bending is a small difference of large forces in a sheet of 1 mm
 
-kind, folder = sys.argv[1:]
-comm = MPI.COMM_WORLD
+kind, folder = arguments
 keys = {"model.kind": kind, "mesh.elements": 6, "time.periods": 2, "time.steps_per_period": 100}
 keys |= {"contact.law": "newton@moreau-jean", "contact.impulse": "consistent"}
 case = df.preset("paper", keys | {"output.fields_per_period": 4})
@@ -79,14 +75,5 @@ with ended_together(comm):
         pytest.param("solid", 3, marks=pytest.mark.nightly),
     ],
 )
-def test_ranks_share_a_solid(kind: str, ranks: int, tmp_path: Path) -> None:
-    script = tmp_path / "ranks.py"
-    script.write_text(SCRIPT)
-    command = ["mpirun", "--allow-run-as-root", "--oversubscribe", "-n", str(ranks)]
-    done = subprocess.run(
-        [*command, sys.executable, str(script), kind, str(tmp_path)],
-        capture_output=True,
-        text=True,
-        env=os.environ | {"OMP_NUM_THREADS": "1"},
-    )
-    assert done.returncode == 0, done.stderr
+def test_ranks_share_a_solid(kind: str, ranks: int, crew: Crew, tmp_path: Path) -> None:
+    crew.run(ranks, SCRIPT, kind, tmp_path)

@@ -2,17 +2,11 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
-from pathlib import Path
-
 import pytest
+from crew import Crew
 
 SCRIPT = """
-import sys
 import numpy as np
-from delam_fem.system.mpi import MPI
 from delam_fem.case.files import preset
 from delam_fem.engines.session import law_of, scheme_of
 from delam_fem.engines.session import solve
@@ -23,7 +17,6 @@ from delam_fem.case.excitation import drive
 from delam_fem.simulation.refinement import Refinement
 
 STEPS = 200
-comm = MPI.COMM_WORLD
 
 
 def compare(way, law, impulse, refine):
@@ -65,8 +58,8 @@ def compare(way, law, impulse, refine):
         assert np.allclose(np.concatenate(frame, axis=1), expected, rtol=1e-8, atol=1e-10)
 
 
-for arguments in sys.argv[1:]:
-    compare(*arguments.split())
+for words in arguments:
+    compare(*words.split())
 """
 
 
@@ -77,15 +70,6 @@ SLICES = "sliced newton@moreau-jean consistent 1"
 
 @pytest.mark.mpi
 @pytest.mark.parametrize("ranks", [pytest.param(2, marks=pytest.mark.nightly), 3])
-def test_ranks_have_the_histories_of_one(ranks: int, tmp_path: Path) -> None:
+def test_ranks_have_the_histories_of_one(ranks: int, crew: Crew) -> None:
     """The third rank has no dofs where the laminae are apart, and a slice of both elsewhere."""
-    script = tmp_path / "ranks.py"
-    script.write_text(SCRIPT)
-    command = ["mpirun", "--allow-run-as-root", "--oversubscribe", "-n", str(ranks)]
-    done = subprocess.run(
-        [*command, sys.executable, str(script), HALVES, REFINED, SLICES],
-        capture_output=True,
-        text=True,
-        env=os.environ | {"OMP_NUM_THREADS": "1"},
-    )
-    assert done.returncode == 0, done.stderr
+    crew.run(ranks, SCRIPT, HALVES, REFINED, SLICES)

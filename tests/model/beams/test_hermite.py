@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 import ufl
+from crew import Crew
 from mpi4py import MPI
 
 from delam_fem.model.beams.forms import BENDING_DEGREE, MASS_DEGREE, Hermite
@@ -70,26 +66,19 @@ def test_coefficient_knows_cell_and_place() -> None:
 
 
 PARALLEL = """
-import sys, numpy as np
-from mpi4py import MPI
+from delam_fem.system.mpi import MPI
 from delam_fem.model.beams import forms
 from delam_fem.case.files import preset
 case = preset("paper")
 one = forms.assemble(case, comm=MPI.COMM_SELF).operators
-all_ = forms.assemble(case, comm=MPI.COMM_WORLD).operators
+all_ = forms.assemble(case, comm=comm).operators
 for name in ("mass", "damping", "stiffness"):
     a, b = getattr(one, name), getattr(all_, name)
     assert abs(a - b).max() <= 1e-14 * abs(a).max(), name
-assert MPI.COMM_WORLD.size == 2
+assert comm.size == 2
 """
 
 
 @pytest.mark.mpi
-@pytest.mark.nightly
-def test_two_ranks_assemble_what_one_does(tmp_path: Path) -> None:
-    script = tmp_path / "parallel.py"
-    script.write_text(PARALLEL)
-    command = ["mpirun", "--allow-run-as-root", "--oversubscribe", "-n", "2", sys.executable]
-    environment = os.environ | {"OMP_NUM_THREADS": "1"}
-    done = subprocess.run([*command, str(script)], capture_output=True, text=True, env=environment)
-    assert done.returncode == 0, done.stderr
+def test_two_ranks_assemble_what_one_does(crew: Crew) -> None:
+    crew.run(2, PARALLEL)

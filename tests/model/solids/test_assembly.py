@@ -1,14 +1,10 @@
 """Cases whose laminae are solids, beside the beams of the same cases."""
 
-import os
-import subprocess
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 import scipy.sparse as sp
 from bricks import two_bricks
+from crew import Crew
 from scipy.sparse.linalg import spsolve
 
 from delam_fem.case.files import preset
@@ -248,9 +244,6 @@ import scipy.sparse as sp
 from delam_fem.case.files import preset
 from delam_fem.case.toml import CaseError
 from delam_fem.model.solids.assembly import assemble
-from delam_fem.system.mpi import MPI
-
-comm = MPI.COMM_WORLD
 
 def whole(matrix):
     indptr, columns, values = matrix.getValuesCSR()
@@ -320,14 +313,5 @@ compare("embedded", "solid", 2)
 
 @pytest.mark.mpi
 @pytest.mark.parametrize("ranks", [pytest.param(2, marks=pytest.mark.nightly), 3])
-def test_shares_of_ranks_make_the_operators_of_one(ranks: int, tmp_path: Path) -> None:
-    script = tmp_path / "shares.py"
-    script.write_text(SCRIPT)
-    command = ["mpirun", "--allow-run-as-root", "--oversubscribe", "-n", str(ranks)]
-    done = subprocess.run(
-        [*command, sys.executable, str(script)],
-        capture_output=True,
-        text=True,
-        env=os.environ | {"OMP_NUM_THREADS": "1"},
-    )
-    assert done.returncode == 0, done.stderr
+def test_shares_of_ranks_make_the_operators_of_one(ranks: int, crew: Crew) -> None:
+    crew.run(ranks, SCRIPT)

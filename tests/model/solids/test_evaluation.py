@@ -1,14 +1,10 @@
 """Rows that evaluate displacements and derivatives at points in cells."""
 
-import os
-import subprocess
-import sys
-
 import numpy as np
 import numpy.typing as npt
 import pytest
 from bricks import two_bricks
-from project import ROOT
+from crew import Crew
 
 from delam_fem.model.solids.forms import Solid, evaluate
 from delam_fem.model.solids.mesh import SolidMesh, locate
@@ -72,12 +68,8 @@ SUM = """
 import numpy as np
 from bricks import two_bricks
 from delam_fem.model.solids.mesh import locate
-from delam_fem.model.solids.mesh import locate
-from delam_fem.model.solids.forms import Solid
-from delam_fem.model.solids.forms import evaluate, gathered
-from delam_fem.system.mpi import MPI
+from delam_fem.model.solids.forms import Solid, evaluate, gathered
 
-comm = MPI.COMM_WORLD
 mesh = two_bricks("quadrilateral", (6, 1), (5, 1))
 solid = Solid.on(mesh, comm, 2, ranks=np.arange(len(mesh.cells)) % 2)
 x = np.random.default_rng(0).uniform([0, 0], [2, 0.5], size=(50, 2))
@@ -93,15 +85,5 @@ assert np.abs(rows @ whole - 2 * x[:, 0]).max() < 1e-12
 
 
 @pytest.mark.mpi
-@pytest.mark.nightly
-def test_ranks_evaluate_their_own_cells() -> None:
-    command = ["mpirun", "--allow-run-as-root", "--oversubscribe", "-n", "2", sys.executable]
-    path = f"{ROOT}:{ROOT / 'tests'}"
-    done = subprocess.run(
-        [*command, "-c", SUM],
-        env={**os.environ, "PYTHONPATH": path, "OMP_NUM_THREADS": "1"},
-        capture_output=True,
-        text=True,
-        timeout=120,
-    )
-    assert done.returncode == 0, done.stderr
+def test_ranks_evaluate_their_own_cells(crew: Crew) -> None:
+    crew.run(2, SUM)

@@ -1,8 +1,5 @@
 """Solid meshes from files: groups, kinds of cells, orientation, what is refused."""
 
-import os
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,6 +7,7 @@ import meshio
 import numpy as np
 import numpy.typing as npt
 import pytest
+from crew import Crew
 from project import ROOT
 
 from delam_fem.case.definition import Case
@@ -352,12 +350,11 @@ def test_mesh_of_a_file_runs() -> None:
 SHARED = """
 import sys
 import numpy as np
+sys.path += arguments
 from test_meshfile import case_of
 from delam_fem.model.discretise import assemble
 from delam_fem.system.mpi import MPI
 
-comm = MPI.COMM_WORLD
-assert comm.size == int(sys.argv[1])
 for name in ("plane_strips", "solid_delaminated"):
     one, shared = (assemble(case_of(name), comm=own) for own in (MPI.COMM_SELF, comm))
     load = np.linspace(1.0, 2.0, one.operators.n_pairs)
@@ -379,15 +376,6 @@ for name in ("plane_strips", "solid_delaminated"):
 @pytest.mark.mpi
 @pytest.mark.slow
 @pytest.mark.parametrize("ranks", [2, pytest.param(3, marks=pytest.mark.nightly)])
-def test_ranks_share_pairs_and_readings(ranks: int, tmp_path: Path) -> None:
+def test_ranks_share_pairs_and_readings(ranks: int, crew: Crew) -> None:
     """H Hᵀ and the like do not depend on the order of the dofs."""
-    command = ["mpirun", "--allow-run-as-root", "--oversubscribe", "-n", str(ranks)]
-    path = f"{ROOT}:{ROOT / 'tests'}:{Path(__file__).parent}"
-    done = subprocess.run(
-        [*command, sys.executable, "-c", SHARED, str(ranks)],
-        env=os.environ | {"PYTHONPATH": path, "OMP_NUM_THREADS": "1"},
-        capture_output=True,
-        text=True,
-        timeout=300,
-    )
-    assert done.returncode == 0, done.stderr
+    crew.run(ranks, SHARED, Path(__file__).parent)

@@ -1,8 +1,5 @@
 """The fields of solids at the frames: beside the readings, the impulses and VTK's own reader."""
 
-import os
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -11,7 +8,7 @@ import numpy as np
 import pytest
 import pyvista as pv
 import xarray as xr
-from project import ROOT
+from crew import Crew
 from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline
 from vtkmodules.vtkIOHDF import vtkHDFReader
 
@@ -173,7 +170,6 @@ def test_no_frames_give_no_solid() -> None:
 
 
 RANKS = """
-import sys
 from pathlib import Path
 import delam_fem as df
 from delam_fem.engines.session import session_of
@@ -181,32 +177,23 @@ from delam_fem.model import discretise
 from delam_fem.system.mpi import MPI
 from delam_fem.results.fields import derived
 
-sys.excepthook = lambda *error: (sys.__excepthook__(*error), MPI.COMM_WORLD.Abort())
-case = df.preset("paper", eval(sys.argv[2]))
-for comm in (MPI.COMM_SELF, MPI.COMM_WORLD):
-    structure = discretise.assemble(case, comm=comm)
-    with session_of(case, structure.operators, engine="petsc", comm=comm) as opened:
+case = df.preset("paper", eval(arguments[1]))
+for own in (MPI.COMM_SELF, comm):
+    structure = discretise.assemble(case, comm=own)
+    with session_of(case, structure.operators, engine="petsc", comm=own) as opened:
         opened.run(lambda period: False)
         frames = derived.collected(structure, opened.recorder, case)
-    assert (frames is None) == (comm.rank > 0)
-    if MPI.COMM_WORLD.rank == 0:
-        derived.write_solid(frames, Path(sys.argv[1]) / str(comm.size))
+    assert (frames is None) == (own.rank > 0)
+    if comm.rank == 0:
+        derived.write_solid(frames, Path(arguments[0]) / str(own.size))
 """
 
 
 @pytest.mark.mpi
-def test_several_ranks_give_the_same_fields(tmp_path: Path) -> None:
+def test_several_ranks_give_the_same_fields(crew: Crew, tmp_path: Path) -> None:
     keys = {**KEYS, **SOLIDS["plane-stress"], "time.periods": 1, "output.window_periods": 1}
     keys |= {"time.steps_per_period": 100, "output.fields_per_period": 10}
-    command = ["mpirun", "--allow-run-as-root", "--oversubscribe", "-n", "2"]
-    script = tmp_path / "ranks.py"
-    script.write_text(RANKS)
-    done = subprocess.run(
-        [*command, sys.executable, str(script), str(tmp_path), repr(keys)],
-        env=os.environ | {"OMP_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)},
-        capture_output=True, text=True, timeout=60,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
+    crew.run(2, RANKS, tmp_path, keys)
     found = []
     for ranks in ("1", "2"):
         with h5py.File(tmp_path / ranks / "solid.vtkhdf") as file:
