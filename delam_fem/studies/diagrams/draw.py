@@ -235,7 +235,7 @@ def lyapunov(data: xr.Dataset) -> Figure:
             marker=marker, markersize=3.0, linewidth=1.0, elinewidth=0.8, capsize=2.0, label=label,
         )  # fmt: skip
     _mark_points(panel, data, axis)
-    panel.set(ylabel=f"largest Lyapunov exponent [1/s]\nbars: ±{BARS:g} standard errors")
+    panel.set(ylabel=f"largest Lyapunov exponent [1/s]\nbars: ±{BARS:g} errors")
     legend_above(panel)
     _finish(figure, [panel], data, axis)
     return figure
