@@ -57,8 +57,9 @@ UNCOUNTED = {
     "those of two presets and of the strips",
     "Lyapunov exponents of laminae": "no exact truth is known",
     "`sweep`: basins, kinds of motion": "rules with fixed thresholds; no share is promised",
-    "`detect excite`: ratios to the limit": "no share is promised: they rank frequencies",
-    "`detect pod`: a90, a90/95": "a truth needs hundreds of scans of each size",
+    "`detect excite`: ratio to the limit, share of calls": "of simulated scans at the frequencies "
+    "of the map; nothing is promised between them or on a rig",
+    "`detect pod`: a90": "a middle, without an interval",
     "`detect modulate`: calls of delaminated plates": "no share is promised",
     "`measure response`: poles ±": "the scatter over the orders of the fit",
     "`converge`: contact work, distortion, other harmonics": "no interval is given",

@@ -136,8 +136,8 @@ class ExcitationMap(Finding):
         f, ratio = float(self.frequencies[best[1]]), float(self.ratios[best[0]])
         opening = f", g0/A = {ratio:g}" if math.isfinite(ratio) else ""
         return (
-            f"{f:g} Hz{opening}: the index is {self.visibility[best]:.1f} times its limit of "
-            f"noise ({self.worst[best]:.1f} at a neighbouring frequency), its contrast is "
+            f"{f:g} Hz{opening}: in simulated scans there and at the neighbouring frequencies the "
+            f"index is at least {self.worst[best]:.1f} times its limit of noise. Its contrast is "
             f"{self.contrast[best]:.1f}, {100.0 * self.calls[best]:.0f} % of repetitions call, and "
             f"the ends are {1e3 * self.error[best]:.1f} mm wrong at most (median)."
             f"{self._near_modes(f)}{less}"

@@ -74,7 +74,7 @@ def test_a_frequency_is_as_good_as_its_neighbours() -> None:
     )  # fmt: skip
     np.testing.assert_array_equal(found.worst, [[9.0, 9.0, 9.0, 11.0, 11.0]])
     assert found.recommended == (0, 3)  # not 320 Hz, beside which little is seen
-    assert "11.0 times its limit of noise (11.0 at a neighbouring frequency)" in found.reason
+    assert "neighbouring frequencies the index is at least 11.0 times its limit" in found.reason
 
 
 def test_the_map_sees_what_a_scan_sees(tmp_path: Path) -> None:
