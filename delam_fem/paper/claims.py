@@ -27,7 +27,7 @@ import numpy as np
 from delam_fem.numerics.types import FloatArray
 from delam_fem.paper.lab import is_as_described, strikes
 from delam_fem.results import diagnostics
-from delam_fem.results.figures.style import HISTORY_PERIODS, WIDTH
+from delam_fem.results.figures.style import HISTORY_PERIODS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -211,13 +211,6 @@ class Piece:
             Claim(self.name, s.text, s.source, s.measured(numbers), *judged(*s.criteria(numbers)))
             for s in self.statements
         )
-
-
-def canvas(height: float) -> Figure:
-    """Return an empty figure of full width and a height [in]."""
-    from matplotlib.figure import Figure
-
-    return Figure(figsize=(WIDTH, height), layout="constrained")
 
 
 SMOOTH_HARMONICS = 20

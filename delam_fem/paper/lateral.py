@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from delam_fem.model.beams import closed_form
-from delam_fem.paper.claims import Criterion, Numbers, Piece, Statement, canvas
+from delam_fem.paper.claims import Criterion, Numbers, Piece, Statement
 from delam_fem.paper.lab import Laboratory
 from delam_fem.paper.strip import (
     LIFT,
@@ -29,6 +29,7 @@ from delam_fem.results.figures.style import (
     PURPLE,
     SKY,
     VERMILLION,
+    canvas,
 )
 
 if TYPE_CHECKING:

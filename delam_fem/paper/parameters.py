@@ -12,7 +12,7 @@ from delam_fem.model import linear
 from delam_fem.model.beams import closed_form
 from delam_fem.numerics import settling
 from delam_fem.numerics.types import FloatArray, IntArray
-from delam_fem.paper.claims import Criterion, Numbers, Piece, Statement, between, canvas
+from delam_fem.paper.claims import Criterion, Numbers, Piece, Statement, between
 from delam_fem.paper.lab import FREQUENCIES, RESONANT, Laboratory, motion_case
 from delam_fem.results import diagnostics
 from delam_fem.results.diagnostics import LARGEST_PERIODICITY, PERIODIC_MARGIN, PERIODIC_SCATTER
@@ -24,6 +24,7 @@ from delam_fem.results.figures.style import (
     ORANGE,
     SKY,
     VERMILLION,
+    canvas,
     label_x,
     legend_above,
 )

@@ -12,7 +12,7 @@ from delam_fem.case.definition import Case
 from delam_fem.case.sections import Lamina
 from delam_fem.numerics.beams import frequency_rise
 from delam_fem.numerics.types import BoolArray, FloatArray
-from delam_fem.paper.claims import Criterion, Numbers, Piece, Statement, between, canvas
+from delam_fem.paper.claims import Criterion, Numbers, Piece, Statement, between
 from delam_fem.paper.lab import (
     BAND,
     FREQUENCIES,
@@ -34,6 +34,7 @@ from delam_fem.results.figures.style import (
     ORANGE,
     SKY,
     VERMILLION,
+    canvas,
     legend_above,
     legend_outside,
 )

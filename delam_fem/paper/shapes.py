@@ -14,7 +14,7 @@ from delam_fem.case.definition import Case
 from delam_fem.case.gap import initial_gap
 from delam_fem.case.sections import Gap
 from delam_fem.numerics.types import FloatArray, IntArray
-from delam_fem.paper.claims import Criterion, Numbers, Piece, Statement, canvas
+from delam_fem.paper.claims import Criterion, Numbers, Piece, Statement
 from delam_fem.paper.lab import RESONANT, Laboratory, motion_case
 from delam_fem.results import diagnostics
 from delam_fem.results.diagnostics import gap_field, rest_positions
@@ -27,6 +27,7 @@ from delam_fem.results.figures.style import (
     ORANGE,
     SKY,
     VERMILLION,
+    canvas,
     lamina_colours,
     legend_outside,
 )

@@ -89,19 +89,21 @@ def contact_line(history: xr.Dataset) -> FloatArray:
     return np.where(np.isfinite(farthest), farthest, np.nan)
 
 
-def of_laminae(states: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Return the contact states of the laminae, the larger one of a lamina with two interfaces.
+def of_laminae(
+    values: npt.NDArray[Any], join: np.ufunc = np.maximum, beyond: float = 0
+) -> npt.NDArray[Any]:
+    """Return values of the interfaces for the laminae, from the interfaces of each joined.
 
     Args:
-        states: of the interfaces, 0 open, 1 hit, 2 resting, shape (n_interfaces, …).
+        values: of the interfaces, such as contact states, shape (n_interfaces, …).
+        join: what becomes of those of a lamina with two interfaces: the larger one, the sum, …
+        beyond: value below the first lamina and above the last one.
 
     Returns:
-        States of the laminae from bottom to top, shape (n_interfaces + 1, …).
+        Values of the laminae from bottom to top, shape (n_interfaces + 1, …).
     """
-    none = np.zeros((1, *states.shape[1:]), states.dtype)
-    above, below = np.concatenate([states, none]), np.concatenate([none, states])
-    larger: npt.NDArray[Any] = np.maximum(above, below)
-    return larger
+    end = np.full((1, *values.shape[1:]), beyond, values.dtype)
+    return np.asarray(join(np.concatenate([values, end]), np.concatenate([end, values])))
 
 
 STEPS_BEFORE = 2

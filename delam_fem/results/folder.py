@@ -91,22 +91,18 @@ class Result:
         Raises:
             OSError: the folder cannot be written or the disk is full.
         """
-        written = [*self.save_numbers(directory), *self._save_solid(Path(directory) / "fields")]
-        if figures:
-            written += save_views(self.history, self.summary, self.case, Path(directory))
-        if self.checkpoint is not None:
-            self.checkpoint.unlink(missing_ok=True)
-        return written
-
-    def _save_solid(self, directory: Path) -> list[Path]:
-        """Write the fields of a solid, or remove those of a run of beams."""
+        written, directory = self.save_numbers(directory), Path(directory)
         if self.solid is not None:
             from delam_fem.results.fields.derived import write_solid
 
-            return [write_solid(self.solid, directory)]
-        if not self.case.model.is_continuum:
-            (directory / SOLID).unlink(missing_ok=True)
-        return []
+            written.append(write_solid(self.solid, directory / "fields"))
+        elif not self.case.model.is_continuum:
+            (directory / "fields" / SOLID).unlink(missing_ok=True)
+        if figures:
+            written += save_views(self.history, self.summary, self.case, directory)
+        if self.checkpoint is not None:
+            self.checkpoint.unlink(missing_ok=True)
+        return written
 
     def export(self, to: str, path: str | Path) -> list[Path]:
         """Write the result in the format of another program.
@@ -137,21 +133,17 @@ class Result:
         """
         return _write_groups(self.groups, Path(path))
 
-    def _save_final(self, directory: Path) -> list[Path]:
-        """Write the final state, or remove that of another run."""
-        path = final_in(directory)
-        if self.final is None:
-            path.unlink(missing_ok=True)
-            return []
-        return [write_arrays(path, self.final)]
-
     def save_numbers(self, directory: str | Path) -> list[Path]:
         """Write case.toml, result.nc, summary.json and the final state only."""
         directory = Path(directory)
         written = [save_case(self.case, directory)]
         written.append(write_dataset(self.history, directory / RESULT))
         text = json.dumps(self.summary, indent=2, allow_nan=False) + "\n"
-        return [*written, write_text(directory / SUMMARY, text), *self._save_final(directory)]
+        written.append(write_text(directory / SUMMARY, text))
+        final_in(directory).unlink(missing_ok=True)  # of another run
+        if self.final is not None:
+            written.append(write_arrays(final_in(directory), self.final))
+        return written
 
 
 def _write_groups(groups: Mapping[str, xr.Dataset], path: Path) -> Path:
@@ -189,31 +181,24 @@ def save_views(
     written = save_figures(history, case, directory / "figures")
     if history.sizes.get("frame", 0):
         written += pictures.write_fields(history, case, directory / "fields")
-        picture = pictures.render(history, case, directory / "figures" / "laminae.png")
-        lines = None
+        drawn = [pictures.render(history, case, directory / "figures" / "laminae.png")]
         if has_dolfinx():
             from delam_fem.results.fields import vtx
 
-            lines = vtx.write_lines(history, directory / "fields")
-        written += [path for path in (lines, picture) if path is not None]
-        written += _views_of_solid(history, case, directory)
+            drawn.insert(0, vtx.write_lines(history, directory / "fields"))
+        solid, target = directory / "fields" / SOLID, directory / "figures" / "solid.png"
+        target.unlink(missing_ok=True)
+        if solid.is_file():
+            from delam_fem.results.fields import animation
+            from delam_fem.results.fields.vtkhdf import Series
+
+            if has_dolfinx():
+                drawn.append(vtx.write_bodies(Series.read(solid), solid.parent))
+            drawn.append(animation.render_solid(solid, history, case, target))
+        written += [path for path in drawn if path is not None]
     else:
         pictures.remove_fields(directory / "fields")
     return [*written, write_report(history, summary, case, directory)]
-
-
-def _views_of_solid(history: xr.Dataset, case: Case, directory: Path) -> list[Path]:
-    """Draw the stresses of a solid and write them for VTX, if the folder has its fields."""
-    path, target = directory / "fields" / SOLID, directory / "figures" / "solid.png"
-    if not path.is_file():
-        target.unlink(missing_ok=True)
-        return []
-    from delam_fem.results.fields import animation, vtx
-    from delam_fem.results.fields.vtkhdf import Series
-
-    bodies = vtx.write_bodies(Series.read(path), path.parent)
-    drawn = animation.render_solid(path, history, case, target)
-    return [found for found in (bodies, drawn) if found is not None]
 
 
 def load_numbers(directory: str | Path) -> tuple[Case, xr.Dataset, dict[str, Any]]:
@@ -263,11 +248,7 @@ def is_complete(directory: str | Path, case: Case) -> bool:
 
 def write_dataset(history: xr.Dataset, path: Path) -> Path:
     """Write a dataset as NetCDF-4."""
-    with atomic_file(path) as temporary:
-        store: Any = xr.backends.H5NetCDFStore(h5netcdf.File(temporary, "w"))  # type: ignore[no-untyped-call]
-        history.dump_to_store(store)
-        store.close()
-    return path
+    return _write_groups({"/": history}, path)
 
 
 def json_ready(value: Any, digits: int | None = None) -> Any:

@@ -8,13 +8,12 @@ with them. Deflections and gaps have a factor of their own, which is 1 if they c
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pyvista as pv
 import xarray as xr
 from imageio import v2 as imageio
@@ -31,8 +30,6 @@ from delam_fem.results.folder import SOLID, load_numbers
 from delam_fem.simulation.recorder import HIT, RESTING
 from delam_fem.system.errors import CaseError
 from delam_fem.system.files import atomic
-
-Picture = npt.NDArray[np.uint8]
 
 FORMATS = (".gif", ".mp4")
 """Suffixes of the files that can be written."""
@@ -61,6 +58,7 @@ def write_film(
     case: Case,
     paths: Sequence[Path],
     *,
+    solid: Path | None = None,
     periods: float = 2.0,
     rate: float = 20.0,
     stretch: float = STRETCH,
@@ -73,46 +71,66 @@ def write_film(
         case: its case.
         paths: of the files, which show the same; each ends in one of `FORMATS`. Their folders
             exist.
+        solid: path of solid.vtkhdf, to show solids coloured by the von Mises stress; None: the
+            laminae, with the pairs that touch lit.
         periods: length of the film in periods, at most that of the window.
         rate: pictures per second.
-        stretch: factor of all lateral lengths; 1: true to scale. Deflections that are too small
-            to be seen are enlarged further, and the film says how much.
+        stretch: factor of all lateral lengths of laminae; 1: true to scale. Deflections that are
+            too small to be seen are enlarged further, and the film says how much.
         progress: called after each picture with the numbers of finished and of all pictures.
 
     Returns:
         The files; none if no frame has finite values.
 
     Raises:
-        OSError: a file cannot be written.
+        OSError: a file cannot be read or written.
     """
     history = drawable_frames(history)
-    times = history["frame"].to_numpy()
+    series = None if solid is None else Series.read(solid)
+    times = history["frame"].to_numpy() if series is None else series.times
     if not times.size:
         return []
-    first = int(np.searchsorted(times, times[-1] - periods * case.period + 0.5 * case.time_step))
-    frames = np.arange(first, times.size)
-    return _film(
-        _pictures(history, case, frames, rate, stretch), paths, rate, frames.size, progress
-    )
-
-
-def _film(
-    shown: Iterator[Picture],
-    paths: Sequence[Path],
-    rate: float,
-    total: int,
-    progress: Callable[[int, int], None] | None,
-) -> list[Path]:
-    """Write pictures into files that show the same, and return the files."""
-    with ExitStack() as stack:
-        films = [
-            stack.enter_context(writer(stack.enter_context(atomic(path)), rate)) for path in paths
+    begin = times[-1] - periods * case.period + 0.5 * case.time_step
+    frames = np.flatnonzero(times >= begin).tolist()
+    look: dict[str, dict[str, Any]] = {
+        ".gif": {"format": "GIF-PIL", "duration": 1.0 / rate, "loop": 0},
+        ".mp4": {"format": "FFMPEG", "fps": rate, "quality": 8},
+    }
+    # without a display, VTK warns before it uses EGL or Mesa
+    with pv.vtk_verbosity("error"), ExitStack() as stack:
+        files = [stack.enter_context(atomic(path)) for path in paths]
+        films: list[Any] = [
+            stack.enter_context(imageio.get_writer(file, mode="I", **look[path.suffix]))
+            for path, file in zip(paths, files, strict=True)
         ]
-        for done, picture in enumerate(shown, start=1):
+        size = SIZE if series is None else SOLID_SIZE
+        plotter = pv.Plotter(off_screen=True, window_size=list(size))
+        stack.callback(plotter.close)
+        plotter.set_background("white")
+        show = (
+            _Scene(plotter, history, case, frames, (rate, stretch)).show
+            if series is None
+            else _solid(plotter, series, history, case, frames)
+        )
+        plotter.show(auto_close=False)
+        width = size[0] - 2 * EDGE
+        for done, frame in enumerate(frames):
+            show(frame)
+            time, period = float(times[frame]), case.period
+            text = f"t = {time:.4f} s" + (f" = {time / period:.2f} T" if case.is_periodic else "")
+            plotter.add_text(
+                text, position=(EDGE / SIZE[0], 0.03), viewport=True, font_size=TEXT,
+                color="black", name="time",
+            )  # fmt: skip
+            plotter.render()
+            picture = np.array(plotter.image, dtype=np.uint8)
+            picture[BAR, EDGE : EDGE + width] = TRACK
+            passed = done / max(1, len(frames) - 1)
+            picture[BAR, EDGE : EDGE + round(passed * width)] = DONE
             for film in films:
                 film.append_data(picture)
             if progress is not None:
-                progress(done, total)
+                progress(done + 1, len(frames))
     return list(paths)
 
 
@@ -167,72 +185,13 @@ def animate(
         )
     for folder in {path.parent for path in paths}:
         folder.mkdir(parents=True, exist_ok=True)
-    if solid:
-        written = write_solid_film(
-            fields, history, case, paths, periods=periods, rate=rate, progress=progress
-        )
-    else:
-        written = write_film(
-            history, case, paths, periods=periods, rate=rate, stretch=stretch, progress=progress
-        )
+    written = write_film(
+        history, case, paths, solid=fields if solid else None, periods=periods, rate=rate,
+        stretch=stretch, progress=progress,
+    )  # fmt: skip
     if not written:
         raise CaseError(f"{run}: no frame of the run is finite, so there is nothing to show")
     return written
-
-
-def writer(path: Path, rate: float) -> Any:
-    """Return what writes pictures one after the other to a GIF or an MP4 file."""
-    if path.suffix == ".gif":
-        return imageio.get_writer(path, format="GIF-PIL", mode="I", duration=1.0 / rate, loop=0)
-    return imageio.get_writer(path, format="FFMPEG", mode="I", fps=rate, quality=8)
-
-
-def _pictures(
-    history: xr.Dataset, case: Case, frames: npt.NDArray[Any], rate: float, stretch: float
-) -> Iterator[Picture]:
-    """Yield the pictures of some frames."""
-    factor = magnification(history, frames.tolist(), case.length)
-    bodies, lights = pictures.Ribbons.of(history, case, factor), contact_lights(history)
-    times = history["frame"].to_numpy()
-    spacing = float(times[1] - times[0]) if times.size > 1 else 0.0
-    with pv.vtk_verbosity("error"):  # without a display, VTK warns before it uses EGL or Mesa
-        plotter = pv.Plotter(off_screen=True, window_size=list(SIZE))
-        try:
-            scene = _Scene(plotter, history, case, bodies, (stretch, factor * stretch))
-            slow = f"{spacing * rate:.2g} of real time"
-            scale = "true to scale" if stretch == 1.0 else f"lateral × {stretch:g}"
-            scale += "" if factor == 1.0 else f", deflections and gaps × {factor * stretch:g}"
-            plotter.add_text(
-                f"{title(case).replace(', contact', chr(10) + 'contact')}\n{slow}, {scale}",
-                position=(0.03, 0.915), viewport=True, font_size=TEXT, color="black",
-            )  # fmt: skip
-            plotter.show(auto_close=False)
-            for frame in frames:
-                scene.show(int(frame), lights[int(frame)])
-                tell_time(plotter, float(times[frame]), case)
-                plotter.render()
-                picture = np.array(plotter.image, dtype=np.uint8)
-                done = (frame - frames[0]) / max(1, frames.size - 1)
-                yield with_time_bar(picture, float(done))
-        finally:
-            plotter.close()
-
-
-def with_time_bar(picture: Picture, done: float) -> Picture:
-    """Draw the time bar into a picture, of which a share has passed."""
-    width = picture.shape[1] - 2 * EDGE
-    picture[BAR, EDGE : EDGE + width] = TRACK
-    picture[BAR, EDGE : EDGE + round(done * width)] = DONE
-    return picture
-
-
-def tell_time(plotter: pv.Plotter, time: float, case: Case) -> None:
-    """Write the time of a picture above the time bar."""
-    text = f"t = {time:.4f} s" + (f" = {time / case.period:.2f} T" if case.is_periodic else "")
-    plotter.add_text(
-        text, position=(EDGE / SIZE[0], 0.03), viewport=True, font_size=TEXT, color="black",
-        name="time",
-    )  # fmt: skip
 
 
 class _Scene:
@@ -241,6 +200,7 @@ class _Scene:
     Attributes:
         plotter: that shows them.
         bodies: ribbons with their fields.
+        lights: which pairs to light in each frame; see `contact_lights`.
         deflection: factor of the displacements; that of the bodies is in `at_rest`.
         at_rest: corners at rest, stretched, first those of the laminae, shape (n_points, 3) [m].
         laminae: number of the corners of the laminae.
@@ -255,12 +215,23 @@ class _Scene:
         plotter: pv.Plotter,
         history: xr.Dataset,
         case: Case,
-        bodies: pictures.Ribbons,
-        factors: tuple[float, float],
+        frames: list[int],
+        speed: tuple[float, float],
     ) -> None:
-        """Put the laminae at rest into the plotter and aim at where they will move."""
-        self.plotter, self.bodies = plotter, bodies
-        stretch, self.deflection = factors
+        """Put the laminae at rest into the plotter and aim at where they will move.
+
+        Args:
+            plotter: that shows them.
+            history: of the run, with finite frames.
+            case: its case.
+            frames: to show.
+            speed: pictures per second, and the factor of lateral lengths.
+        """
+        rate, stretch = speed
+        factor = magnification(history, frames, case.length)
+        self.bodies = bodies = pictures.Ribbons.of(history, case, factor)
+        self.plotter, self.lights = plotter, contact_lights(history)
+        self.deflection = factor * stretch
         self.laminae = bodies.rest.size // 3
         self.at_rest = bodies.mesh.points * np.array([1.0, stretch, 1.0])
         length = float(np.ptp(history["x"].to_numpy()))
@@ -284,14 +255,22 @@ class _Scene:
         ]
         for _, clamp, _ in self.clamps:
             plotter.add_mesh(clamp, color=BLOCKS, ambient=0.5)
-        plotter.set_background("white")
         plotter.add_legend(
             [*map(list, entries), ["hit", LIGHTS[HIT]], ["resting", LIGHTS[RESTING]]],
             bcolor=None, face="rectangle", loc="lower right", size=(0.16, 0.1),
         )  # fmt: skip
         self._aim(history, length)
+        times = history["frame"].to_numpy()
+        spacing = float(times[1] - times[0]) if times.size > 1 else 0.0
+        scale = "true to scale" if stretch == 1.0 else f"lateral × {stretch:g}"
+        scale += "" if factor == 1.0 else f", deflections and gaps × {factor * stretch:g}"
+        plotter.add_text(
+            f"{title(case).replace(', contact', chr(10) + 'contact')}\n"
+            f"{spacing * rate:.2g} of real time, {scale}",
+            position=(0.03, 0.915), viewport=True, font_size=TEXT, color="black",
+        )  # fmt: skip
 
-    def show(self, frame: int, lights: npt.NDArray[np.uint8]) -> None:
+    def show(self, frame: int) -> None:
         """Move the laminae to a frame and light the pairs that touch."""
         points = self.at_rest + self.deflection * self.bodies.point_data(frame)["displacement"]
         for mesh, own in self.meshes:
@@ -301,7 +280,7 @@ class _Scene:
             moved = float(self.bodies.vectors["displacement"][0, frame, end])
             clamp.points = at_rest + np.array([0.0, self.deflection * moved, 0.0])
         for state, colour in LIGHTS.items():
-            where, node = np.nonzero(lights == state)
+            where, node = np.nonzero(self.lights[frame] == state)
             name = f"light {state}"
             lit = [k for k, mark in enumerate(marks) if mark.state[frame] == state]
             if not where.size and not lit:
@@ -336,12 +315,18 @@ class _Scene:
         low, high = float(y.min() + u.min()), float(y.max() + u.max())
         focus: FloatArray = np.array([0.5 * length, 0.0, 0.0]) + 0.5 * (low + high) * RIGHT
         half = max(0.62 * length, 0.55 * (high - low) * SIZE[1] / SIZE[0])
-        camera = self.plotter.camera
-        camera.focal_point, camera.up = focus, (1.0, 0.0, 0.0)
-        camera.position = focus + 4.0 * length * TO_CAMERA
-        self.plotter.enable_parallel_projection()
-        camera.parallel_scale = half
-        self.plotter.reset_camera_clipping_range()
+        _aim(self.plotter, focus, (1.0, 0.0, 0.0), 4.0 * length * TO_CAMERA, half)
+
+
+def _aim(
+    plotter: pv.Plotter, focus: FloatArray, up: tuple[float, ...], away: FloatArray, scale: float
+) -> None:
+    """Look at a point from another that is `away` from it; `scale` is half the height [m]."""
+    camera = plotter.camera
+    camera.focal_point, camera.up, camera.position = focus, up, focus + away
+    plotter.enable_parallel_projection()
+    camera.parallel_scale = scale
+    plotter.reset_camera_clipping_range()
 
 
 STILL_SIZE = (1500, 800)
@@ -351,6 +336,11 @@ SHOWN_THICKNESS = 0.1
 """All laminae together are drawn at most so thick, in lengths of the structure."""
 UNITS = (("MPa", 1e6), ("kPa", 1e3), ("Pa", 1.0))
 """Units of stress, of which the largest is taken that gives a number of at least 0.1."""
+STRESSES = (
+    ("von_mises", "von Mises stress", "viridis", 0.0),
+    ("stress_xx", "stress along x", pictures.COLOURS, -1.0),
+)
+"""Stresses that are drawn: field, words, colours, and the lowest colour over the highest."""
 HIGH = 99.9
 """Percentile of the stresses of all cells that the colours reach: a few corners have more."""
 
@@ -382,11 +372,8 @@ def render_solid(path: Path, history: xr.Dataset, case: Case, target: Path) -> P
         return None
     target.parent.mkdir(parents=True, exist_ok=True)
     with pv.vtk_verbosity("error"), atomic(target) as temporary:
-        plotter = _still(series, history, case)
-        try:
+        with closing(_still(series, history, case)) as plotter:
             plotter.screenshot(temporary)
-        finally:
-            plotter.close()
     return target
 
 
@@ -399,18 +386,11 @@ def _still(series: Series, history: xr.Dataset, case: Case) -> pv.Plotter:
     points = series.drawn(series.field("displacement", frame), thick, factor)
     plotter = pv.Plotter(off_screen=True, window_size=list(STILL_SIZE), shape=(2, 1), border=False)
     plotter.set_background("white")
-    panels = (
-        ("von_mises", "von Mises stress", "viridis", False),
-        ("stress_xx", "stress along x", pictures.COLOURS, True),
-    )
-    for row, (name, words, colours, signed) in enumerate(panels):
+    for row, kind in enumerate(STRESSES):
         plotter.subplot(row, 0)
-        values = series.field(name, frame)
-        high, unit, size = _scaled(float(np.abs(values).max()))
-        grid = _solid_grid(series, points)
-        grid.point_data[name] = values / size
-        low = -high if signed else 0.0
-        _coloured(plotter, grid, name, (low, high), colours, f"{words} [{unit}]\n ")
+        values = series.field(kind[0], frame)
+        largest = float(np.abs(values).max())
+        grid, _ = _coloured(plotter, series, points, values, (largest, *kind))
         _held(plotter, grid, case)
         _look(plotter, points, STILL_SIZE[0] / (0.5 * STILL_SIZE[1]))
     plotter.subplot(0, 0)
@@ -421,11 +401,6 @@ def _still(series: Series, history: xr.Dataset, case: Case) -> pv.Plotter:
         position=(0.02, 0.84), viewport=True, font_size=11, color="black",
     )  # fmt: skip
     return plotter
-
-
-def _solid_grid(series: Series, points: FloatArray) -> pv.UnstructuredGrid:
-    """Return the cells with points where they are drawn."""
-    return pv.UnstructuredGrid({CELL_TYPES[series.cell]: series.cells}, points)
 
 
 def _scaled(largest: float) -> tuple[float, str, float]:
@@ -442,21 +417,37 @@ def scales(thickness: float, deflection: float) -> str:
 
 def _coloured(
     plotter: pv.Plotter,
-    grid: pv.UnstructuredGrid,
-    name: str,
-    limits: tuple[float, float],
-    colours: str,
-    words: str,
-) -> None:
-    """Add the laminae and the scale of their colours, whose title is `words`."""
+    series: Series,
+    points: FloatArray,
+    stress: FloatArray,
+    look: tuple[float, str, str, str, float],
+) -> tuple[pv.UnstructuredGrid, float]:
+    """Add the laminae in the colours of a stress, and their scale.
+
+    Args:
+        plotter: that shows them.
+        series: gives the cells.
+        points: where they are drawn, shape (n_points, 3) [m].
+        stress: at the points, shape (n_points,) [Pa].
+        look: largest stress that the colours reach [Pa], and a row of `STRESSES`.
+
+    Returns:
+        The laminae, and the unit of the stress there [Pa].
+    """
+    largest, name, words, colours, lowest = look
+    high, unit, size = _scaled(largest)
+    grid = pv.UnstructuredGrid({CELL_TYPES[series.cell]: series.cells}, points)
+    grid.point_data[name] = stress / size
     actor = plotter.add_mesh(
-        grid, scalars=name, cmap=colours, clim=limits, show_scalar_bar=False, lighting=False,
+        grid, scalars=name, cmap=colours, clim=(lowest * high, high), show_scalar_bar=False,
+        lighting=False,
     )  # fmt: skip
     plotter.add_scalar_bar(
-        title=words, mapper=actor.mapper, vertical=True, position_x=0.89, position_y=0.1,
-        width=0.04, height=0.7, n_labels=5, fmt="%.3g", color="black", title_font_size=18,
-        label_font_size=18,
+        title=f"{words} [{unit}]\n ", mapper=actor.mapper, vertical=True, position_x=0.89,
+        position_y=0.1, width=0.04, height=0.7, n_labels=5, fmt="%.3g", color="black",
+        title_font_size=18, label_font_size=18,
     )  # fmt: skip
+    return grid, size
 
 
 def _held(plotter: pv.Plotter, grid: pv.UnstructuredGrid, case: Case) -> None:
@@ -487,81 +478,33 @@ def _look(plotter: pv.Plotter, points: FloatArray, aspect: float) -> None:
     towards = np.array([-0.12, 0.35, 1.0]) if is_deep else np.array([0.0, 0.0, 1.0])
     span = high - low
     middle = 0.5 * (low + high) + np.array([0.07 * span[0], 0.1 * span[1], 0.0])
-    camera = plotter.camera
-    camera.focal_point, camera.up = middle, (0.0, 1.0, 0.0)
-    camera.position = middle + 4.0 * span[0] * towards / np.linalg.norm(towards)
-    plotter.enable_parallel_projection()
     tall = span[1] + (0.4 * span[2] if is_deep else 0.0)
-    camera.parallel_scale = max(0.66 * tall, 0.62 * span[0] / aspect)
-    plotter.reset_camera_clipping_range()
+    away = 4.0 * span[0] * towards / np.linalg.norm(towards)
+    _aim(plotter, middle, (0.0, 1.0, 0.0), away, max(0.66 * tall, 0.62 * span[0] / aspect))
 
 
-def write_solid_film(
-    path: Path,
-    history: xr.Dataset,
-    case: Case,
-    targets: Sequence[Path],
-    *,
-    periods: float = 2.0,
-    rate: float = 20.0,
-    progress: Callable[[int, int], None] | None = None,
-) -> list[Path]:
-    """Write the last periods of a solid as a film, coloured by the von Mises stress.
-
-    Args:
-        path: of solid.vtkhdf.
-        history: of the run.
-        case: its case.
-        targets: of the files, which show the same; each ends in one of `animation.FORMATS`.
-        periods: length of the film in periods, at most that of the window.
-        rate: pictures per second.
-        progress: called after each picture with the numbers of finished and of all pictures.
-
-    Returns:
-        The files.
-
-    Raises:
-        OSError: a file cannot be read or written.
-    """
-    series, history = Series.read(path), drawable_frames(history)
-    begin = series.times[-1] - periods * case.period + 0.5 * case.time_step
-    frames = np.flatnonzero(series.times > begin)
-    shown = _solid_pictures(series, history, case, frames)
-    return _film(shown, targets, rate, frames.size, progress)
-
-
-def _solid_pictures(
-    series: Series, history: xr.Dataset, case: Case, frames: npt.NDArray[Any]
-) -> Iterator[Picture]:
-    """Yield the pictures of some frames, with the same colours and the same view."""
+def _solid(
+    plotter: pv.Plotter, series: Series, history: xr.Dataset, case: Case, frames: list[int]
+) -> Callable[[int], None]:
+    """Put a solid into a plotter; return what shows a frame, in the same colours and view."""
     thick = thickening(series)
-    factor = magnification(history, frames.tolist(), case.length)
-    every = [series.drawn(series.field("displacement", int(k)), thick, factor) for k in frames]
-    stresses = [series.field("von_mises", int(k)) for k in frames]
-    high, unit, size = _scaled(float(np.percentile(np.stack(stresses), HIGH)))
-    bounds = np.concatenate([[own.min(axis=0), own.max(axis=0)] for own in every])
-    with pv.vtk_verbosity("error"):
-        plotter = pv.Plotter(off_screen=True, window_size=list(SOLID_SIZE))
-        try:
-            plotter.set_background("white")
-            grid = _solid_grid(series, every[0])
-            grid.point_data["von_mises"] = stresses[0] / size
-            words = f"von Mises stress [{unit}]\n "
-            _coloured(plotter, grid, "von_mises", (0.0, high), "viridis", words)
-            plotter.add_text(
-                f"{title(case)}\n{scales(thick, factor)}",
-                position=(0.02, 0.88), viewport=True, font_size=11, color="black",
-            )  # fmt: skip
-            _look(plotter, bounds, SOLID_SIZE[0] / SOLID_SIZE[1])
-            plotter.show(auto_close=False)
-            for k, points, stress in zip(frames, every, stresses, strict=True):
-                grid.points = points
-                grid.point_data["von_mises"][:] = stress / size
-                _held(plotter, grid, case)
-                tell_time(plotter, float(series.times[k]), case)
-                plotter.render()
-                picture = np.array(plotter.image, dtype=np.uint8)
-                done = (k - frames[0]) / max(1, frames.size - 1)
-                yield with_time_bar(picture, float(done))
-        finally:
-            plotter.close()
+    factor = magnification(history, frames, case.length)
+    every = {k: series.drawn(series.field("displacement", k), thick, factor) for k in frames}
+    stresses = {k: series.field("von_mises", k) for k in frames}
+    largest = float(np.percentile(np.stack(list(stresses.values())), HIGH))
+    grid, size = _coloured(
+        plotter, series, every[frames[0]], stresses[frames[0]], (largest, *STRESSES[0])
+    )
+    plotter.add_text(
+        f"{title(case)}\n{scales(thick, factor)}",
+        position=(0.02, 0.88), viewport=True, font_size=11, color="black",
+    )  # fmt: skip
+    bounds = np.concatenate([[own.min(axis=0), own.max(axis=0)] for own in every.values()])
+    _look(plotter, bounds, SOLID_SIZE[0] / SOLID_SIZE[1])
+
+    def show(frame: int) -> None:
+        grid.points = every[frame]
+        grid.point_data["von_mises"][:] = stresses[frame] / size
+        _held(plotter, grid, case)
+
+    return show

@@ -25,7 +25,7 @@ from delam_fem.case.definition import Case
 from delam_fem.contact.laws import LAWS
 from delam_fem.model.layout import Structure
 from delam_fem.numerics.types import FloatArray, IntArray
-from delam_fem.results.diagnostics import gap_field, heat
+from delam_fem.results.diagnostics import gap_field, heat, of_laminae
 from delam_fem.results.fields import vtkhdf
 from delam_fem.results.fields.vtkhdf import subcells
 from delam_fem.results.folder import SOLID
@@ -43,10 +43,7 @@ def gap_of_laminae(history: xr.Dataset) -> FloatArray:
     Returns:
         Gaps, shape (n_laminae, n_frames, n_nodes) [m].
     """
-    gaps = gap_field(history)
-    far = np.full((1, *gaps.shape[1:]), np.inf)
-    smaller: FloatArray = np.minimum(np.concatenate([gaps, far]), np.concatenate([far, gaps]))
-    return smaller
+    return of_laminae(gap_field(history), np.minimum, np.inf)
 
 
 def impulse_of_laminae(history: xr.Dataset) -> FloatArray:
@@ -55,7 +52,7 @@ def impulse_of_laminae(history: xr.Dataset) -> FloatArray:
     Returns:
         Sums of impulses of its interfaces, shape (n_laminae, n_frames, n_nodes) [N s].
     """
-    return _on_both_sides(impulse_of_interfaces(history))
+    return of_laminae(impulse_of_interfaces(history), np.add)
 
 
 def impulse_of_interfaces(history: xr.Dataset) -> FloatArray:
@@ -99,7 +96,7 @@ def contact_force_of_laminae(history: xr.Dataset, case: Case) -> FloatArray:
     """
     gaps = gap_field(history)
     if not LAWS[case.contact.law].spring:
-        return _on_both_sides(np.zeros_like(gaps))
+        return of_laminae(np.zeros_like(gaps))
     share = by_interface(history["spring_share"])[:, None]
     stiffness, damping = case.spring
     force = -stiffness * share * gaps
@@ -107,7 +104,7 @@ def contact_force_of_laminae(history: xr.Dataset, case: Case) -> FloatArray:
         velocity = history["velocity"].to_numpy()
         force -= damping * share * (velocity[1:] - velocity[:-1])
     is_resting = by_interface(history["contact_state"]) == RESTING
-    return _on_both_sides(np.where(is_resting, force, 0.0))
+    return of_laminae(np.where(is_resting, force, 0.0), np.add)
 
 
 def heat_of_laminae(history: xr.Dataset) -> FloatArray:
@@ -117,7 +114,7 @@ def heat_of_laminae(history: xr.Dataset) -> FloatArray:
         Sums over its interfaces and stops, shape (n_laminae, n_frames, n_nodes) [W].
     """
     of_interfaces, of_stops = heat(history)
-    both = _on_both_sides(of_interfaces) + of_stops
+    both = of_laminae(of_interfaces, np.add) + of_stops
     return np.repeat(both[:, None], history.sizes["frame"], axis=1)
 
 
@@ -142,13 +139,6 @@ def curvature(history: xr.Dataset) -> FloatArray:
 def held_ends(case: Case) -> list[bool]:
     """Return for both ends whether a support holds them, so that they move with the base."""
     return [kind != "free" for kind in (case.support.start, case.support.end)]
-
-
-def _on_both_sides(values: FloatArray) -> FloatArray:
-    """Return values of the interfaces, summed over the interfaces of each lamina."""
-    none = np.zeros((1, *values.shape[1:]))
-    sums: FloatArray = np.concatenate([values, none]) + np.concatenate([none, values])
-    return sums
 
 
 AT_ONCE = 2**22

@@ -16,6 +16,7 @@ import shutil
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +36,7 @@ from delam_fem.results import diagnostics
 from delam_fem.results.diagnostics import of_laminae
 from delam_fem.results.fields import derived, vtkhdf
 from delam_fem.results.fields.vtkhdf import Grid
-from delam_fem.results.figures.style import DPI, styled, title
+from delam_fem.results.figures.style import DPI, save_figure, title
 from delam_fem.results.schema import by_interface
 from delam_fem.system.files import atomic
 
@@ -549,9 +550,7 @@ def render(history: xr.Dataset, case: Case, path: str | Path) -> Path | None:
         return None
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    with styled(), atomic(path) as temporary:
-        draw(history, case).savefig(temporary)
-    return path
+    return save_figure(partial(draw, history, case), path)
 
 
 def _write_collection(path: Path, times: FloatArray, names: list[str]) -> Path:

@@ -31,14 +31,17 @@ from delam_fem.results.figures.style import (
     PURPLE,
     SKY,
     VERMILLION,
-    WIDTH,
+    canvas,
     finite,
     hertz_below,
     label_x,
     lamina_colours,
     legend_above,
+    over_time,
     powers_of_ten,
     seconds_below,
+    shown_unit,
+    stacked,
     steps,
     styled,
     symbol,
@@ -87,7 +90,7 @@ def contact_line(history: xr.Dataset, case: Case) -> Figure:
     names = [str(name) for name in history["lamina"].to_numpy()]
     stopped = np.unique(history["stop_lamina"]).tolist() if "stop_lamina" in history else []
     n = len(names) - 1 + len(stopped)
-    figure = Figure(figsize=(WIDTH, ONE_PANEL if n == 1 else PANEL * n), layout="constrained")
+    figure = canvas(ONE_PANEL if n == 1 else PANEL * n)
     of_interfaces, of_stops = diagnostics.heat(history)
     heat = finite(np.concatenate([of_interfaces, of_stops[stopped]]))
     ratios = [8, 1] if heat.any() else [1]
@@ -96,25 +99,26 @@ def contact_line(history: xr.Dataset, case: Case) -> Figure:
     x_end = float(x[-1])
     for axes, own in zip(grid[:, 1:].ravel(), heat, strict=False):
         axes.fill_betweenx(x, 1e3 * own, color=VERMILLION, linewidth=0.0, step="mid")
-        axes.set(ylim=(0.0, 1.02 * x_end))
         axes.tick_params(labelleft=False)
     for lamina, axes in zip(stopped, panels[len(names) - 1 :], strict=True):
         _stop_marks(axes, history, lamina, (start, unit), len(case.stop))
-        axes.set(ylabel="x [mm]", xlim=(start / unit, end / unit), ylim=(0.0, 1.02 * x_end))
+        axes.set_ylabel("x [mm]")
         axes.set_title(f"stops and impactors of {names[lamina]}", loc="left")
-        legend_above(axes)
     for j, axes in enumerate(panels[: len(names) - 1]):
         axes.grid(False)
         if history.sizes["frame"] > 1:
             _gap_image(figure, axes, history, j, (start, unit))
         _bonded_bands(axes, case, (names[j], names[j + 1]))
-        _impact_marks(axes, history, j, (start, unit))
-        axes.set(ylabel="position along the laminae  x [mm]" if n == 1 else "x [mm]")
-        axes.set(xlim=(start / unit, end / unit), ylim=(0.0, 1.02 * x_end))
+        _marks(axes, history, event_interfaces(history) == j, (start, unit))
+        axes.set_ylabel("position along the laminae  x [mm]" if n == 1 else "x [mm]")
         if n > 1:
             axes.set_title(f"{names[j]} – {names[j + 1]}", loc="left")
+    for axes in panels:
+        axes.set_xlim(start / unit, end / unit)
         if axes.get_legend_handles_labels()[0]:
             legend_above(axes)
+    for axes in grid.ravel():
+        axes.set_ylim(0.0, 1.02 * x_end)
     for column, text in zip(grid.T, (label, "heat [mW]"), strict=False):
         label_x(column, text)
     seconds_below(panels[-1], case)
@@ -175,16 +179,6 @@ def _bonded_bands(axes: Axes, case: Case, between: tuple[str, str]) -> None:
             label = "_further"
 
 
-def _impact_marks(
-    axes: Axes, history: xr.Dataset, interface: int, axis: tuple[float, float]
-) -> None:
-    """Mark the impacts on an interface; the area of a mark grows with the impulse.
-
-    All interfaces share the scale of the areas.
-    """
-    _marks(axes, history, event_interfaces(history) == interface, axis)
-
-
 def _stop_marks(
     axes: Axes, history: xr.Dataset, lamina: int, axis: tuple[float, float], n_stops: int
 ) -> None:
@@ -207,7 +201,7 @@ def _stop_marks(
 def _marks(
     axes: Axes, history: xr.Dataset, own: npt.NDArray[np.bool_], axis: tuple[float, float]
 ) -> None:
-    """Mark some of the events; see `_impact_marks`."""
+    """Mark some of the impacts; the area of a mark grows with the impulse, alike in all panels."""
     start, unit = axis
     when = history["event_time"].to_numpy()
     shown = own & (when >= start)
@@ -227,10 +221,8 @@ def _marks(
 
 def energy_ledger(history: xr.Dataset, case: Case) -> Figure:
     """Draw what changed the energy within each period, and what is stored at its end."""
-    unit, label = time_axis(case)
-    t = np.arange(history.sizes["period"] + 1) * case.period / unit
-    figure = Figure(figsize=(WIDTH, 6.2), layout="constrained")
-    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[3, 2])
+    t = np.arange(history.sizes["period"] + 1) * case.period / time_axis(case)[0]
+    figure, (upper, lower) = stacked(2, 6.2, sharex=True, height_ratios=[3, 2])
     flows = [
         (sign * 1e3 * _column(history, name), text, colour)
         for name, sign, text, colour in FLOWS
@@ -250,10 +242,7 @@ def energy_ledger(history: xr.Dataset, case: Case) -> Figure:
         axes.margins(x=0.0)
         if axes.get_legend_handles_labels()[0]:
             legend_above(axes)
-    label_x((upper, lower), label)
-    seconds_below(lower, case)
-    figure.suptitle(f"{title(case)}: energy")
-    return figure
+    return over_time(figure, (upper, lower), case, ": energy")
 
 
 def _column(history: xr.Dataset, name: str) -> FloatArray:
@@ -300,11 +289,9 @@ def tip_histories(history: xr.Dataset, case: Case) -> Figure:
     y_i is the displacement q_i plus the gaps at rest below lamina i.
     """
     last = diagnostics.last_periods(history, case, HISTORY_PERIODS)
-    unit, label = time_axis(case)
-    t = last["time"].to_numpy() / unit
+    t = last["time"].to_numpy() / time_axis(case)[0]
     y = 1e3 * finite(diagnostics.probe_positions(last))
-    figure = Figure(figsize=(WIDTH, 4.2), layout="constrained")
-    axes = figure.subplots()
+    figure, (axes,) = stacked(1, 4.2)
     _drive(axes, t, last)
     for j, (low, high) in enumerate(pairwise(y)):
         axes.fill_between(
@@ -316,12 +303,10 @@ def tip_histories(history: xr.Dataset, case: Case) -> Figure:
         _closures(axes, t, y, last)
     place = diagnostics.probe_place(history)
     text = "position of the tip [mm]" if place == "the tip" else f"position at {place} [mm]"
-    axes.set(xlabel=label, ylabel=text)
-    seconds_below(axes, case)
+    axes.set_ylabel(text)
     axes.margins(x=0.0)
     legend_above(axes)
-    figure.suptitle(title(case))
-    return figure
+    return over_time(figure, [axes], case)
 
 
 def phase_portraits(history: xr.Dataset, case: Case) -> Figure:
@@ -330,7 +315,7 @@ def phase_portraits(history: xr.Dataset, case: Case) -> Figure:
     n, N = len(portrait), case.steps_per_period
     columns = min(n, PORTRAIT_COLUMNS)
     rows = math.ceil(n / columns)
-    figure = Figure(figsize=(WIDTH, 4.6 * rows), layout="constrained")
+    figure = canvas(4.6 * rows)
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
     for axes in panels[n:]:
         axes.remove()
@@ -357,9 +342,8 @@ def spectra(history: xr.Dataset, case: Case) -> Figure:
     orders = np.arange(amplitudes.shape[1]) / n_periods
     is_harmonic = case.is_periodic
     found = diagnostics.window_harmonics(history, case) if is_harmonic else None
-    figure = Figure(figsize=(WIDTH, 3.0 * len(amplitudes)), layout="constrained")
-    unit = 1.0 if is_harmonic else 1.0 / case.period
-    panels = figure.subplots(len(amplitudes), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
+    n, unit = len(amplitudes), 1.0 if is_harmonic else 1.0 / case.period
+    figure, panels = stacked(n, 3.0 * n, sharex=True, sharey=True)
     for i, (name, colour) in enumerate(_laminae(history)):
         axes, text = panels[i], name
         axes.semilogy(unit * orders[1:], amplitudes[i, 1:], color=colour, linewidth=0.9)
@@ -384,11 +368,9 @@ def spectra(history: xr.Dataset, case: Case) -> Figure:
 
 def envelope(history: xr.Dataset, case: Case) -> Figure:
     """Draw the range of the displacement of each lamina in every period of the run."""
-    unit, label = time_axis(case)
-    edges = np.arange(history.sizes["period"] + 1) * case.period / unit
+    edges = np.arange(history.sizes["period"] + 1) * case.period / time_axis(case)[0]
     n = history.sizes["lamina"]
-    figure = Figure(figsize=(WIDTH, 2.4 * n), layout="constrained")
-    panels = figure.subplots(n, 1, sharex=True, squeeze=False)[:, 0]
+    figure, panels = stacked(n, 2.4 * n, sharex=True)
     for i, (name, colour) in enumerate(_laminae(history)):
         low, high, strobe = (
             1e3 * finite(history[variable][i])
@@ -404,12 +386,8 @@ def envelope(history: xr.Dataset, case: Case) -> Figure:
         axes.set_ylabel(f"{symbol('q', i)} [mm]")
     legend_above(axes)
     axes.margins(x=0.01)
-    label_x(panels, label)
-    seconds_below(panels[-1], case)
-    figure.suptitle(
-        f"{title(case)}: displacements of {diagnostics.probe_place(history)} in each period"
-    )
-    return figure
+    words = f": displacements of {diagnostics.probe_place(history)} in each period"
+    return over_time(figure, panels, case, words)
 
 
 def _laminae(history: xr.Dataset) -> Iterator[tuple[str, str]]:
@@ -436,14 +414,6 @@ def _mark_harmonics(axes: Axes, amplitudes: FloatArray) -> str:
     return f":  d = {d:.2f} %,  THD = {thd:.1f} %;  dots: harmonics of the excitation"
 
 
-_SCALES = {
-    "m": (1e3, "mm"),
-    "m/s": (1.0, "m/s"),
-    "m/s2": (1.0, "m/s²"),
-    "1": (1e6, "µm/m"),
-    "N": (1.0, "N"),
-}
-"""Factor and unit on the axis, by the unit of a signal."""
 _DOTS_BELOW = 400
 """Samples up to which they are drawn as dots too."""
 
@@ -452,18 +422,15 @@ def sensors(history: xr.Dataset, case: Case) -> Figure:
     """Draw the signal of each sensor over the last periods, one below the other."""
     names = sensors_of(history)
     start = float(diagnostics.last_periods(history, case, HISTORY_PERIODS)["time"][0])
-    unit, label = time_axis(case)
-    height = max(4.2, 1.0 + 2.1 * len(names))
-    figure = Figure(figsize=(WIDTH, height), layout="constrained")
-    panels = figure.subplots(len(names), 1, squeeze=False)[:, 0]
+    figure, panels = stacked(len(names), max(4.2, 1.0 + 2.1 * len(names)))
     for axes, name in zip(panels, names, strict=True):
         values = history[name]
-        factor, shown = _SCALES[values.attrs["units"]]
+        shown, factor = shown_unit(values.attrs["units"])
         time = values[str(values.dims[0])].to_numpy()
         kept = time >= start
         is_sparse = kept.sum() <= _DOTS_BELOW
         axes.plot(
-            time[kept] / unit,
+            time[kept] / time_axis(case)[0],
             factor * finite(values)[kept],
             color=BLACK,
             linewidth=0.9,
@@ -475,10 +442,7 @@ def sensors(history: xr.Dataset, case: Case) -> Figure:
         )
         axes.set_ylabel(f"[{shown}]")
         axes.margins(x=0.0)
-    label_x(panels, label)
-    seconds_below(panels[-1], case)
-    figure.suptitle(title(case))
-    return figure
+    return over_time(figure, panels, case)
 
 
 FIGURES: dict[str, Callable[[xr.Dataset, Case], Figure]] = {

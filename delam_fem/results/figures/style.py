@@ -7,9 +7,10 @@ this module does not import matplotlib, so that code which only measures does no
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,6 +19,7 @@ import numpy.typing as npt
 from delam_fem.case.definition import Case
 from delam_fem.contact.laws import combination, combined_name
 from delam_fem.numerics.types import FloatArray
+from delam_fem.system.files import atomic
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -44,6 +46,8 @@ HISTORY_PERIODS = 4
 PORTRAIT_PERIODS = 10
 """Periods that phase portraits show, as in the paper's Fig. 12."""
 
+_UNITS = {"m": ("mm", 1e3), "m/s2": ("m/s²", 1.0), "1": ("µm/m", 1e6)}
+"""Unit that is shown and factor, where it is not that of the dataset."""
 _SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -137,6 +141,43 @@ def _second_axis(axes: Axes, factor: float, label: str) -> None:
     )
     second.spines["bottom"].set_position(("outward", SECOND_AXIS))
     second.set_xlabel(label)
+
+
+def canvas(height: float) -> Figure:
+    """Return an empty figure of the house's width."""
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(WIDTH, height), layout="constrained")
+
+
+def stacked(n: int, height: float, **options: Any) -> tuple[Figure, Any]:
+    """Return a figure with n panels, one below the other, and the panels, shape (n,)."""
+    figure = canvas(height)
+    return figure, figure.subplots(n, 1, squeeze=False, **options)[:, 0]
+
+
+def over_time(figure: Figure, panels: Sequence[Axes], case: Case, words: str = "") -> Figure:
+    """Name the time below each panel, and the case with some words above all; return the figure."""
+    label_x(panels, time_axis(case)[1])
+    seconds_below(panels[-1], case)
+    figure.suptitle(f"{title(case)}{words}")
+    return figure
+
+
+def save_figure(draw: Callable[[], Figure], path: Path) -> Path:
+    """Draw a figure in the house style and write it; return the path.
+
+    Raises:
+        OSError: the folder cannot be written or the disk is full.
+    """
+    with styled(), atomic(path) as temporary:
+        draw().savefig(temporary)
+    return path
+
+
+def shown_unit(units: str) -> tuple[str, float]:
+    """Return the unit in which a signal is shown, and the factor to it."""
+    return _UNITS.get(units, (units, 1.0))
 
 
 def legend_above(axes: Axes) -> None:

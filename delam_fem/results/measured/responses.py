@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -22,16 +23,15 @@ from scipy.signal import detrend, find_peaks, resample_poly
 from delam_fem.numerics.types import FloatArray
 from delam_fem.results.figures.style import (
     BLUE,
-    WIDTH,
     label_x,
     lamina_colours,
     legend_above,
-    styled,
+    save_figure,
+    stacked,
 )
 from delam_fem.results.measured.channels import Values, unit_of
 from delam_fem.results.measured.reading import history_of
 from delam_fem.system.errors import CaseError
-from delam_fem.system.files import atomic
 
 QUIET = 15.0
 """Largest force over the deviation of its noise from which it is of blows; noise has 4 to 6."""
@@ -552,19 +552,18 @@ def save_pictures(data: xr.Dataset, directory: Path) -> list[Path]:
     Raises:
         OSError: a file cannot be written.
     """
-    drawn, written = {"response": responses, "free_frequency": free_vibration}, []
-    for draw in [draw for name, draw in drawn.items() if name in data]:
-        written.append(directory / f"{draw.__name__}.png")
-        with styled(), atomic(written[-1]) as temporary:
-            draw(data).savefig(temporary)
-    return written
+    drawn = {"response": responses, "free_frequency": free_vibration}
+    return [
+        save_figure(partial(draw, data), directory / f"{draw.__name__}.png")
+        for name, draw in drawn.items()
+        if name in data
+    ]
 
 
 def responses(data: xr.Dataset) -> Figure:
     """Draw amplitudes, phases and, where there is one, the coherence over the frequency."""
     names = [str(name) for name in data["output"].to_numpy()]
-    figure = Figure(figsize=(WIDTH, 7.5), layout="constrained")
-    panels = figure.subplots(3, 1, sharex=True, height_ratios=[2, 1, 1])
+    figure, panels = stacked(3, 7.5, sharex=True, height_ratios=[2, 1, 1])
     f = data["frequency"].to_numpy()[1:]
     for k, (name, colour) in enumerate(zip(names, lamina_colours(len(names)), strict=True)):
         h = data["response"].to_numpy()[1:, k]
@@ -575,9 +574,7 @@ def responses(data: xr.Dataset) -> Figure:
     panels[0].set_ylabel(f"amplitude [{data['response'].attrs.get('units', '')}]")
     panels[1].set(ylabel="phase [°]", ylim=(-190, 190), yticks=[-180, -90, 0, 90, 180])
     panels[2].set(ylabel="coherence", ylim=(0.0, 1.05))
-    for panel in panels:
-        panel.set_xlabel("frequency [Hz]")
-        panel.tick_params(labelbottom=True)
+    label_x(panels, "frequency [Hz]")
     legend_above(panels[0])
     figure.suptitle(str(data["response"].attrs.get("long_name", "frequency responses")))
     return figure
@@ -585,8 +582,7 @@ def responses(data: xr.Dataset) -> Figure:
 
 def free_vibration(data: xr.Dataset) -> Figure:
     """Draw frequency and damping of a free vibration over the time, where they are known well."""
-    figure = Figure(figsize=(WIDTH, 5.0), layout="constrained")
-    panels = figure.subplots(2, 1, sharex=True)
+    figure, panels = stacked(2, 5.0, sharex=True)
     data = data.isel(free_time=data["free_frequency_error"] < STABLE * data["free_frequency"])
     for panel, name, unit, factor in zip(
         panels, ("frequency", "damping"), ("Hz", "%"), (1, 100), strict=True

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +21,13 @@ from delam_fem.results.diagnostics import summary as summary_of_run
 from delam_fem.results.figures.style import (
     BASE_COLOUR,
     BLACK,
-    WIDTH,
+    canvas,
+    label_x,
     lamina_colours,
     legend_above,
-    styled,
+    save_figure,
+    shown_unit,
+    stacked,
     time_axis,
     title,
 )
@@ -48,7 +52,7 @@ from delam_fem.results.overlay.comparison import (
 from delam_fem.results.pages import html
 from delam_fem.results.pages.html import Block, Gallery, Paragraph, Section, Table, embedded
 from delam_fem.results.pages.report import shown
-from delam_fem.system.files import atomic, write_text
+from delam_fem.system.files import write_text
 
 SHOWN_PERIODS = 3.0
 """Periods that histories show."""
@@ -58,13 +62,6 @@ SHOWN_ORDERS = 10
 """Harmonics that the bars show."""
 SMOOTHED = 11
 """Samples over which a history that does not repeat is smoothed for its derivative."""
-UNITS = {"m": ("mm", 1e3), "1": ("µm/m", 1e6)}
-"""Units that figures show in place of SI, and their factors."""
-
-
-def shown_unit(units: str) -> tuple[str, float]:
-    """Return the unit that is shown for an SI unit, and its factor."""
-    return UNITS.get(units, (units, 1.0))
 
 
 def save_figures(overlay: Overlay, directory: Path) -> list[Path]:
@@ -79,15 +76,10 @@ def save_figures(overlay: Overlay, directory: Path) -> list[Path]:
     if overlay.course.period is not None:
         draws["harmonics"] = harmonics
     draws["portraits"] = portraits
-    paths = []
-    with styled():
-        for name, draw in draws.items():
-            path = directory / f"overlay_{name}.png"
-            figure = draw(overlay)
-            with atomic(path) as temporary:
-                figure.savefig(temporary)
-            paths.append(path)
-    return paths
+    return [
+        save_figure(partial(draw, overlay), directory / f"overlay_{name}.png")
+        for name, draw in draws.items()
+    ]
 
 
 def _channels(overlay: Overlay) -> list[tuple[int, Comparison, str]]:
@@ -105,10 +97,8 @@ def histories(overlay: Overlay) -> Figure:
     unit, label = time_axis(overlay.case)
     t = data["time"].to_numpy()
     inside = t <= t[0] + SHOWN_PERIODS * (unit if overlay.case.is_periodic else np.inf)
-    figure = Figure(figsize=(WIDTH, 3.3 * len(shown)), layout="constrained")
-    panels = figure.subplots(
-        2 * len(shown), 1, squeeze=False, sharex=True, height_ratios=[3, 1] * len(shown)
-    )[:, 0]
+    n = len(shown)
+    figure, panels = stacked(2 * n, 3.3 * n, sharex=True, height_ratios=[3, 1] * n)
     for (k, own, colour), axes, below in zip(shown, panels[::2], panels[1::2], strict=True):
         name, factor = shown_unit(own.units)
         mean = own.mean_difference
@@ -121,14 +111,13 @@ def histories(overlay: Overlay) -> Figure:
         axes.plot(fine / unit, factor * computed, color=colour, label="run")
         axes.set_ylabel(f"[{name}]")
         axes.set_title(own.name, loc="left", color=colour)
+        axes.margins(x=0.0)
         legend_above(axes)
         rest = factor * (data["residual"][k].to_numpy()[inside] - mean)
         below.plot(t[inside] / unit, rest, color=BLACK, linewidth=0.6)
         below.set_ylabel(f"difference\n[{name}]")
-        for panel in (axes, below):
-            panel.set_xlabel(label)
-            panel.tick_params(labelbottom=True)
-            panel.margins(x=0.0)
+        label_x((axes, below), label)
+        below.margins(x=0.0)
     figure.suptitle(f"{title(overlay.case)}; differences without their mean")
     return figure
 
@@ -136,8 +125,7 @@ def histories(overlay: Overlay) -> Figure:
 def harmonics(overlay: Overlay) -> Figure:
     """Draw the amplitudes of the harmonics of both side by side, with the floor of the noise."""
     shown = _channels(overlay)
-    figure = Figure(figsize=(WIDTH, 2.7 * len(shown)), layout="constrained")
-    panels = figure.subplots(len(shown), 1, squeeze=False)[:, 0]
+    figure, panels = stacked(len(shown), 2.7 * len(shown))
     for (_, own, colour), axes in zip(shown, panels, strict=True):
         if own.measured is None or own.computed is None:
             continue
@@ -165,7 +153,7 @@ def portraits(overlay: Overlay) -> Figure:
     shown = [entry for entry in _channels(overlay) if not entry[1].is_drive] or _channels(overlay)
     columns = min(2, len(shown))
     rows = -(-len(shown) // columns)
-    figure = Figure(figsize=(WIDTH, 4.4 * rows), layout="constrained")
+    figure = canvas(4.4 * rows)
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
     for axes in panels[len(shown) :]:
         axes.remove()

@@ -8,8 +8,9 @@ in `CLAUSES`.
 from __future__ import annotations
 
 import base64
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -60,51 +61,34 @@ def rows(summary: Mapping[str, Any], laminae: Sequence[str]) -> list[tuple[str, 
         elif key not in (*ELSEWHERE, "settling", "intervals"):
             values[key] = value
     return [
-        _interval_row(key, intervals[key], laminae)
-        if key in intervals
-        else _row(key, values[key], laminae)
+        _row(key, values[key], intervals.get(key), laminae)
         for key in sorted(values, key=LAST.__contains__)
     ]
 
 
-def _interval_row(
-    key: str, entry: Mapping[str, Any], laminae: Sequence[str]
+def _row(
+    key: str, value: Any, interval: Mapping[str, Any] | None, laminae: Sequence[str]
 ) -> tuple[str, str, str]:
-    """Return the row of a number with its interval."""
-    unit, factor = _shown_unit(key)
-    means, widths = (np.atleast_1d(entry[name]) for name in ("mean", "half_width"))
-    names = [f"{name} " for name in laminae] if means.size == len(laminae) else [""] * means.size
-    parts = [
-        f"{name}{shown(float(mean), factor)} ± {factor * float(width):.2g}"
-        for name, mean, width in zip(names, means, widths, strict=True)
-    ]
-    text = ", ".join(parts) + (f"\u00a0{unit}" if unit else "")
-    meaning = f"mean and 95 % interval, {entry['windows']} windows in {entry['periods']} periods"
-    return key.replace("_", " "), text, f"{meaning}: {_meaning(key)}"
-
-
-def _shown_unit(key: str) -> tuple[str, float]:
-    """Return the unit in which an entry is shown, and the factor to it."""
-    return MEASURES[key].shown if key in MEASURES else ("", 1.0)
-
-
-def _meaning(key: str) -> str:
-    """Return what an entry says; nothing of one that this version does not know."""
-    return MEASURES[key].long_name if key in MEASURES else ""
-
-
-def _row(key: str, value: Any, laminae: Sequence[str]) -> tuple[str, str, str]:
-    """Return one row."""
-    unit, factor = _shown_unit(key)
-    if isinstance(value, (list, tuple, np.ndarray)):
-        of_laminae = len(value) == len(laminae) and not any(isinstance(v, str) for v in value)
-        names = [f"{name} " for name in laminae] if of_laminae else [""] * len(value)
-        parts = [name + shown(entry, factor) for name, entry in zip(names, value, strict=True)]
-        text = ", ".join(parts) or "none"
-    else:
-        text = shown(value, factor)
-    with_unit = f"{text}\u00a0{unit}" if unit and value is not None else text
-    return key.replace("_", " "), with_unit, _meaning(key)
+    """Return the row of an entry, or of its mean with its interval if it has one."""
+    known = MEASURES.get(key)  # None: of another version
+    (unit, factor), meaning = (known.shown, known.long_name) if known else (("", 1.0), "")
+    widths = [""]
+    if interval is not None:
+        value = np.atleast_1d(interval["mean"]).astype(float).tolist()
+        widths = [f" ± {factor * w:.2g}" for w in np.atleast_1d(interval["half_width"]).tolist()]
+        about = f"{interval['windows']} windows in {interval['periods']} periods"
+        meaning = f"mean and 95 % interval, {about}: {meaning}"
+    is_list = isinstance(value, (list, tuple, np.ndarray))
+    entries = list(value) if is_list else [value]
+    is_named = is_list and not any(isinstance(entry, str) for entry in entries)
+    is_named &= len(entries) == len(laminae)
+    names = [f"{name} " for name in laminae] if is_named else [""] * len(entries)
+    text = ", ".join(
+        name + shown(entry, factor) + width
+        for name, entry, width in zip(names, entries, cycle(widths), strict=False)
+    )
+    with_unit = f"{text or 'none'}\u00a0{unit}" if unit and value is not None else text or "none"
+    return key.replace("_", " "), with_unit, meaning
 
 
 def shown(value: Any, factor: float = 1.0) -> str:
@@ -425,12 +409,20 @@ def page(history: xr.Dataset, summary: Mapping[str, Any], case: Case, directory:
     energy = Table(("", "whole run [mJ]", "last period [mJ]"), energy_rows(history))
     origin = [(name, str(history.attrs[name])) for name in ORIGIN if name in history.attrs]
     table = Table(("", "value", "meaning"), rows(summary, names), kind="meanings")
+    texts = (summary.get("message"), *summary.get("warnings", ()))
+    warnings = [Paragraph(str(text), "warning") for text in texts if text]
+    drawn = ((directory / "figures" / f"{name}.png", text) for name, text in CAPTIONS.items())
+    figures = [(picture, text) for picture, text in drawn if picture.is_file()]
+    heading, signals = (
+        ("sensor", "what it measures", "smallest", "largest", "rms"),
+        sensor_rows(history),
+    )
     sections = [
-        Section("", [*_verdict(history, summary, case)]),
+        Section("", [Paragraph(sentence(history, summary, case), "verdict"), *warnings]),
         Section("In motion", [film(history, case) or Paragraph(NO_FRAMES, "about")]),
         Section("Numbers", [Paragraph(about, "about"), table]),
-        Section("Figures", _figures(directory / "figures")),
-        *_sensors(history),
+        Section("Figures", [Gallery([embedded(p)], text, text) for p, text in figures]),
+        *([Section("Sensors", [Table(heading, signals)])] if signals else []),
         Section("Energy", [Paragraph(flows, "about"), energy]),
         Section("Files", [html.files(directory, FILES)]),
         Section("Case", [Preformatted(case.to_toml())]),
@@ -440,13 +432,6 @@ def page(history: xr.Dataset, summary: Mapping[str, Any], case: Case, directory:
 
 
 NO_FRAMES = "There is no film, because output.fields_per_period is 0 or the motion is not finite."
-
-
-def _sensors(history: xr.Dataset) -> Iterator[Section]:
-    """Yield the section on the sensors, if there are any."""
-    if found := sensor_rows(history):
-        heading = ("sensor", "what it measures", "smallest", "largest", "rms")
-        yield Section("Sensors", [Table(heading, found)])
 
 
 def sensor_rows(history: xr.Dataset) -> list[tuple[str, ...]]:
@@ -477,21 +462,3 @@ def energy_rows(history: xr.Dataset) -> list[tuple[str, str, str]]:
 def _signed(value: float, form: str) -> str:
     """Return a number with its sign."""
     return f"{value:+{form}}".replace("-", "−")
-
-
-def _verdict(history: xr.Dataset, summary: Mapping[str, Any], case: Case) -> Iterator[Block]:
-    """Yield the sentence on the run, and its warnings."""
-    yield Paragraph(sentence(history, summary, case), "verdict")
-    for text in (summary.get("message"), *summary.get("warnings", ())):
-        if text:
-            yield Paragraph(str(text), "warning")
-
-
-def _figures(directory: Path) -> list[Gallery]:
-    """Return the figures that exist in the folder, embedded."""
-    found = ((directory / f"{name}.png", caption) for name, caption in CAPTIONS.items())
-    return [
-        Gallery([embedded(picture)], caption, caption)
-        for picture, caption in found
-        if picture.is_file()
-    ]
