@@ -101,7 +101,8 @@ def write_tables(history: xr.Dataset, path: Path) -> list[Path]:
 
 def _wide(group: xr.Dataset) -> str:
     """Return a group as a table in which each lamina, probe or interface has its columns."""
-    dim = max(group.dims, key=lambda name: _rank(group, str(name)))
+    all_dims = [str(dim) for own in group.data_vars.values() for dim in own.dims]
+    dim = max(group.dims, key=lambda dim: all_dims.count(str(dim)))  # that of most variables
     columns: dict[str, object] = {}
     for name in [n for n in group.coords if group[n].dims == (dim,)] + list(group.data_vars):
         own = group[name]
@@ -116,11 +117,6 @@ def _wide(group: xr.Dataset) -> str:
             columns[_heading(own, f" {label}")] = one.to_numpy()
     frame = xr.Dataset({k: (("row",), v) for k, v in columns.items()}).to_dataframe()
     return str(frame[list(columns)].to_csv(index=False))
-
-
-def _rank(group: xr.Dataset, dim: str) -> int:
-    """Return how many variables a dimension has."""
-    return sum(dim in own.dims for own in group.data_vars.values())
 
 
 def _long(group: xr.Dataset) -> str:
@@ -139,7 +135,6 @@ def _heading(own: xr.DataArray, label: str = "") -> str:
 TYPES = {"m": 8, "m/s": 11, "m/s2": 12, "N": 13, "1": 3, "N m": 9}
 """Types of data by unit; 0 for others."""
 TIME, GENERAL = 17, 1
-HISTORIES, STROBES = ("time",), ("period",)
 NODES_PER_LAMINA = 10_000
 """Numbers of the nodes of a lamina begin at its number times this."""
 LATERAL = 3
@@ -298,11 +293,6 @@ def export(history: xr.Dataset, case: Case, to: str, path: str | Path) -> list[P
         return write_matlab(history, path)
     if to == "uff":
         return write_universal(history, path)
-    return _write_vtkhdf(history, case, path)
-
-
-def _write_vtkhdf(history: xr.Dataset, case: Case, path: Path) -> list[Path]:
-    """Write the fields of all frames."""
     from delam_fem.results.fields import pictures, vtkhdf
 
     drawable = pictures.drawable_frames(history) if history.sizes.get("frame", 0) else history

@@ -224,12 +224,13 @@ class Ribbons:
     @property
     def mesh(self) -> Grid:
         """The laminae at rest as points and cells, and the blocks, whose lamina is 0."""
-        shape = self.rest.shape[:2]
+        n_laminae, n_nodes = self.rest.shape[:2]
         blocks = hexahedra(len(self.marks), 2) + self.rest.size // 3
-        numbers = np.concatenate([lamina_numbers(*shape), np.zeros(len(blocks), np.int8)])
+        numbers = np.repeat(np.arange(1, n_laminae + 1, dtype=np.int8), n_nodes - 1)
         return Grid(
             np.concatenate([self.rest.reshape(-1, 3), self.blocks.reshape(-1, 3)]),
-            np.concatenate([hexahedra(*shape), blocks]), "hexahedron", {"lamina": numbers},
+            np.concatenate([hexahedra(n_laminae, n_nodes), blocks]), "hexahedron",
+            {"lamina": np.concatenate([numbers, np.zeros(len(blocks), np.int8)])},
         )  # fmt: skip
 
     def grid(self, frame: int) -> meshio.Mesh:
@@ -243,12 +244,6 @@ class Ribbons:
         return meshio.Mesh(mesh.points, [(mesh.cell, mesh.cells)], self.point_data(frame), of_cells)
 
 
-def lamina_numbers(n_laminae: int, n_nodes: int) -> npt.NDArray[np.int8]:
-    """Return the number of the lamina of each cell of all ribbons, from 1."""
-    numbers = np.arange(1, n_laminae + 1, dtype=np.int8)
-    return np.repeat(numbers, n_nodes - 1)
-
-
 def hexahedra(n_laminae: int, n_nodes: int) -> IntArray:
     """Return the cells of all ribbons.
 
@@ -256,9 +251,8 @@ def hexahedra(n_laminae: int, n_nodes: int) -> IntArray:
         Point numbers, shape (n_laminae (n_nodes - 1), 8), in VTK's order.
     """
     sections = np.arange(n_laminae * n_nodes * CORNERS).reshape(n_laminae, n_nodes, CORNERS)
-    cells: IntArray = np.concatenate([sections[:, :-1], sections[:, 1:]], axis=-1)
-    cells = cells.reshape(-1, 2 * CORNERS)
-    return cells
+    cells = np.concatenate([sections[:, :-1], sections[:, 1:]], axis=-1)
+    return np.asarray(cells.reshape(-1, 2 * CORNERS), dtype=np.int64)
 
 
 def _lateral(values: FloatArray) -> FloatArray:

@@ -39,9 +39,9 @@ def write_lines(history: xr.Dataset, directory: str | Path) -> Path | None:
         return None
     history = history.isel(frame=frames)
     mesh = _dolfinx.create_interval_mesh(MPI.COMM_SELF, *lines_at_rest(history))
-    fields = {name: by_node(history[name].to_numpy()) for name in FIELDS}
+    fields = {name: np.hstack(list(history[name].to_numpy())) for name in FIELDS}
     states = by_interface(history["contact_state"])
-    fields["contact_state"] = by_node(diagnostics.of_laminae(states).astype(np.float64))
+    fields["contact_state"] = np.hstack(list(diagnostics.of_laminae(states).astype(np.float64)))
     path = Path(directory) / "fields.bp"
     with atomic(path) as temporary:
         _dolfinx.write_vtx(
@@ -97,8 +97,3 @@ def lines_at_rest(history: xr.Dataset) -> tuple[FloatArray, IntArray]:
     line = np.column_stack([np.arange(x.size - 1), np.arange(1, x.size)])
     cells = np.vstack([line + i * x.size for i in range(len(positions))])
     return points, cells.astype(np.int64)
-
-
-def by_node(values: FloatArray) -> FloatArray:
-    """Return values of shape (n_laminae, n_frames, n_nodes) as (n_frames, nodes of all laminae)."""
-    return np.hstack(list(values))

@@ -194,59 +194,43 @@ PLACE = re.compile(r"(?P<name>.+?)\s*@\s*(?P<place>[-+.\d][^/]*)(?:/(?P<lamina>.
 """A name in a file with a position behind it, as in `v@0.12/upper`."""
 LENGTH = re.compile(r"(?P<number>[-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*(?P<unit>\D*)")
 NUMBERED = re.compile(r"col(\d+)")
+Assignment = tuple[str, dict[str, Any]]
 AXIS_UNITS = {"time": "s", "frequency": "Hz"}
 """Units of axes that name none."""
 
 
-@dataclass(frozen=True)
-class Assignment:
-    """What a user says of a column.
+def assignment(text: str, label: str) -> Assignment:
+    """Return what a text `SOURCE[:UNIT][@POSITION[/LAMINA]]` says of a column.
 
-    Attributes:
-        source: name of the column in the file, or colN, or setN.
-        unit: of its values; None: as the file says.
-        position: where it was measured [m]; None: as the file says.
-        lamina: on which; empty: as the file says.
+    Returns:
+        The source: the name of the column in the file, or colN, or setN; and the attributes of the
+        column that differ from what the file says: unit, position [m] and lamina.
     """
-
-    source: str
-    unit: str | None = None
-    position: float | None = None
-    lamina: str = ""
-
-    @classmethod
-    def parsed(cls, text: str, label: str) -> Assignment:
-        """Return the assignment that a text `SOURCE[:UNIT][@POSITION[/LAMINA]]` describes."""
-        found = SPECIFICATION.fullmatch(text.strip())
-        if found is None:
-            raise CaseError(
-                f"{label}: expected SOURCE, SOURCE:UNIT or SOURCE:UNIT@POSITION/LAMINA, given "
-                f"{shown(text)}"
-            )
-        place = None if found["place"] is None else length_of(found["place"], label)
-        return cls(found["source"].strip(), found["unit"], place, found["lamina"] or "")
+    found = SPECIFICATION.fullmatch(text.strip())
+    if found is None:
+        raise CaseError(
+            f"{label}: expected SOURCE, SOURCE:UNIT or SOURCE:UNIT@POSITION/LAMINA, given "
+            f"{shown(text)}"
+        )
+    place = None if found["place"] is None else length_of(found["place"], label)
+    says = {"unit": found["unit"], "position": place, "lamina": found["lamina"]}
+    return found["source"].strip(), {key: v for key, v in says.items() if v is not None}
 
 
-@dataclass(frozen=True)
-class Channel:
+@dataclass(frozen=True, kw_only=True)
+class Channel(Column):
     """A measured history, frequency response, coherence or shape in SI.
 
     Attributes:
-        name: of the channel.
         axis: "time", "frequency" or "x".
         points: values of the axis in SI, shape (n,).
-        values: in SI, shape (n,).
-        unit: what makes the values SI; with the SI unit and the quantity.
-        column: as it was read, with position, lamina and kind.
+        si: what has made the values SI; with the SI unit and the quantity.
         source: file and column, for people.
     """
 
-    name: str
     axis: str
     points: FloatArray
-    values: Values
-    unit: Unit
-    column: Column
+    si: Unit
     source: str
 
 
@@ -283,7 +267,7 @@ def channels_of(
     left = set(assignments) - {name for _, used in named for name in used}
     if left:
         held = [column.name for sheet in sheets for column in sheet.columns]
-        first = assignments[min(left)].source
+        first, _ = assignments[min(left)]
         raise CaseError(
             f"--channel {min(left)}: there is no column {shown(first)}; the files have "
             f"{', '.join(held)[:300]}"
@@ -299,27 +283,16 @@ def _renamed(
 ) -> tuple[Sheet, list[str]]:
     """Return a sheet with the assigned names, and those that it used."""
     columns, used = list(sheet.columns), []
-    for name, wanted in assignments.items():
-        k = _place(sheet, wanted.source)
+    for name, (source, says) in assignments.items():
+        k = _place(sheet, source)
         if k is None:
             continue
-        if (
-            n_sheets > 1
-            and NUMBERED.fullmatch(wanted.source)
-            and sheet.columns[k].name != wanted.source
-        ):
+        if n_sheets > 1 and NUMBERED.fullmatch(source) and sheet.columns[k].name != source:
             raise CaseError(
-                f"--channel {name}: {wanted.source} is not clear with several tables; use the "
-                "names of the columns, or measure the files one by one"
+                f"--channel {name}: {source} is not clear with several tables; use the names of "
+                "the columns, or measure the files one by one"
             )
-        old = columns[k]
-        columns[k] = replace(
-            old,
-            name=name,
-            unit=old.unit if wanted.unit is None else wanted.unit,
-            position=old.position if wanted.position is None else wanted.position,
-            lamina=wanted.lamina or old.lamina,
-        )
+        columns[k] = replace(columns[k], name=name, **says)
         used.append(name)
     return replace(sheet, columns=tuple(columns)), used
 
@@ -343,15 +316,10 @@ def _of_sheet(sheet: Sheet, units: str | None, rate: float | None) -> list[Chann
     """Return the columns of a sheet beside its axis as channels."""
     axes = [axis_of(column.name, column.unit) for column in sheet.columns]
     rate = sheet.rate if rate is None else rate
-    if any(axes):
-        k = next(i for i, axis in enumerate(axes) if axis)
-        kind = axes[k]
-    elif rate is None:
-        k, kind = 0, "time"
-    else:
-        k, kind = -1, "time"
+    k = next((i for i, axis in enumerate(axes) if axis), 0 if rate is None else -1)
+    kind = axes[k] or "time"
     if k < 0:
-        points = np.arange(sheet.columns[0].values.size) / float(rate or 1.0)
+        kind, points = "time", np.arange(sheet.columns[0].values.size) / float(rate or 1.0)
     else:
         points = _axis_points(sheet, sheet.columns[k], kind, units)
     others = [column for i, column in enumerate(sheet.columns) if i != k]
@@ -362,12 +330,8 @@ def _of_sheet(sheet: Sheet, units: str | None, rate: float | None) -> list[Chann
 
 def _axis_points(sheet: Sheet, column: Column, kind: str, units: str | None) -> FloatArray:
     """Return the values of an axis in SI."""
-    default = units if kind == "x" else AXIS_UNITS[kind]
-    text = column.unit if column.unit is not None else default
     label = f"{sheet.label}, column {shown(column.name)}"
-    if text is None:
-        raise CaseError(f"{label}: {_NO_UNIT.format(name=column.name)}")
-    unit = of_quantity("displacement") if text == SI else unit_of(text, label)
+    unit, _ = _unit_in(label, column, units if kind == "x" else AXIS_UNITS[kind], "x")
     points = np.asarray(column.values.real * unit.factor, dtype=np.float64)
     steps = np.flatnonzero(~(np.diff(points) > 0.0))
     if steps.size:
@@ -379,34 +343,33 @@ def _axis_points(sheet: Sheet, column: Column, kind: str, units: str | None) -> 
     return points
 
 
-_NO_UNIT = (
-    "no unit; expected one in the heading, as in '{name} [mm]', or an option such as --units mm"
-)
+def _unit_in(label: str, column: Column, units: str | None, kind: str) -> tuple[Unit, str]:
+    """Return the unit of a column over an axis of some kind, and the column with it in words."""
+    text = column.unit if column.unit is not None else units
+    if text is None:
+        raise CaseError(
+            f"{label}: no unit; expected one in the heading, as in '{column.name} [mm]', or an "
+            "option such as --units mm"
+        )
+    return _si(column, kind) if text == SI else unit_of(text, label), f"{label} [{text}]"
 
 
 def _channel(
     sheet: Sheet, column: Column, kind: str, points: FloatArray, units: str | None
 ) -> Channel:
     """Return a column in SI with what its name says of its place."""
-    if found := PLACE.fullmatch(column.name):
-        label = f"{sheet.label}, column {shown(column.name)}"
-        column = replace(
-            column,
-            position=column.position
-            if column.position is not None
-            else length_of(found["place"], label),
-            lamina=column.lamina or found["lamina"] or "",
-        )
     label = f"{sheet.label}, column {shown(column.name)}"
-    text = column.unit if column.unit is not None else units
-    if text is None:
-        raise CaseError(f"{label}: {_NO_UNIT.format(name=column.name)}")
-    unit = _si(column, kind) if text == SI else unit_of(text, label)
+    place, lamina = column.position, column.lamina
+    if found := PLACE.fullmatch(column.name):
+        place = length_of(found["place"], label) if place is None else place
+        lamina = lamina or found["lamina"] or ""
+    unit, source = _unit_in(label, column, units, kind)
     if not np.all(np.isfinite(column.values)):
         bad = int(np.flatnonzero(~np.isfinite(column.values))[0])
         raise CaseError(f"{label}: expected finite numbers, given none at sample {bad + 1}")
-    values = column.values * unit.factor
-    return Channel(column.name, kind, points, values, unit, column, f"{label} [{text}]")
+    about = vars(column) | {"values": column.values * unit.factor}
+    about |= {"position": place, "lamina": lamina}
+    return Channel(**about, axis=kind, points=points, si=unit, source=source)
 
 
 def _si(column: Column, kind: str) -> Unit:
@@ -438,13 +401,14 @@ def joined(channels: Sequence[Channel]) -> list[Channel]:
     NAME; `NAME coherence` its coherence. A phase is in radians once its unit has been converted.
     Other columns over the frequency are responses as they are.
     """
-    kept = [channel for channel in channels if channel.axis != "frequency"]
+    kept: list[Channel] = []
     parts: dict[str, dict[str, Channel]] = {}
     for channel in channels:
         if channel.axis != "frequency":
+            kept.append(channel)
             continue
         found = PART.fullmatch(channel.name)
-        if channel.column.kind == "coherence":
+        if channel.kind == "coherence":
             name, part = channel.name, "coherence"
         elif found is None:
             name, part = channel.name, "whole"
@@ -452,32 +416,14 @@ def joined(channels: Sequence[Channel]) -> list[Channel]:
             name, part = found["name"], PARTS[found["part"].lower()]
         parts.setdefault(name, {})[part] = channel
     for name, own in parts.items():
-        kept += _joined(name, own)
+        coherence = own.pop("coherence", None)
+        if {"real", "imag"} <= own.keys():
+            responses = [(name, own["real"], own["real"].values + 1j * own["imag"].values)]
+        elif {"size", "phase"} <= own.keys():
+            responses = [(name, own["size"], own["size"].values * np.exp(1j * own["phase"].values))]
+        else:
+            responses = [(one.name, one, one.values.astype(complex)) for one in own.values()]
+        kept += [replace(one, name=n, kind="response", values=v) for n, one, v in responses]
+        if coherence is not None:
+            kept.append(replace(coherence, name=name, kind="coherence"))
     return kept
-
-
-def _joined(name: str, parts: dict[str, Channel]) -> list[Channel]:
-    """Return the response that parts make, and its coherence."""
-    found = []
-    if "real" in parts and "imag" in parts:
-        values = parts["real"].values + 1j * parts["imag"].values
-        found.append(_as_kind(parts["real"], name, "response", values))
-    elif "size" in parts and "phase" in parts:
-        values = parts["size"].values * np.exp(1j * parts["phase"].values)
-        found.append(_as_kind(parts["size"], name, "response", values))
-    else:
-        found += [
-            _as_kind(own, own.name, "response", own.values.astype(complex))
-            for part, own in parts.items()
-            if part != "coherence"
-        ]
-    if "coherence" in parts:
-        own = parts["coherence"]
-        found.append(_as_kind(own, name, "coherence", own.values))
-    return found
-
-
-def _as_kind(channel: Channel, name: str, kind: str, values: object) -> Channel:
-    """Return a channel with a name, a kind and values."""
-    column = replace(channel.column, name=name, kind=kind)
-    return replace(channel, name=name, column=column, values=np.asarray(values))

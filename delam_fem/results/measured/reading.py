@@ -24,10 +24,10 @@ from delam_fem.numerics.types import FloatArray
 from delam_fem.results.folder import write_dataset
 from delam_fem.results.measured import readers
 from delam_fem.results.measured.channels import (
-    Assignment,
     Channel,
     Sheet,
     Values,
+    assignment,
     channels_of,
     joined,
 )
@@ -94,7 +94,14 @@ def dataset(channels: Sequence[Channel], notes: Sequence[str] = ()) -> xr.Datase
     notes, data = list(notes), xr.Dataset()
     if any(_is_gap(channel) for channel in channels):  # beside it may be what is no gap
         channels = [own for own in channels if own.axis != "x" or _is_gap(own)]
-    _refuse_doubles(channels)
+    seen: dict[tuple[str, str], str] = {}
+    for own in channels:
+        if (key := (own.name, own.kind)) in seen:
+            raise CaseError(
+                f"channel {own.name!r}: expected different names, given it twice: {seen[key]} and "
+                f"{own.source}; --channel NAME=… renames one"
+            )
+        seen[key] = own.source
     histories = [channel for channel in channels if channel.axis == "time"]
     if histories:
         time, values = _on_one_axis(histories, notes)
@@ -118,29 +125,16 @@ def _is_gap(channel: Channel) -> bool:
 def variable_of(channel: Channel) -> str:
     """Return the name of the variable that holds a channel."""
     if channel.axis == "frequency":
-        return "coherence" if channel.column.kind == "coherence" else "response"
+        return "coherence" if channel.kind == "coherence" else "response"
     if channel.axis == "x":
         return "gap0"
-    found, quantity = TIP.fullmatch(channel.name), channel.unit.quantity
+    found, quantity = TIP.fullmatch(channel.name), channel.si.quantity
     if found and quantity in OF_TIPS:
         return OF_TIPS[quantity]
     if own := OF_DRIVE.get((channel.name.lower(), quantity)):
         return own
     word = re.sub(r"[^\w.@-]+", "_", channel.name.strip())
     return word if word.startswith("sensor_") else f"sensor_{word}"
-
-
-def _refuse_doubles(channels: Sequence[Channel]) -> None:
-    """Refuse two channels with one name."""
-    seen: dict[tuple[str, str], str] = {}
-    for channel in channels:
-        key = (channel.name, channel.column.kind)
-        if key in seen:
-            raise CaseError(
-                f"channel {channel.name!r}: expected different names, given it twice: "
-                f"{seen[key]} and {channel.source}; --channel NAME=… renames one"
-            )
-        seen[key] = channel.source
 
 
 def _on_one_axis(channels: Sequence[Channel], notes: list[str]) -> tuple[FloatArray, list[Values]]:
@@ -152,7 +146,10 @@ def _on_one_axis(channels: Sequence[Channel], notes: list[str]) -> tuple[FloatAr
             f"{channels[0].source}: expected steps of {channels[0].axis} between {SMALLEST_STEP:g} "
             f"and {LARGEST_STEP:g} in SI units, given {step:g}; is the unit right?"
         )
-    if all(_is_same(channel.points, first, step) for channel in channels):
+    if all(
+        own.points.size == first.size and bool(np.all(np.abs(own.points - first) <= EQUAL * step))
+        for own in channels
+    ):
         return first, [channel.values for channel in channels]
     start = max(float(channel.points[0]) for channel in channels)
     end = min(float(channel.points[-1]) for channel in channels)
@@ -173,11 +170,6 @@ def _on_one_axis(channels: Sequence[Channel], notes: list[str]) -> tuple[FloatAr
         f"{step:.6g} from {start:.6g} to {end:.6g}"
     )
     return axis, values
-
-
-def _is_same(points: FloatArray, others: FloatArray, step: float) -> bool:
-    """Return whether two axes are the same."""
-    return points.size == others.size and bool(np.all(np.abs(points - others) <= EQUAL * step))
 
 
 def _with_histories(
@@ -204,8 +196,8 @@ def _with_histories(
         if name in VARIABLES:
             add(data, name, own)
         else:
-            quantity = channel.unit.quantity or "signal"
-            about = {"units": channel.unit.units, "long_name": f"{quantity}: {channel.name}"}
+            quantity = channel.si.quantity or "signal"
+            about = {"units": channel.si.units, "long_name": f"{quantity}: {channel.name}"}
             sensors[name] = (("time",), own, about)
     return data.assign(sensors)  # at once: one by one, thousands take minutes
 
@@ -218,7 +210,7 @@ def _with_responses(data: xr.Dataset, channels: Sequence[Channel], notes: list[s
     for channel, own in zip(channels, values, strict=True):
         by_kind[variable_of(channel)][channel.name] = own
         if variable_of(channel) == "response":
-            units[channel.name] = channel.unit.units
+            units[channel.name] = channel.si.units
     names = list(dict.fromkeys([*by_kind["response"], *by_kind["coherence"]]))
     data = data.assign_coords(
         frequency=("frequency", frequency, {"units": "Hz", "long_name": BESIDES["frequency"]}),
@@ -242,11 +234,11 @@ def _with_responses(data: xr.Dataset, channels: Sequence[Channel], notes: list[s
 
 def _with_gaps(data: xr.Dataset, channels: Sequence[Channel], notes: list[str]) -> xr.Dataset:
     """Return the dataset with the gaps at rest."""
-    wrong = [channel for channel in channels if channel.unit.quantity != "displacement"]
+    wrong = [channel for channel in channels if channel.si.quantity != "displacement"]
     if wrong:
         raise CaseError(
             f"{wrong[0].source}: expected a gap in a unit of length over x, given a "
-            f"{wrong[0].unit.quantity or 'quantity in ' + wrong[0].unit.units}"
+            f"{wrong[0].si.quantity or 'quantity in ' + wrong[0].si.units}"
         )
     x, values = _on_one_axis(channels, notes)
     if len(channels) > 1:
@@ -259,15 +251,13 @@ def _with_gaps(data: xr.Dataset, channels: Sequence[Channel], notes: list[str]) 
 
 def _with_table(data: xr.Dataset, channels: Sequence[Channel]) -> xr.Dataset:
     """Return the dataset with the table of the channels."""
-    rows = [channel for channel in channels if channel.column.kind != "coherence"]
+    rows = [channel for channel in channels if channel.kind != "coherence"]
     columns = {
         "variable": [variable_of(own) for own in rows],
-        "units": [own.unit.units for own in rows],
-        "quantity": [own.unit.quantity for own in rows],
-        "position": [
-            np.nan if own.column.position is None else own.column.position for own in rows
-        ],
-        "lamina": [own.column.lamina or _lamina_of(own) for own in rows],
+        "units": [own.si.units for own in rows],
+        "quantity": [own.si.quantity for own in rows],
+        "position": [np.nan if own.position is None else own.position for own in rows],
+        "lamina": [own.lamina or _lamina_of(own) for own in rows],
         "source": [own.source for own in rows],
     }
     data = data.assign_coords(channel=[own.name for own in rows])
@@ -358,8 +348,7 @@ def read_measured(
             return _with_complex(data)
     sheets = [sheet for path in files for sheet in sheets_of(path)]
     assigned = {
-        name: Assignment.parsed(text, f"--channel {name}")
-        for name, text in (channels or {}).items()
+        name: assignment(text, f"--channel {name}") for name, text in (channels or {}).items()
     }
     notes = [f"{sheet.label}: {note}" for sheet in sheets for note in sheet.notes]
     return dataset(joined(channels_of(sheets, assigned, units, rate)), notes)
@@ -527,13 +516,8 @@ def write_all(data: xr.Dataset, directory: Path) -> list[Path]:
     if "gap0" in data:
         names = data["interface"].to_numpy() if "interface" in data.coords else [""]
         for name, gap in zip(names, by_interface(data["gap0"]), strict=True):
-            text = gap_table(data["x"].to_numpy(), gap)
+            rows = zip(data["x"].to_numpy().tolist(), gap.tolist(), strict=True)
+            text = "\n".join(["x [m],gap [m]", *(f"{x!r},{g!r}" for x, g in rows)]) + "\n"
             path = directory / (f"gap-{name}.csv".replace("/", "_") if name else "gap.csv")
             written.append(write_text(path, text))
     return written
-
-
-def gap_table(x: FloatArray, gap: FloatArray) -> str:
-    """Return a gap [m] over x [m] as the table that cases read, with all digits."""
-    body = (f"{a!r},{g!r}" for a, g in zip(x.tolist(), gap.tolist(), strict=True))
-    return "\n".join(["x [m],gap [m]", *body]) + "\n"

@@ -204,8 +204,9 @@ def page(
             name = _attribute("id", section.name)
             parts.append(f"<h2{name}>{escape(section.heading)}</h2>")
         parts += [_block(block) for block in section.blocks]
-    blocks = [block for section in sections for block in section.blocks]
-    scripts = "".join(f"<script>\n{_resource(name)}</script>\n" for name in _scripts(blocks))
+    kinds = {type(block) for section in sections for block in section.blocks}
+    scripts = [name for name, kind in (("page.js", Gallery), ("film.js", Film)) if kind in kinds]
+    code = "".join(f"<script>\n{_resource(name)}</script>\n" for name in scripts)
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
@@ -213,7 +214,7 @@ def page(
         f"<title>{escape(title)}</title>\n"
         f"<style>\n{_resource('page.css')}{style}</style>\n</head>\n<body>\n"
         + "\n".join(parts)
-        + f"\n{scripts}</body>\n</html>\n"
+        + f"\n{code}</body>\n</html>\n"
     )
 
 
@@ -233,12 +234,6 @@ def fragment(blocks: Iterable[Block]) -> str:
 def _resource(name: str) -> str:
     """Return a style sheet or a script of this folder."""
     return (FOLDER / name).read_text("utf-8")
-
-
-def _scripts(blocks: Iterable[Block]) -> list[str]:
-    """Return the scripts that a page with these blocks needs."""
-    kinds = {type(block) for block in blocks}
-    return [name for name, kind in (("page.js", Gallery), ("film.js", Film)) if kind in kinds]
 
 
 def _contents(sections: Iterable[Section]) -> str:
@@ -352,7 +347,7 @@ def reporting(progress: Report | bool | None, unit: str) -> Iterator[Report | No
         yield progress
     elif not progress:
         yield None
-    elif _is_notebook():
+    elif (shell := sys.modules.get("IPython")) and getattr(shell.get_ipython(), "kernel", None):
         yield NotebookBar(unit)
     else:
         from rich.console import Console
@@ -361,12 +356,6 @@ def reporting(progress: Report | bool | None, unit: str) -> Iterator[Report | No
         with Progress(console=Console(stderr=True)) as bar:
             task = bar.add_task(f"{unit}s", total=None)
             yield lambda done, total: bar.update(task, completed=done, total=total)
-
-
-def _is_notebook() -> bool:
-    """Return whether this process is the kernel of a notebook."""
-    shell = sys.modules.get("IPython")  # a kernel has loaded it
-    return shell is not None and getattr(shell.get_ipython(), "kernel", None) is not None
 
 
 class NotebookBar:

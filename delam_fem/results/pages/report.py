@@ -259,12 +259,15 @@ def film(history: xr.Dataset, case: Case) -> Film | None:
     history = drawable_frames(history)
     if not history.sizes["frame"]:
         return None
-    nodes = _nodes(history.sizes["node"])
+    n = history.sizes["node"]
+    nodes = np.rint(np.linspace(0, n - 1, min(n, MOST_NODES))).astype(np.int64)
     per_frame = history.sizes["lamina"] * nodes.size
     last = slice(-max(1, MOST_NUMBERS // per_frame), None)
     u = history["displacement"].to_numpy()
     largest = max(float(np.abs(u).max()), float(history["gap0"].to_numpy().max(initial=0.0)))
-    factor = _factor(largest, sum(lamina.thickness for lamina in case.lamina))
+    thickness, factor = sum(lamina.thickness for lamina in case.lamina), 1.0
+    if 0.0 < largest < thickness:
+        factor = float(10.0 ** np.ceil(np.log10(thickness / largest)))
     y = middle_lines(history, case, factor)[:, None] + factor * u
     y = 1e3 * y.transpose(1, 0, 2)[last][..., nodes]
     unit = float(np.abs(y).max()) / LARGEST or 1.0
@@ -276,6 +279,8 @@ def film(history: xr.Dataset, case: Case) -> Film | None:
         }
         for own in marks(history, case, factor)
     ]  # fmt: skip
+    nearest = np.concatenate([[0], (nodes[:-1] + nodes[1:]) // 2 + 1])  # first of each shown node
+    lit = np.maximum.reduceat(derived.contact_lights(history)[last], nearest, axis=-1)
     data = {
         "names": [str(name) for name in history["lamina"].to_numpy()],
         "colours": list(lamina_colours(history.sizes["lamina"])),
@@ -286,7 +291,7 @@ def film(history: xr.Dataset, case: Case) -> Film | None:
         "unit": unit,
         "factor": factor,
         "y": _text(np.rint(y / unit).astype("<i2")),
-        "lit": _text(_around(derived.contact_lights(history)[last], nodes)),
+        "lit": _text(lit),
         "held": derived.held_ends(case),
         "stops": stops,
     }
@@ -300,27 +305,6 @@ def film(history: xr.Dataset, case: Case) -> Film | None:
     if factor != 1.0:
         caption += f" Deflections and gaps are drawn {factor:g} times as large as they are."
     return Film(data, "The laminae in motion", caption)
-
-
-def _factor(largest: float, thickness: float) -> float:
-    """Return 1, or a power of ten that makes small lengths larger than the thickness."""
-    if largest == 0.0 or largest >= thickness:
-        return 1.0
-    return float(10.0 ** np.ceil(np.log10(thickness / largest)))
-
-
-def _nodes(count: int) -> npt.NDArray[np.int64]:
-    """Return the nodes that are shown, both ends among them."""
-    shown = np.linspace(0, count - 1, min(count, MOST_NODES))
-    nodes: npt.NDArray[np.int64] = np.rint(shown).astype(np.int64)
-    return nodes
-
-
-def _around(values: npt.NDArray[Any], nodes: npt.NDArray[np.int64]) -> npt.NDArray[Any]:
-    """Return the largest value of the nodes nearest to each shown node."""
-    first = np.concatenate([[0], (nodes[:-1] + nodes[1:]) // 2 + 1])
-    largest: npt.NDArray[Any] = np.maximum.reduceat(values, first, axis=-1)
-    return largest
 
 
 def _short(values: npt.NDArray[Any]) -> list[float]:

@@ -55,13 +55,13 @@ def test_three_laminae_are_three_lines() -> None:
     nodes = _dolfinx.input_nodes(linear)
     found = linear.tabulate_dof_coordinates()[:, :2]
     np.testing.assert_allclose(found, points[nodes], rtol=0.0, atol=1e-15)
-    values = vtx.by_node(frames["displacement"].to_numpy())
+    values = np.hstack(frames["displacement"].to_numpy())
     assert values.shape == (frames.sizes["frame"], 3 * n)
     np.testing.assert_array_equal(values[5].reshape(3, n), frames["displacement"][:, 5])
 
 
 def test_values_of_the_thin_lamina_follow_those_of_the_thick(frames: xr.Dataset) -> None:
-    values = vtx.by_node(frames.displacement.to_numpy())
+    values = np.hstack(frames.displacement.to_numpy())
     n = frames.sizes["node"]
     assert values.shape == (frames.sizes["frame"], 2 * n)
     np.testing.assert_array_equal(values[1, n:], frames.displacement[1, 1])
