@@ -359,7 +359,12 @@ def draw_struck(numbers: Numbers) -> Figure:
     axes = figure.subplots(3, 2)
     for k in (0, 1):
         _draw_strain(axes[k, 0], block, k)
-    _draw_force(axes[2, 0], block)
+    axes[2, 0].plot(1e3 * block.spring.time, 1e-3 * block.force, color=BLACK, linewidth=0.9)
+    axes[2, 0].set(
+        title="[3]  block of finite stiffness",
+        xlabel="time after the touch  [ms]", ylabel="force  [kN]",
+    )  # fmt: skip
+    axes[2, 0].margins(x=0.0)
     _draw_waves(axes[0, 1], block)
     _draw_dispersion(axes[1, 1], block)
     _draw_peak(axes[2, 1], block)
@@ -381,16 +386,6 @@ def _draw_strain(axes: Axes, block: TipBlock, gauge: int) -> None:
     )  # fmt: skip
     axes.margins(x=0.0)
     axes.legend(loc="best")
-
-
-def _draw_force(axes: Axes, block: TipBlock) -> None:
-    """Draw the contact force over the whole contact."""
-    axes.plot(1e3 * block.spring.time, 1e-3 * block.force, color=BLACK, linewidth=0.9)
-    axes.set(
-        title="[3]  block of finite stiffness",
-        xlabel="time after the touch  [ms]", ylabel="force  [kN]",
-    )  # fmt: skip
-    axes.margins(x=0.0)
 
 
 def _draw_waves(axes: Axes, block: TipBlock) -> None:

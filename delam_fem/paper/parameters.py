@@ -225,6 +225,7 @@ def _sweep(lab: Laboratory, law: str) -> xr.Dataset:
 
 def draw_planes(numbers: Numbers) -> Figure:
     """Draw kinds of motion and scatter of both laws over their parameters."""
+    from matplotlib.colors import ListedColormap, LogNorm
     from matplotlib.patches import Patch
 
     both = (numbers.impact, numbers.classical)
@@ -234,9 +235,14 @@ def draw_planes(numbers: Numbers) -> Figure:
     panels = grid[:2, :].subgridspec(2, 2).subplots(squeeze=False)
     _shares(figure.add_subplot(grid[2, :]), both, titles)
     top = max(float(np.nanmax(plane.scatter)) for plane in both)
+    norm = LogNorm(1e-3, max(top, 2e-3), clip=True)
     for (left, right), plane, title in zip(panels, both, titles, strict=True):
-        _kinds(left, plane, title)
-        _scatter(figure, right, plane, top)
+        _map(left, plane, plane.kind, cmap=ListedColormap(list(KIND_COLOURS)),
+             vmin=-0.5, vmax=len(KIND_COLOURS) - 0.5)  # fmt: skip
+        left.set_title(f"{title}: {100 * plane.share['one-periodic']:.0f} % one-periodic")
+        mesh = _map(right, plane, plane.scatter, cmap="cividis", norm=norm)
+        bar = figure.colorbar(mesh, ax=right, label="scatter one period apart [–]")
+        bar.ax.axhline(PERIODIC_SCATTER, color=VERMILLION, linewidth=2.0)
     present = sorted({int(k) for plane in both for k in np.unique(plane.kind)})
     patches = [Patch(facecolor=KIND_COLOURS[k], edgecolor=BLACK, label=KINDS[k]) for k in present]
     figure.legend(handles=patches, loc="outside upper left", ncols=6, frameon=False)
@@ -260,25 +266,6 @@ def _shares(panel: Axes, planes: tuple[Numbers, ...], titles: tuple[str, ...]) -
     panel.set_xticks(SHOWN_THRESHOLDS, [f"{t:g}" for t in SHOWN_THRESHOLDS])
     panel.minorticks_off()
     legend_above(panel)
-
-
-def _kinds(panel: Axes, plane: Numbers, title: str) -> None:
-    """Draw the kinds of motion in a plane."""
-    from matplotlib.colors import ListedColormap
-
-    _map(panel, plane, plane.kind, cmap=ListedColormap(list(KIND_COLOURS)),
-         vmin=-0.5, vmax=len(KIND_COLOURS) - 0.5)  # fmt: skip
-    panel.set_title(f"{title}: {100 * plane.share['one-periodic']:.0f} % one-periodic")
-
-
-def _scatter(figure: Figure, panel: Axes, plane: Numbers, top: float) -> None:
-    """Draw the scatter in a plane."""
-    from matplotlib.colors import LogNorm
-
-    norm = LogNorm(1e-3, max(top, 2e-3), clip=True)
-    mesh = _map(panel, plane, plane.scatter, cmap="cividis", norm=norm)
-    bar = figure.colorbar(mesh, ax=panel, label="scatter one period apart [–]")
-    bar.ax.axhline(PERIODIC_SCATTER, color=VERMILLION, linewidth=2.0)
 
 
 def _map(panel: Axes, plane: Numbers, values: FloatArray | IntArray, **look: Any) -> QuadMesh:

@@ -90,12 +90,6 @@ def _settling(result: Result, scatters: float) -> int:
     return settling(strobe, half, result.summary["periodicity"] or 1, scatters * scatter)
 
 
-def draw_impact_portraits(numbers: Numbers) -> Figure:
-    """Draw the phase portraits of method 3.1 at 3.25 Hz."""
-    figure, _ = two_portraits([numbers.result], ["method 3.1"])
-    return figure
-
-
 def two_portraits(
     results: Sequence[Result], titles: Sequence[str], n_below: int = 0
 ) -> tuple[Figure, list[Axes]]:
@@ -130,7 +124,7 @@ IMPACT_PORTRAITS = Piece(
     f"Method 3.1 at {RESONANT} Hz, {PORTRAIT_PERIODS} periods. The paper's experiment beside "
     "it is not available.",
     measure_impact_portraits,
-    draw_impact_portraits,
+    lambda n: two_portraits([n.result], ["method 3.1"])[0],
     (
         Statement(
             "Δt = T/1000 gives orbitally stable results", "sec. 3.1",

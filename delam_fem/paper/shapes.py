@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,7 +12,7 @@ import numpy.typing as npt
 from delam_fem.case.definition import Case
 from delam_fem.case.gap import initial_gap
 from delam_fem.case.sections import Gap
-from delam_fem.numerics.types import FloatArray, IntArray
+from delam_fem.numerics.types import FloatArray
 from delam_fem.paper.claims import Criterion, Numbers, Piece, Statement
 from delam_fem.paper.lab import RESONANT, Laboratory, motion_case
 from delam_fem.results import diagnostics
@@ -131,13 +130,14 @@ def _draw_laminae(axes: Axes, case: Case) -> None:
     axes.grid(False)
 
 
-def _properties(case: Case) -> list[tuple[str, str, str]]:
-    """Return rows of (property, value of the thick lamina, value of the thin lamina)."""
+def _list_properties(axes: Axes, case: Case) -> None:
+    """Write the properties of the thick and of the thin lamina as a table."""
+    axes.axis("off")
     thick, thin = case.lamina
     computed = [lam.young_modulus * lam.width * lam.thickness**3 / 12.0 for lam in case.lamina]
     f = [lam.angular_frequencies(2) / (2.0 * math.pi) for lam in case.lamina]
     sections = [f"{1e3 * lam.thickness:g} × {1e3 * lam.width:g}" for lam in case.lamina]
-    return [
+    rows = [
         ("", thick.name, thin.name),
         ("length [mm]", f"{1e3 * thick.length:g}", f"{1e3 * thin.length:g}"),
         ("section [mm × mm]", sections[0], sections[1]),
@@ -151,12 +151,6 @@ def _properties(case: Case) -> list[tuple[str, str, str]]:
         ("f₂ exact [Hz]", f"{f[0][1]:.3f}", f"{f[1][1]:.3f}"),
         ("contact pairs", f"{case.mesh.elements}", ""),
     ]
-
-
-def _list_properties(axes: Axes, case: Case) -> None:
-    """Write the properties as a table."""
-    axes.axis("off")
-    rows = _properties(case)
     table = axes.table(
         cellText=[list(row) for row in rows[1:]], colLabels=list(rows[0]), cellLoc="left",
         colWidths=[0.5, 0.28, 0.22], edges="horizontal", loc="center",
@@ -375,28 +369,14 @@ MARGIN = 0.005
 COLOURS = ("#ffffff", "#bbbbbb", VERMILLION, ORANGE, BLUE, SKY)
 
 
-@dataclass(frozen=True)
-class Decisions:
-    """The decisions on every pair at every step of the window.
-
-    Attributes:
-        state: decision as an index into `NAMES`, shape (n_steps, n_pairs).
-        violations: number of decisions (one per pair and step) that break eq. 17 as corrected.
-    """
-
-    state: npt.NDArray[np.int8]
-    violations: int
-
-    @property
-    def counts(self) -> IntArray:
-        """Number of pair-steps by decision, shape (6,)."""
-        return np.bincount(self.state.ravel(), minlength=len(NAMES))
-
-
-def decisions(result: Result) -> Decisions:
+def decisions(result: Result) -> tuple[npt.NDArray[np.int8], int]:
     """Read the supervisor's decisions from a run that keeps a frame at every step.
 
     The first step of the window is left out, because the state of the pairs before it is unknown.
+
+    Returns:
+        Decision on every pair at every step as an index into `NAMES`, shape (n_steps, n_pairs);
+        number of decisions that break eq. 17 as corrected.
     """
     history = result.history
     held = history["contact_state"].to_numpy()[:, 1:] == 2
@@ -415,7 +395,7 @@ def decisions(result: Result) -> Decisions:
     state[before & ~held] = RELEASED
     wrong = (before & (held != closed)) | (before & hit) | (hit & ~closed)
     wrong |= held & ~before & ~hit
-    return Decisions(state, int(np.count_nonzero(wrong)))
+    return state, int(np.count_nonzero(wrong))
 
 
 def measure_chart(lab: Laboratory) -> Numbers:
@@ -429,20 +409,20 @@ def measure_chart(lab: Laboratory) -> Numbers:
         shape (n_steps, n_pairs); steps_per_period: N.
     """
     (result,) = lab.motions([detailed_case(lab)])
-    found, N = decisions(result), result.case.time.steps_per_period
-    counts = found.counts
+    (state, violations), N = decisions(result), result.case.time.steps_per_period
+    counts = np.bincount(state.ravel(), minlength=len(NAMES))
     return Numbers(
         {
             "states": list(NAMES),
-            "pair_steps_per_period": counts / (found.state.shape[0] / N),
-            "violations": found.violations,
-            "pair_steps": int(found.state.size),
+            "pair_steps_per_period": counts / (state.shape[0] / N),
+            "violations": violations,
+            "pair_steps": int(state.size),
             "impacts_followed_by_contact": float(
                 counts[BEGUN] / max(counts[BEGUN] + counts[STRUCK], 1)
             ),
         },
         mean_contact_steps=float((counts[HELD] + counts[BEGUN]) / max(counts[BEGUN], 1)),
-        state=found.state,
+        state=state,
         steps_per_period=N,
     )
 

@@ -17,7 +17,7 @@ from delam_fem.numerics.types import FloatArray
 from delam_fem.reference import matrices
 from delam_fem.reference.loop import ReferenceRun, refused_motion, simulate_reference
 from delam_fem.reference.matrices import lowest_frequencies
-from delam_fem.results.figures.style import label_x
+from delam_fem.results.figures.style import label_x, stacked
 from delam_fem.results.folder import Result
 from delam_fem.studies import options
 from delam_fem.studies.models import ModelComparison, compare_models
@@ -66,16 +66,12 @@ class Motions:
 
     def rows(self) -> list[tuple[str, str]]:
         """Return the rows of a table."""
+        until = (f"tip histories up to impact {self.impact_limit}", f"{self.until_impact:.1e} m")
         return [
-            *self._impact_row(),
+            *([until] if self.impact_limit else []),
             (f"tip histories up to {self.times[-1]:.4g} s", f"{self.overall:.1e} m"),
             ("impacts, dolfinx and reference", f"{self.impacts[0]} and {self.impacts[1]}"),
         ]
-
-    def _impact_row(self) -> list[tuple[str, str]]:
-        if not self.impact_limit:
-            return []
-        return [(f"tip histories up to impact {self.impact_limit}", f"{self.until_impact:.1e} m")]
 
     def numbers(self) -> dict[str, object]:
         """Return the differences for a JSON file."""
@@ -90,8 +86,7 @@ class Motions:
 
     def figure(self) -> Figure:
         """Draw the tip histories of both runs, and their difference on a logarithmic axis."""
-        figure = Figure(figsize=(9.0, 6.0), layout="constrained")
-        top, bottom = figure.subplots(2, 1, sharex=True)
+        figure, (top, bottom) = stacked(2, 6.0, sharex=True)
         for i, name in enumerate(self.names):
             top.plot(self.times, 1e3 * self.tips[i], color=f"C{i}", label=f"{name}, dolfinx")
             top.plot(self.times, 1e3 * self.reference_tips[i], "k:", label=f"{name}, reference")

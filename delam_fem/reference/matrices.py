@@ -117,7 +117,8 @@ def shape_functions(h: float) -> list[Polynomial]:
         h: length of the element [m].
     """
     powers = [_cubic(unit, h) for unit in np.eye(4)]
-    ends = np.array([[end for s in (0.0, h) for end in _value_and_slope(p, s)] for p in powers])
+    pairs = [(p, p.deriv()) for p in powers]  # type: ignore[no-untyped-call]
+    ends = np.array([[float(f(s)) for s in (0.0, h) for f in pair] for pair in pairs])
     return [_cubic(coefficients, h) for coefficients in np.linalg.inv(ends)]
 
 
@@ -128,7 +129,8 @@ def element_mass(mass_per_length: float, h: float) -> FloatArray:
 
 def element_stiffness(flexural_rigidity: float, h: float) -> FloatArray:
     """Return the stiffness of an element, the integrals of EI N_i'' N_j'', shape (4, 4)."""
-    return flexural_rigidity * _products([_derivative(N, 2) for N in shape_functions(h)], h)
+    curvatures = [N.deriv(2) for N in shape_functions(h)]  # type: ignore[no-untyped-call]
+    return flexural_rigidity * _products(curvatures, h)
 
 
 def lumped_mass(mass_per_length: float, h: float) -> FloatArray:
@@ -253,17 +255,6 @@ def _contact_points(x: FloatArray, p: int) -> tuple[FloatArray, FloatArray, Floa
 def _cubic(coefficients: FloatArray, h: float) -> Polynomial:
     """Return the polynomial in s/h with the given coefficients, as a function of s [m]."""
     return Polynomial(coefficients, domain=[0.0, h], window=[0.0, 1.0])
-
-
-def _derivative(f: Polynomial, times: int) -> Polynomial:
-    """Return the derivative of a polynomial of the order `times`."""
-    derived: Polynomial = f.deriv(times)  # type: ignore[no-untyped-call]
-    return derived
-
-
-def _value_and_slope(f: Polynomial, s: float) -> tuple[float, float]:
-    """Return f(s) and f'(s)."""
-    return float(f(s)), float(_derivative(f, 1)(s))
 
 
 def _products(functions: list[Polynomial], h: float) -> FloatArray:

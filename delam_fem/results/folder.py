@@ -140,8 +140,9 @@ class Result:
         written.append(write_dataset(self.history, directory / RESULT))
         text = json.dumps(self.summary, indent=2, allow_nan=False) + "\n"
         written.append(write_text(directory / SUMMARY, text))
-        final_in(directory).unlink(missing_ok=True)  # of another run
-        if self.final is not None:
+        if self.final is None:
+            final_in(directory).unlink(missing_ok=True)  # of another run
+        else:
             written.append(write_arrays(final_in(directory), self.final))
         return written
 
@@ -187,7 +188,6 @@ def save_views(
 
             drawn.insert(0, vtx.write_lines(history, directory / "fields"))
         solid, target = directory / "fields" / SOLID, directory / "figures" / "solid.png"
-        target.unlink(missing_ok=True)
         if solid.is_file():
             from delam_fem.results.fields import animation
             from delam_fem.results.fields.vtkhdf import Series
@@ -195,6 +195,8 @@ def save_views(
             if has_dolfinx():
                 drawn.append(vtx.write_bodies(Series.read(solid), solid.parent))
             drawn.append(animation.render_solid(solid, history, case, target))
+        else:
+            target.unlink(missing_ok=True)
         written += [path for path in drawn if path is not None]
     else:
         pictures.remove_fields(directory / "fields")

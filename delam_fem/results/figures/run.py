@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -56,6 +57,8 @@ LINE_PERIODS = 2
 """Periods that the contact line shows: the fewest that show whether it repeats."""
 ONE_PANEL, PANEL = 5.0, 3.2
 """Height of the figure of one interface, and of each panel if there are several [in]."""
+GAP_LEVELS = np.array([0.0, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0])
+"""Limits of the shades [mm]; a power of ten smaller where gaps are small."""
 SMALL_GAP = 3.0
 """Gaps below this have finer shades [mm]."""
 SMALLEST_MARK, LARGEST_MARK = 3.0, 90.0
@@ -135,7 +138,9 @@ def _gap_image(
     shown = np.flatnonzero(frames >= start - 1e-9 * unit)
     t, x = frames[shown] / unit, 1e3 * history["x"].to_numpy()
     gap = 1e3 * finite(diagnostics.gap_field(history)[interface, shown]).T
-    levels = _levels(float(np.nanmax(gap, initial=0.0)))
+    levels, largest = GAP_LEVELS, float(np.nanmax(gap, initial=0.0))
+    if 0.0 < largest < SMALL_GAP:
+        levels = levels * 10.0 ** np.floor(np.log10(largest / SMALL_GAP))
     shades = ListedColormap([str(s) for s in np.linspace(0.52, 0.97, levels.size - 1)])
     image = axes.pcolormesh(
         t, x, np.maximum(gap, 0.0), cmap=shades, norm=BoundaryNorm(levels, shades.N),
@@ -152,14 +157,6 @@ def _gap_image(
             markersize=3.0,
             label="in permanent contact",
         )
-
-
-def _levels(largest: float) -> FloatArray:
-    """Return the limits of the shades for gaps up to `largest` [mm]."""
-    levels = np.array([0.0, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0])
-    if not 0.0 < largest < SMALL_GAP:
-        return levels
-    return np.asarray(levels * 10.0 ** np.floor(np.log10(largest / SMALL_GAP)))
 
 
 def _bonded_bands(axes: Axes, case: Case, between: tuple[str, str]) -> None:
@@ -477,13 +474,7 @@ class Plots:
         found = {} if name.startswith("_") else figures_of(self._history)
         if name not in found:
             raise AttributeError(f"no figure {name!r}; there are {', '.join(found)}")
-        draw, history, case = found[name], self._history, self._case
-
-        def drawn() -> Figure:
-            with styled():
-                return draw(history, case)
-
-        return drawn
+        return styled()(partial(found[name], self._history, self._case))
 
 
 def figures_of(history: xr.Dataset) -> dict[str, Callable[[xr.Dataset, Case], Figure]]:
