@@ -28,7 +28,7 @@ def test_the_work_of_impulses_on_the_first_mode_has_a_limit_and_their_sum_has_no
         with session_of(case, structure.operators) as opened:
             opened.run()
             jumps = [record.jumps.columns() for record in opened.recorder.window]
-            modal = row_of(opened.recorder, 2, opening).modal_impulse
+            modal = row_of(opened.recorder, 2, opening)["modal_impulse"]
         assert modal == jumps[-1].impulses @ opening[jumps[-1].hit]
         of_mode = np.mean([own.impulses @ opening[own.hit] for own in jumps])
         found.append((of_mode, np.mean([own.impulses.sum() for own in jumps])))

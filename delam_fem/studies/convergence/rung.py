@@ -16,13 +16,11 @@ from __future__ import annotations
 import logging
 import math
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
 from delam_fem.case.definition import Case
 from delam_fem.engines.cost import step_hours
@@ -126,29 +124,8 @@ def may_be_judged(n_laminae: int) -> tuple[Statistic, ...]:
     return (*extrema(n_laminae), *amplitudes(n_laminae, 1), IMPULSE)
 
 
-@dataclass(frozen=True)
-class PeriodRow:
-    """The numbers of one period.
-
-    Attributes:
-        low, high: smallest and largest tip displacements, each of shape (n_laminae,) [m].
-        harmonics: complex amplitudes of the excitation's harmonics at the tips, shape
-            (n_laminae, n) [m].
-        modal_impulse: sum of impulses, each times the opening of its pair in the first mode [N s].
-        impacts: number of impulses on pairs.
-        work: net energy lost in contact by impacts, springs and dampers [J].
-        gain: energy added by the impacts that gain energy; `work` already contains it [J].
-        steps: number of steps of all sizes.
-    """
-
-    low: FloatArray
-    high: FloatArray
-    harmonics: npt.NDArray[np.complex128]
-    modal_impulse: float
-    impacts: float
-    work: float
-    gain: float
-    steps: float
+PeriodRow: TypeAlias = dict[str, Any]
+"""The numbers of one period by name."""
 
 
 def row_of(recorder: Recorder, n_laminae: int, opening: FloatArray) -> PeriodRow:
@@ -158,6 +135,13 @@ def row_of(recorder: Recorder, n_laminae: int, opening: FloatArray) -> PeriodRow
         recorder: recorder of the run; its first probes are the tips, one for each lamina.
         n_laminae: number of laminae.
         opening: of each pair in the first mode, shape (n_pairs,); see `linear.openings`.
+
+    Returns:
+        The extremes of the tips [m], shape (n_laminae,); `harmonics`, the complex amplitudes of the
+        excitation's harmonics at the tips [m], shape (n_laminae, n); the sum of impulses, each
+        times the opening of its pair in the first mode [N s]; the number of impulses on pairs; the
+        net energy lost in contact by impacts, springs and dampers, and the part that impacts add
+        [J]; the number of steps of all sizes.
     """
     record, k = recorder.window[-1], recorder.n_closed - 1
     u = record.u[1 : record.n_steps + 1, N_BASE : N_BASE + n_laminae].T
@@ -165,16 +149,18 @@ def row_of(recorder: Recorder, n_laminae: int, opening: FloatArray) -> PeriodRow
     coefficients = 2.0 * np.fft.rfft(u, axis=1)[:, 1 : below_nyquist + 1] / u.shape[1]
     jumps = record.jumps.columns()
     ledger = dict(zip(LEDGER, recorder.ledger[k].tolist(), strict=True))
-    return PeriodRow(
-        low=recorder.envelope[k, 0, :n_laminae],
-        high=recorder.envelope[k, 1, :n_laminae],
-        harmonics=coefficients,
-        modal_impulse=float(jumps.impulses @ opening[jumps.hit]),
-        impacts=float(recorder.impulse[k, 1]),
-        work=ledger["impact_loss"] + ledger["contact_damping_loss"] - ledger["spring_released"],
-        gain=float(recorder.impulse[k, 2]),
-        steps=float(recorder.effort[k, :N_SIZES].sum()),
-    )
+    return {
+        "tip_min": recorder.envelope[k, 0, :n_laminae],
+        "tip_max": recorder.envelope[k, 1, :n_laminae],
+        "harmonics": coefficients,
+        "modal_impulse": jumps.impulses @ opening[jumps.hit],
+        "impacts": recorder.impulse[k, 1],
+        "contact_work": ledger["impact_loss"]
+        + ledger["contact_damping_loss"]
+        - ledger["spring_released"],
+        "steps": recorder.effort[k, :N_SIZES].sum(),
+        "impact_gain": recorder.impulse[k, 2],
+    }
 
 
 def statistics(rows: list[PeriodRow], strobe: FloatArray) -> Statistics:
@@ -184,7 +170,7 @@ def statistics(rows: list[PeriodRow], strobe: FloatArray) -> Statistics:
         rows: numbers of the periods.
         strobe: tip displacements at the ends of these periods, shape (n_laminae, n_periods) [m].
     """
-    low, high = (np.array([getattr(row, name) for row in rows]) for name in ("low", "high"))
+    low, high = (np.array([row[name] for row in rows]) for name in ("tip_min", "tip_max"))
     half_range = (high.max(axis=0) - low.min(axis=0)) / 2.0
     P = diagnostics.periodicity(strobe, half_range)[0]
     size = P or 1
@@ -202,22 +188,20 @@ def statistics(rows: list[PeriodRow], strobe: FloatArray) -> Statistics:
 
 
 def _of_block(rows: list[PeriodRow]) -> dict[str, float]:
-    """Return the statistics of a block of successive periods by name."""
-    of_harmonics = np.abs(np.mean([row.harmonics for row in rows], axis=0))
-    factors = harmonics.distortion_factor(of_harmonics)
-    values: dict[str, float] = {}
-    for i in range(len(of_harmonics)):
-        values[f"tip_min_{i + 1}"] = float(np.mean([row.low[i] for row in rows]))
-        values[f"tip_max_{i + 1}"] = float(np.mean([row.high[i] for row in rows]))
-        values[f"distortion_factor_{i + 1}"] = float(factors[i])
-        for k, amplitude in enumerate(of_harmonics[i, :SHOWN_HARMONICS].tolist()):
-            values[f"amplitude_{i + 1}_{k + 1}"] = amplitude
-    values["modal_impulse"] = float(np.mean([row.modal_impulse for row in rows]))
-    values["impacts"] = float(np.mean([row.impacts for row in rows]))
-    values["contact_work"] = float(np.mean([row.work for row in rows]))
-    values["steps"] = float(np.mean([row.steps for row in rows]))
-    values["impact_gain"] = float(np.mean([row.gain for row in rows]))
-    return values
+    """Return the statistics of a block of successive periods by name, those of laminae numbered."""
+    of_harmonics = np.abs(np.mean([row["harmonics"] for row in rows], axis=0))
+    means = {
+        name: np.stack([row[name] for row in rows], axis=-1).mean(axis=-1)
+        for name in rows[0]
+        if name != "harmonics"
+    }
+    means["distortion_factor"] = harmonics.distortion_factor(of_harmonics)
+    means["amplitude"] = of_harmonics[:, :SHOWN_HARMONICS]
+    return {
+        "_".join([name, *(str(k + 1) for k in place)]): float(value)
+        for name, values in means.items()
+        for place, value in np.ndenumerate(values)
+    }
 
 
 SPIN_UP_STEPS, SPIN_UP_TIME = 2000, 30.0
@@ -286,48 +270,43 @@ class _Run:
         rows: numbers of its last periods.
         recorder: recorder at the end.
         state: state at the end.
-        seconds: processor time of a period, the median [s].
+        cost: processor time of a step, the median over periods, with its recording [µs].
     """
 
     outcome: str
     rows: list[PeriodRow]
     recorder: Recorder
     state: State
-    seconds: float
+    cost: float
 
 
 def _clapping(rung: Rung, engine: EngineName) -> RungResult:
     """Compute a rung with contact and return the statistics of its motion."""
     case = rung.case
-    structure = _structure(case)
-    run = _run(case, structure, engine, _spun_up(case, engine), rung.periods)
-    periods = run.recorder.n_closed
-    cost = 1e6 * run.seconds / rung.steps
-    residual = run.recorder.energy_residual()
+    run = _run(case, _structure(case), engine, _spun_up(case, engine), rung.periods)
+    periods, residual = run.recorder.n_closed, run.recorder.energy_residual()
     if run.outcome != "completed":
         error = f"{run.outcome} in period {periods}"
-        return RungResult(rung.key, run.outcome, error, {}, cost, periods)
+        return RungResult(rung.key, run.outcome, error, {}, run.cost, periods)
     if is_lost(residual):
-        return RungResult(rung.key, "diverged", f"{OPEN} ({residual:.2g})", {}, cost, periods)
+        return RungResult(rung.key, "diverged", f"{OPEN} ({residual:.2g})", {}, run.cost, periods)
     strobe = run.recorder.strobe[-rung.periods :, 0, : len(case.lamina)]
-    found = statistics(run.rows, strobe.T)
-    found["energy_residual"] = (residual, 0.0)
-    return RungResult(rung.key, run.outcome, "", found, cost, periods)
+    found = statistics(run.rows, strobe.T) | {"energy_residual": (residual, 0.0)}
+    return RungResult(rung.key, run.outcome, "", found, run.cost, periods)
 
 
 def _spun_up(case: Case, engine: EngineName) -> State:
-    """Return the state from which the rungs of a mesh start."""
-    periods = math.ceil(_spin_up_time(case) / case.period)
+    """Return the state from which the rungs of a mesh start.
+
+    A bonded stack needs as many decay times of its own as laminae apart have in `SPIN_UP_TIME`.
+    """
+    slowest = _slowest_decay(case)
+    length = SPIN_UP_TIME if case.is_apart or not slowest else math.log(10.0) / slowest
+    periods = math.ceil(length / case.period)
     spin = case.with_overrides(
         {**RIGID, "time.steps_per_period": SPIN_UP_STEPS, "time.periods": periods}
     )
     return _moving(spin.to_toml(), engine)
-
-
-def _spin_up_time(case: Case) -> float:
-    """Return the length of that run [s]: a bonded stack needs as many decay times of its own."""
-    slowest = _slowest_decay(case)
-    return SPIN_UP_TIME if case.is_apart or not slowest else math.log(10.0) / slowest
 
 
 def _slowest_decay(case: Case) -> float:
@@ -350,14 +329,16 @@ def _free(rung: Rung, engine: EngineName) -> RungResult:
     structure = _structure(rung.case)
     case = rung.case.with_overrides({"time.periods": _settling_periods(rung.case) + 1})
     run = _run(case, structure, engine, steady_motion(case, structure, is_closed=False), 1)
-    amplitude = np.abs(run.rows[-1].harmonics[:, 0])
-    found: Statistics = {
-        f"amplitude_{i + 1}": (float(value), 0.0) for i, value in enumerate(amplitude)
+    columns = {
+        "amplitude": np.abs(run.rows[-1]["harmonics"][:, 0]).tolist(),
+        "frequency": _frequencies(rung.case, engine),
     }
-    for i, value in enumerate(_frequencies(rung.case, engine)):
-        found[f"frequency_{i + 1}"] = (value, 0.0)
-    cost = 1e6 * run.seconds / rung.steps
-    return RungResult(rung.key, run.outcome, "", found, cost, run.recorder.n_closed)
+    found: Statistics = {
+        f"{name}_{i + 1}": (value, 0.0)
+        for name, values in columns.items()
+        for i, value in enumerate(values)
+    }
+    return RungResult(rung.key, run.outcome, "", found, run.cost, run.recorder.n_closed)
 
 
 def _settling_periods(case: Case) -> int:
@@ -412,50 +393,26 @@ def fitted_frequency(t: FloatArray, u: FloatArray, omega: float) -> float:
 def _run(
     case: Case, structure: Structure, engine: EngineName, initial: State | None, last: int
 ) -> _Run:
-    """Run a case and reduce each of its `last` periods to numbers."""
-    opening = openings(case, structure)
+    """Run a case, time its periods, and reduce each of its `last` ones to numbers."""
+    opening, rows, seconds, begin = openings(case, structure), [], [], 0.0
     with session_of(case, structure.operators, initial=initial, engine=engine) as opened:
-        watch = _Watch(opened.recorder, opened.motion, last, len(case.lamina), opening)
-        outcome = replace(opened, motion=watch.motion).run(watch.collect, every=1)
-        seconds = float(np.median(watch.seconds)) if watch.seconds else math.nan
-        return _Run(outcome, watch.rows, opened.recorder, opened.engine.state(), seconds)
+        recorder = opened.recorder
 
+        def motion(period: int) -> FloatArray:
+            nonlocal begin
+            states = opened.motion(period)
+            begin = time.process_time()
+            return states
 
-@dataclass
-class _Watch:
-    """Callbacks that time the periods of a run and reduce its last periods to numbers.
+        def collect(done: int) -> bool:
+            seconds.append(time.process_time() - begin)
+            if done > recorder.n_periods - last:
+                rows.append(row_of(recorder, len(case.lamina), opening))
+            return False
 
-    Attributes:
-        recorder: recorder of the run.
-        base: states of the base in a period, by its number.
-        last: number of last periods to reduce.
-        n_laminae: number of laminae.
-        opening: of each pair in the first mode, shape (n_pairs,).
-        rows: numbers of these periods.
-        seconds: processor time of each period, with its recording [s].
-    """
-
-    recorder: Recorder
-    base: Callable[[int], FloatArray]
-    last: int
-    n_laminae: int
-    opening: FloatArray
-    rows: list[PeriodRow] = field(default_factory=list)
-    seconds: list[float] = field(default_factory=list)
-    _begin: float = 0.0
-
-    def motion(self, period: int) -> FloatArray:
-        """Return the states of the base in a period, and start the clock."""
-        states = self.base(period)
-        self._begin = time.process_time()
-        return states
-
-    def collect(self, done: int) -> bool:
-        """Store time and numbers of a finished period; return False, so that the run continues."""
-        self.seconds.append(time.process_time() - self._begin)
-        if done > self.recorder.n_periods - self.last:
-            self.rows.append(row_of(self.recorder, self.n_laminae, self.opening))
-        return False
+        outcome = replace(opened, motion=motion).run(collect, every=1)
+        cost = 1e6 * float(np.median(seconds or [math.nan])) / case.steps_per_period
+        return _Run(outcome, rows, recorder, opened.engine.state(), cost)
 
 
 def _structure(case: Case) -> Structure:

@@ -61,7 +61,6 @@ from delam_fem.studies.sweeps.schedule import (
     Schedule,
     Shard,
     Track,
-    Waiting,
 )
 from delam_fem.system.errors import CaseError
 
@@ -438,17 +437,16 @@ def _cost(sweep: Sweep, wanted: tuple[Quantity, ...], n_workers: int, n_points: 
     each = step_hours(case, sweep.file.engine) * longer + POINT_SECONDS / 3600.0
     hours = n_points * each / n_workers
     row = 8.0 * sum(quantity.size for quantity in wanted)
-    listed = 0 if sweep.file.order == "independent" else 8 * n_points
     worker = run_cost(case, sweep.file.engine).memory * n_workers
     files = FILE_BYTES + 2.0 * n_points * (row + POINT_BYTES)
     hours += STUDY_SECONDS / 3600.0
-    return Cost(hours, listed + worker, files, (1 + n_workers) * WORKER_BYTES)
+    return Cost(hours, 8 * n_points + worker, files, (1 + n_workers) * WORKER_BYTES)
 
 
 def share_size(sweep: Sweep, shard: Shard) -> int:
     """Return the number of points of a shard."""
     if not sweep.tracks:
-        return len(shard.items(sweep.n_points))
+        return shard.items(sweep.n_points).size
     return sum(sweep.tracks[number].size for number in shard.items(len(sweep.tracks)))
 
 
@@ -463,7 +461,7 @@ def _computed(
     with journal.joined() as joined:
         left = _left(sweep, joined, journal.shard)
     n_points = share_size(sweep, journal.shard)
-    n_done = n_points - sum(len(track.waiting) for track in left)
+    n_done = n_points - sum(track.waiting.size for track in left)
     begin = time.perf_counter()
     with (
         _schedule(sweep, left, executor, workers) as schedule,
@@ -509,13 +507,13 @@ def _schedule(
 def _left(sweep: Sweep, joined: Joined, shard: Shard) -> list[Track]:
     """Return the points of a shard that are not finished, as tracks."""
     if not sweep.tracks:
-        waiting = Waiting.all_but(joined.numbers, shard.items(sweep.n_points))
-        return [Track(INDEPENDENT, waiting)] if waiting else []
+        points = shard.items(sweep.n_points)
+        waiting = np.setdiff1d(points, joined.numbers, assume_unique=True)
+        return [Track(INDEPENDENT, waiting)] if waiting.size else []
     tracks = []
-    for number in shard.items(len(sweep.tracks)):
+    for number in shard.items(len(sweep.tracks)).tolist():
         points = sweep.tracks[number]
-        n_done, state = joined.reached(points, int(number))
-        waiting = Waiting([points[n_done:]])
-        if waiting:
-            tracks.append(Track(int(number), waiting, state))
+        n_done, state = joined.reached(points, number)
+        if n_done < points.size:
+            tracks.append(Track(number, points[n_done:], state))
     return tracks

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 import re
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from dataclasses import dataclass, field
 
@@ -25,56 +25,6 @@ from delam_fem.numerics.types import IntArray
 from delam_fem.simulation.loop import State
 from delam_fem.studies.sweeps.point import Chunk, Done, Point, compute
 from delam_fem.system.errors import CaseError
-
-Segment = range | IntArray
-"""Indices of points in the order in which they are computed."""
-
-
-class Waiting:
-    """Indices of points that wait, in order: ranges, or arrays where the order is another one."""
-
-    def __init__(self, segments: Iterable[Segment]) -> None:
-        """Store segments, in order; empty ones are left out."""
-        self._segments = deque(segment for segment in segments if len(segment))
-        self._size = sum(len(segment) for segment in self._segments)
-
-    @classmethod
-    def all_but(cls, done: IntArray, items: Segment) -> Waiting:
-        """Return the items that are not done; both increase."""
-        if isinstance(items, range):
-            return cls(_gaps(done, len(items)))
-        return cls([items[~np.isin(items, done, assume_unique=True)]])
-
-    def __len__(self) -> int:
-        """Return the number of points that wait."""
-        return self._size
-
-    def take(self, count: int) -> tuple[int, ...]:
-        """Remove the first points and return them; at most `count`."""
-        taken: list[int] = []
-        while self._segments and len(taken) < count:
-            segment = self._segments.popleft()
-            n = count - len(taken)
-            first = segment[:n]
-            taken.extend(first if isinstance(first, range) else first.tolist())
-            if len(segment) > n:
-                self._segments.appendleft(segment[n:])
-        self._size -= len(taken)
-        return tuple(taken)
-
-    def put_back(self, indices: Sequence[int]) -> None:
-        """Put points that were taken back to the front."""
-        self._segments.appendleft(np.asarray(indices, dtype=np.int64))
-        self._size += len(indices)
-
-
-def _gaps(done: IntArray, count: int) -> Iterator[range]:
-    """Yield the ranges between finished points."""
-    starts = np.concatenate([np.zeros(1, dtype=np.int64), done + 1])
-    stops = np.append(done, count)
-    for k in np.flatnonzero(starts < stops).tolist():
-        yield range(int(starts[k]), int(stops[k]))
-
 
 MOST_SHARDS = 100_000
 _NAME = re.compile(r"(\d+)-of-(\d+)")
@@ -108,10 +58,10 @@ class Shard:
         """Return the shard as the command line takes it."""
         return f"{self.number}/{self.of}"
 
-    def items(self, count: int) -> IntArray | range:
+    def items(self, count: int) -> IntArray:
         """Return which of `count` points or tracks the shard has; they increase."""
         if self.is_whole:
-            return range(count)
+            return np.arange(count)
         rounds: IntArray = np.arange(-(-count // self.of), dtype=np.int64)
         items = rounds * self.of + (self.number - 1 + _beginners(rounds, self.of)) % self.of
         return items[items < count]
@@ -176,19 +126,23 @@ INDEPENDENT = -1
 """Track number of points that can be computed in any order."""
 
 
-@dataclass
+@dataclass(eq=False)
 class Track:
     """Points of a track that are not submitted yet, in order.
 
     Attributes:
         number: number of the track, or `INDEPENDENT`.
-        waiting: indices of the points.
+        waiting: indices of the points, shape (n,).
         state: state from which the first of them starts; None: from its initial conditions.
     """
 
     number: int
-    waiting: Waiting
+    waiting: IntArray
     state: State | None = None
+
+    def put_back(self, chunk: Chunk) -> None:
+        """Put the points of a chunk back to the front."""
+        self.waiting = np.concatenate([chunk.indices, self.waiting])
 
 
 @dataclass
@@ -283,9 +237,9 @@ class Schedule:
         while self.ready and len(self._flying) < limit:
             track = self.ready.popleft()
             n = self._chunk_size(track)
-            indices = track.waiting.take(n)
-            chunk = Chunk(track.number, indices, track.state)
-            if track.number == INDEPENDENT and track.waiting:
+            indices, track.waiting = track.waiting[:n], track.waiting[n:]
+            chunk = Chunk(track.number, tuple(indices.tolist()), track.state)
+            if track.number == INDEPENDENT and track.waiting.size:
                 self.ready.append(track)
             self._flying[self._submitted(chunk)] = (track, chunk)
 
@@ -302,7 +256,7 @@ class Schedule:
         """Return the number of points for the next chunk of a track."""
         if self._suspects or self.costs.cost <= 0.0:
             return 1
-        left = len(track.waiting)
+        left = track.waiting.size
         n = min(int(CHUNK_SECONDS / self.costs.cost), left, MOST)
         if track.number == INDEPENDENT and self.n_workers > 1:
             n = min(n, math.ceil(left / (SHARE * self.n_workers)))
@@ -323,7 +277,7 @@ class Schedule:
             results.append(done)
             if track.number != INDEPENDENT:
                 track.state = done.state
-                if track.waiting:
+                if track.waiting.size:
                     self.ready.append(track)
         if lost:
             results += self._recover(lost)
@@ -356,9 +310,9 @@ class Schedule:
                 dead = Point(chunk.indices[0], "failed", "the worker process died", None)
                 results.append(Done(chunk, (dead,), chunk.state, 0.0, 0.0))
             else:
-                track.waiting.put_back(chunk.indices)
+                track.put_back(chunk)
                 self._suspects += len(chunk.indices)
-            if track.waiting and track not in self.ready:
+            if track.waiting.size and track not in self.ready:
                 self.ready.appendleft(track)
         return results
 
@@ -367,6 +321,6 @@ class Schedule:
         for future, (track, chunk) in list(self._flying.items()):
             if future.cancel():
                 del self._flying[future]
-                track.waiting.put_back(chunk.indices)
+                track.put_back(chunk)
                 if track not in self.ready:
                     self.ready.append(track)

@@ -15,10 +15,16 @@ from delam_fem.studies.convergence.rung import PeriodRow, row_of, statistics
 def row(low: float, phase: float) -> PeriodRow:
     """Return a period of which low and the first amplitude depend on the cycle."""
     harmonics = np.array([[np.exp(1j * phase), 0.2], [2.0, 0.1]])
-    both = np.array([low, -1.0]), np.array([1.0, 1.0])
-    return PeriodRow(
-        *both, harmonics, modal_impulse=-low, impacts=3.0, work=1.0, gain=0.0, steps=900.0
-    )
+    return {
+        "tip_min": np.array([low, -1.0]),
+        "tip_max": np.array([1.0, 1.0]),
+        "harmonics": harmonics,
+        "modal_impulse": -low,
+        "impacts": 3.0,
+        "contact_work": 1.0,
+        "impact_gain": 0.0,
+        "steps": 900.0,
+    }
 
 
 def test_alternating_cycles_are_no_scatter() -> None:
@@ -75,18 +81,18 @@ def test_contact_takes_what_impacts_and_dampers_lose_less_what_springs_release()
         "damping_loss": 16.0, "base_work": 32.0,
     }  # fmt: skip
     found = row_of(recorded(u, ledger), 2, np.array([0.5, 9.0, 4.0]))  # type: ignore[arg-type]
-    assert found.work == 4.0 + 2.0 - 1.0
-    assert (found.impacts, found.gain) == (7.0, 0.25)
-    assert found.modal_impulse == 0.25 * 4.0 + 0.5 * 0.5
-    assert found.steps == 40 + 5 + 3
-    assert found.low.tolist() == u.min(axis=0).tolist()
-    assert found.high.tolist() == u.max(axis=0).tolist()
-    assert found.harmonics.shape == (2, 24)  # below Nyquist of 50 steps
+    assert found["contact_work"] == 4.0 + 2.0 - 1.0
+    assert (found["impacts"], found["impact_gain"]) == (7.0, 0.25)
+    assert found["modal_impulse"] == 0.25 * 4.0 + 0.5 * 0.5
+    assert found["steps"] == 40 + 5 + 3
+    assert found["tip_min"].tolist() == u.min(axis=0).tolist()
+    assert found["tip_max"].tolist() == u.max(axis=0).tolist()
+    assert found["harmonics"].shape == (2, 24)  # below Nyquist of 50 steps
     # the samples begin one step after the start of the period
     turn = np.exp(2j * np.pi * np.arange(1, 25) / 50)
     expected = np.zeros((2, 24), complex)
     expected[0, 0], expected[0, 2], expected[1, 0] = 0.3, -0.1j, 0.2j
-    assert found.harmonics == pytest.approx(expected * turn, abs=1e-14)
+    assert found["harmonics"] == pytest.approx(expected * turn, abs=1e-14)
 
 
 @pytest.mark.parametrize(("scatter", "expected"), [(0.099, 1.0), (0.101, 0.0)])
@@ -95,7 +101,7 @@ def test_scatter_of_strobes_is_relative_to_half_the_range(scatter: float, expect
     ends = [(10.0, 12.0), (11.0, 13.0), (10.5, 12.0), (11.0, 12.5)] * 3
     harmonics = np.array([[1.0, 0.2], [2.0, 0.1]])
     rows = [
-        PeriodRow(np.array([low, low]), np.array([high, high]), harmonics, 1.0, 1.0, 1.0, 0.0, 9.0)
+        {"tip_min": np.full(2, low), "tip_max": np.full(2, high), "harmonics": harmonics}
         for low, high in ends
     ]
     drift = 1.5 * scatter * np.arange(12.0)

@@ -11,7 +11,6 @@ from delam_fem.studies.sweeps.dataset import open_result
 from delam_fem.studies.sweeps.journal import Journal
 from delam_fem.studies.sweeps.point import Chunk, Done, Point
 from delam_fem.studies.sweeps.run import run_sweep
-from delam_fem.studies.sweeps.schedule import Waiting
 from delam_fem.system.errors import CaseError
 
 ROW = np.arange(3.0)
@@ -134,13 +133,3 @@ def test_the_dataset_of_another_program_is_refused(tmp_path: Path) -> None:
     xr.Dataset({"t": ("x", [1.0])}).to_netcdf(tmp_path / "a.nc", engine="h5netcdf")
     with pytest.raises(CaseError, match="expected the result of a sweep"):
         open_result(tmp_path / "a.nc")
-
-
-def test_waiting_points_are_ranges() -> None:
-    waiting = Waiting.all_but(np.array([0, 1, 5]), range(100_000_000))
-    assert len(waiting) == 100_000_000 - 3
-    assert waiting.take(5) == (2, 3, 4, 6, 7)
-    waiting.put_back((6, 7))
-    assert (len(waiting), waiting.take(3)) == (100_000_000 - 6, (6, 7, 8))
-    rest = Waiting([np.array([4, 2]), range(7, 8)])
-    assert (rest.take(9), len(rest), rest.take(1)) == ((4, 2, 7), 0, ())

@@ -6,10 +6,11 @@ from collections import deque
 from collections.abc import Callable
 from concurrent.futures import BrokenExecutor, Executor, Future
 
+import numpy as np
 import pytest
 
 from delam_fem.studies.sweeps.point import Chunk, Done, Point
-from delam_fem.studies.sweeps.schedule import CHUNK_SECONDS, INDEPENDENT, Schedule, Track, Waiting
+from delam_fem.studies.sweeps.schedule import CHUNK_SECONDS, INDEPENDENT, Schedule, Track
 from delam_fem.system.errors import CaseError
 
 
@@ -33,7 +34,7 @@ class Fake(Executor):
 
 
 def independent(n: int) -> deque[Track]:
-    return deque([Track(INDEPENDENT, Waiting([range(n)]))])
+    return deque([Track(INDEPENDENT, np.arange(n))])
 
 
 def computed(
@@ -77,7 +78,7 @@ def test_a_slow_first_point_does_not_keep_chunks_small() -> None:
 
 def test_a_track_keeps_its_order_and_has_one_chunk_in_flight() -> None:
     executor = Fake(cost=0.1)
-    tracks = deque(Track(k, Waiting([range(20 * k, 20 * k + 20)])) for k in range(2))
+    tracks = deque(Track(k, np.arange(20 * k, 20 * k + 20)) for k in range(2))
     _, points = computed(Schedule(b"", 4, tracks, executor))
     for k in range(2):
         own = [i for c in executor.chunks if c.track == k for i in c.indices]
