@@ -24,8 +24,6 @@ import matplotlib.image
 import numpy as np
 import xarray as xr
 
-from delam_fem.cli.app import OLD_NAMES
-
 TREE = Path(__file__).parents[1]
 COARSE = "--set mesh.elements=4 --set time.steps_per_period=100 --set time.periods=3"
 LAYERED = "embedded --set mesh.elements=20 --set time.steps_per_period=100"
@@ -88,9 +86,6 @@ def written(tree: Path, name: str, home: Path) -> Path:
     """Run a command with the sources of a tree, and return the folder of its results."""
     folder = home / name
     words = COMMANDS[name].replace("{home}", str(home)).split()
-    if "OLD_NAMES" not in (tree / "delam_fem/cli/app.py").read_text(encoding="utf-8"):
-        before = {new: old for old, new, options in OLD_NAMES if not options}
-        words = [before[two], *words[2:]] if (two := " ".join(words[:2])) in before else words
     line = [sys.executable, "-m", "delam_fem", *words, "-o", str(folder)]
     known = {"PYTHONPATH": str(tree), "OMP_NUM_THREADS": "1", "COLUMNS": "120"}
     done = subprocess.run(line, cwd=home, env=os.environ | known, capture_output=True, text=True)

@@ -1,19 +1,16 @@
 """Define the command `delam-fem`: read the case, call the package, report, set the exit status.
 
-`GROUPS` has all commands, `OLD_NAMES` their names of the release before. Each command imports heavy
-modules (dolfinx, matplotlib) itself, so that the others start fast.
+`GROUPS` has all commands. Each command imports heavy modules (dolfinx, matplotlib) itself, so that
+the others start fast.
 """
 
 from __future__ import annotations
 
-import itertools
-import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
-from typer.core import TyperGroup
 
 from delam_fem.cli.cases import (
     check_command,
@@ -32,7 +29,6 @@ from delam_fem.cli.console import (
     Yes,
     case_of,
     reported,
-    tell,
     with_messages,
 )
 from delam_fem.cli.run import engine_in, film_command, report_in_folder, run_in_folder
@@ -184,71 +180,6 @@ FAMILIES = {
     "show": "page, film, diagram, export, operators: what was computed, for eyes and programs.",
 }
 """What the commands of two words with the same first word do."""
-OLD_NAMES: tuple[tuple[str, str, dict[str, str]], ...] = (
-    ("validate", "check", {}),
-    ("presets", "new", {"--show": "--from"}),
-    ("presets", "new --list", {}),
-    ("schema", "new --schema", {}),
-    (
-        "reduced",
-        "run --set model.kind=modes --set time.mass=massless --set time.refine=64 "
-        "--set contact.law=newton --set contact.restitution=0",
-        {},
-    ),
-    ("orbit", "orbit find", {}),
-    ("continue", "orbit follow", {"--key": ""}),
-    ("continue", "orbit follow", {}),
-    ("measure", "measure response", {"--excitation": "--excitation", "--poles": "--poles"}),
-    ("measure", "measure read", {}),
-    ("overlay", "measure overlay", {}),
-    ("resonance", "identify resonance", {}),
-    ("identify", "identify keys", {}),
-    ("detect", "detect scan", {}),
-    ("excite", "detect excite", {}),
-    ("pod", "detect pod", {}),
-    ("infer", "detect infer", {}),
-    ("modulate", "detect modulate", {}),
-    ("report", "show page", {}),
-    ("animate", "show film", {}),
-    ("diagram", "show diagram", {}),
-    ("export", "show export", {}),
-    ("operators", "show operators", {}),
-)
-"""For one release: a name of before, that of today, and options of which one must be given."""
-
-
-def renamed(words: list[str]) -> tuple[list[str], str]:
-    """Return a command line with the names of today, and what to tell if it had one of before."""
-    first, *others = words or [""]
-    second = [
-        name.split()[1]
-        for name in itertools.chain(*GROUPS.values())
-        if name.startswith(f"{first} ")
-    ]
-    if second and (not others or others[0] in (*second, *HELP)):
-        return words, ""
-    given = {word.partition("=")[0] for word in others}
-    for old, new, options in OLD_NAMES:
-        found = [word for word in options if word in given]
-        if first != old or (options and not found):
-            continue
-        for word in found:
-            of_word = f"^{word}(?==|$)" if options[word] else f"^{word}(=|$)"  # "": a mere value
-            others = [text for own in others if (text := re.sub(of_word, options[word], own))]
-        old, of_today = " ".join([old, *found]), " ".join([new, *(options[word] for word in found)])
-        return [*new.split(), *others], f"`{old}` is called `{of_today}` now"
-    return words, ""
-
-
-class _Names(TyperGroup):
-    """The commands by the names of today; those of before lead to them."""
-
-    def parse_args(self, ctx: typer.Context, args: list[str]) -> list[str]:  # type: ignore[override]
-        """Read the words of a command line."""
-        words, told = renamed(args)
-        if told and not ctx.resilient_parsing and not {"-q", "--quiet"} & set(args):
-            tell(told)
-        return super().parse_args(ctx, words)
 
 
 def _app() -> typer.Typer:
@@ -257,9 +188,7 @@ def _app() -> typer.Typer:
         "no_args_is_help": True,
         "context_settings": {"help_option_names": HELP},
     }
-    made = typer.Typer(
-        cls=_Names, invoke_without_command=True, pretty_exceptions_enable=False, **settings
-    )
+    made = typer.Typer(invoke_without_command=True, pretty_exceptions_enable=False, **settings)
     made.callback()(main)
     families: dict[str, typer.Typer] = {}
     for group, commands in GROUPS.items():

@@ -16,13 +16,14 @@ from delam_fem.cli.console import (
     Overwrite,
     Quiet,
     case_of,
-    inputs_of,
+    overrides_in,
     reported,
     require_one,
     say_files,
     table,
     tell,
 )
+from delam_fem.system.errors import CaseError
 
 if TYPE_CHECKING:
     from delam_fem.case.definition import Case
@@ -83,7 +84,6 @@ def new_command(
         from delam_fem.case.definition import Case
         from delam_fem.case.files import PRESETS, preset_text
         from delam_fem.case.keys import case_schema, case_text
-        from delam_fem.system.errors import CaseError
         from delam_fem.system.files import write_text
 
         way = require_one(**{"kind": kind, "from": source, "list": presets, "schema": schema})
@@ -117,8 +117,6 @@ def check_command(
 ) -> None:
     """Check cases and sweeps as a run would before its first step, and show what they are."""
     with reported():
-        from delam_fem.system.errors import CaseError
-
         failed = 0
         for name in names:
             try:
@@ -143,11 +141,10 @@ def _show(name: str, overrides: list[str] | None, engine: EngineName) -> None:
         from delam_fem.case.toml import read_toml
 
         if "axis" in read_toml(path):
-            from delam_fem.case.toml import parse_override
             from delam_fem.studies.sweeps.grid import load_sweep
             from delam_fem.studies.sweeps.run import sweep_cost
 
-            sweep = load_sweep(path, dict(parse_override(text) for text in overrides or []))
+            sweep = load_sweep(path, overrides_in(overrides))
             what, cost = f"sweep {sweep.file.name}", sweep_cost(sweep)
             require_affordable(cost, what, is_confirmed=False)
             show_sweep(sweep)
@@ -277,7 +274,7 @@ def reduce_command(
 
         case = case_of(case_name, overrides)
         folder = output or Path("runs") / f"{case.name}-reduction"
-        with claimed(folder, inputs=inputs_of(case), may_hold_results=overwrite) as directory:
+        with claimed(folder, inputs=case.files.values(), may_hold_results=overwrite) as directory:
             found = reduced_case(case, modes, coordinates=coordinates)
             paths = found.save(directory)
         if not quiet:
@@ -330,5 +327,4 @@ def operators_command(
         from delam_fem.results.export import operators
 
         path = operators(case_of(case_name, overrides), output)
-        if not quiet:
-            say_files([path])
+        say_files([path], quiet)

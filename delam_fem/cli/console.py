@@ -30,7 +30,10 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn, TextIO, TypeAlias, g
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn, TimeRemainingColumn
+from rich.table import Table
 from rich.text import Text
+
+from delam_fem.system.errors import CaseError
 
 if TYPE_CHECKING:
     from delam_fem.case.definition import Case
@@ -75,12 +78,14 @@ Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Show no progress, no
 
 
 def case_of(name: str, overrides: list[str] | None) -> Case:
-    """Return the case of a preset or a case file, with the overrides of the command line."""
-    from delam_fem.case.files import find_case
-    from delam_fem.case.toml import parse_override
-    from delam_fem.system.errors import CaseError
+    """Return the case of a preset or a case file, with the overrides of the command line.
 
-    keys = dict(parse_override(text) for text in overrides or [])
+    A number that looks like a mistake in a unit is told.
+    """
+    from delam_fem.case.files import find_case
+    from delam_fem.case.plausible import tell
+
+    keys = overrides_in(overrides)
     case = find_case(name, keys)
     window, longest = keys.get("output.window_periods"), case.n_periods
     if case.is_periodic and isinstance(window, int) and window > longest:
@@ -88,20 +93,15 @@ def case_of(name: str, overrides: list[str] | None) -> Case:
             f"override output.window_periods: expected at most the {longest} periods of the run, "
             f"given {window}"
         )
-    return _told(case)
-
-
-def _told(case: Case) -> Case:
-    """Return a case after a warning for each number that looks like a mistake in a unit."""
-    from delam_fem.case.plausible import tell
-
     tell(case)
     return case
 
 
-def inputs_of(case: Case) -> list[Path]:
-    """Return the files that a case names."""
-    return list(case.files.values())
+def overrides_in(texts: list[str] | None) -> dict[str, object]:
+    """Return the values of `--set` by their keys."""
+    from delam_fem.case.toml import parse_override
+
+    return dict(parse_override(text) for text in texts or [])
 
 
 def require_one(**given: object) -> str | None:
@@ -113,8 +113,6 @@ def require_one(**given: object) -> str | None:
     Raises:
         CaseError: several are given.
     """
-    from delam_fem.system.errors import CaseError
-
     names = [f"--{name}" for name, value in given.items() if value not in (None, False)]
     if len(names) > 1:
         raise CaseError(f"expected one of {' and '.join(names)}, given both")
@@ -272,10 +270,6 @@ class Wanted:
     log_file: Path | None = None
 
 
-class LogFileError(OSError):
-    """Report that the file of `--log` cannot be written."""
-
-
 _wanted: ContextVar[Wanted | None] = ContextVar("_wanted", default=None)
 
 
@@ -315,7 +309,7 @@ def shown(*, quiet: bool, is_first: bool) -> Iterator[None]:
         is_first: whether this is the first process of mpirun, which alone writes the file.
 
     Raises:
-        LogFileError: the file cannot be written.
+        Exit: the file cannot be written.
     """
     wanted, log = _wanted.get() or Wanted(), logging.getLogger(PACKAGE)
     level = logging.DEBUG if wanted.verbose else logging.WARNING if quiet else logging.INFO
@@ -355,7 +349,7 @@ def _file(path: Path) -> logging.Handler:
     try:
         handler = logging.FileHandler(path, "a", encoding="utf-8")
     except OSError as error:
-        raise LogFileError(f"--log {path}: cannot be written ({error.strerror})") from None
+        fail(f"--log {path}: cannot be written ({error.strerror})", BAD_INPUT)
     handler.setFormatter(logging.Formatter(FORMAT))
     return handler
 
@@ -482,7 +476,7 @@ def reported(quiet: bool = False) -> Iterator[None]:
     """
     from delam_fem.simulation.checkpoint import interruptible
 
-    with lasting_streams(), _messages(quiet):
+    with lasting_streams(), shown(quiet=quiet, is_first=_rank() == 0):
         try:
             with interruptible():
                 yield
@@ -498,20 +492,8 @@ def reported(quiet: bool = False) -> Iterator[None]:
             fail(*found)
 
 
-@contextmanager
-def _messages(quiet: bool) -> Iterator[None]:
-    """Show messages; exit if the file for them cannot be written."""
-    try:
-        with shown(quiet=quiet, is_first=_rank() == 0):
-            yield
-    except LogFileError as error:
-        fail(str(error), BAD_INPUT)
-
-
 def explained(error: BaseException) -> tuple[str, int] | None:
     """Return the message and the exit status for an error; None for a defect of the program."""
-    from delam_fem.system.errors import CaseError
-
     if isinstance(error, CaseError):
         return str(error), BAD_INPUT
     fenicsx = ("dolfinx", "ufl", "petsc4py", "mpi4py")
@@ -559,16 +541,11 @@ def _rank() -> int:
 
 def error_console(quiet: bool) -> Console:
     """Return the console of stderr, for progress."""
-    from rich.console import Console
-
     return Console(stderr=True, quiet=quiet)
 
 
 def table(title: str, heading: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     """Print a table to stdout."""
-    from rich.console import Console
-    from rich.table import Table
-
     table = Table(title=title, title_justify="left")
     for column in heading:
         table.add_column(column)
@@ -596,7 +573,7 @@ def _shown(value: object) -> str:
     return "none" if value is None else str(value)
 
 
-def say_files(paths: Sequence[Path]) -> None:
-    """Print the paths of written files."""
-    for path in paths:
+def say_files(paths: Sequence[Path], quiet: bool = False) -> None:
+    """Print the paths of written files, unless nothing shall be said."""
+    for path in () if quiet else paths:
         typer.echo(path)

@@ -19,14 +19,15 @@ from delam_fem.cli.console import (
     error_console,
     explained,
     fail,
-    inputs_of,
     let_the_first_speak,
+    progress,
     reported,
     say_files,
     summary_rows,
     table,
     tell,
 )
+from delam_fem.system.errors import CaseError
 
 if TYPE_CHECKING:
     from delam_fem.case.definition import Case
@@ -69,7 +70,6 @@ def film_command(
 ) -> None:
     """Write a film of the laminae, with the pairs that touch lit."""
     with reported(quiet):
-        from delam_fem.cli.console import progress
         from delam_fem.results.fields.animation import animate
 
         with progress(error_console(quiet)) as report:
@@ -77,8 +77,7 @@ def film_command(
                 run, output, periods=periods, rate=rate, stretch=stretch, solid=solid,
                 progress=report,
             )  # fmt: skip
-        if not quiet:
-            say_files(written)
+        say_files(written, quiet)
 
 
 STATUS = {"completed": DONE, "diverged": FAILED, "interrupted": INTERRUPTED}
@@ -116,10 +115,14 @@ def run_in_folder(
         dry_run: whether only to check that the folder can be used.
         options: further arguments of `pipeline.run`.
     """
+    from delam_fem.results.folder import is_complete
+    from delam_fem.simulation.checkpoint import path_in
     from delam_fem.system.files import claimed
     from delam_fem.system.mpi import MPI
 
     comm = MPI.COMM_WORLD
+    # the case may have come from a file; case.toml may be an output
+    own = [case_file] if case_file.is_file() and case_file.name != "case.toml" else []
     is_first = comm.rank == 0  # mpirun may have started several processes
     if not is_first:
         logging.getLogger("delam_fem").setLevel(logging.CRITICAL)
@@ -127,13 +130,13 @@ def run_in_folder(
     with ended_together(comm):
         claim = claimed(
             directory,
-            inputs=[*inputs_of(case), *_own_file(case_file)],
+            inputs=[*case.files.values(), *own],
             may_hold_results=resume or overwrite or bool(options.get("extend")),
         )
         with claim if is_first else nullcontext():
             if dry_run:
                 return
-            if resume and _has_nothing_left(case, directory):
+            if resume and not path_in(directory).exists() and is_complete(directory, case):
                 outcome = "completed"
                 _log.info("%s has the complete result: nothing is left to do", directory)
             else:
@@ -156,14 +159,6 @@ def engine_in(directory: Path, *, resume: bool, extend: bool) -> EngineName:
     return "compiled" if name == "compiled" else "petsc"
 
 
-def _has_nothing_left(case: Case, directory: Path) -> bool:
-    """Return whether a folder has the complete result of a case and no checkpoint."""
-    from delam_fem.results.folder import is_complete
-    from delam_fem.simulation.checkpoint import path_in
-
-    return not path_in(directory).exists() and is_complete(directory, case)
-
-
 def _computed(
     case: Case,
     directory: Path,
@@ -174,7 +169,6 @@ def _computed(
     **options: Any,
 ) -> str:
     """Compute a case and let the first rank write the results; return the outcome."""
-    from delam_fem.cli.console import progress
     from delam_fem.pipeline import run
 
     with progress(error_console(quiet), case.steps_per_period) as report:
@@ -204,11 +198,6 @@ def _saved(result: Result, directory: Path, figures: bool) -> list[Path]:
                 error.filename,
             ) from error
         raise
-
-
-def _own_file(case_file: Path) -> list[Path]:
-    """Return the case file, if the case came from one; case.toml may be an output."""
-    return [case_file] if case_file.is_file() and case_file.name != "case.toml" else []
 
 
 @contextmanager
@@ -241,7 +230,6 @@ def report_in_folder(directory: Path, *, quiet: bool) -> None:
     from delam_fem.results.folder import load_numbers, save_views
     from delam_fem.studies.diagrams.page import write_page
     from delam_fem.studies.sweeps.dataset import RESULT, open_result
-    from delam_fem.system.errors import CaseError
     from delam_fem.system.files import claimed
 
     if not directory.is_dir():
@@ -252,10 +240,7 @@ def report_in_folder(directory: Path, *, quiet: bool) -> None:
         if (directory / RESULT).is_file():
             with open_result(directory / RESULT, is_loaded=True) as data:
                 paths = [write_page(data, directory)]
-            if not quiet:
-                say_files(paths)
-            return
-        case, history, summary = load_numbers(directory)
-        paths = save_views(history, summary, case, directory)
-    if not quiet:
-        say_files(paths)
+        else:
+            case, history, summary = load_numbers(directory)
+            paths = save_views(history, summary, case, directory)
+    say_files(paths, quiet)

@@ -28,6 +28,7 @@ from delam_fem.cli.console import (
     case_of,
     error_console,
     fail,
+    progress,
     reported,
     say_files,
     table,
@@ -36,6 +37,7 @@ from delam_fem.cli.console import (
 from delam_fem.studies import options as studies
 from delam_fem.studies.options import Flag, Options, flags_of
 from delam_fem.system.docstrings import meanings, summary
+from delam_fem.system.errors import CaseError
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -92,7 +94,6 @@ def study_command(name: str) -> Callable[..., None]:
         **given: Any,
     ) -> None:  # fmt: skip
         with reported(quiet):
-            from delam_fem.cli.console import progress
             from delam_fem.engines.cost import require_affordable
             from delam_fem.model.beams.network import never_opens
 
@@ -284,7 +285,6 @@ def _measure(
             rows,
             write_all,
         )
-        from delam_fem.system.errors import CaseError
         from delam_fem.system.files import claimed
 
         excitation, segment, estimator, pole_range, free = asked or (None, None, "H1", None, None)
@@ -370,7 +370,6 @@ def overlay_command(
     with reported(quiet):
         from delam_fem.results.measured.reading import assigned
         from delam_fem.results.overlay.whole import overlay
-        from delam_fem.system.errors import CaseError
         from delam_fem.system.files import claimed
 
         runs, files = ([p for p in paths if p.is_dir() == is_run] for is_run in (True, False))

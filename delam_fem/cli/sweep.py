@@ -24,13 +24,16 @@ from delam_fem.cli.console import (
     Yes,
     error_console,
     fail,
-    inputs_of,
+    overrides_in,
+    progress,
     reported,
     require_one,
     say_files,
+    summary_rows,
     table,
     tell,
 )
+from delam_fem.system.errors import CaseError
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -85,8 +88,6 @@ def require_fitting(
     Raises:
         CaseError: an option does not go with the way.
     """
-    from delam_fem.system.errors import CaseError
-
     if partial and way != "merge":
         raise CaseError("--partial: only goes with --merge")
     if hours is not None and way != "slurm":
@@ -105,7 +106,6 @@ def compute_shard(
     **options: Any,
 ) -> None:
     """Compute a shard and show how far it is; exit with a message if it is not complete."""
-    from delam_fem.cli.console import progress
     from delam_fem.studies.sweeps.run import run_shard
     from delam_fem.studies.sweeps.schedule import parse_shard
     from delam_fem.system.files import claimed
@@ -118,8 +118,7 @@ def compute_shard(
                 sweep, directory, shard, executor, workers=workers, progress=report, **options
             )
     if not quiet:
-        rows = [(name.replace("_", " "), _shown(value)) for name, value in found.about.items()]
-        rows = [("points", f"{found.n_done} of {found.n_points}"), *rows]
+        rows = [("points", f"{found.n_done} of {found.n_points}"), *summary_rows(found.about)]
         table(f"sweep {sweep.file.name}, shard {shard}", ("", "value"), rows)
     if found.n_done < found.n_points:
         left = found.n_points - found.n_done
@@ -135,18 +134,22 @@ def merge_shards(
 ) -> xr.Dataset:
     """Join the shards of a sweep; exit with a message if all points failed."""
     from delam_fem.studies.sweeps.dataset import merge_sweep
-    from delam_fem.system.errors import CaseError
     from delam_fem.system.files import claimed
 
     if not directory.is_dir():
         raise CaseError(f"merge: no such folder: {directory}; give that of the shards with -o DIR")
     with claimed(directory, inputs=inputs, may_hold_results=True):
         data = merge_sweep(sweep, directory, is_partial=is_partial)
+    _require_some(data)
+    return data
+
+
+def _require_some(data: xr.Dataset) -> None:
+    """Exit with a message if all points of a sweep failed."""
     about = data.attrs
     if not about["n_completed"] and not about["n_missing"]:
         first = next(text for text in data["error"].to_numpy().ravel() if text)
         fail(f"none of the {about['n_points']} points was completed; the first: {first}", FAILED)
-    return data
 
 
 def print_script(
@@ -161,16 +164,10 @@ def print_script(
     from delam_fem.studies.sweeps.run import array_script, measured_cost
 
     command = [sys.executable, "-m", "delam_fem", "sweep", str(sweep_file.resolve())]
-    command += ["-o", str(directory.resolve())]
-    command += [f"--set={text}" for text in overrides or []]
-    cost = measured_cost(sweep)
-    most = DAY if hours is None else hours
+    command += ["-o", str(directory.resolve()), *(f"--set={text}" for text in overrides or [])]
+    most, cost = DAY if hours is None else hours, measured_cost(sweep)
     text = array_script(sweep, command, n_shards, cost, most_hours=most, interrupted=INTERRUPTED)
     typer.echo(text, nl=False)
-
-
-def _shown(value: object) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 SweepArgument = Annotated[
@@ -265,8 +262,7 @@ def _finish(data: xr.Dataset, directory: Path, quiet: bool) -> None:
         )
     page = write_page(data, directory)
     data.close()
-    if not quiet:
-        say_files([directory / "sweep.nc", page])
+    say_files([directory / "sweep.nc", page], quiet)
 
 
 def diagram_command(
@@ -311,8 +307,7 @@ def diagram_command(
         if (directory / "sweep.nc").is_file():
             paths.append(write_page(data, directory))
         data.close()
-        if not quiet:
-            say_files(paths)
+        say_files(paths, quiet)
 
 
 def _computed(
@@ -332,18 +327,15 @@ def _computed(
     `going_on` says whether to resume and whether to overwrite; `check` looks at the sweep before
     anything is computed.
     """
-    from delam_fem.cli.console import progress
     from delam_fem.studies.sweeps import dataset, run
     from delam_fem.system.files import claimed
 
     sweep, directory, inputs = _opened(sweep_file, output, overrides)
     resume, overwrite = going_on
-    if not again and not overwrite and dataset.is_complete(directory, sweep):
-        resume = True
+    resume = resume or (not again and not overwrite and dataset.is_complete(directory, sweep))
     workers, executor = where
-    claim = claimed(directory, inputs=inputs, may_hold_results=resume or overwrite)
     options: dict[str, Any] = {"workers": workers, "resume": resume, "is_confirmed": yes}
-    with claim:
+    with claimed(directory, inputs=inputs, may_hold_results=resume or overwrite):
         if check is not None:
             check(sweep)
         if overwrite:
@@ -351,62 +343,42 @@ def _computed(
             dataset.remove_results(directory)
         with progress(error_console(quiet)) as report:
             data = run.run_sweep(sweep, directory, executor, progress=report, **options)
-    _tell(data, sweep, quiet)
-    return data, directory
-
-
-def _opened(
-    sweep_file: Path, output: Path | None, overrides: list[str] | None
-) -> tuple[Sweep, Path, list[Path]]:
-    """Return a sweep, its folder, and the files of the user that it is read from."""
-    sweep = _sweep_of(sweep_file, overrides)
-    return sweep, output or Path("runs") / sweep.file.name, _inputs(sweep_file, sweep)
-
-
-def _sweep_of(sweep_file: Path, overrides: list[str] | None) -> Sweep:
-    """Return the sweep in a file, with the overrides of the command line."""
-    from delam_fem.case.toml import parse_override
-    from delam_fem.studies.sweeps.grid import load_sweep
-
-    return load_sweep(sweep_file, dict(parse_override(text) for text in overrides or []))
-
-
-def _tell(data: xr.Dataset, sweep: Sweep, quiet: bool) -> None:
-    """Show the table of a sweep; exit with a message if it is not complete."""
     about = data.attrs
     if not quiet:
-        table(f"sweep {sweep.file.name}", ("", "value"), _rows(data))
+        counted = ("points", "completed", "diverged", "failed", "missing")
+        rows = [(name, str(about[f"n_{name}"])) for name in counted]
+        if "workers" in about:  # a result without sweep.json does not say it
+            rows += [
+                ("workers", str(about["workers"])),
+                ("wall seconds", f"{about['wall_seconds']:.4g}"),
+                ("scheduling overhead", f"{100.0 * about['scheduling_overhead']:.2g} %"),
+            ]
+        table(f"sweep {sweep.file.name}", ("", "value"), rows)
     if about["outcome"] == "interrupted":
         left = about["n_missing"]
         fail(
             f"interrupted with {left} of {about['n_points']} points left; --resume goes on",
             INTERRUPTED,
         )
-    if not about["n_completed"]:
-        first = next(text for text in data["error"].to_numpy().ravel() if text)
-        fail(f"none of the {about['n_points']} points was completed; the first: {first}", FAILED)
+    _require_some(data)
+    return data, directory
 
 
-def _inputs(sweep_file: Path, sweep: Sweep) -> list[Path]:
-    """Return the files of the user that a sweep is read from; sweep.toml may be an output."""
-    own = [] if sweep_file.name == "sweep.toml" else [sweep_file]
+def _opened(
+    sweep_file: Path, output: Path | None, overrides: list[str] | None
+) -> tuple[Sweep, Path, list[Path]]:
+    """Return a sweep, its folder, and the files of the user that it is read from.
+
+    The files sweep.toml and case.toml may be outputs.
+    """
+    from delam_fem.studies.sweeps.grid import load_sweep
+
+    sweep = load_sweep(sweep_file, overrides_in(overrides))
     base = sweep_file.parent / str(sweep.file.base)
-    is_own = base.is_file() and base.name != "case.toml"
-    return [*own, *inputs_of(sweep.base), *([base] if is_own else [])]
-
-
-def _rows(data: xr.Dataset) -> list[tuple[str, str]]:
-    """Return the rows of the table that is shown at the end."""
-    about = data.attrs
-    counted = ("points", "completed", "diverged", "failed", "missing")
-    rows = [(name, str(about[f"n_{name}"])) for name in counted]
-    if "workers" in about:  # a result without sweep.json does not say it
-        rows += [
-            ("workers", str(about["workers"])),
-            ("wall seconds", f"{about['wall_seconds']:.4g}"),
-            ("scheduling overhead", f"{100.0 * about['scheduling_overhead']:.2g} %"),
-        ]
-    return rows
+    inputs = [*sweep.base.files.values()]
+    inputs += [sweep_file] * (sweep_file.name != "sweep.toml")
+    inputs += [base] * (base.is_file() and base.name != "case.toml")
+    return sweep, output or Path("runs") / sweep.file.name, inputs
 
 
 def _go_on(directory: Path) -> str:
@@ -428,7 +400,6 @@ def _points_in(directory: Path) -> str:
 def _read(source: Path, output: Path | None) -> tuple[xr.Dataset, Path]:
     """Open the result of a sweep."""
     from delam_fem.studies.sweeps.dataset import open_result
-    from delam_fem.system.errors import CaseError
 
     path = source / "sweep.nc" if source.is_dir() else source
     has_journal = not path.is_file() and (source / "sweep.journal").exists()

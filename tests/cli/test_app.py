@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 import delam_fem
 from delam_fem.case.definition import Case
 from delam_fem.case.files import load_case, preset, save_case
-from delam_fem.cli.app import GROUPS, OLD_NAMES, app, renamed
+from delam_fem.cli.app import GROUPS, app
 from delam_fem.cli.console import PlainProgress, progress
 from delam_fem.system.errors import CaseError
 
@@ -336,70 +336,12 @@ def test_a_preset_or_the_schema_is_written_to_a_file(
     assert {path.name for path in tmp_path.iterdir()} == {"mine.toml", "s.json"}
 
 
-@pytest.mark.parametrize(
-    ("before", "now"),
-    [
-        ("validate a.toml --set b=1", "check a.toml --set b=1"),
-        ("presets", "new --list"),
-        ("presets --show edge", "new --from edge"),
-        ("presets --show=edge", "new --from=edge"),
-        ("schema -o a.json", "new --schema -o a.json"),
-        (
-            "reduced a.toml -o b",
-            "run --set model.kind=modes --set time.mass=massless --set time.refine=64 "
-            "--set contact.law=newton --set contact.restitution=0 a.toml -o b",
-        ),
-        ("orbit default --settle 9", "orbit find default --settle 9"),
-        ("orbit --settle 9 default", "orbit find --settle 9 default"),
-        ("continue a --from 1 --to 2", "orbit follow a --from 1 --to 2"),
-        ("continue a --key b --from 1", "orbit follow a b --from 1"),
-        ("continue a --key=b --from 1", "orbit follow a b --from 1"),
-        ("measure x.csv --units mm", "measure read x.csv --units mm"),
-        ("measure x.csv --excitation f", "measure response x.csv --excitation f"),
-        ("measure x.csv --poles 1 2", "measure response x.csv --poles 1 2"),
-        ("overlay run x.csv", "measure overlay run x.csv"),
-        ("resonance paper", "identify resonance paper"),
-        ("identify paper --unknown a=1:2", "identify keys paper --unknown a=1:2"),
-        ("detect embedded", "detect scan embedded"),
-        ("excite embedded", "detect excite embedded"),
-        ("pod embedded", "detect pod embedded"),
-        ("infer embedded", "detect infer embedded"),
-        ("modulate embedded", "detect modulate embedded"),
-        ("report runs/a", "show page runs/a"),
-        ("animate runs/a", "show film runs/a"),
-        ("diagram response s.toml", "show diagram response s.toml"),
-        ("export runs/a --to mat", "show export runs/a --to mat"),
-        ("operators a -o a.mat", "show operators a -o a.mat"),
-    ],
-)
-def test_a_name_of_before_leads_to_that_of_today(before: str, now: str) -> None:
-    words, told = renamed(before.split())
-    assert words == now.split()
-    assert told.startswith(f"`{before.split()[0]}") and told.endswith(" now")
-
-
-def test_names_of_today_are_told_nothing() -> None:
-    for name in [name for group in GROUPS.values() for name in group]:
-        assert renamed([*name.split(), "paper"]) == ([*name.split(), "paper"], "")
-    for words in ([], ["--help"], ["orbit"], ["detect", "-h"], ["measure", "--help"]):
-        assert renamed(words) == (words, "")
-
-
-def test_a_name_of_before_is_told_once_unless_quiet(tmp_path: Path) -> None:
-    old, new = invoke("presets"), invoke("new", "--list")
-    assert (old.stdout, old.stderr) == (new.stdout, "`presets` is called `new --list` now\n")
-    few = ("paper", "--set", "mesh.elements=2", "-o")
-    told = invoke("operators", *few, tmp_path / "a.npz")
-    assert told.stderr == "`operators` is called `show operators` now\n"
-    assert invoke("operators", *few, tmp_path / "b.npz", "-q").output == ""
-
-
-def test_help_shows_the_groups_and_no_name_of_before() -> None:
+def test_help_shows_the_groups() -> None:
     text = invoke("--help").stdout
     assert all(f"─ {group} ─" in text for group in GROUPS)
     shown = {line.split()[1] for line in text.splitlines() if line.startswith("│ ")}
     today = {name.split()[0] for group in GROUPS.values() for name in group}
-    assert today <= shown and not shown & ({old for old, *_ in OLD_NAMES} - today)
+    assert today <= shown
     for first in ("orbit", "measure", "identify", "detect", "show"):
         told = invoke(first, "--help").stdout
         seconds = {n.split()[1] for g in GROUPS.values() for n in g if n.startswith(f"{first} ")}
