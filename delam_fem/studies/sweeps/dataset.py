@@ -12,7 +12,7 @@ import json
 import logging
 import math
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,12 +22,13 @@ import h5py
 import numpy as np
 import numpy.typing as npt
 
+from delam_fem.case.definition import Case
 from delam_fem.case.files import save_case
 from delam_fem.model.layout import Layout
 from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.results.scan import ORDERS, scan_positions
-from delam_fem.results.schema import Variable, occasion, origin
-from delam_fem.studies.sweeps.grid import DIRECTIONS, Dimension, Sweep
+from delam_fem.results.schema import SENSOR, occasion, origin
+from delam_fem.studies.sweeps.grid import DIRECTIONS, Sweep, SweepFile
 from delam_fem.studies.sweeps.journal import OUTCOMES, Block, Joined, Journal, remove_journal
 from delam_fem.studies.sweeps.point import VARIABLES, PointRunner, Quantity, quantities
 from delam_fem.studies.sweeps.schedule import owners
@@ -90,11 +91,6 @@ def _occasion(path: Path) -> dict[str, str | int | float]:
 
 def _require_sweep(data: xr.Dataset) -> None:
     """Raise an error unless a dataset has what every result of a sweep has."""
-    from delam_fem.case.definition import Case
-    from delam_fem.results.schema import SENSOR
-    from delam_fem.studies.sweeps.grid import SweepFile
-    from delam_fem.studies.sweeps.point import VARIABLES
-
     Case.from_toml(data.attrs["case"])
     file = SweepFile.model_validate(tomllib.loads(data.attrs["sweep"]))
     n_points = 1
@@ -143,18 +139,23 @@ def write(
     Raises:
         OSError: the file cannot be written.
     """
+    grid = tuple(sweep.sizes)
+    outer, *inner = sweep.sizes.values()
+    per_index, size = math.prod(inner), sum(quantity.size for quantity in wanted)
+    step = max(1, SLAB_NUMBERS // (per_index * max(size, 1)))
     with atomic_file(path) as temporary, h5netcdf.File(temporary, "w") as file:
-        sizes = _dimensions(file, sweep, wanted, x)
-        grid = tuple(sweep.sizes)
-        for quantity in wanted:
-            _known_variable(file, quantity.variable, np.float64, grid)
-        _known_variable(file, "outcome", _TEXT, grid)
-        _known_variable(file, "error", _TEXT, grid)
-        for slab, block in _slabs(sweep, joined, wanted):
-            _fill(file, slab, block, wanted, tuple(sizes[d] for d in grid))
+        _coordinates(file, sweep, wanted, x)
+        # NetCDF needs a list of the coordinates without a dimension of the same name
+        off_dimension = [name for name in file.variables if name not in file.dimensions]
+        for row in (*(q.variable for q in wanted), VARIABLES["outcome"], VARIABLES["error"]):
+            _variable(file, row.name, (*grid, *row.dims), row.units, {"long_name": row.long_name})
+        for start in range(0, outer, step):
+            stop = min(start + step, outer)
+            block = joined.block(start * per_index, stop * per_index, size)
+            _fill(file, slice(start, stop), block, wanted, (stop - start, *inner))
         file.attrs.update(
             title=f"sweep {sweep.file.name}",
-            coordinates=" ".join(_off_dimension(sweep, sizes)),
+            coordinates=" ".join(off_dimension),
             sweep=sweep.to_toml("case.toml"),
             case=sweep.base.to_toml(),
             **origin(),
@@ -162,93 +163,52 @@ def write(
         )
 
 
-def _dimensions(
+def _coordinates(
     file: h5netcdf.File, sweep: Sweep, wanted: tuple[Quantity, ...], x: FloatArray
-) -> dict[str, int]:
-    """Write dimensions and coordinates; return the size of each dimension by name."""
+) -> None:
+    """Write dimensions and coordinates."""
     sizes = dict(sweep.sizes)
     for quantity in wanted:
         sizes |= dict(zip(quantity.dims, quantity.shape, strict=True))
     file.dimensions = sizes
-    for dimension in sweep.dimensions:
-        _axis(file, dimension)
-    if "direction" in sizes:
-        _known_variable(file, "direction", _TEXT)
-        file["direction"][:] = np.array(DIRECTIONS, dtype=object)
-    if "lamina" in sizes:
-        _known_variable(file, "lamina", _TEXT)
-        file["lamina"][:] = np.array([lamina.name for lamina in sweep.base.lamina], dtype=object)
-    if "strobe" in sizes:
-        _known_variable(file, "strobe", np.int64)
-        file["strobe"][:] = np.arange(1 - sizes["strobe"], 1)
-    if "harmonic" in sizes:
-        _known_variable(file, "harmonic", np.int64)
-        file["harmonic"][:] = np.arange(1, sizes["harmonic"] + 1)
-    if "node" in sizes:
-        _known_variable(file, "x", np.float64)
-        file["x"][:] = x
-    if "scan_point" in sizes:
-        scan = next(quantity.scan for quantity in wanted if quantity.scan is not None)
-        _known_variable(file, "order", np.float64)
-        file["order"][:] = ORDERS
-        _known_variable(file, "scan_x", np.float64)
-        file["scan_x"][:] = scan_positions(float(x[-1]), scan.spacing, scan.first)
-    return sizes
-
-
-def _off_dimension(sweep: Sweep, sizes: Mapping[str, int]) -> Iterator[str]:
-    """Yield the coordinates without a dimension of the same name; NetCDF needs a list of them."""
-    yield from (d.name for d in sweep.dimensions if d.name != d.along)
-    if "node" in sizes:
-        yield "x"
-    if "scan_point" in sizes:
-        yield "scan_x"
-
-
-def _axis(file: h5netcdf.File, axis: Dimension) -> None:
-    """Write the coordinate of an axis."""
-    is_text = isinstance(axis.values[0], str)
-    labels = {"long_name": axis.long_name, "key": axis.key}
-    if not is_text:
-        labels["units"] = axis.units
-    is_whole = all(isinstance(value, int) for value in axis.values)
-    kind = _TEXT if is_text else np.int64 if is_whole else np.float64
-    _variable(file, axis.name, (axis.along,), kind, labels)
-    file[axis.name][:] = np.array(axis.values, dtype=object if is_text else kind)
-
-
-def _known_variable(
-    file: h5netcdf.File, own: str | Variable, kind: npt.DTypeLike, grid: tuple[str, ...] = ()
-) -> None:
-    """Make a variable, given by its name in `VARIABLES` or by itself, behind the grid's dims."""
-    row = VARIABLES[own] if isinstance(own, str) else own
-    labels = {"units": row.units} if row.units else {}
-    _variable(file, row.name, (*grid, *row.dims), kind, {**labels, "long_name": row.long_name})
+    for axis in sweep.dimensions:
+        labels = {"long_name": axis.long_name, "key": axis.key}
+        units = "" if isinstance(axis.values[0], str) else axis.units
+        _variable(file, axis.name, (axis.along,), units, labels, axis.values)
+    scan = sweep.file.record.scan
+    known = {
+        "direction": DIRECTIONS,
+        "lamina": [lamina.name for lamina in sweep.base.lamina],
+        "strobe": np.arange(1 - sizes.get("strobe", 0), 1),
+        "harmonic": np.arange(1, sizes.get("harmonic", 0) + 1),
+        "x": x,
+        "order": ORDERS,
+        "scan_x": () if scan is None else scan_positions(float(x[-1]), scan.spacing, scan.first),
+    }
+    for name, values in known.items():
+        row = VARIABLES[name]
+        if row.dims[0] in sizes:
+            _variable(file, name, row.dims, row.units, {"long_name": row.long_name}, values)
 
 
 def _variable(
     file: h5netcdf.File,
     name: str,
     dims: tuple[str, ...],
-    kind: npt.DTypeLike,
+    units: str,
     labels: Mapping[str, str],
+    values: npt.ArrayLike | None = None,
 ) -> None:
-    is_number = kind is not _TEXT and dims  # HDF5 checks their sums when they are read
-    variable = file.create_variable(name, dims, kind, fletcher32=True if is_number else None)
-    variable.attrs.update(labels)
-
-
-def _slabs(
-    sweep: Sweep, joined: Joined, wanted: tuple[Quantity, ...]
-) -> Iterator[tuple[slice, Block]]:
-    """Yield ranges of the outermost dimension (slabs) with their points."""
-    outer, *inner = sweep.sizes.values()
-    per_index = math.prod(inner)
-    size = sum(quantity.size for quantity in wanted)
-    step = max(1, SLAB_NUMBERS // (per_index * max(size, 1)))
-    for start in range(0, outer, step):
-        stop = min(start + step, outer)
-        yield slice(start, stop), joined.block(start * per_index, stop * per_index, size)
+    """Make a variable with values, or one of texts (without a unit) or numbers to be filled."""
+    given = np.empty(0, dtype=np.float64 if units else "U1") if values is None else values
+    array = np.asarray(given)
+    is_text = array.dtype.kind == "U"
+    checked = None if is_text else True  # HDF5 checks the sums of numbers when they are read
+    kind = _TEXT if is_text else array.dtype
+    made = file.create_variable(name, dims, kind, fletcher32=checked)
+    made.attrs.update({"units": units, **labels} if units else labels)
+    if values is not None:
+        made[...] = array.astype(object) if is_text else array
 
 
 def _fill(
@@ -256,18 +216,17 @@ def _fill(
     slab: slice,
     block: Block,
     wanted: tuple[Quantity, ...],
-    shape: tuple[int, ...],
+    lead: tuple[int, ...],
 ) -> None:
-    """Write the points of a slab."""
-    inner = shape[1:]
-    first, n = slab.start * math.prod(inner), (slab.stop - slab.start) * math.prod(inner)
+    """Write the points of a slab of the shape `lead`."""
+    n, column = math.prod(lead), 0
     rows = np.full((n, block.rows.shape[1]), np.nan)
     outcome, error = np.full(n, "", dtype=object), np.full(n, "", dtype=object)
+    first = slab.start * math.prod(lead[1:])
     at = block.numbers - first
     rows[at], outcome[at] = block.rows, _WORDS[block.outcomes]
     for index, text in block.errors.items():
         error[index - first] = text
-    lead, column = (slab.stop - slab.start, *inner), 0
     for quantity in wanted:
         values = rows[:, column : column + quantity.size]
         file[quantity.name][slab] = values.reshape(*lead, *quantity.shape)

@@ -278,7 +278,8 @@ def row_of(
     if "tip_min" in names:
         values |= diagnostics.summary_of(motion, case)
         values |= _settled(quality.numbers(recorder, n_laminae, case, decay))
-        values["is_decided"] = _decided(values.pop("periodicity_class"))
+        word = values.pop("periodicity_class")
+        values["is_decided"] = math.nan if word is None else float(word != "undecided")
         values["energy_residual"] = recorder.energy_residual()
     strobe = recorder.strobe[: recorder.n_closed, :, :n_laminae]
     values["strobe_displacement"], values["strobe_velocity"] = strobe.transpose(1, 2, 0)
@@ -292,8 +293,8 @@ def row_of(
         values |= _node_distortion(recorder, structure.layout)
     for signal in signals(recorder, structure, case):
         values |= _of_signal(signal, case)
-    if "scan_real" in names:
-        values |= _scan(case, recorder, structure, wanted)
+    if "scan_real" in names and (scan := wanted[0].scan) is not None:
+        values |= _scan(case, recorder, structure, scan)
     window = recorder.ledger[recorder.n_closed - len(recorder.window) : recorder.n_closed]
     means = dict(zip(LEDGER, window.mean(axis=0), strict=True))
     values |= {f"energy_{name}": means[name] for name in ENERGIES}
@@ -384,13 +385,11 @@ def _settled(found: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _scan(
-    case: Case, recorder: Recorder, structure: Structure, wanted: tuple[Quantity, ...]
+    case: Case, recorder: Recorder, structure: Structure, scan: ScanRecord
 ) -> dict[str, npt.ArrayLike]:
     """Return the complex velocity shapes of the points of a scan; NaN for orders not sampled."""
-    row = next(quantity for quantity in wanted if quantity.name == "scan_real")
-    assert row.scan is not None
-    x = scanned(row.scan, structure.layout)
-    times, _, v = scan_field(recorder, structure, surface_of(case, row.scan.lamina), x)
+    x = scanned(scan, structure.layout)
+    times, _, v = scan_field(recorder, structure, surface_of(case, scan.lamina), x)
     shapes = shapes_of(v, times, case.excitation.top_frequency, x)
     found = np.full((len(ORDERS), x.size), np.nan, dtype=np.complex128)
     found[[ORDERS.index(order) for order in shapes.orders]] = shapes.values
@@ -399,11 +398,6 @@ def _scan(
         "scan_real": found.real, "scan_imag": found.imag, "scan_rms": rms,
         "scan_between": shapes.noise,
     }  # fmt: skip
-
-
-def _decided(periodicity_class: object) -> float:
-    """Return 1 for a decided class, 0 for an undecided one, NaN where there is none."""
-    return math.nan if periodicity_class is None else float(periodicity_class != "undecided")
 
 
 def _fitted(quantity: Quantity, value: npt.ArrayLike | None) -> FloatArray:
@@ -636,10 +630,6 @@ class PointRunner:
     _known: dict[str, Discretised] = field(default_factory=dict)
     _last: tuple[dict[str, Value], Case, Discretised] | None = None
 
-    def quantities(self, layout: Layout) -> tuple[Quantity, ...]:
-        """Return the quantities in a row, in order."""
-        return quantities(self.sweep.file.record, layout)
-
     def point(self, index: int, carried: State | None) -> tuple[Point, State | None]:
         """Compute a point; an exception becomes the outcome "failed".
 
@@ -692,14 +682,19 @@ class PointRunner:
         case, known = self._prepared(index)
         structure, rate = known.structure, known.rate
         operators, layout, decay = structure.operators, structure.layout, rate * case.period
-        if carried is None:
-            carried = self._initial(case, known, index)
+        if carried is None and self.sweep.file.start == "steady":
+            carried = steady_motion(case, structure)
+        elif carried is None:
+            carried = initial_state(structure, self.sweep.initial(index), known.first_mode)
         engine = self.sweep.file.engine
         with session_of(case, operators, initial=carried, engine=engine) as opened:
             recorder = opened.recorder
             outcome = opened.run(enough=enough_of(case, recorder, len(layout.parts), decay))
             if outcome != "completed":
-                return Point(index, outcome, _where(recorder, case), None), None
+                last = recorder.window[-1].n_steps
+                step = (recorder.n_closed - 1) * recorder.steps_per_period + last
+                where = f"t = {step * case.time_step:.6g} s (period {recorder.n_closed})"
+                return Point(index, outcome, f"diverged at {where}", None), None
             if is_lost(recorder.energy_residual()):
                 return Point(index, "diverged", OPEN, None), None
             state = opened.engine.state()
@@ -716,15 +711,9 @@ class PointRunner:
                     perturbation=record.perturbation,
                 )
                 extra |= {"lyapunov_exponent": found.value, "lyapunov_error": found.error}
-        wanted = self.quantities(layout)
+        wanted = quantities(record, layout)
         row = row_of(wanted, case, recorder, structure, extra, decay)
         return Point(index, outcome, "", row), state
-
-    def _initial(self, case: Case, known: Discretised, index: int) -> State | None:
-        """Return the state at the start of a point; None: at rest."""
-        if self.sweep.file.start == "steady":
-            return steady_motion(case, known.structure)
-        return initial_state(known.structure, self.sweep.initial(index), known.first_mode)
 
 
 def assembly_key(case: Case) -> str:
@@ -771,10 +760,3 @@ def _assemble(case: Case, operators: str) -> Structure:
     if needs_dolfinx or case.model.is_continuum:
         initialise_petsc_alone()
     return discretise.assemble(case, needs_dolfinx=needs_dolfinx)
-
-
-def _where(recorder: Recorder, case: Case) -> str:
-    """Return a message with the time and period in which a motion diverged."""
-    last = recorder.window[-1].n_steps
-    t = ((recorder.n_closed - 1) * recorder.steps_per_period + last) * case.time_step
-    return f"diverged at t = {t:.6g} s (period {recorder.n_closed})"

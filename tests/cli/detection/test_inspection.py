@@ -81,7 +81,7 @@ def test_infer_takes_a_measured_scan(tmp_path: Path) -> None:
         text for k in range(18) for text in ("--channel", f"p{k}=P{k}:m/s@{own.x[k]:.3f}/upper")
     ]
     given = ("--measured", tmp_path / "scan.csv", "--frequency", "250", "-n", "130")
-    command = ("infer", "embedded", *given, *FAST)
+    command = ("detect", "infer", "embedded", *given, *FAST)
     status, output = invoke(*command, *places, "-o", tmp_path / "a")
     assert status == 0, output
     found = json.loads((tmp_path / "a" / "inference.json").read_text("utf-8"))

@@ -9,7 +9,7 @@ import pytest
 
 import delam_fem as df
 from delam_fem.studies.sweeps.grid import load_sweep
-from delam_fem.studies.sweeps.point import PointRunner, assembly_key
+from delam_fem.studies.sweeps.point import PointRunner, assembly_key, quantities
 
 TEXT = """
 name = "s"
@@ -38,7 +38,7 @@ def test_a_point_keeps_the_numbers_of_its_sensors(tmp_path: Path) -> None:
     (tmp_path / "s.toml").write_text(TEXT)
     runner = PointRunner(load_sweep(tmp_path / "s.toml"))
     point, _ = runner.point(1, None)
-    wanted = runner.quantities(runner.structure(case).layout)
+    wanted = quantities(runner.sweep.file.record, runner.structure(case).layout)
     places = np.cumsum([0, *(quantity.size for quantity in wanted)])
     row = {q.name: point.row[a : a + q.size] for q, a in zip(wanted, places, strict=False)}
     assert row["sensor_d_max"] == row["tip_max"][1] and row["sensor_d_min"] == row["tip_min"][1]
