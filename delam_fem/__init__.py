@@ -56,8 +56,8 @@ if TYPE_CHECKING:
     from delam_fem.studies.detection.excitation import STUDY as excite
     from delam_fem.studies.detection.infer import STUDY as infer
     from delam_fem.studies.detection.modulation import STUDY as modulate
-    from delam_fem.studies.detection.pod import STUDY as pod
-    from delam_fem.studies.diagrams.page import diagram
+    from delam_fem.studies.detection.population import STUDY as pod
+    from delam_fem.studies.diagrams import diagram
     from delam_fem.studies.identification.identify import STUDY as identify
     from delam_fem.studies.identification.natural import STUDY as natural
     from delam_fem.studies.identification.resonance import STUDY as resonance
@@ -93,7 +93,7 @@ _HOMES = {
     "compare_models": "studies.models",
     "converge": "studies.convergence.run",
     "detect": "studies.detection.detect:STUDY",
-    "diagram": "studies.diagrams.page",
+    "diagram": "studies.diagrams",
     "excite": "studies.detection.excitation:STUDY",
     "follow": "studies.branches.follow",
     "identify": "studies.identification.identify:STUDY",
@@ -107,7 +107,7 @@ _HOMES = {
     "operators": "results.export",
     "orbit": "studies.orbits.run",
     "overlay": "results.overlay.whole",
-    "pod": "studies.detection.pod:STUDY",
+    "pod": "studies.detection.population:STUDY",
     "preset": "case.files",
     "read_measured": "results.measured.reading",
     "reduced_case": "model.reduction",

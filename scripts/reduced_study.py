@@ -23,8 +23,7 @@ import delam_fem as df
 from delam_fem.case.definition import Case
 from delam_fem.numerics.types import FloatArray
 from delam_fem.results.figures.style import LAMINA_COLOURS, WIDTH, styled
-from delam_fem.studies.orbits.maps import FREQUENCY, CaseFamily, PeriodMap
-from delam_fem.studies.orbits.massless import ModalMap
+from delam_fem.studies.orbits.maps import FREQUENCY, CaseFamily, ModalMap, PeriodMap
 
 DOCS = Path(__file__).parents[1] / "docs"
 RESONANT = 3.25

@@ -228,7 +228,7 @@ def _wait_for_all(comm: MPI.Intracomm) -> None:
 def report_in_folder(directory: Path, *, quiet: bool) -> None:
     """Write figures, fields and page of a run, or the page of a sweep, again from its numbers."""
     from delam_fem.results.folder import load_numbers, save_views
-    from delam_fem.studies.diagrams.page import write_page
+    from delam_fem.studies.diagrams import write_page
     from delam_fem.studies.sweeps.dataset import RESULT, open_result
     from delam_fem.system.files import claimed
 

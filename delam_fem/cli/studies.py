@@ -65,7 +65,7 @@ STUDIES = {
     "converge": Entry(studies.Converge, "studies.convergence.run"),
     "detect scan": Entry(studies.Detect, "studies.detection.detect", "detect"),
     "detect excite": Entry(studies.Excite, "studies.detection.excitation"),
-    "detect pod": Entry(studies.Pod, "studies.detection.pod"),
+    "detect pod": Entry(studies.Pod, "studies.detection.population"),
     "detect infer": Entry(studies.Infer, "studies.detection.infer"),
     "identify resonance": Entry(studies.Resonance, "studies.identification.resonance"),
     "identify keys": Entry(studies.Identify, "studies.identification.identify", "identification"),

@@ -252,8 +252,7 @@ def _shown_only(where: tuple[int | None, ExecutorName | None], yes: bool, sweep:
 
 def _finish(data: xr.Dataset, directory: Path, quiet: bool) -> None:
     """Write the page of a sweep; say what has not settled, and which files there are."""
-    from delam_fem.studies.diagrams.draw import is_unsettled
-    from delam_fem.studies.diagrams.page import write_page
+    from delam_fem.studies.diagrams import is_unsettled, write_page
 
     if moving := int(is_unsettled(data).sum()):
         tell(
@@ -280,7 +279,7 @@ def diagram_command(
 ) -> None:
     """Draw a diagram of a sweep; compute the sweep first if its result does not exist."""
     with reported(quiet):
-        from delam_fem.studies.diagrams.page import require_drawable, save_diagram, write_page
+        from delam_fem.studies.diagrams import require_drawable, save_diagram, write_page
 
         if source.suffix == ".toml":
             going_on = resume, overwrite

@@ -15,8 +15,9 @@ from matplotlib.figure import Figure
 from delam_fem.case.files import preset
 from delam_fem.model.beams import closed_form
 from delam_fem.results.figures.style import BLACK, BLUE, GREEN, VERMILLION, WIDTH
-from delam_fem.studies.convergence.analysis import Convergence, Table
-from delam_fem.studies.convergence.report import (
+from delam_fem.studies.convergence.analysis import (
+    Convergence,
+    Table,
     error_over_cost,
     free_over_elements,
     free_over_steps,

@@ -15,7 +15,7 @@ from rich.console import Console
 from delam_fem.case.files import load_case, preset
 from delam_fem.cli import console as messages
 from delam_fem.cli.console import progress
-from delam_fem.studies.diagrams.page import require_drawable
+from delam_fem.studies.diagrams import require_drawable
 from delam_fem.studies.sweeps.grid import Sweep, sweep_of
 from delam_fem.system.errors import CaseError
 

@@ -13,7 +13,7 @@ from delam_fem.reference.compare import compare
 from delam_fem.results import diagnostics
 from delam_fem.results.figures.run import FIGURES
 from delam_fem.studies.convergence import run as ladders
-from delam_fem.studies.diagrams.page import diagram
+from delam_fem.studies.diagrams import diagram
 from delam_fem.studies.modes import modes
 
 

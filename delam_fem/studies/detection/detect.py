@@ -17,12 +17,23 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from delam_fem.case.definition import Case
 from delam_fem.engines.session import session_of
 from delam_fem.model import discretise
 from delam_fem.model.linear import elastic, keeping_closed, response
 from delam_fem.numerics.types import FloatArray
+from delam_fem.results.figures.style import (
+    BASE_COLOUR,
+    BLUE,
+    GAP_COLOUR,
+    GREEN,
+    VERMILLION,
+    WIDTH,
+    label_x,
+)
 from delam_fem.results.measured.reading import assigned, read_measured
 from delam_fem.results.measured.reading import scan as measured_scan
 from delam_fem.results.overlay.comparison import strongest_frequency
@@ -40,6 +51,7 @@ from delam_fem.studies.detection.indices import (
     CONFIDENCE,
     FALSE_CALLS,
     INDICES,
+    SHARE,
     Mark,
     Repeated,
     mark,
@@ -353,8 +365,6 @@ class Detection(Finding):
     @property
     def report(self) -> Report:
         """What it says in files and on the terminal."""
-        from delam_fem.studies.detection import figures
-
         return Report(
             name="detection",
             numbers=self.numbers,
@@ -364,17 +374,17 @@ class Detection(Finding):
             sentences=[self.verdict],
             pictures={
                 "figures/detection": (
-                    lambda: figures.detection_figure(self),
+                    lambda: detection_figure(self),
                     "The index that calls, with its limit of noise and 30 % of its largest value. "
                     "Grey: the delamination of the case. Red bars above: bounds of the true ends.",
                 ),
                 "figures/indices": (
-                    lambda: figures.indices_figure(self),
+                    lambda: indices_figure(self),
                     "All indices. The limit is what noise alone exceeds anywhere in 1 of 100 "
                     "beams.",
                 ),
                 "figures/shapes": (
-                    lambda: figures.shapes_figure(self),
+                    lambda: shapes_figure(self),
                     "Complex shapes at the excitation and at twice its frequency.",
                 ),
             },
@@ -497,6 +507,98 @@ def read_scan(files: Sequence[Path], options: Measured, case: Case, scan: Scan) 
     channels = assigned(options.channels)
     data = read_measured(*files, channels=channels, units=options.units, rate=options.rate)
     return read(data, case, scan)
+
+
+_TITLES = {
+    "curvature": "2f-curvature  |V₂″|",
+    "V2": "|V₂|",
+    "V3": "|V₃|",
+    "V1/2": "|V½|",
+    "distortion": "distortion d",
+    "thd": "THD",
+}
+
+
+def detection_figure(found: Detection) -> Figure:
+    """Draw the index that calls, with and without the delamination, and the marked interval."""
+    figure = Figure(figsize=(WIDTH, 6.0), layout="constrained")
+    panels = figure.subplots(2, 1, sharex=True)
+    for axes, own, text in (
+        (panels[0], found.mark, "measured" if found.is_measured else "with the delamination"),
+        (panels[1], found.intact_marks[found.index], "the same structure without delamination"),
+    ):
+        _spans(axes, found)
+        _index(axes, own)
+        called = f"called, {own.start:.4g} to {own.end:.4g} m" if own.is_detected else "not called"
+        axes.set_title(f"{text}: {called}", loc="left")
+        axes.set_ylabel(_TITLES[found.index])
+        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
+    label_x(panels, "x [m]")
+    again = found.repeated
+    if np.isfinite(again.start).all():
+        for bounds in (again.start, again.end):
+            panels[0].axvspan(*bounds, ymin=0.94, color=VERMILLION, alpha=0.6)
+    figure.suptitle(f"{found.case.name}, {found.shapes.frequency:g} Hz", x=0.01, ha="left")
+    return figure
+
+
+def indices_figure(found: Detection) -> Figure:
+    """Draw all indices with their limits."""
+    marks = list(found.marks.values())
+    rows = -(-len(marks) // 2)
+    figure = Figure(figsize=(WIDTH, 0.6 + 2.3 * rows), layout="constrained")
+    panels = figure.subplots(rows, 2, sharex=True, squeeze=False).ravel()
+    for axes in panels[len(marks) :]:
+        axes.remove()
+    for axes, own in zip(panels, marks, strict=False):
+        _spans(axes, found)
+        _index(axes, own)
+        contrast = found.contrast(own.name)
+        more = f", contrast {contrast:.1f}" if np.isfinite(contrast) else ""
+        axes.set_title(_TITLES[own.name] + more, loc="left")
+    label_x(panels[: len(marks)], "x [m]")
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper right", ncols=5, frameon=False)
+    return figure
+
+
+def shapes_figure(found: Detection) -> Figure:
+    """Draw real and imaginary part of the shapes at f and 2f."""
+    figure = Figure(figsize=(WIDTH, 5.0), layout="constrained")
+    panels = figure.subplots(2, 1, sharex=True)
+    unit = "m/s" if found.scan.quantity == "velocity" else "m"
+    for axes, order in zip(panels, (1.0, 2.0), strict=True):
+        _spans(axes, found)
+        V = found.shapes.order(order)
+        V = V * np.exp(-1j * np.angle(V[np.abs(V).argmax()]))
+        axes.plot(found.shapes.x, V.real, color=BLUE, marker=".", label="in phase")
+        axes.plot(found.shapes.x, V.imag, color=GREEN, marker=".", label="out of phase")
+        axes.set_ylabel(f"V at {order * found.shapes.frequency:g} Hz [{unit}]")
+        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
+    label_x(panels, "x [m]")
+    return figure
+
+
+def _spans(axes: Axes, found: Detection) -> None:
+    """Shade the delaminations of the case."""
+    for number, (start, end) in enumerate(found.spans):
+        axes.axvspan(start, end, color=GAP_COLOUR, label=None if number else "delamination")
+
+
+def _index(axes: Axes, own: Mark) -> None:
+    """Draw an index with its limit and its marks."""
+    x, values, marked = own.index.x, own.index.values, own.is_marked
+    axes.plot(x, values, color=BLUE, marker=".", label="index")
+    axes.plot(x[marked], values[marked], "o", color=VERMILLION, label="marked")
+    axes.plot(x, own.index.limits, color=BASE_COLOUR, linestyle="--", label="limit of noise")
+    axes.axhline(
+        SHARE * values.max(), color=BASE_COLOUR, linestyle=":", label="30 % of the largest"
+    )
+    top = np.median(own.index.limits)
+    if values.max() > 20.0 * top > 0.0 or own.index.limits.max() > 3.0 * values.max():
+        axes.set_yscale("log")
+    else:
+        axes.set_ylim(bottom=0.0)
 
 
 def _detect(case: Case, options: Detect, place: Place) -> Detection:

@@ -8,27 +8,37 @@ twice the excitation gives exactly twice the motion.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
 
 from delam_fem.case.definition import Case
 from delam_fem.model import discretise
 from delam_fem.numerics.types import BoolArray, FloatArray
+from delam_fem.results.figures.style import (
+    BASE_COLOUR,
+    BLUE,
+    GREEN,
+    VERMILLION,
+    WIDTH,
+    label_x,
+    legend_outside,
+)
 from delam_fem.results.scan import Shapes, surface_of
 from delam_fem.studies.detection.detect import drive_responses, intact, per_shape, settling_periods
 from delam_fem.studies.detection.indices import SHARE, mark, repeated
-from delam_fem.studies.detection.population import PERIODS, SAMPLES, SETTLED, STEPS, scans
+from delam_fem.studies.detection.population import PERIODS, SAMPLES, SETTLED, scanned
 from delam_fem.studies.executors import ExecutorName
 from delam_fem.studies.modes import structure_modes
 from delam_fem.studies.options import Excite
 from delam_fem.studies.study import Finding, Picture, Place, Report, Study
-from delam_fem.studies.sweeps.grid import Axis, ScanRecord, Sweep
-from delam_fem.studies.sweeps.run import run_sweep
+from delam_fem.studies.sweeps.grid import Axis, ScanRecord
 from delam_fem.system.errors import CaseError
 
 RATIOS = (0.1, 0.3, 1.0, 3.0, 10.0)
@@ -182,8 +192,6 @@ class ExcitationMap(Finding):
     @property
     def report(self) -> Report:
         """What it says in files and on the terminal."""
-        from delam_fem.studies.detection.figures import excitation_figure, ratio_figure
-
         drawn: dict[str, Picture] = {
             "figures/excitation": (
                 lambda: excitation_figure(self),
@@ -217,9 +225,7 @@ def excitation_map(
     *,
     noise_db: float = 40.0,
     spacing: float = 0.01,
-    workers: int | None = None,
-    resume: bool = False,
-    progress: Callable[[int, int], None] | None = None,
+    **sweeping: Any,
 ) -> ExcitationMap:
     """Compute a map as a sweep in a folder; see `run_sweep`.
 
@@ -230,9 +236,7 @@ def excitation_map(
         executor: see `run_sweep`.
         noise_db: overall root mean square of the signal over that of the noise [dB].
         spacing: distance of the points [m].
-        workers: see `run_sweep`.
-        resume: whether to go on with what is in the folder.
-        progress: see `run_sweep`.
+        sweeping: further arguments of `run_sweep`.
 
     Raises:
         CaseError: the case has no delamination, or see `run_sweep`.
@@ -240,22 +244,23 @@ def excitation_map(
     """
     if not case.delamination:
         raise CaseError("excite: expected a case with [[delamination]], given none")
-    ratios = _ratios(case)
-    sweep = _sweep(case, frequencies, ratios, spacing)
-    data = run_sweep(
-        sweep, directory, executor, workers=workers, resume=resume, progress=progress,
-        is_confirmed=True,
+    # g₀/A, NaN without an opening or under a force
+    opening = max(own.opening for own in case.delamination)
+    is_map = opening > 0.0 and case.excitation.acts_on == "base"
+    ratios = np.array(RATIOS if is_map else (math.nan,))
+    settling = settling_periods(case, SETTLED) / case.excitation.top_frequency
+    every = frequencies.tolist() * ratios.size  # for each ratio
+    columns: dict[str, list[Any]] = {
+        "excitation.frequency": every,
+        "time.periods": [PERIODS + math.ceil(settling * f) for f in every],
+    }
+    if is_map:
+        columns["excitation.amplitude"] = np.repeat(opening / ratios, frequencies.size).tolist()
+    axes = [Axis(key=key, values=tuple(values)) for key, values in columns.items()]
+    data = scanned(
+        "excitation", case, axes, ScanRecord(spacing=spacing), Path(directory), executor=executor,
+        **sweeping,
     )  # fmt: skip
-    with data:
-        if data.attrs["outcome"] != "completed":
-            raise KeyboardInterrupt
-        return _map_of(case, data.load(), frequencies, ratios, noise_db)
-
-
-def _map_of(
-    case: Case, data: xr.Dataset, frequencies: FloatArray, ratios: FloatArray, noise_db: float
-) -> ExcitationMap:
-    """Return the map that the dataset of a sweep gives."""
     values = data["scan_real"].to_numpy() + 1j * data["scan_imag"].to_numpy()
     orders = tuple(data["order"].to_numpy().tolist())
     x, noise = data["scan_x"].to_numpy(), per_shape(1.0, PERIODS * SAMPLES)
@@ -272,15 +277,16 @@ def _map_of(
             values,
             data["scan_between"].to_numpy(),
             data["scan_rms"].to_numpy(),
-            frequencies.tolist() * ratios.size,
+            every,
             responses * ratios.size,
             strict=True,
         )
     ]
     shape = (ratios.size, frequencies.size)
     numbers = np.array([found[1] for found in judged]).reshape(*shape, 4)
+    structure = discretise.assemble(case, needs_dolfinx=False)
+    free = structure_modes(structure, case, N_MODES, kind="free")
     contrast, visibility, calls, error = np.moveaxis(numbers, -1, 0)
-    beam, opening = _modes(case)
     return ExcitationMap(
         case,
         noise_db,
@@ -292,37 +298,9 @@ def _map_of(
         visibility,
         calls,
         error,
-        beam,
-        opening,
+        structure_modes(structure, case, N_MODES, kind="closed").frequencies,
+        free.frequencies[free.openings.max(axis=1) > OPENS],
     )
-
-
-def _ratios(case: Case) -> FloatArray:
-    """Return g₀/A of the map, NaN without an opening or under a force."""
-    is_open = max(own.opening for own in case.delamination) > 0.0
-    return np.array(RATIOS if is_open and case.excitation.acts_on == "base" else (math.nan,))
-
-
-def _sweep(case: Case, frequencies: FloatArray, ratios: FloatArray, spacing: float) -> Sweep:
-    """Return the sweep over ratios (outer) and frequencies (inner)."""
-    n = ratios.size
-    settling = settling_periods(case, SETTLED) / case.excitation.top_frequency
-    periods = [PERIODS + math.ceil(settling * f) for f in frequencies.tolist()]
-    axes = [
-        Axis(key="excitation.frequency", values=tuple(frequencies.tolist() * n)),
-        Axis(key="time.periods", values=tuple(periods * n)),
-    ]
-    if np.isfinite(ratios).all():
-        opening = max(own.opening for own in case.delamination)
-        amplitudes = np.repeat(opening / ratios, frequencies.size)
-        axes.append(Axis(key="excitation.amplitude", values=tuple(amplitudes.tolist())))
-    fast = {
-        "time.steps_per_period": SAMPLES * math.ceil(STEPS / SAMPLES),
-        "output.window_periods": PERIODS,
-        "output.fields_per_period": SAMPLES,
-    }
-    scan = ScanRecord(spacing=spacing)
-    return scans("excitation", case.with_overrides(fast), tuple(axes), scan)
 
 
 def _judged(
@@ -341,13 +319,74 @@ def _judged(
     return visible, numbers
 
 
-def _modes(case: Case) -> tuple[FloatArray, FloatArray]:
-    """Return the frequencies of the closed structure, and of the free modes that open [Hz]."""
-    structure = discretise.assemble(case, needs_dolfinx=False)
-    closed = structure_modes(structure, case, N_MODES, kind="closed").frequencies
-    free = structure_modes(structure, case, N_MODES, kind="free")
-    opening = free.openings.max(axis=1) > OPENS
-    return closed, free.frequencies[opening]
+TOP = 100.0
+"""Index over its limit at which the colours end."""
+
+
+def excitation_figure(found: ExcitationMap) -> Figure:
+    """Draw the index over frequency and place, and contrast, visibility and calls below."""
+    best = found.recommended
+    row = best[0] if best is not None else int(found.visibility.max(axis=1).argmax())
+    figure = Figure(figsize=(WIDTH, 8.0), layout="constrained")
+    panels = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
+    _map(panels[0], found, row, figure)
+    _lines(panels[1], found, row)
+    label_x(panels, "frequency of the excitation [Hz]")
+    ratio = found.ratios[row]
+    more = f", g₀/A = {ratio:g}" if np.isfinite(ratio) else ""
+    figure.suptitle(f"{found.case.name}, {found.noise_db:g} dB{more}", x=0.01, ha="left")
+    return figure
+
+
+def ratio_figure(found: ExcitationMap) -> Figure:
+    """Draw the visibility over frequency and g₀/A."""
+    figure = Figure(figsize=(WIDTH, 4.0), layout="constrained")
+    axes = figure.subplots()
+    values = np.clip(found.visibility, 1.0, TOP)
+    rows = np.arange(found.ratios.size)
+    picture = axes.pcolormesh(
+        found.frequencies, rows, values, norm=LogNorm(1.0, TOP), shading="nearest"
+    )
+    axes.set_yticks(rows, [f"{ratio:g}" for ratio in found.ratios])
+    axes.set(xlabel="frequency of the excitation [Hz]", ylabel="g₀/A")
+    axes.grid(visible=False)
+    figure.colorbar(picture, ax=axes, label="largest index over its limit of noise")
+    return figure
+
+
+def _map(axes: Axes, found: ExcitationMap, row: int, figure: Figure) -> None:
+    """Draw the index over frequency and place."""
+    values = np.clip(found.index[row].T, 1.0, TOP)
+    picture = axes.pcolormesh(
+        found.frequencies, found.x, values, norm=LogNorm(1.0, TOP), shading="nearest"
+    )
+    for own in found.case.delamination:
+        for edge in (own.start, own.end):
+            axes.axhline(edge, color="white", linestyle="--", linewidth=1.0)
+    axes.set(ylabel="x [m]")
+    axes.grid(visible=False)
+    figure.colorbar(picture, ax=axes, label="2f-curvature over its limit of noise")
+
+
+def _lines(axes: Axes, found: ExcitationMap, row: int) -> None:
+    """Draw contrast, visibility and calls over frequency, and what is avoided."""
+    f = found.frequencies
+    half = 0.5 * (f[1] - f[0]) if f.size > 1 else 0.0
+    for number, avoided in enumerate(f[found.is_avoided]):
+        axes.axvspan(
+            avoided - half, avoided + half, color=BASE_COLOUR, alpha=0.3, linewidth=0.0,
+            label=None if number else "avoid",
+        )  # fmt: skip
+    axes.plot(f, found.visibility[row], color=BLUE, marker=".", label="index over limit")
+    axes.plot(f, found.contrast[row], color=GREEN, marker=".", label="contrast")
+    calls = np.maximum(found.calls[row], 1e-2)  # on a logarithmic axis
+    axes.plot(f, calls, color=VERMILLION, marker=".", label="rate of calls")
+    if found.recommended is not None:
+        axes.axvline(f[found.recommended[1]], color="black", linestyle=":", label="recommended")
+    axes.set(yscale="log", ylabel="[–]", xlim=(f[0], f[-1]))
+    figure = axes.figure
+    assert isinstance(figure, Figure)
+    legend_outside(figure, axes, ncols=5, loc="outside lower center")
 
 
 def _excite(case: Case, options: Excite, place: Place) -> ExcitationMap:

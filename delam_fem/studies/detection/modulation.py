@@ -12,6 +12,7 @@ from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from delam_fem.case.definition import Case
 from delam_fem.case.excitation import drive
@@ -19,6 +20,13 @@ from delam_fem.engines.session import by_period, law_of, modes_of, scheme_of, se
 from delam_fem.model import discretise
 from delam_fem.model.layout import Structure
 from delam_fem.numerics.types import FloatArray
+from delam_fem.results.figures.style import (
+    BLUE,
+    GAP_COLOUR,
+    GREEN,
+    VERMILLION,
+    WIDTH,
+)
 from delam_fem.results.scan import scan_field, scan_positions, surface_of
 from delam_fem.simulation.loop import State
 from delam_fem.studies.detection.detect import (
@@ -185,8 +193,6 @@ class Modulation(Finding):
     @property
     def report(self) -> Report:
         """What it says in files and on the terminal."""
-        from delam_fem.studies.detection.figures import modulation_figure
-
         caption = "Sideband ratio of each point, and what noise alone exceeds."
         return Report(
             name="modulation",
@@ -274,6 +280,23 @@ def two_tone(tones: Tones, scan: Scan, kept: Path | None = None) -> Measurement:
             raise CaseError(f"modulate: the motion of case {case.name} has {outcome}")
         times, u, v = scan_field(opened.recorder, structure, surface_of(case, scan.lamina), x)
     return Measurement(times, x, v if scan.quantity == "velocity" else u, f)
+
+
+def modulation_figure(found: Modulation) -> Figure:
+    """Draw the ratio of each point, that of the intact structure, and its limit."""
+    figure = Figure(figsize=(WIDTH, 4.0), layout="constrained")
+    axes = figure.subplots()
+    for own in found.case.delamination:
+        axes.axvspan(own.start, own.end, color=GAP_COLOUR, alpha=0.25, lw=0.0, label="delamination")
+    axes.semilogy(found.x, found.ratio, "o-", color=VERMILLION, ms=3, label="with it")
+    axes.semilogy(found.x, found.intact_ratio, "o-", color=BLUE, ms=3, label="without it")
+    axes.semilogy(found.x, found.limits, "--", color=GREEN, label="limit of noise")
+    axes.set_xlabel("x [m]")
+    axes.set_ylabel("sideband ratio [-]")
+    probe = found.case.excitation.top_frequency
+    axes.set_title(f"{found.case.name}, {probe:g} Hz ± {found.pump:g} Hz", loc="left")
+    axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
+    return figure
 
 
 def _modulate(case: Case, options: Modulate, place: Place) -> Modulation:

@@ -14,18 +14,22 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from scipy.stats import norm
 
 from delam_fem.case.definition import Case
 from delam_fem.numerics.types import BoolArray, FloatArray
+from delam_fem.results.figures.style import BASE_COLOUR, WIDTH, label_x, lamina_colours
 from delam_fem.results.scan import Shapes, shapes_of, surface_of
 from delam_fem.studies.detection.detect import (
     drive_responses,
@@ -36,9 +40,10 @@ from delam_fem.studies.detection.detect import (
 )
 from delam_fem.studies.detection.indices import curvature, mark
 from delam_fem.studies.executors import ExecutorName
-from delam_fem.studies.options import Scan
+from delam_fem.studies.options import Pod, Scan
+from delam_fem.studies.study import Finding, Place, Report, Study, Table
 from delam_fem.studies.sweeps.grid import Axis, Record, ScanRecord, Sweep, SweepFile, require_valid
-from delam_fem.studies.sweeps.run import run_sweep
+from delam_fem.studies.sweeps.run import completed
 from delam_fem.system.errors import CaseError
 
 PERIODS, SAMPLES = 16, 50
@@ -131,9 +136,7 @@ def population(
     spacing: float = 0.01,
     first: float = 0.0,
     also: Mapping[str, FloatArray] | None = None,
-    workers: int | None = None,
-    resume: bool = False,
-    progress: Callable[[int, int], None] | None = None,
+    **sweeping: Any,
 ) -> Population:
     """Compute the shapes of all specimens as a sweep in a folder; see `run_sweep`.
 
@@ -147,80 +150,29 @@ def population(
         spacing: distance of the scanned points [m].
         first: position of the first of them [m].
         also: values of further keys of the case, one for each specimen.
-        workers: see `run_sweep`.
-        resume: whether to go on with what is in the folder.
-        progress: see `run_sweep`.
+        sweeping: further arguments of `run_sweep`.
 
     Raises:
         CaseError: the case is not as described, or see `run_sweep`.
         KeyboardInterrupt: it was interrupted; `resume` goes on.
     """
-    scan = ScanRecord(lamina=surface_of(case, None), spacing=spacing, first=first)
-    sweep = sweep_of_specimens(case, specimens, name, scan, also or {})
-    data = run_sweep(
-        sweep, directory, executor, workers=workers, resume=resume, progress=progress,
-        is_confirmed=True,
-    )  # fmt: skip
-    with data:
-        if data.attrs["outcome"] != "completed":
-            raise KeyboardInterrupt
-        return _population(data, tuple(specimens))
-
-
-def sweep_of_specimens(
-    case: Case, specimens: Sequence[Specimen], name: str, scan: ScanRecord,
-    also: Mapping[str, FloatArray],
-) -> Sweep:  # fmt: skip
-    """Return the sweep whose points are the specimens."""
     if len(case.lamina) != 2 or len(case.delamination) != 1:
         raise CaseError(
             "population: expected a case with two laminae and one [[delamination]], given "
             f"{len(case.lamina)} and {len(case.delamination)}"
         )
-    columns = _columns(case, specimens, surface_of(case, None))
-    columns |= {key: values.tolist() for key, values in also.items()}
-    axes = tuple(
-        Axis(key=key, name=key.replace(".", "_"), values=tuple(values))
-        for key, values in columns.items()
-    )
-    fast = {
-        "mesh.elements": ELEMENTS,
-        "time.steps_per_period": STEPS,
-        "output.window_periods": PERIODS,
-        "output.fields_per_period": SAMPLES,
-    }
-    return scans(name, case.with_overrides(fast), axes, scan)
-
-
-def scans(name: str, case: Case, axes: tuple[Axis, ...], scan: ScanRecord) -> Sweep:
-    """Return a sweep that keeps nothing but scans, of motions that begin in their steady state.
-
-    Args:
-        name: of the sweep.
-        case: its base.
-        axes: whose k-th values belong together.
-        scan: the points that are kept.
-
-    Raises:
-        CaseError: a value of an axis is not valid.
-    """
-    record = Record(summary=False, strobes=0, scan=scan)
-    file = SweepFile.model_validate(
-        dict(name=name, base="case.toml", combine="zip", start="steady", axis=axes, record=record)
-    )
-    sweep = Sweep(case, file)
-    require_valid(sweep)
-    return sweep
-
-
-def _columns(
-    case: Case, specimens: Sequence[Specimen], surface: str
-) -> dict[str, list[float | int | str]]:
-    """Return the values of each key for all specimens."""
+    surface = surface_of(case, None)
     other = next(own.name for own in case.lamina if own.name != surface)
     total = sum(own.thickness or 0.0 for own in case.lamina)
-    settling = {kind: _settling(case, kind) for kind in sorted({own.support for own in specimens})}
-    return {
+    wholes = {
+        kind: intact(case.with_overrides({"support.end": kind}))
+        for kind in sorted({own.support for own in specimens})
+    }
+    settling = {
+        kind: settling_periods(whole, SETTLED) / whole.excitation.top_frequency
+        for kind, whole in wholes.items()
+    }
+    columns: dict[str, list[float | int | str]] = {
         "delamination.1.start": [own.start for own in specimens],
         "delamination.1.end": [own.end for own in specimens],
         f"lamina.{surface}.thickness": [own.thickness for own in specimens],
@@ -230,27 +182,61 @@ def _columns(
         "time.periods": [
             PERIODS + math.ceil(settling[own.support] * own.frequency) for own in specimens
         ],
+        **{key: values.tolist() for key, values in (also or {}).items()},
     }
-
-
-def _settling(case: Case, support: str) -> float:
-    """Return the time after which 5 % of a free motion of an intact structure is left [s]."""
-    whole = intact(case.with_overrides({"support.end": support}))
-    return settling_periods(whole, SETTLED) / whole.excitation.top_frequency
-
-
-def _population(data: xr.Dataset, specimens: tuple[Specimen, ...]) -> Population:
-    """Return the shapes in the dataset of a sweep."""
+    axes = [
+        Axis(key=key, name=key.replace(".", "_"), values=tuple(values))
+        for key, values in columns.items()
+    ]
+    data = scanned(
+        name,
+        case.with_overrides({"mesh.elements": ELEMENTS}),
+        axes,
+        ScanRecord(lamina=surface, spacing=spacing, first=first),
+        Path(directory),
+        executor=executor,
+        **sweeping,
+    )
     values = data["scan_real"].to_numpy() + 1j * data["scan_imag"].to_numpy()
-    orders = tuple(float(order) for order in data["order"].to_numpy())
-    kept = [k for k in range(len(orders)) if np.isfinite(values[:, k]).any()]
+    is_sampled = np.isfinite(values).any(axis=(0, 2))
     return Population(
-        specimens,
+        tuple(specimens),
         data["scan_x"].to_numpy(),
-        tuple(orders[k] for k in kept),
-        values[:, kept],
+        tuple(data["order"].to_numpy()[is_sampled].tolist()),
+        values[:, is_sampled],
         data["scan_rms"].to_numpy(),
     )
+
+
+def scanned(
+    name: str, case: Case, axes: Sequence[Axis], scan: ScanRecord, directory: Path, **sweeping: Any
+) -> xr.Dataset:
+    """Return the scans of many motions that begin in their steady state, and nothing else of them.
+
+    Args:
+        name: of the sweep that computes them.
+        case: its base.
+        axes: whose k-th values belong together.
+        scan: the points that are kept.
+        directory: folder of the sweep.
+        sweeping: further arguments of `run_sweep`.
+
+    Raises:
+        CaseError: a value of an axis is not valid, or see `run_sweep`.
+        KeyboardInterrupt: it was interrupted; `resume` goes on.
+    """
+    fast = {
+        "time.steps_per_period": STEPS,
+        "output.window_periods": PERIODS,
+        "output.fields_per_period": SAMPLES,
+    }
+    record = Record(summary=False, strobes=0, scan=scan)
+    file = SweepFile.model_validate(
+        dict(name=name, base="case.toml", combine="zip", start="steady", axis=axes, record=record)
+    )
+    sweep = Sweep(case.with_overrides(fast), file)
+    require_valid(sweep)
+    return completed(sweep, directory, is_confirmed=True, **sweeping)
 
 
 LENGTHS = (0.05, 0.10, 0.15, 0.20, 0.25, 0.30, 0.35, 0.40)
@@ -276,33 +262,30 @@ class Curve:
     beta: FloatArray
     covariance: FloatArray
 
-    def pod(self, a: FloatArray) -> FloatArray:
-        """Return the probability of detection of lengths a, same shape."""
-        return self._probability(a, 0.0)
+    def pod(self, a: FloatArray, level: float = 0.5) -> FloatArray:
+        """Return the probability of detection of lengths a, same shape.
 
-    def lower(self, a: FloatArray, level: float = _BOUND) -> FloatArray:
-        """Return its lower one-sided confidence bound (Wald, on the logit), same shape."""
-        return self._probability(a, float(norm.ppf(level)))
-
-    def _probability(self, a: FloatArray, deviations: float) -> FloatArray:
+        Args:
+            a: lengths, shape (n,) [m].
+            level: of a lower one-sided confidence bound (Wald, on the logit); 0.5: the curve.
+        """
         columns = np.stack([np.ones_like(a), np.log(a)], axis=-1)
         spread = np.sqrt(np.einsum("...i,ij,...j->...", columns, self.covariance, columns))
-        logit = columns @ self.beta - deviations * spread
+        logit = columns @ self.beta - norm.ppf(level) * spread
         return np.asarray(0.5 * (1.0 + np.tanh(0.5 * logit)))
 
-    def length(self, probability: float, level: float | None = None) -> float:
+    def length(self, probability: float, level: float = 0.5) -> float:
         """Return the length with this POD, or whose lower bound is; NaN: there is none.
 
         Args:
             probability: for example 0.9.
-            level: of the bound; None: the curve itself.
+            level: of the bound; 0.5: the curve itself.
         """
         if not np.isfinite(self.beta).all() or self.beta[1] <= 0.0:
             return math.nan
         middle = float(-self.beta[0] / self.beta[1])
         a = np.exp(np.linspace(middle - 5.0, middle + 5.0, 20_001))
-        values = self.pod(a) if level is None else self.lower(a, level)
-        above = np.flatnonzero(values >= probability)
+        above = np.flatnonzero(self.pod(a, level) >= probability)
         return float(a[above[0]]) if above.size else math.nan
 
 
@@ -448,3 +431,235 @@ def roc(damaged: FloatArray, intact_ones: FloatArray) -> tuple[FloatArray, Float
     false = np.array([(intact_ones >= t).mean() for t in thresholds])
     true = np.array([(damaged >= t).mean() for t in thresholds])
     return false, true
+
+
+_WORDS = {"clamped": "clamped at both ends", "free": "cantilever", "pinned": "clamped and pinned"}
+
+
+@dataclass(frozen=True)
+class Line:
+    """The result for one support, noise and frequency.
+
+    Attributes:
+        support: at the end of the structure.
+        frequency: of the excitation [Hz].
+        trials: hits and misses at one noise.
+        curve: POD over the length [m].
+        intact: scores of intact beams; empty where it was not computed.
+    """
+
+    support: str
+    frequency: float
+    trials: Trials
+    curve: Curve
+    intact: FloatArray
+
+    @property
+    def a90(self) -> float:
+        """Length with a POD of 0.9 [m]; NaN: none."""
+        return self.curve.length(0.9)
+
+    @property
+    def a90_95(self) -> float:
+        """Length at which the lower 95 % bound of the POD is 0.9 [m]; NaN: none."""
+        return self.curve.length(0.9, 0.95)
+
+
+@dataclass(frozen=True)
+class PodStudy(Finding):
+    """The study.
+
+    Attributes:
+        case: whose structure carries the delaminations.
+        lines: one for each support, noise and frequency.
+        recommended: frequency by support and noise: that with the most hits [Hz].
+    """
+
+    case: Case
+    lines: tuple[Line, ...]
+    recommended: dict[tuple[str, float], float]
+
+    def best(self, support: str, noise_db: float) -> Line:
+        """Return the result at the recommended frequency."""
+        return next(
+            line
+            for line in self.lines
+            if (line.support, line.trials.noise_db) == (support, noise_db)
+            and line.frequency == self.recommended[support, noise_db]
+        )
+
+    @property
+    def numbers(self) -> dict[str, object]:
+        """The content of pod.json; lengths in m."""
+        return {
+            "case": self.case.name,
+            "recommended": [
+                {"support": support, "noise_db": noise, "frequency": frequency}
+                for (support, noise), frequency in self.recommended.items()
+            ],
+            "lines": [_numbers(line) for line in self.lines],
+        }
+
+    @property
+    def report(self) -> Report:
+        """What it says in files and on the terminal; lengths over the length of the beam."""
+        rows = [_row(self.best(*key), self.case.length) for key in self.recommended]
+        return Report(
+            name="pod",
+            numbers=self.numbers,
+            case=self.case,
+            is_sweep=True,
+            title=f"POD of {self.case.name}",
+            tables=[Table(f"probability of detection, {self.case.name}", HEADING, rows)],
+            pictures={
+                "figures/pod": (
+                    self.pod_figure,
+                    "Hits over length, the logistic regression on ln a, and its lower 95 % bound. "
+                    "Each support and noise at its best frequency.",
+                ),
+                "figures/roc": (
+                    self.roc_figure,
+                    "Rates of detection and of false calls for every threshold, in classes of "
+                    "length.",
+                ),
+            },
+        )
+
+    def pod_figure(self) -> Figure:
+        """Draw POD curves with their bounds and the hits, for each support and noise."""
+        figure = Figure(figsize=(WIDTH, 6.5), layout="constrained")
+        keys, panels = self._panels(figure)
+        L = self.case.length
+        a = np.linspace(0.01, 0.45, 200) * L
+        for axes, key in zip(panels, keys, strict=True):
+            line = self.best(*key)
+            own = line.trials
+            lengths = np.unique(own.lengths.round(9))
+            rates = [own.hit[np.isclose(own.lengths, length)].mean() for length in lengths]
+            axes.plot(lengths / L, rates, "o", color=lamina_colours(1)[0], label="share of hits")
+            axes.plot(a / L, line.curve.pod(a), color="black", label="POD")
+            axes.plot(
+                a / L, line.curve.pod(a, _BOUND), "--", color="black", label="lower 95 % bound"
+            )
+            axes.axhline(0.9, color=BASE_COLOUR, linewidth=0.8)
+            axes.set(ylim=(-0.03, 1.03), ylabel="probability of detection")
+            axes.set_title(
+                f"{_WORDS[line.support]}, {own.noise_db:g} dB, {line.frequency:g} Hz", loc="left"
+            )
+        label_x(panels, "length of the delamination a/L")
+        panels[0].legend(loc="lower right")
+        return figure
+
+    def roc_figure(self) -> Figure:
+        """Draw ROC curves for each support and noise, in classes of length."""
+        figure = Figure(figsize=(WIDTH, 6.5), layout="constrained")
+        keys, panels = self._panels(figure)
+        L = self.case.length
+        classes = ((0.0, 0.075), (0.075, 0.175), (0.175, 0.5))
+        for axes, key in zip(panels, keys, strict=True):
+            line = self.best(*key)
+            share = line.trials.lengths / L
+            for (low, high), colour in zip(classes, lamina_colours(3), strict=True):
+                chosen = (share >= low) & (share < high)
+                false, true = roc(line.trials.score[chosen], line.intact)
+                text = f"a/L {share[chosen].min():.2g} to {share[chosen].max():.2g}"
+                axes.step(false, true, where="post", color=colour, label=text)
+            axes.set(xlim=(-0.01, 1.01), ylim=(-0.01, 1.03), ylabel="rate of detection")
+            axes.set_title(
+                f"{_WORDS[line.support]}, {key[1]:g} dB, {line.frequency:g} Hz", loc="left"
+            )
+        label_x(panels, "rate of false calls")
+        panels[-1].legend(loc="lower right")
+        return figure
+
+    def _panels(self, figure: Figure) -> tuple[list[tuple[str, float]], list[Axes]]:
+        """Return supports and noises with a panel for each."""
+        keys = list(self.recommended)
+        panels = figure.subplots(-(-len(keys) // 2), 2, sharey=True, squeeze=False).ravel()
+        for axes in panels[len(keys) :]:
+            axes.remove()
+        return keys, panels[: len(keys)].tolist()
+
+
+HEADING = (
+    "support", "noise [dB]", "frequency [Hz]", "hits", "a90/L", "a90/95 /L", "error of ends /L",
+    "false calls",
+)  # fmt: skip
+"""Heading of the table of a study."""
+
+
+def pod(case: Case, found: Population, noises: Sequence[float]) -> PodStudy:
+    """Judge a population and intact beams at each noise.
+
+    The recommended frequency of a support and a noise is that with the most hits; of equal ones the
+    lowest. False calls are counted there.
+    """
+    lines, recommended = [], {}
+    supports = sorted({own.support for own in found.specimens})
+    frequencies = sorted({own.frequency for own in found.specimens})
+    for noise in noises:
+        whole = trials(case, found, noise)
+        for support in supports:
+            own = {f: whole.of(_chosen(found, support, f)) for f in frequencies}
+            best = max(frequencies, key=lambda f: (int(own[f].hit.sum()), -f))
+            recommended[support, noise] = best
+            for f, judged in own.items():
+                scores = intact_scores(case, support, f, noise) if f == best else np.empty(0)
+                curve = logistic(judged.lengths, judged.hit)
+                lines.append(Line(support, f, judged, curve, scores))
+    order = {key: recommended[key] for key in sorted(recommended, key=lambda k: (k[0], -k[1]))}
+    return PodStudy(case, tuple(lines), order)
+
+
+def _chosen(found: Population, support: str, frequency: float) -> BoolArray:
+    """Return which specimens have a support and a frequency."""
+    return np.array(
+        [(own.support, own.frequency) == (support, frequency) for own in found.specimens]
+    )
+
+
+def _row(line: Line, L: float) -> tuple[str, ...]:
+    """Return the table row of a result."""
+    own = line.trials
+    return (
+        line.support,
+        f"{own.noise_db:g}",
+        f"{line.frequency:g}",
+        f"{int(own.hit.sum())} of {own.hit.size}",
+        f"{line.a90 / L:.3f}",
+        f"{line.a90_95 / L:.3f}",
+        f"{own.error / L:.4f}",
+        f"{int((line.intact > 1.0).sum())} of {line.intact.size}",
+    )
+
+
+def _numbers(line: Line) -> dict[str, object]:
+    """Return the numbers of a result."""
+    own = line.trials
+    return {
+        "support": line.support,
+        "frequency": line.frequency,
+        "noise_db": own.noise_db,
+        "hits": int(own.hit.sum()),
+        "specimens": own.hit.size,
+        "beta": line.curve.beta,
+        "a90": line.a90,
+        "a90_95": line.a90_95,
+        "median_end_error": own.error,
+        "false_calls": int((line.intact > 1.0).sum()) if line.intact.size else None,
+        "intact_beams": line.intact.size,
+        "length": own.lengths,
+        "depth": [specimen.thickness for specimen in own.specimens],
+        "middle": [0.5 * (specimen.start + specimen.end) for specimen in own.specimens],
+        "hit": own.hit,
+    }
+
+
+def _pod(case: Case, options: Pod, place: Place) -> PodStudy:
+    """Compute the structures of a grid, and judge them."""
+    specimens = grid(case, options.supports, options.frequencies)
+    found = population(case, specimens, place.folder, name="pod", **place.sweeping)
+    return pod(case, found, options.noise_db)
+
+
+STUDY = Study(Pod, _pod)

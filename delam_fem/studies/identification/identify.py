@@ -17,10 +17,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from delam_fem.case.definition import Case
 from delam_fem.case.files import save_case
@@ -28,20 +29,15 @@ from delam_fem.numerics.beams import ComplexArray
 from delam_fem.numerics.statistics import FEWEST, UNLIKE, Posterior
 from delam_fem.numerics.statistics import Table as Simulations
 from delam_fem.numerics.types import FloatArray
-from delam_fem.results.figures.style import BLUE, GREEN, VERMILLION
+from delam_fem.results.figures.style import BLUE, VERMILLION
 from delam_fem.results.measured.reading import read_measured
 from delam_fem.studies import options
 from delam_fem.studies.executors import ExecutorName
 from delam_fem.studies.study import Finding, Place, Report, Study, Table
 from delam_fem.studies.sweeps.grid import sweep_of
-from delam_fem.studies.sweeps.run import run_sweep
+from delam_fem.studies.sweeps.run import completed
 from delam_fem.studies.unknown import Unknown, drawn, of_rig, require_values, value_of
 from delam_fem.system.errors import CaseError
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from delam_fem.studies.identification.resonance import Resonance
 
 BINS = 24
 """Number of bars of a histogram."""
@@ -61,9 +57,6 @@ def posterior_figure(
         unknowns: in the order of the columns.
         truth: values of a synthetic measurement; None: not known.
     """
-    from matplotlib.figure import Figure
-    from matplotlib.ticker import MaxNLocator
-
     n = len(unknowns)
     low, high = _ranges(posterior, truth)
     figure = Figure(figsize=(PANEL * n, PANEL * n))
@@ -94,7 +87,8 @@ def posterior_figure(
             panel.xaxis.set_major_locator(MaxNLocator(3))
             if j == 0 and i > 0:
                 panel.set_ylabel(_short(row))
-    figure.suptitle(_posterior_title(truth))
+    red = "" if truth is None else "; red: the truth"
+    figure.suptitle(f"posterior; dotted: central 90 %{red}")
     figure.tight_layout()
     return figure
 
@@ -111,29 +105,6 @@ def _ranges(posterior: Posterior, truth: list[float] | None) -> tuple[FloatArray
 def _short(unknown: Unknown) -> str:
     """Return the key of an unknown in the words of its last part."""
     return unknown.key.rsplit(".", 1)[-1].replace("_", " ")
-
-
-def _posterior_title(truth: list[float] | None) -> str:
-    text = "posterior; dotted: central 90 %"
-    return text if truth is None else f"{text}; red: the truth"
-
-
-def resonance_figure(found: Resonance) -> Figure:
-    """Draw measured amplitudes, the fit, the peak and the natural frequency."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(7.0, 4.0))
-    panel = figure.subplots()
-    shown = found.amplitudes
-    panel.plot(shown.frequency, shown.amplitude, ".", color=BLUE, ms=2.5, label="measured")
-    panel.plot(shown.frequency, shown.fitted, color=VERMILLION, label="fit")
-    panel.axvline(found.peak, color=BLUE, linestyle=":", label=f"peak {found.peak:.4f} Hz")
-    panel.axvline(found.frequency, color=GREEN, label=f"natural frequency {found.frequency:.4f} Hz")
-    panel.set_xlabel("frequency of the base  [Hz]")
-    panel.set_ylabel("amplitude over that of the base  [–]")
-    panel.legend()
-    figure.tight_layout()
-    return figure
 
 
 def tips_of(case: Case, path: Path) -> tuple[FloatArray, FloatArray]:
@@ -316,18 +287,32 @@ class Experiment:
         found, total = [], len(parameters) * len(self.frequencies)
         directory.mkdir(parents=True, exist_ok=True)
         save_case(self.case, directory)
+        columns = dict(also or {})
+        for unknown, column in zip(self.unknowns, parameters.T, strict=True):
+            columns |= dict.fromkeys(unknown.keys(self.case), column)
+        axes = [
+            {"key": key, "name": key.replace(".", "_"), "values": column.tolist()}
+            for key, column in columns.items()
+        ]
         for number, frequency in enumerate(self.frequencies):
-            sweep = sweep_of(self._sweep(parameters, frequency, also or {}), folder=directory)
-            done = number * len(parameters)
-            report = None if progress is None else _shifted(progress, done, total)
-            data = run_sweep(
-                sweep, directory / f"{frequency:g}-Hz", executor, workers=workers,
-                resume=True, progress=report,
+            data: dict[str, object] = {
+                "name": f"identification-{frequency:g}-Hz",
+                "base": "case.toml",
+                "set": {"excitation.frequency": frequency},
+                "axis": axes,
+                "combine": "zip",
+                "record": {"summary": False, "strobes": 0, "harmonics": HARMONICS},
+            }
+
+            def report(done: int, _: int, before: int = number * len(parameters)) -> None:
+                if progress is not None:
+                    progress(before + done, total)
+
+            swept = completed(
+                sweep_of(data, folder=directory), directory / f"{frequency:g}-Hz", executor,
+                workers=workers, resume=True, progress=report,
             )  # fmt: skip
-            with data:
-                if data.attrs["outcome"] != "completed":
-                    raise KeyboardInterrupt
-                found.append(of_points(data))
+            found.append(of_points(swept))
         return np.stack(found, axis=1)
 
     def disturbed(self, n: int, seed: int) -> dict[str, FloatArray]:
@@ -373,26 +358,6 @@ class Experiment:
         high = np.array([unknown.high for unknown in self.unknowns])
         return np.asarray(np.random.default_rng(seed).uniform(low, high, (n, low.size)))
 
-    def _sweep(
-        self, parameters: FloatArray, frequency: float, also: Mapping[str, FloatArray]
-    ) -> dict[str, object]:
-        """Return the sweep over given parameters at a frequency."""
-        columns = dict(also)
-        for unknown, column in zip(self.unknowns, parameters.T, strict=True):
-            columns |= dict.fromkeys(unknown.keys(self.case), column)
-        axes = [
-            {"key": key, "name": key.replace(".", "_"), "values": column.tolist()}
-            for key, column in columns.items()
-        ]
-        return {
-            "name": f"identification-{frequency:g}-Hz",
-            "base": "case.toml",
-            "set": {"excitation.frequency": frequency},
-            "axis": axes,
-            "combine": "zip",
-            "record": {"summary": False, "strobes": 0, "harmonics": HARMONICS},
-        }
-
 
 def _discrepancy(
     finer: ComplexArray, harmonics: ComplexArray, parameters: FloatArray, rng: np.random.Generator
@@ -408,13 +373,6 @@ def _discrepancy(
     chosen = like[np.arange(len(like)), rng.integers(like.shape[1], size=len(like))]
     share = rng.uniform(0.0, BEYOND, size=(len(like), 1, 1, 1))
     return np.asarray(share * change[whole[chosen]])
-
-
-def _shifted(
-    progress: Callable[[int, int], None], before: int, total: int
-) -> Callable[[int, int], None]:
-    """Return a progress function that counts on after `before` simulations."""
-    return lambda done, _: progress(before + done, total)
 
 
 HEADING = ("key", "median", "90 % interval", "prior", "truth", "covered")

@@ -20,6 +20,7 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+from matplotlib.figure import Figure
 from scipy.interpolate import CubicSpline
 from scipy.optimize import least_squares
 
@@ -33,6 +34,7 @@ from delam_fem.model.linear import first_mode
 from delam_fem.numerics.beams import ComplexArray, cantilever_roots
 from delam_fem.numerics.harmonics import driven, pole
 from delam_fem.numerics.types import BoolArray, FloatArray
+from delam_fem.results.figures.style import BLUE, GREEN, VERMILLION
 from delam_fem.studies import options
 from delam_fem.studies.identification.identify import tips_of
 from delam_fem.studies.linear import first_frequencies
@@ -373,6 +375,22 @@ def _judged(
 HEADING = ("lamina", "peak read off", "frequency", "damping ratio", "EI", "EI of the case")
 
 
+def resonance_figure(found: Resonance) -> Figure:
+    """Draw measured amplitudes, the fit, the peak and the natural frequency."""
+    figure = Figure(figsize=(7.0, 4.0))
+    panel = figure.subplots()
+    shown = found.amplitudes
+    panel.plot(shown.frequency, shown.amplitude, ".", color=BLUE, ms=2.5, label="measured")
+    panel.plot(shown.frequency, shown.fitted, color=VERMILLION, label="fit")
+    panel.axvline(found.peak, color=BLUE, linestyle=":", label=f"peak {found.peak:.4f} Hz")
+    panel.axvline(found.frequency, color=GREEN, label=f"natural frequency {found.frequency:.4f} Hz")
+    panel.set_xlabel("frequency of the base  [Hz]")
+    panel.set_ylabel("amplitude over that of the base  [–]")
+    panel.legend()
+    figure.tight_layout()
+    return figure
+
+
 @dataclass(frozen=True)
 class Found(Finding):
     """The resonances of the laminae of a case.
@@ -410,8 +428,6 @@ class Found(Finding):
     @property
     def report(self) -> Report:
         """What it says in files and on the terminal."""
-        from delam_fem.studies.identification.identify import resonance_figure
-
         numbers = {}
         for lamina, one in zip(self.case.lamina, self.resonances, strict=True):
             EI, error = one.bending_stiffness(lamina)

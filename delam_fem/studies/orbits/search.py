@@ -186,7 +186,7 @@ def map_of(case: Case, key: str) -> CaseMap:
     """
     if not case.is_massless:
         return CaseFamily(case, key).map()
-    from delam_fem.studies.orbits.massless import ModalMap
+    from delam_fem.studies.orbits.maps import ModalMap
 
     return ModalMap(case, key)
 

@@ -25,7 +25,7 @@ from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -323,6 +323,18 @@ def run_sweep(
     if has_all:
         remove_journal(directory / JOURNAL)
     return open_result(path)
+
+
+def completed(sweep: Sweep, directory: Path, executor: Any = None, **options: Any) -> xr.Dataset:
+    """Compute a sweep that a study needs, and return its dataset, loaded; see `run_sweep`.
+
+    Raises:
+        KeyboardInterrupt: it was interrupted; `resume` goes on.
+    """
+    with run_sweep(sweep, directory, executor, **options) as data:
+        if data.attrs["outcome"] != "completed":
+            raise KeyboardInterrupt
+        return data.load()
 
 
 def run_shard(

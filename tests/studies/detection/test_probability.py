@@ -8,13 +8,13 @@ import pytest
 
 from delam_fem.case.files import preset
 from delam_fem.studies.detection.detect import drive_responses, intact
-from delam_fem.studies.detection.pod import pod
 from delam_fem.studies.detection.population import (
     ELEMENTS,
     Specimen,
     grid,
     intact_scores,
     logistic,
+    pod,
     population,
     roc,
     trials,

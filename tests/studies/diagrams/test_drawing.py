@@ -14,8 +14,13 @@ from typer.testing import CliRunner
 from delam_fem.case.files import preset
 from delam_fem.cli.app import app
 from delam_fem.numerics import settling as at
-from delam_fem.studies.diagrams.draw import POINT_STYLE, UNSETTLED_COLOUR
-from delam_fem.studies.diagrams.page import DiagramName, diagram, save_diagram
+from delam_fem.studies.diagrams import (
+    POINT_STYLE,
+    UNSETTLED_COLOUR,
+    DiagramName,
+    diagram,
+    save_diagram,
+)
 from delam_fem.system.errors import CaseError
 
 N_STROBES = 64

@@ -13,8 +13,7 @@ import xarray as xr
 from delam_fem.case.files import preset
 from delam_fem.case.toml import parse_override
 from delam_fem.results.figures.style import ORANGE, SKY
-from delam_fem.studies.diagrams import page
-from delam_fem.studies.diagrams.page import FAILED, IRREGULAR, points, sentence, write_page
+from delam_fem.studies.diagrams import FAILED, IRREGULAR, page, points, sentence, write_page
 
 FREQUENCIES, STIFFNESSES = np.array([3.0, 3.5]), np.array([10.0, 100.0, 1000.0])
 CELL = re.compile(r'<td style="background:([^"]*)"><a href="([^"]*)" title="([^"]*)">([^<]*)</a>')

@@ -6,7 +6,7 @@ from massless import massless
 
 import delam_fem as df
 from delam_fem.numerics.types import FloatArray
-from delam_fem.studies.orbits.massless import ModalMap
+from delam_fem.studies.orbits.maps import ModalMap
 
 
 @pytest.fixture(scope="module")

@@ -5,8 +5,7 @@ import pytest
 from massless import massless
 
 from delam_fem.numerics.types import FloatArray
-from delam_fem.studies.orbits.maps import Nature, Passage, Slow
-from delam_fem.studies.orbits.massless import ModalMap
+from delam_fem.studies.orbits.maps import ModalMap, Nature, Passage, Slow
 from delam_fem.studies.orbits.newton import shoot
 
 

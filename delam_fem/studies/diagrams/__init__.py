@@ -1,1 +1,0 @@
-"""Diagrams and the page of a sweep, from its dataset."""
