@@ -326,9 +326,9 @@ class Detection(Finding):
             "end": _number(found.end),
             "contrast": _number(self.contrast(name)),
             "intact_called": self.intact_marks[name].is_detected,
-            "x": found.index.x.tolist(),
-            "values": found.index.values.tolist(),
-            "limits": found.index.limits.tolist(),
+            "x": found.x.tolist(),
+            "values": found.values.tolist(),
+            "limits": found.limits.tolist(),
         }
 
     def rows(self) -> list[tuple[str, ...]]:
@@ -544,18 +544,18 @@ def detection_figure(found: Detection) -> Figure:
 
 def indices_figure(found: Detection) -> Figure:
     """Draw all indices with their limits."""
-    marks = list(found.marks.values())
+    marks = found.marks
     rows = -(-len(marks) // 2)
     figure = Figure(figsize=(WIDTH, 0.6 + 2.3 * rows), layout="constrained")
     panels = figure.subplots(rows, 2, sharex=True, squeeze=False).ravel()
     for axes in panels[len(marks) :]:
         axes.remove()
-    for axes, own in zip(panels, marks, strict=False):
+    for axes, (name, own) in zip(panels, marks.items(), strict=False):
         _spans(axes, found)
         _index(axes, own)
-        contrast = found.contrast(own.name)
+        contrast = found.contrast(name)
         more = f", contrast {contrast:.1f}" if np.isfinite(contrast) else ""
-        axes.set_title(_TITLES[own.name] + more, loc="left")
+        axes.set_title(_TITLES[name] + more, loc="left")
     label_x(panels[: len(marks)], "x [m]")
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper right", ncols=5, frameon=False)
@@ -587,15 +587,15 @@ def _spans(axes: Axes, found: Detection) -> None:
 
 def _index(axes: Axes, own: Mark) -> None:
     """Draw an index with its limit and its marks."""
-    x, values, marked = own.index.x, own.index.values, own.is_marked
+    x, values, marked = own.x, own.values, own.is_marked
     axes.plot(x, values, color=BLUE, marker=".", label="index")
     axes.plot(x[marked], values[marked], "o", color=VERMILLION, label="marked")
-    axes.plot(x, own.index.limits, color=BASE_COLOUR, linestyle="--", label="limit of noise")
+    axes.plot(x, own.limits, color=BASE_COLOUR, linestyle="--", label="limit of noise")
     axes.axhline(
         SHARE * values.max(), color=BASE_COLOUR, linestyle=":", label="30 % of the largest"
     )
-    top = np.median(own.index.limits)
-    if values.max() > 20.0 * top > 0.0 or own.index.limits.max() > 3.0 * values.max():
+    top = np.median(own.limits)
+    if values.max() > 20.0 * top > 0.0 or own.limits.max() > 3.0 * values.max():
         axes.set_yscale("log")
     else:
         axes.set_ylim(bottom=0.0)

@@ -311,8 +311,8 @@ def _judged(
     start = min(own.start for own in case.delamination)
     end = max(own.end for own in case.delamination)
     limited = mark("curvature", replace(pure, noise=noise))
-    visible = limited.index.values / limited.index.limits
-    inside = (limited.index.x >= start - 1e-9) & (limited.index.x <= end + 1e-9)
+    visible = limited.over_limits
+    inside = (limited.x >= start - 1e-9) & (limited.x <= end + 1e-9)
     again = repeated("curvature", pure, noise, repetitions=_REPETITIONS)
     error = max(abs(float(again.middle[0]) - start), abs(float(again.middle[1]) - end))
     numbers = (limited.contrast(start, end), float(visible[inside].max()), again.calls, error)

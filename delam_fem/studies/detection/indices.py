@@ -1,7 +1,7 @@
 """Damage indices along a beam with limits of noise, and the interval that they mark.
 
 Each index is one number per point. Its limit is the value that noise alone exceeds anywhere on the
-beam with a given probability, the false-call rate. `index_of` takes a field (time, point).
+beam with a given probability, the false-call rate.
 
 Two more indices are numbers of a point: `sideband_ratio` and `frequency_drift`.
 """
@@ -17,7 +17,7 @@ import numpy as np
 from scipy.stats import f as f_distribution
 
 from delam_fem.numerics.types import BoolArray, FloatArray
-from delam_fem.results.scan import Shapes, amplitudes, shapes_of
+from delam_fem.results.scan import Shapes, amplitudes
 
 FALSE_CALLS = 0.01
 """Rate of intact beams that noise may call damaged. Below the promised 5 %, to hold with a margin
@@ -27,22 +27,66 @@ _MANY = 1e9
 """Lines that are as good as infinitely many."""
 
 
+SHARE = 0.3
+"""Share of its largest value above which an index is marked."""
+_ROUND_OFF = 1e-9
+
+
 @dataclass(frozen=True)
-class IndexValues:
-    """An index along a beam.
+class Mark:
+    """What an index says of a beam.
+
+    A point is marked where the index exceeds its limit and 30 % of its largest value. The interval
+    runs from the first marked point to the last: what lies between is filled.
 
     Attributes:
-        x: positions, shape (n,) [m].
-        values: the index, shape (n,).
-        limits: what noise alone exceeds at some point with the false-call rate, shape (n,).
+        x: positions of the points, shape (n,) [m].
+        values: of the index, shape (n,).
+        limits: what noise alone seldom exceeds anywhere on the beam, shape (n,).
     """
 
     x: FloatArray
     values: FloatArray
     limits: FloatArray
 
+    @property
+    def is_marked(self) -> BoolArray:
+        """Which points are marked, shape (n,)."""
+        return np.asarray(self.values > np.maximum(SHARE * self.values.max(), self.limits))
 
-def curvature(shapes: Shapes, false_calls: float = FALSE_CALLS, order: float = 2.0) -> IndexValues:
+    @property
+    def is_detected(self) -> bool:
+        """Whether the index exceeds the limit of noise somewhere."""
+        return bool(self.is_marked.any())
+
+    @property
+    def start(self) -> float:
+        """The first marked point [m]; NaN: there is none."""
+        return float(min(self.x[self.is_marked], default=math.nan))
+
+    @property
+    def end(self) -> float:
+        """The last marked point [m]; NaN: there is none."""
+        return float(max(self.x[self.is_marked], default=math.nan))
+
+    @property
+    def over_limits(self) -> FloatArray:
+        """The values over their limits, shape (n,)."""
+        return self.values / self.limits
+
+    def contrast(self, start: float, end: float) -> float:
+        """Return the largest value within a true interval over the largest outside it [-].
+
+        Points on the edges count as inside. NaN if there is no point outside or none inside.
+        """
+        slack = _ROUND_OFF * float(self.x[-1])
+        inside = (self.x >= start - slack) & (self.x <= end + slack)
+        if inside.all() or not inside.any():
+            return math.nan
+        return float(self.values[inside].max() / self.values[~inside].max())
+
+
+def curvature(shapes: Shapes, false_calls: float = FALSE_CALLS, order: float = 2.0) -> Mark:
     """Return |V''| of the complex shape at twice the excitation, by second differences, no fit.
 
         V''(x_j) = 2 (V_{j-1} / (h₁ (h₁+h₂)) - V_j / (h₁ h₂) + V_{j+1} / (h₂ (h₁+h₂)))
@@ -64,25 +108,25 @@ def curvature(shapes: Shapes, false_calls: float = FALSE_CALLS, order: float = 2
     share = np.divide(power**2, squares, out=np.ones_like(power), where=squares > 0.0)
     n_lines = shapes.n_lines * share
     limits = np.sqrt(power) * _largest_of_noise(1, n_lines, values.size, false_calls)
-    return IndexValues(x[1:-1], values, limits)
+    return Mark(x[1:-1], values, limits)
 
 
-def magnitude(order: float) -> Callable[[Shapes, float], IndexValues]:
+def magnitude(order: float) -> Callable[[Shapes, float], Mark]:
     """Return the index |V_k| of an order: 2 and 3 (harmonics), ½ (subharmonic).
 
     Source: I. Solodov, N. Krohn, G. Busse, "CAN: an example of nonclassical acoustic nonlinearity
     in solids", Ultrasonics 40 (2002), for harmonics and subharmonics of a clapping contact.
     """
 
-    def of(shapes: Shapes, false_calls: float = FALSE_CALLS) -> IndexValues:
+    def of(shapes: Shapes, false_calls: float = FALSE_CALLS) -> Mark:
         values = np.abs(shapes.order(order))
         limit = shapes.noise * _largest_of_noise(1, shapes.n_lines, values.size, false_calls)
-        return IndexValues(shapes.x, values, np.broadcast_to(limit, values.shape))
+        return Mark(shapes.x, values, np.broadcast_to(limit, values.shape))
 
     return of
 
 
-def thd(shapes: Shapes, false_calls: float = FALSE_CALLS) -> IndexValues:
+def thd(shapes: Shapes, false_calls: float = FALSE_CALLS) -> Mark:
     """Return the total harmonic distortion of each point, sqrt(Σ_{k>1} |V_k|²) / |V_1|.
 
     Near a node of the fundamental it is large whatever the harmonics are.
@@ -93,21 +137,19 @@ def thd(shapes: Shapes, false_calls: float = FALSE_CALLS) -> IndexValues:
     first = np.maximum(np.abs(shapes.order(1.0)), np.finfo(np.float64).tiny)
     values = np.sqrt(np.sum(higher, axis=0)) / first
     limit = shapes.noise * _largest_of_noise(len(higher), shapes.n_lines, values.size, false_calls)
-    return IndexValues(shapes.x, values, limit / first)
+    return Mark(shapes.x, values, limit / first)
 
 
-def distortion(shapes: Shapes, false_calls: float = FALSE_CALLS) -> IndexValues:
+def distortion(shapes: Shapes, false_calls: float = FALSE_CALLS) -> Mark:
     """Return the paper's distortion factor of each point, d = sqrt(1 + THD²) - 1.
 
     Source: I. Müller, eq. 2 (the 1 is subtracted outside the root).
     """
     found = thd(shapes, false_calls)
-    return IndexValues(
-        found.x, np.sqrt(1.0 + found.values**2) - 1.0, np.sqrt(1.0 + found.limits**2) - 1.0
-    )
+    return Mark(found.x, np.sqrt(1.0 + found.values**2) - 1.0, np.sqrt(1.0 + found.limits**2) - 1.0)
 
 
-INDICES: dict[str, Callable[[Shapes, float], IndexValues]] = {
+INDICES: dict[str, Callable[[Shapes, float], Mark]] = {
     "curvature": curvature,
     "V2": magnitude(2.0),
     "V3": magnitude(3.0),
@@ -116,21 +158,6 @@ INDICES: dict[str, Callable[[Shapes, float], IndexValues]] = {
     "thd": thd,
 }
 """The indices along the beam by name."""
-
-
-def index_of(
-    name: str, field: FloatArray, times: FloatArray, frequency: float, x: FloatArray
-) -> IndexValues:
-    """Return an index of `INDICES` of a field.
-
-    Args:
-        name: name of the index.
-        field: displacement or velocity, shape (time, point).
-        times: shape (time,) [s].
-        frequency: of the excitation [Hz].
-        x: positions of the points, shape (point,) [m].
-    """
-    return INDICES[name](shapes_of(field, times, frequency, x), FALSE_CALLS)
 
 
 def sideband_ratio(field: FloatArray, times: FloatArray, pump: float, probe: float) -> FloatArray:
@@ -198,59 +225,12 @@ def _largest_of_noise(
     estimated from as many lines; with infinitely many P(|δ| > t noise) = exp(-t²) (Rayleigh).
     """
     lines = np.minimum(n_lines, _MANY)
-    share = _per_point(false_calls, n)
+    share = -math.expm1(math.log1p(-false_calls) / n)  # at each of n independent points
     return np.asarray(np.sqrt(n_orders * f_distribution.isf(share, 2 * n_orders, 2.0 * lines)))
 
 
-def _per_point(false_calls: float, n: int) -> float:
-    """Return the rate at each of n independent points that gives `false_calls` for all of them."""
-    return -math.expm1(math.log1p(-false_calls) / n)
-
-
-SHARE = 0.3
-"""Share of its largest value above which an index is marked."""
 CONFIDENCE = 0.95
 """Share of the true ends within their bounds (docs/calibration.md)."""
-_ROUND_OFF = 1e-9
-
-
-@dataclass(frozen=True)
-class Mark:
-    """What an index says of a beam.
-
-    Attributes:
-        name: name of the index.
-        index: its values and limits.
-        start, end: outermost marked points [m]; NaN: none.
-    """
-
-    name: str
-    index: IndexValues
-    start: float
-    end: float
-
-    @property
-    def is_detected(self) -> bool:
-        """Whether the index exceeds the limit of noise somewhere."""
-        return bool(np.isfinite(self.start))
-
-    @property
-    def is_marked(self) -> BoolArray:
-        """Which points are marked, shape (n,)."""
-        values = self.index.values
-        return np.asarray(values > np.maximum(SHARE * values.max(), self.index.limits))
-
-    def contrast(self, start: float, end: float) -> float:
-        """Return the largest value within a true interval over the largest outside it [-].
-
-        Points on the edges count as inside. NaN if there is no point outside or none inside.
-        """
-        x, values = self.index.x, self.index.values
-        slack = _ROUND_OFF * float(x[-1])
-        inside = (x >= start - slack) & (x <= end + slack)
-        if inside.all() or not inside.any():
-            return float("nan")
-        return float(values[inside].max() / values[~inside].max())
 
 
 @dataclass(frozen=True)
@@ -271,19 +251,14 @@ class Repeated:
 
 
 def mark(name: str, shapes: Shapes, false_calls: float = FALSE_CALLS) -> Mark:
-    """Mark the points at which an index exceeds its limit and 30 % of its largest value.
-
-    The interval runs from the first marked point to the last: what lies between is filled.
+    """Return what an index says of shapes.
 
     Args:
         name: an index of `INDICES`.
         shapes: of the motion.
         false_calls: rate of calls by noise alone.
     """
-    index = INDICES[name](shapes, false_calls)
-    empty = Mark(name, index, float("nan"), float("nan"))
-    marked = index.x[empty.is_marked]
-    return empty if not marked.size else Mark(name, index, float(marked[0]), float(marked[-1]))
+    return INDICES[name](shapes, false_calls)
 
 
 def repeated(

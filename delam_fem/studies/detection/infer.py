@@ -214,7 +214,7 @@ def _statistics(shapes: Shapes, basis: FloatArray) -> FloatArray:
     """Return the statistics of one scan, shape (COMPONENTS + 5,)."""
     called = mark("curvature", shapes)
     sizes = [np.sqrt(np.mean(np.abs(shapes.order(k)) ** 2)) for k in (1.0, 2.0)]
-    largest = float((called.index.values / called.index.limits).max())
+    largest = float(called.over_limits.max())
     start, end = (called.start, called.end) if called.is_detected else (0.0, shapes.x[-1])
     numbers = [start, end, np.log(largest), np.log(sizes[1] / sizes[0]), np.log(sizes[0])]
     return np.concatenate([basis[1:] @ (_profile(shapes) - basis[0]), numbers])

@@ -392,7 +392,7 @@ def trials(case: Case, found: Population, noise_db: float, seed: int = 1) -> Tri
         noisy = found.shapes(k, noise_db, rng).without_drive(drives[own.support, own.frequency])
         called = mark("curvature", noisy)
         start[k], end[k] = called.start, called.end
-        score[k] = float((called.index.values / called.index.limits).max())
+        score[k] = float(called.over_limits.max())
         hit[k] = called.is_detected and called.start <= own.end and called.end >= own.start
     return Trials(noise_db, found.specimens, start, end, hit, score)
 
@@ -415,7 +415,7 @@ def intact_scores(
         noisy = pure.noisy(noise, seed * 1_000_003 + k)
         shapes = shapes_of(noisy.field, noisy.times, frequency, noisy.x, orders=(1.0, 2.0))
         index = curvature(shapes.without_drive(drive))
-        scores.append(float((index.values / index.limits).max()))
+        scores.append(float(index.over_limits.max()))
     return np.array(scores)
 
 

@@ -12,7 +12,7 @@ from delam_fem.studies.detection.indices import (
     INDICES,
     curvature,
     frequency_drift,
-    index_of,
+    mark,
     sideband_ratio,
 )
 
@@ -30,7 +30,7 @@ def field_of(known: dict[float, np.ndarray], x: np.ndarray = X) -> np.ndarray:
 @pytest.mark.parametrize("x", [X, np.array([0.0, 0.1, 0.12, 0.2, 0.31, 0.4])])
 def test_the_curvature_of_a_parabola_is_its_second_derivative(x: np.ndarray) -> None:
     V2 = (3.0 - 4.0j) * (x**2 - 0.3 * x + 1.0)  # V'' = 2 (3 - 4i), of magnitude 10
-    found = index_of("curvature", field_of({1.0: 1.0, 2.0: V2}, x), TIMES, F, x)
+    found = mark("curvature", shapes_of(field_of({1.0: 1.0, 2.0: V2}, x), TIMES, F, x))
     np.testing.assert_array_equal(found.x, x[1:-1])
     np.testing.assert_allclose(found.values, 10.0, rtol=1e-8)
 
@@ -38,7 +38,7 @@ def test_the_curvature_of_a_parabola_is_its_second_derivative(x: np.ndarray) -> 
 def test_phase_matters_to_the_curvature() -> None:
     """A kink in the phase alone is a kink of the complex shape; |V2| is flat there."""
     V2 = np.where(X < 0.2, 1.0, 1j)
-    found = index_of("curvature", field_of({1.0: 1.0, 2.0: V2}), TIMES, F, X)
+    found = mark("curvature", shapes_of(field_of({1.0: 1.0, 2.0: V2}), TIMES, F, X))
     assert np.flatnonzero(found.values > 1.0).tolist() == [18, 19]  # beside 0.2 m
     assert found.values[18] == pytest.approx(math.sqrt(2.0) / 0.01**2)
 
@@ -46,15 +46,15 @@ def test_phase_matters_to_the_curvature() -> None:
 @pytest.mark.parametrize(("name", "order"), [("V2", 2.0), ("V3", 3.0), ("V1/2", 0.5)])
 def test_magnitudes_are_those_of_their_order(name: str, order: float) -> None:
     V = (0.6 + 0.8j) * X
-    found = index_of(name, field_of({1.0: 1.0, order: V}), TIMES, F, X)
+    found = mark(name, shapes_of(field_of({1.0: 1.0, order: V}), TIMES, F, X))
     np.testing.assert_allclose(found.values, X, atol=1e-12)
 
 
 def test_distortion_and_thd_are_the_paper_s() -> None:
     field = field_of({0.5: 9.0, 1.0: 2.0 + X, 2.0: 0.3 * (2.0 + X), 3.0: 0.4j * (2.0 + X)})
-    thd = index_of("thd", field, TIMES, F, X)
+    thd = mark("thd", shapes_of(field, TIMES, F, X))
     np.testing.assert_allclose(thd.values, 0.5, rtol=1e-10)  # sqrt(0.3² + 0.4²)
-    d = index_of("distortion", field, TIMES, F, X)
+    d = mark("distortion", shapes_of(field, TIMES, F, X))
     np.testing.assert_allclose(d.values, math.sqrt(1.25) - 1.0, rtol=1e-9)
 
 
@@ -136,7 +136,7 @@ def test_the_limit_grows_with_the_noise_and_falls_with_the_spacing() -> None:
 def test_noise_is_measured_on_the_field_itself() -> None:
     rng = np.random.default_rng(2)
     field = field_of({1.0: 1.0 + X}) + rng.normal(scale=0.01, size=(TIMES.size, X.size))
-    found = index_of("curvature", field, TIMES, F, X)
+    found = mark("curvature", shapes_of(field, TIMES, F, X))
     again = curvature(shapes_of(field, TIMES, F, X))
     np.testing.assert_array_equal(found.limits, again.limits)
     assert not (found.values > found.limits).any()

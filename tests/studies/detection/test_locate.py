@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from delam_fem.results.scan import Shapes
-from delam_fem.studies.detection.indices import IndexValues, Mark, mark, repeated
+from delam_fem.studies.detection.indices import Mark, mark, repeated
 
 X = np.linspace(0.0, 0.4, 41)
 
@@ -36,7 +36,7 @@ def test_below_the_limit_of_noise_nothing_is_marked() -> None:
 def test_the_contrast_is_that_of_the_largest_values() -> None:
     values = np.array([1.0, 2.0, 9.0, 6.0, 3.0])
     x = np.array([0.0, 1.0, 2.0, 3.0, 4.0])
-    own = Mark("V2", IndexValues(x, values, np.zeros(5)), 2.0, 3.0)
+    own = Mark(x, values, np.zeros(5))
     assert own.contrast(2.0, 3.0) == pytest.approx(3.0)
     assert np.isnan(own.contrast(0.0, 4.0))
     assert np.isnan(own.contrast(1.2, 1.8))
