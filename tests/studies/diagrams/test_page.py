@@ -13,7 +13,8 @@ import xarray as xr
 from delam_fem.case.files import preset
 from delam_fem.case.toml import parse_override
 from delam_fem.results.figures.style import ORANGE, SKY
-from delam_fem.studies.diagrams import FAILED, IRREGULAR, page, points, sentence, write_page
+from delam_fem.studies import diagrams
+from delam_fem.studies.diagrams import FAILED, IRREGULAR, points, sentence, write_page
 
 FREQUENCIES, STIFFNESSES = np.array([3.0, 3.5]), np.array([10.0, 100.0, 1000.0])
 CELL = re.compile(r'<td style="background:([^"]*)"><a href="([^"]*)" title="([^"]*)">([^<]*)</a>')
@@ -109,6 +110,6 @@ def test_a_line_has_no_map_and_shows_its_diagrams(tmp_path: Path) -> None:
 
 
 def test_too_many_points_are_not_listed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(page, "MOST_POINTS", 5)
+    monkeypatch.setattr(diagrams, "MOST_POINTS", 5)
     text = write_page(plane(), tmp_path).read_text("utf-8")
     assert "6 points are too many for a page" in text and "point-0" not in text
