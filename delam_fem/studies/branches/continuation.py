@@ -171,13 +171,9 @@ def _root(place: FloatArray, values: FloatArray, degree: int = 1, middle: float 
 def lengths(points: Sequence[Point], span: float) -> FloatArray:
     """Return the length of a branch up to each point, shape (n_points,)."""
     steps = [
-        float(np.linalg.norm(right.x(span) - left.x(span))) for left, right in _neighbours(points)
+        float(np.linalg.norm(right.x(span) - left.x(span))) for left, right in pairwise(points)
     ]
     return np.concatenate([[0.0], np.cumsum(steps)])
-
-
-def _neighbours(points: Sequence[Point]) -> list[tuple[Point, Point]]:
-    return list(pairwise(points))
 
 
 def folds(points: Sequence[Point], span: float) -> list[Event]:
@@ -219,7 +215,7 @@ def grazings(points: Sequence[Point]) -> list[Event]:
     """Return where the tips begin or cease to touch in one of the periods."""
     found = []
     for period in range(points[0].gaps.size):
-        for i, (left, right) in enumerate(_neighbours(points)):
+        for i, (left, right) in enumerate(pairwise(points)):
             before, after = left.gaps[period], right.gaps[period]
             if np.isfinite([before, after]).all() and (before > 0.0) != (after > 0.0):
                 low, high = sorted((left.parameter, right.parameter))

@@ -84,6 +84,8 @@ _POINT, _SLOW, _CYCLE, _PROBE = (
     ("point", "cycle"),
     ("point", "probe"),
 )
+_OF_KEY = ("parameter", "parameter_error", "event_parameter", "event_low", "event_high")
+"""Variables in the unit of the key."""
 _BEGIN = "at the beginning of each period of the drive"
 VARIABLES: Mapping[str, Variable] = {
     row.name: row
@@ -151,29 +153,10 @@ def of(
         span: range of λ.
         attributes: of the dataset beside case, versions and outcome.
     """
-    data = xr.Dataset()
     key = str(attributes["key"])
-    _add_points(data, branches, key)
-    _add_events(data, branches)
-    for name in ("parameter", "parameter_error", "event_parameter", "event_low", "event_high"):
-        data[name].attrs["units"] = unit_of(key, case)
-    endings = [branch.ending for branch in branches]
-    data.attrs |= {
-        "title": f"orbits of {case.name}",
-        "case": case.to_toml(),
-        "span": span,
-        "outcome": "interrupted" if "interrupted" in endings else "completed",
-        "endings": ", ".join(endings),
-        **provenance(),
-        **attributes,
-    }
-    return data
-
-
-def _add_points(data: xr.Dataset, branches: Sequence[Branch], key: str) -> None:
-    """Add a row of each variable for each point."""
     every = [(n, branch, point) for n, branch in enumerate(branches) for point in branch.points]
-    found = [point.multipliers for *_, point in every]
+    points = [point for *_, point in every]
+    found = [point.multipliers for point in points]
     cycles = max(branch.periods for branch in branches)
 
     def padded(rows: list[Any]) -> Any:
@@ -184,11 +167,12 @@ def _add_points(data: xr.Dataset, branches: Sequence[Branch], key: str) -> None:
             row[: len(array)] = array
         return result
 
-    points = [point for *_, point in every]
     values = np.array([m.values for m in found])
     solved = [is_zero(p.residual, p.residual_error) for p in points]
     largest = np.array([m.largest for m in found])
-    data_of_points: dict[str, Any] = {
+    events = [(n, event) for n, branch in enumerate(branches) for event in branch.events]
+    offsets = np.cumsum([0, *(len(branch.points) for branch in branches)])
+    columns: dict[str, Any] = {
         "branch": [n for n, *_ in every],
         "periods": [branch.periods for _, branch, _ in every],
         "parameter": [p.parameter for p in points],
@@ -208,33 +192,31 @@ def _add_points(data: xr.Dataset, branches: Sequence[Branch], key: str) -> None:
         "high": np.array([p.high for p in points]),
         "iterations": [p.iterations for p in points],
         "state": np.array([p.state for p in points]),
+        "event_kind": np.array([e.kind for _, e in events], dtype=object),
+        "event_parameter": np.array([e.parameter for _, e in events]),
+        "event_low": np.array([e.low for _, e in events]),
+        "event_high": np.array([e.high for _, e in events]),
+        "event_branch": np.array([n for n, _ in events], np.int64),
+        "event_point": np.array([offsets[n] + e.index for n, e in events], np.int64),
     }
-    for name, content in data_of_points.items():
-        _add(data, name, content)
+    of_key = {"units": unit_of(key, case)}
+    endings = [branch.ending for branch in branches]
+    about = {
+        "title": f"orbits of {case.name}",
+        "case": case.to_toml(),
+        "span": span,
+        "outcome": "interrupted" if "interrupted" in endings else "completed",
+        "endings": ", ".join(endings),
+        **provenance(),
+        **attributes,
+    }
+    data = xr.Dataset(attrs=about)
+    for name, content in columns.items():
+        row = VARIABLES[name]
+        labels = of_key if name in _OF_KEY else {"units": row.units} if row.units else {}
+        data[name] = (row.dims, np.asarray(content), {"long_name": row.long_name} | labels)
     data["parameter"].attrs["long_name"] = key
-
-
-def _add_events(data: xr.Dataset, branches: Sequence[Branch]) -> None:
-    """Add a row of each variable for each event."""
-    every = [(n, event) for n, branch in enumerate(branches) for event in branch.events]
-    offsets = np.cumsum([0, *(len(branch.points) for branch in branches)])
-    data_of_events: dict[str, Any] = {
-        "event_kind": np.array([e.kind for _, e in every], dtype=object),
-        "event_parameter": np.array([e.parameter for _, e in every]),
-        "event_low": np.array([e.low for _, e in every]),
-        "event_high": np.array([e.high for _, e in every]),
-        "event_branch": np.array([n for n, _ in every], np.int64),
-        "event_point": np.array([offsets[n] + e.index for n, e in every], np.int64),
-    }
-    for name, content in data_of_events.items():
-        _add(data, name, content)
-
-
-def _add(data: xr.Dataset, name: str, content: Any) -> None:
-    """Add a variable of `VARIABLES`; one without a unit has no attribute `units`."""
-    row = VARIABLES[name]
-    labels = {"long_name": row.long_name} | ({"units": row.units} if row.units else {})
-    data[name] = (row.dims, np.asarray(content), labels)
+    return data
 
 
 def read(path: Path) -> xr.Dataset:
@@ -537,7 +519,7 @@ def follow(
     save_case(case, directory)
     map_, state = settled_map(family, start, settle)
     with stop_signals() as is_stopped:
-        branches = _branches(_Origin(map_, state), plan, journal, is_stopped, report)
+        branches = _branches(map_, state, plan, journal, is_stopped, report)
     seconds = time.process_time() - begin
     attributes = {
         "title": f"orbits of {case.name}, {family.nature.name}",
@@ -549,27 +531,23 @@ def follow(
     return data
 
 
-@dataclass(frozen=True)
-class _Origin:
-    """A map and a settled state of it at the start of the range."""
-
-    map: PeriodMap
-    state: FloatArray
-
-
 def _branches(
-    origin: _Origin,
+    map_: PeriodMap,
+    state: FloatArray,
     plan: Plan,
     journal: PointJournal,
     is_stopped: Callable[[], bool],
     report: Progress,
 ) -> list[Branch]:
-    """Return all branches; each doubling of one begins another, up to `plan.doublings`."""
+    """Return all branches from a settled state of a map at the start of the range.
+
+    Each doubling of one begins another, up to `plan.doublings`.
+    """
     ready = [_First(plan.periods, 0)]
     branches: list[Branch] = []
     while ready and (not branches or branches[-1].ending != "interrupted"):
         first, number = ready.pop(0), len(branches)
-        ensemble = Ensemble(origin.map, first.periods, plan.perturbations)
+        ensemble = Ensemble(map_, first.periods, plan.perturbations)
         points = journal.points(number)
 
         def keep(point: Point, count: int, number: int = number) -> None:
@@ -578,7 +556,7 @@ def _branches(
 
         if not points:
             try:
-                points = [first.point(ensemble, plan, origin.state)]
+                points = [first.point(ensemble, plan, state)]
             except (ArithmeticError, np.linalg.LinAlgError) as error:
                 if not branches:
                     raise ArithmeticError(f"no orbit at the start of the range: {error}") from None

@@ -18,6 +18,7 @@ import logging
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -125,6 +126,30 @@ class Passage:
     history: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
 
 
+def passage(
+    states: FloatArray,
+    u: FloatArray,
+    first: int,
+    tip: tuple[int, int, float] | None,
+    lowest: FloatArray | None = None,
+) -> Passage:
+    """Return what is seen in some periods.
+
+    Args:
+        states: at the ends of the periods, shape (n_periods, n).
+        u: displacements of the probes after each step, shape (n_steps, n_probes) [m].
+        first: number of the step of the drive at which a period of the map begins.
+        tip: two probes and the gap between them at rest [m]; None: not seen.
+        lowest: smallest gap of each period, where it is known more finely than at steps [m].
+    """
+    gap = np.full(len(u), np.inf) if tip is None else tip[2] + u[:, tip[1]] - u[:, tip[0]]
+    gaps = gap.reshape(len(states), -1)
+    n, lowest = gaps.shape[1], gaps.min(axis=1) if lowest is None else lowest
+    low, high = u.min(axis=0), u.max(axis=0)
+    strobes = u[n - 1 - first :: n]
+    return Passage(states, strobes, low, high, float(lowest.min()), lowest, gaps[:, -1], u)
+
+
 class PeriodMap(Protocol):
     """A map from one period to the next.
 
@@ -220,7 +245,7 @@ class StrobeMap:
         n = slow.basis.shape[0] // 2
         self.nature = Nature("finite elements", {"displacement": n, "velocity": n}, is_stepped=True)
         self._problem_of = problem_of
-        self._ready: dict[float, _Ready] = {}
+        self._at = lru_cache(KEPT)(lambda parameter: _Ready(problem_of(parameter), phase))
 
     def after(
         self, states: FloatArray, parameter: float, shifts: FloatArray | None = None
@@ -228,11 +253,9 @@ class StrobeMap:
         """Return the states one period later; see `protocol.PeriodMap.after`."""
         ready = self._at(parameter)
         given = np.zeros(len(states)) if shifts is None else shifts
-        result = np.empty_like(states)
-        for row, (state, shift) in enumerate(zip(states, given.tolist(), strict=True)):
-            result[row] = ready.end(state, shift)[0]
         self.evaluations += len(states)
-        return result
+        every = zip(states, given.tolist(), strict=True)
+        return np.array([ready.end(state, shift)[0] for state, shift in every])
 
     def watched(self, state: FloatArray, parameter: float, periods: int) -> Passage:
         """Return what is seen in some periods from a state."""
@@ -243,20 +266,7 @@ class StrobeMap:
             records.append(record)
         self.evaluations += periods
         u = np.concatenate([record.u[1:, N_BASE:] for record in records])
-        tip = ready.problem.tip
-        gap = np.full(len(u), np.inf) if tip is None else tip[2] + u[:, tip[1]] - u[:, tip[0]]
-        gaps = gap.reshape(periods, -1)
-        n = gaps.shape[1]
-        return Passage(
-            np.array(states[1:]),
-            u[n - 1 - ready.first :: n],
-            u.min(axis=0),
-            u.max(axis=0),
-            float(gaps.min()),
-            gaps.min(axis=1),
-            gaps[:, -1],
-            u,
-        )
+        return passage(np.array(states[1:]), u, ready.first, ready.problem.tip)
 
     def opened(self, state: FloatArray, parameter: float) -> tuple[StrobeMap, FloatArray]:
         """Return the map whose periods begin where the tips are farthest apart, and the state.
@@ -280,14 +290,6 @@ class StrobeMap:
         found = record.frames[best].ravel()
         return StrobeMap(self._problem_of, self.slow, phase=share), np.asarray(found)
 
-    def _at(self, parameter: float) -> _Ready:
-        """Return what is ready to compute periods at a parameter."""
-        if parameter not in self._ready:
-            while len(self._ready) >= KEPT:
-                del self._ready[next(iter(self._ready))]
-            self._ready[parameter] = _Ready(self._problem_of(parameter), self.phase)
-        return self._ready[parameter]
-
 
 class _Ready:
     """A problem with its engine, and tables of its drive on shifted step grids.
@@ -307,8 +309,7 @@ class _Ready:
             span.time_step,
             refinement=span.refinement,
         )
-        self._recorders: dict[int, Recorder] = {}
-        self._tables: dict[float, FloatArray] = {}
+        self._recorder, self._table = cache(self._made_recorder), cache(self._made_table)
 
     def end(
         self, state: FloatArray, shift: float, frames: int = 0
@@ -334,25 +335,18 @@ class _Ready:
             return np.full_like(state, np.nan), record
         return self.engine.state().motion[:2].ravel(), record
 
-    def _recorder(self, frames: int) -> Recorder:
+    def _made_recorder(self, frames: int) -> Recorder:
         """Return a recorder that keeps some states of each period."""
-        if frames not in self._recorders:
-            problem = self.problem
-            span = replace(problem.span, frames_per_period=frames)
-            operators = problem.operators
-            own = Recorder(operators.base, span, operators.n_probes, operators.n_sensors)
-            self._recorders[frames] = own
-        return self._recorders[frames]
+        span, o = replace(self.problem.span, frames_per_period=frames), self.problem.operators
+        return Recorder(o.base, span, o.n_probes, o.n_sensors)
 
-    def _table(self, shift: float) -> FloatArray:
+    def _made_table(self, shift: float) -> FloatArray:
         """Return (q, q', q'') on a grid that begins a share of a step later, shape (N + 1, 3)."""
-        if shift not in self._tables:
-            span = self.problem.span
-            steps = np.arange(span.steps_per_period + 1) + (shift + self.first)
-            table = self.problem.motion.states(steps * span.time_step)
-            table[-1] = table[0]
-            self._tables[shift] = table
-        return self._tables[shift]
+        span = self.problem.span
+        steps = np.arange(span.steps_per_period + 1) + (shift + self.first)
+        table = self.problem.motion.states(steps * span.time_step)
+        table[-1] = table[0]
+        return table
 
 
 MODES = 4
@@ -557,7 +551,7 @@ class ModalMap:
                 modes.
         """
         self._family, self._phase = CaseFamily(case, key), phase
-        self._ready: dict[float, ModalProblem] = {}
+        self.at = lru_cache(KEPT)(lambda parameter: self._problem(self._family.at(parameter)))
         self.evaluations = 0
         if case.contact.law == "none":
             raise CaseError("contact.law: expected a law with contact, given 'none'")
@@ -572,15 +566,6 @@ class ModalMap:
                 "late_force": self.n_state - 2 * m,
             },
         )
-
-    def at(self, parameter: float) -> ModalProblem:
-        """Return the problem for a value of the parameter."""
-        if parameter not in self._ready:
-            found = self._problem(self._family.at(parameter))
-            while len(self._ready) >= KEPT:
-                del self._ready[next(iter(self._ready))]
-            self._ready[parameter] = found
-        return self._ready[parameter]
 
     def after(
         self, states: FloatArray, parameter: float, shifts: FloatArray | None = None
@@ -599,19 +584,9 @@ class ModalMap:
             state = computed[-1].end
         self.evaluations += periods
         u = np.concatenate([problem.seen(period) for period in computed])
-        tip, n = tip_of(problem.structure), len(u) // periods
-        gap = np.full(len(u), np.inf) if tip is None else tip[2] + u[:, tip[1]] - u[:, tip[0]]
-        lowest = [np.inf if tip is None else float(period.lowest[-1]) for period in computed]
-        return Passage(
-            np.array([period.end for period in computed]),
-            u[n - 1 - problem.first :: n],
-            u.min(axis=0),
-            u.max(axis=0),
-            min(lowest),
-            np.array(lowest),
-            gap[n - 1 :: n],
-            u,
-        )
+        tip, ends = tip_of(problem.structure), np.array([period.end for period in computed])
+        lowest = None if tip is None else np.array([float(p.lowest[-1]) for p in computed])
+        return passage(ends, u, problem.first, tip, lowest)
 
     def opened(self, state: FloatArray, parameter: float) -> tuple[ModalMap, FloatArray]:
         """Return the map that begins with the tips apart; see `CaseMap.opened`."""
