@@ -28,11 +28,10 @@ import struct
 import time
 import zlib
 from collections.abc import Iterable, Iterator
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
@@ -70,44 +69,6 @@ class Kept:
     rows: FloatArray
     state: State | None
     seconds: float
-
-
-class PartFile:
-    """A part file that this process writes.
-
-    Attributes:
-        path: path of the file; it is made with the first record.
-    """
-
-    def __init__(self, path: Path, about: dict[str, Any]) -> None:
-        """Store the path and the content of the first record."""
-        self.path = path
-        self._first = framed(json.dumps(about).encode())
-        self._handle: int | None = None
-
-    def add(self, data: bytes) -> None:
-        """Append records and wait until they are on the disk.
-
-        Raises:
-            OSError: the file cannot be written; what was there before stays readable.
-        """
-        try:
-            if self._handle is None:
-                flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND
-                self._handle = os.open(self.path, flags, 0o666)
-                data = self._first + data
-            view = memoryview(data)
-            while len(view):
-                view = view[os.write(self._handle, view) :]
-            os.fsync(self._handle)
-        except OSError as error:
-            raise OSError(error.errno, error.strerror, str(self.path)) from None
-
-    def close(self) -> None:
-        """Close the file."""
-        if self._handle is not None:
-            os.close(self._handle)
-            self._handle = None
 
 
 class MappedPart:
@@ -255,8 +216,8 @@ class Block:
     rows: FloatArray
 
 
-class Joined:
-    """The finished points in part files.
+class Joined(ExitStack):
+    """The finished points in part files, which are mapped until it is closed.
 
     Attributes:
         numbers: indices of the finished points; they increase, shape (m,).
@@ -278,23 +239,26 @@ class Joined:
             CaseError: a file belongs to another sweep.
             OSError: a file cannot be read.
         """
-        self._parts: list[MappedPart] = []
-        self._by_track: dict[int, list[Kept]] | None = None
+        super().__init__()
+        self._chunks: list[Kept] = []
+        self._by_track: dict[int, list[Kept]] = {}
         self.shards: set[Shard] = set()
         self.machines: set[tuple[str, str]] = set()
         try:
             for path in sorted(parts):
                 self._read(path, identity, versions)
-            self._chunks = [chunk for part in self._parts for chunk in part.chunks]
             self._resolve()
         except BaseException:
             self.close()
             raise
         self.seconds = sum(chunk.seconds for chunk in self._chunks)
+        self.callback(self._chunks.clear)  # before their files are unmapped
+        self.callback(self._by_track.clear)
 
     def _read(self, path: Path, identity: str, versions: str) -> None:
         part = MappedPart(path)
-        self._parts.append(part)
+        self.callback(part.close)
+        self._chunks += part.chunks
         shard = named(path.name)
         if shard is not None:
             self.shards.add(shard)
@@ -401,36 +365,14 @@ class Joined:
 
     def _of_track(self, points: IntArray, track: int) -> list[tuple[int, Kept]]:
         """Return the chunks of a track with the place of their first point in it."""
-        if self._by_track is None:
-            self._by_track = {}
-            for chunk in self._chunks:
-                self._by_track.setdefault(chunk.track, []).append(chunk)
+        for chunk in () if self._by_track else self._chunks:
+            self._by_track.setdefault(chunk.track, []).append(chunk)
         found = self._by_track.get(track, [])
         if not found:
             return []
         order = np.argsort(points)
         firsts = order[np.searchsorted(points[order], [chunk.indices[0] for chunk in found])]
         return list(zip(firsts.tolist(), found, strict=True))
-
-    def close(self) -> None:
-        """Unmap the files."""
-        self._chunks = []
-        self._by_track = None
-        for part in self._parts:
-            part.close()
-
-    def __enter__(self) -> Self:
-        """Return the points."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Unmap the files."""
-        self.close()
 
 
 def _rows_before(chunk: Kept, places: IntArray) -> IntArray:
@@ -448,7 +390,7 @@ _SUFFIX, _LOCK = ".points", "lock"
 _POLL = 0.1
 
 
-class Journal:
+class Journal(ExitStack):
     """The journal of a sweep, or what it has of one shard.
 
     Attributes:
@@ -482,7 +424,8 @@ class Journal:
                 are finished points and `resume` is False; or the path is a file.
             OSError: the folder cannot be made or read.
         """
-        self.path, self.shard = path, shard
+        super().__init__()
+        self.path, self.shard, self._handle = path, shard, -1
         self._identity = hashlib.sha256(identity.encode()).hexdigest()
         try:
             path.mkdir(exist_ok=True)
@@ -491,8 +434,12 @@ class Journal:
                 f"{path}: expected the journal of a sweep, a folder; this file is of an older "
                 "version, or another one. Delete it, or choose another folder with -o DIR"
             ) from None
-        self._locked = _locked(path / _LOCK, patience) if shard.is_whole else None
-        self._part = PartFile(path / _part_name(shard), self._about())
+        # a name that no other process gives
+        host = re.sub(r"[^\w-]", "_", platform.node())[:40] or "host"
+        name = f"{shard.name}.{host}.{os.getpid()}.{time.time_ns():x}{_SUFFIX}"
+        self._part = path / name
+        if shard.is_whole:
+            self._lock(patience)
         try:
             with self.joined() as found:
                 if found.numbers.size and not resume:
@@ -504,17 +451,6 @@ class Journal:
             self.close()
             raise
 
-    def _about(self) -> dict[str, object]:
-        return {
-            "format": FORMAT,
-            "identity": self._identity,
-            "versions": _versions(),
-            "shard": str(self.shard),
-            "host": platform.node(),
-            "processor": processor(),
-            "process": os.getpid(),
-        }
-
     def joined(self) -> Joined:
         """Return the finished points of the shard that are on the disk now; the caller closes them.
 
@@ -525,32 +461,60 @@ class Journal:
         return Joined(self.path.glob(pattern), self._identity, _versions())
 
     def add(self, done: Iterable[Done]) -> None:
-        """Write finished chunks and wait until they are on disk.
+        """Append finished chunks to the part file and wait until they are on disk.
+
+        The file is made with the first of them, behind a record of what it belongs to.
 
         Raises:
-            OSError: the file cannot be written.
+            OSError: the file cannot be written; what was there before stays readable.
         """
-        self._part.add(b"".join(packed(result) for result in done))
+        data = b"".join(packed(result) for result in done)
+        try:
+            if self._handle < 0:
+                flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND
+                self._handle = os.open(self._part, flags, 0o666)
+                self.callback(os.close, self._handle)
+                about = {
+                    "format": FORMAT,
+                    "identity": self._identity,
+                    "versions": _versions(),
+                    "shard": str(self.shard),
+                    "host": platform.node(),
+                    "processor": processor(),
+                    "process": os.getpid(),
+                }
+                data = framed(json.dumps(about).encode()) + data
+            view = memoryview(data)
+            while len(view):
+                view = view[os.write(self._handle, view) :]
+            os.fsync(self._handle)
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, str(self._part)) from None
 
-    def close(self) -> None:
-        """Close the part file and give up the lock."""
-        self._part.close()
-        if self._locked is not None:
-            os.close(self._locked)
-            self._locked = None
+    def _lock(self, patience: float) -> None:
+        """Lock the journal until it is closed; a file system without locks is let pass.
 
-    def __enter__(self) -> Self:
-        """Return the journal."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Close the journal."""
-        self.close()
+        Raises:
+            CaseError: another process has locked it.
+        """
+        end = time.monotonic() + patience
+        handle = os.open(self.path / _LOCK, os.O_WRONLY | os.O_CREAT, 0o666)
+        self.callback(os.close, handle)
+        while True:
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                return
+            except BlockingIOError:
+                if time.monotonic() >= end:
+                    self.close()
+                    raise CaseError(
+                        f"{self.path}: is another process computing this sweep? Wait for it, or "
+                        "choose another folder with -o DIR"
+                    ) from None
+                time.sleep(_POLL)
+            except OSError as error:  # some network file systems
+                _log.debug("%s cannot be locked (%s)", self.path, error.strerror)
+                return
 
 
 def remove_journal(path: Path, shard: Shard = WHOLE) -> None:
@@ -562,39 +526,6 @@ def remove_journal(path: Path, shard: Shard = WHOLE) -> None:
         shutil.rmtree(path)
     else:
         path.unlink(missing_ok=True)
-
-
-def _part_name(shard: Shard) -> str:
-    """Return a name that no other process gives."""
-    host = re.sub(r"[^\w-]", "_", platform.node())[:40] or "host"
-    return f"{shard.name}.{host}.{os.getpid()}.{time.time_ns():x}{_SUFFIX}"
-
-
-def _locked(path: Path, patience: float) -> int | None:
-    """Lock a file and return its handle; None on a file system without locks.
-
-    Raises:
-        CaseError: another process has locked it.
-    """
-    end = time.monotonic() + patience
-    handle = os.open(path, os.O_WRONLY | os.O_CREAT, 0o666)
-    while True:
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            return handle
-        except BlockingIOError:
-            if time.monotonic() < end:
-                time.sleep(_POLL)
-                continue
-            os.close(handle)
-            raise CaseError(
-                f"{path.parent}: is another process computing this sweep? Wait for it, or choose "
-                "another folder with -o DIR"
-            ) from None
-        except OSError as error:  # some network file systems
-            os.close(handle)
-            _log.debug("%s cannot be locked (%s)", path, error.strerror)
-            return None
 
 
 def _versions() -> str:

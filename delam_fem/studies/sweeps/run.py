@@ -54,7 +54,7 @@ from delam_fem.studies.sweeps.dataset import (
 )
 from delam_fem.studies.sweeps.grid import Sweep
 from delam_fem.studies.sweeps.journal import Joined, Journal, remove_journal
-from delam_fem.studies.sweeps.point import Done, PointRunner, Quantity, quantities
+from delam_fem.studies.sweeps.point import Done, PointRunner, quantities
 from delam_fem.studies.sweeps.schedule import (
     INDEPENDENT,
     MOST_SHARDS,
@@ -208,34 +208,23 @@ def array_script(
         )
     whole = _START_SECONDS + notice + _RESERVE * work
     n_chunks = max(1, math.ceil(_RESERVE * work / (limit - _START_SECONDS - notice)))
-    needed = sweep_cost(sweep, 1)
-    files = needed.disk / 2.0
+    needed, files = sweep_cost(sweep, 1, share), sweep_cost(sweep, 1).disk / 2.0
+    # parent, worker, and the list of its points
+    memory = needed.programs + needed.memory + 24.0 * share
+    chunks = "one job" if n_chunks == 1 else f"about {n_chunks} jobs one after the other"
     return _TEXT.format(
         name=sweep.file.name.replace(" ", "-"),
         n_shards=n_shards,
-        memory=_megabytes(needed, share),
+        memory=math.ceil(_RESERVE * memory / 1e8) * 100,
         time=_duration(min(limit, whole)),
         notice=math.ceil(notice),
-        about=_about(cost, share, work, n_chunks),
+        about=f"{share} points a shard, {1e3 * cost.mean:.3g} ms a point (mean of {cost.n_points} "
+        f"here, longest {1e3 * cost.most:.3g} ms): {_duration(work)} of work in {chunks}",
         command=shlex.join(command),
         merge_memory=math.ceil((WORKER_BYTES + _MERGE_BYTES * sweep.n_points + files) / 1e6) + 200,
         merge_time=_duration(600.0 + _MERGE_SECONDS * sweep.n_points + files / 1e7),
         interrupted=interrupted,
     )
-
-
-def _about(cost: PointCost, share: int, work: float, n_chunks: int) -> str:
-    """Return what a shard needs, in words."""
-    chunks = "one job" if n_chunks == 1 else f"about {n_chunks} jobs one after the other"
-    return (
-        f"{share} points a shard, {1e3 * cost.mean:.3g} ms a point (mean of {cost.n_points} here, "
-        f"longest {1e3 * cost.most:.3g} ms): {_duration(work)} of work in {chunks}"
-    )
-
-
-def _megabytes(needed: Cost, share: int) -> int:
-    """Return the memory of a job [MB]: parent, worker, and the list of its points."""
-    return math.ceil(_RESERVE * (needed.programs + needed.memory + 24.0 * share) / 1e8) * 100
 
 
 def _duration(seconds: float) -> str:
@@ -310,7 +299,7 @@ def run_sweep(
     path = directory / RESULT
     if resume and is_complete(directory, sweep):
         return open_result(path)
-    layout, _ = require_computable(
+    layout = require_computable(
         sweep, executor, workers, is_confirmed=is_confirmed, folder=directory
     )
     directory.mkdir(parents=True, exist_ok=True)
@@ -394,7 +383,7 @@ def require_computable(
     is_confirmed: bool,
     folder: Path | None = None,
     n_points: int | None = None,
-) -> tuple[Layout, tuple[Quantity, ...]]:
+) -> Layout:
     """Check the first point and the cost of a sweep before anything is written.
 
     Args:
@@ -406,53 +395,50 @@ def require_computable(
         n_points: number of points that are computed; default: all.
 
     Returns:
-        The layout of the first point, and the quantities in a row.
+        The layout of the first point.
 
     Raises:
         CaseError: the first point cannot be computed, or the sweep is large and not confirmed.
     """
     layout = PointRunner(sweep).structure(sweep.case(0)).layout
-    wanted = quantities(sweep.file.record, layout)
     count = sweep.n_points if n_points is None else n_points
+    if workers is None and isinstance(executor, Executor):
+        workers = executors.size_of(executor)
+    cost = sweep_cost(sweep, workers, count, layout)
     what = f"sweep {sweep.file.name} of {count:g} points"
-    cost = _cost(sweep, wanted, _n_workers(executor, workers), count)
     require_affordable(cost, what, is_confirmed=is_confirmed, folder=folder)
-    return layout, wanted
+    return layout
 
 
-def sweep_cost(sweep: Sweep, workers: int | None = None) -> Cost:
-    """Return the cost of a sweep.
+def sweep_cost(
+    sweep: Sweep,
+    workers: int | None = None,
+    n_points: int | None = None,
+    layout: Layout | None = None,
+) -> Cost:
+    """Return the cost of a sweep whose points all are like the first.
 
     Args:
         sweep: the sweep.
         workers: number of workers; default: one per core.
+        n_points: number of points that are computed; default: all.
+        layout: of the first point; default: it is assembled.
 
     Raises:
         CaseError: its first point cannot be computed.
     """
-    layout = PointRunner(sweep).structure(sweep.case(0)).layout
-    wanted = quantities(sweep.file.record, layout)
-    return _cost(sweep, wanted, workers or executors.n_cores(), sweep.n_points)
-
-
-def _n_workers(executor: Executor | ExecutorName | None, workers: int | None) -> int:
-    """Return the number of workers that a sweep will probably have."""
-    if workers is not None:
-        return workers
-    return executors.size_of(executor) if isinstance(executor, Executor) else executors.n_cores()
-
-
-def _cost(sweep: Sweep, wanted: tuple[Quantity, ...], n_workers: int, n_points: int) -> Cost:
-    """Return the cost of a sweep whose points all are like the first."""
     case, record = sweep.case(0), sweep.file.record
+    n = sweep.n_points if n_points is None else n_points
+    n_workers = workers or executors.n_cores()
+    if layout is None:
+        layout = PointRunner(sweep).structure(case).layout
     longer = 1.0 + 3.0 * record.lyapunov / case.n_periods
     each = step_hours(case, sweep.file.engine) * longer + POINT_SECONDS / 3600.0
-    hours = n_points * each / n_workers
-    row = 8.0 * sum(quantity.size for quantity in wanted)
+    hours = n * each / n_workers + STUDY_SECONDS / 3600.0
+    row = 8.0 * sum(quantity.size for quantity in quantities(record, layout))
     worker = run_cost(case, sweep.file.engine).memory * n_workers
-    files = FILE_BYTES + 2.0 * n_points * (row + POINT_BYTES)
-    hours += STUDY_SECONDS / 3600.0
-    return Cost(hours, 8 * n_points + worker, files, (1 + n_workers) * WORKER_BYTES)
+    files = FILE_BYTES + 2.0 * n * (row + POINT_BYTES)
+    return Cost(hours, 8 * n + worker, files, (1 + n_workers) * WORKER_BYTES)
 
 
 def share_size(sweep: Sweep, shard: Shard) -> int:
