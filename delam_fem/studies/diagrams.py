@@ -161,11 +161,6 @@ def is_unsettled(data: xr.Dataset) -> xr.DataArray:
     return is_completed & ((data["settled"] == 0.0) if "settled" in data else False)
 
 
-def sweep_keys(data: xr.Dataset) -> dict[str, object]:
-    """Return the sweep file as `tomllib` returns it; empty if the dataset does not have it."""
-    return tomllib.loads(data.attrs.get("sweep", ""))
-
-
 def heading(data: xr.Dataset) -> str:
     """Return a short description of the base case, without the keys that an axis changes."""
     case = Case.from_toml(data.attrs["case"])
@@ -213,7 +208,9 @@ def response(data: xr.Dataset) -> Figure:
                 axis.shown, amplitude, line, color=colour, marker=marker, markersize=3.0,
                 linewidth=1.0, label=label,
             )  # fmt: skip
-        _top(panel, 1e3 * data["tip_amplitude"].isel(lamina=i).to_numpy())
+        computed = 1e3 * data["tip_amplitude"].isel(lamina=i).to_numpy()
+        if np.isfinite(computed).any():  # what is linear may leave the panel
+            panel.set_ylim(0.0, HEADROOM * float(np.nanmax(computed)) or None)
         if axis.key == "excitation.frequency":
             _linear(panel, data, axis, i)
         _mark_points(panel, data, axis)
@@ -282,7 +279,7 @@ def _directions(
 ) -> list[tuple[str, xr.Dataset, tuple[str, str, str]]]:
     """Return label, points and style of each direction."""
     if "direction" not in data.dims:
-        order = sweep_keys(data).get("order", "independent")
+        order = tomllib.loads(data.attrs.get("sweep", "")).get("order", "independent")
         label = "each point from the start" if order == "independent" else f"going {order}"
         return [(label, data, (BLUE, "o", "-"))]
     return [(name, data.sel(direction=name), style) for name, style in DIRECTION_STYLE.items()]
@@ -303,12 +300,6 @@ def _shade_two_motions(panel: Axes, data: xr.Dataset, axis: DiagramAxis) -> None
         panel.axvspan(
             middles[start], middles[stop], color=GAP_COLOUR, linewidth=0.0, zorder=0, label=label
         )
-
-
-def _top(panel: Axes, values: FloatArray) -> None:
-    """Set the vertical range of a panel by the computed amplitudes alone."""
-    if np.isfinite(values).any():
-        panel.set_ylim(0.0, HEADROOM * float(np.nanmax(values)) or None)
 
 
 def _linear(panel: Axes, data: xr.Dataset, axis: DiagramAxis, i: int) -> None:
@@ -377,27 +368,27 @@ def plane(data: xr.Dataset) -> Figure:
     panel.grid(False)
     _cells(panel, x, y, kinds, KIND_COLOURS)
     if kinds.size <= MOST_LABELS:
-        periods = np.where(kinds == at.HIGHER, _values(data, "periodicity", x, y), np.nan)
-        _write_periods(panel, x, y, periods)
+        periods = _values(data, "periodicity", x, y)
+        for i, j in zip(*np.nonzero((kinds == at.HIGHER) & (periods > 1)), strict=True):
+            panel.text(
+                x.shown[i], y.shown[j], f"{periods[i, j]:.0f}", fontsize=7.0, ha="center",
+                va="center", color=BLACK,
+            )  # fmt: skip
     present = [k for k in range(len(at.KINDS)) if (kinds == k).any()]
     shares = [f"{at.KINDS[k]} ({_percent(float((kinds == k).mean()))})" for k in present]
     _hatch_unsettled(panel, x, y, data)
     _legend(panel, [KIND_COLOURS[k] for k in present], shares)
     _finish_map(figure, panel, (x, y), data)
-    figure.supxlabel(_thresholds(), fontsize=8.0, color="#555555")
-    return figure
-
-
-def _thresholds() -> str:
-    """Return the definitions of the kinds of motion in words."""
-    return (
+    figure.supxlabel(
         f"period P: strobes P ≤ {LARGEST_PERIODICITY} periods apart differ by less than "
         f"{100 * PERIODIC_SCATTER:g} % of the half peak-to-peak amplitude (rms); "
         f"quasi-periodic: {100 * at.LINE_SHARE:g} % of the strobes' power\nin "
         f"{at.LINES} spectral lines; irregular: none of these; undecided: the class changes with "
         f"the {100 * PERIODIC_SCATTER:g} % times or over {PERIODIC_MARGIN:g}; numbers: P of higher "
-        "order;\nhatched: the transient is not over"
-    )
+        "order;\nhatched: the transient is not over",
+        fontsize=8.0, color="#555555",
+    )  # fmt: skip
+    return figure
 
 
 def basins(data: xr.Dataset) -> Figure:
@@ -506,15 +497,6 @@ def _hatch_unsettled(panel: Axes, x: DiagramAxis, y: DiagramAxis, data: xr.Datas
             alpha=0.0,
         )  # fmt: skip
     return float(mask.mean())
-
-
-def _write_periods(panel: Axes, x: DiagramAxis, y: DiagramAxis, periodicity: FloatArray) -> None:
-    """Write the periodicity of motions of higher order into their cells."""
-    for i, j in zip(*np.nonzero(periodicity > 1), strict=True):
-        panel.text(
-            x.shown[i], y.shown[j], f"{periodicity[i, j]:.0f}", fontsize=7.0, ha="center",
-            va="center", color=BLACK,
-        )  # fmt: skip
 
 
 def _legend(panel: Axes, colours: list[str], labels: list[str]) -> None:

@@ -199,13 +199,16 @@ def structure_modes(
     places, spans, pairs = _delaminations(case, structure)
     gaps = np.abs(o.gap_matrix @ vectors)
     openings = np.array([gaps[own].max(axis=0, initial=0.0) / largest for own in pairs])
+    shapes = deflections / largest[:, None, None]
+    flat = shapes.reshape(n, -1)
+    upwards = np.sign(flat[np.arange(n), np.abs(flat).argmax(axis=1)])  # the largest deflection
     partner_frequencies = np.where(partners < 0, np.nan, other_frequencies[partners])
     return StructureModes(
         kind,
         layout.names,
         frequencies,
         layout.x,
-        _turned(deflections / largest[:, None, None]),
+        shapes * upwards[:, None, None],
         places,
         spans,
         openings.reshape(len(places), n).T,
@@ -223,13 +226,6 @@ def _partners(vectors: FloatArray, other: FloatArray, M: sp.csr_matrix) -> IntAr
     alike = (unit(vectors).T @ (M @ unit(other))) ** 2
     best = alike.argmax(axis=1)
     return np.asarray(np.where(alike.max(axis=1) > ALIKE, best, -1))
-
-
-def _turned(shapes: FloatArray) -> FloatArray:
-    """Return shapes whose largest deflection is upwards."""
-    flat = shapes.reshape(len(shapes), -1)
-    signs = np.sign(flat[np.arange(len(flat)), np.abs(flat).argmax(axis=1)])
-    return np.asarray(shapes * signs[:, None, None])
 
 
 def _delaminations(
@@ -374,32 +370,21 @@ def modes_of(structure: Structure, case: Case, n: int = 6) -> Modes:
     Raises:
         CaseError: n is below 1 or above the number of dofs of a lamina.
     """
-    layout = structure.layout
+    layout, o = structure.layout, structure.operators
     most = min(layout.own_dofs(i).size for i in range(len(layout.parts)))
     if not 1 <= n <= most:
         raise CaseError(f"number of modes: expected 1 to {most} (dofs of a lamina), given {n}")
     shapes = np.zeros((len(layout.parts), n, layout.x.size))
     frequencies = np.zeros((len(layout.parts), n))
     for i in range(len(layout.parts)):
-        frequencies[i], vectors = lowest(*_own_block(structure, i), n)
-        shapes[i] = _deflections(structure, i, vectors)
+        own = layout.own_dofs(i)
+        frequencies[i], vectors = lowest(o.stiffness[own][:, own], o.mass[own][:, own], n)
+        whole = np.zeros((n, o.n_dofs))
+        whole[:, own] = vectors.T
+        deflections = nodal(layout, whole, np.zeros(n))[0, i]
+        shapes[i] = deflections / deflections[:, -1:]  # 1 at the last point
     exact = [np.asarray(lamina.angular_frequencies(n)) / (2.0 * np.pi) for lamina in case.lamina]
     return Modes(layout.names, frequencies, np.stack(exact), layout.x, shapes)
-
-
-def _own_block(structure: Structure, number: int) -> tuple[sp.csr_matrix, sp.csr_matrix]:
-    """Return (K, M) of one part alone."""
-    o, own = structure.operators, structure.layout.own_dofs(number)
-    return o.stiffness[own][:, own], o.mass[own][:, own]
-
-
-def _deflections(structure: Structure, number: int, vectors: FloatArray) -> FloatArray:
-    """Return the deflections of a part at its points, 1 at the last one, shape (n, n_points)."""
-    layout, n = structure.layout, vectors.shape[1]
-    whole = np.zeros((n, structure.operators.n_dofs))
-    whole[:, layout.own_dofs(number)] = vectors.T
-    shapes = nodal(layout, whole, np.zeros(n))[0, number]
-    return np.asarray(shapes / shapes[:, -1:])
 
 
 def _modes(case: Case, given: options.Modes, place: Place) -> Modes | StructureModes:

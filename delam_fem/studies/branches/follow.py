@@ -270,15 +270,10 @@ def branch_diagram(data: xr.Dataset, swept: xr.Dataset | None = None) -> Figure:
     key = str(data.attrs["key"])
     unit = str(data["parameter"].attrs.get("units", "1")).replace("1", "–")
     label_x([*panels, lowest], f"{key}  [{unit}]")
-    low, high = _range(data)
+    low, high = float(data["parameter"].min()), float(data["parameter"].max())
     lowest.set_xlim(low - 0.02 * (high - low), high + 0.02 * (high - low))
     figure.suptitle(f"{data.attrs['title']}, stability by 95 % intervals")
     return figure
-
-
-def _range(data: xr.Dataset) -> tuple[float, float]:
-    parameter = data["parameter"].to_numpy()
-    return float(parameter.min()), float(parameter.max())
 
 
 def _strobes(panel: Axes, data: xr.Dataset, i: int) -> None:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from itertools import pairwise
+from itertools import cycle, pairwise
 from typing import Any, Literal
 
 import numpy as np
@@ -700,7 +700,7 @@ def _panels(found: Convergence, abscissa: Value, ordinate: Value) -> Figure:
     for axes in grid[len(meshes) :]:
         axes.remove()
     for axes, mesh in zip(grid, meshes, strict=False):
-        for method, (colour, marker) in zip(found.ladder.methods, _styles(found), strict=True):
+        for method, (colour, marker) in zip(found.ladder.methods, cycle(STYLES), strict=False):
             rungs = found.ladder.along_steps(method, mesh)
             points = np.array([(abscissa(rung), ordinate(rung)) for rung in rungs])
             drawn = points[np.isfinite(points).all(axis=1) & (points > 0.0).all(axis=1)]
@@ -756,10 +756,6 @@ def _free(
     fixed = getattr(rungs[0], other)
     figure.suptitle(f"{_title(found)} without contact, {fixed} {other}")
     return figure
-
-
-def _styles(found: Convergence) -> list[tuple[str, str]]:
-    return [STYLES[k % len(STYLES)] for k in range(len(found.ladder.methods))]
 
 
 def _plain(axes: Axes, ticks: Sequence[int]) -> None:

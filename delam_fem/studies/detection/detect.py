@@ -428,7 +428,11 @@ def detect(
 
     def shapes(own: Measurement) -> Shapes:
         responses = drive_responses(whole, surface, own.x, own.frequency)
-        return _shapes(own).without_drive(responses)
+        try:
+            found = shapes_of(own.field, own.times, own.frequency, own.x)
+        except ValueError as error:  # the record is too short
+            raise CaseError(str(error)) from None
+        return found.without_drive(responses)
 
     noise: float | FloatArray
     if measured is None:
@@ -471,18 +475,6 @@ def per_shape(sample_noise: float | FloatArray, n_samples: int) -> float | Float
 def per_sample(shape_noise: float | FloatArray, n_samples: int) -> float | FloatArray:
     """Return the noise σ in a sample that belongs to a noise of the shapes; see `per_shape`."""
     return 0.5 * shape_noise * math.sqrt(n_samples)
-
-
-def _shapes(measurement: Measurement) -> Shapes:
-    """Return the shapes of a measurement.
-
-    Raises:
-        CaseError: the record is too short.
-    """
-    try:
-        return shapes_of(measurement.field, measurement.times, measurement.frequency, measurement.x)
-    except ValueError as error:
-        raise CaseError(str(error)) from None
 
 
 def _marks(shapes: Shapes) -> dict[str, Mark]:

@@ -179,7 +179,10 @@ def knowledge(
             found.shapes(int(k), own.noise_db, rng, own.n_lines).without_drive(own.drive)
             for k in row[whole]
         ]
-        bases.append(_basis(np.stack([_profile(shapes) for shapes in noisy])))
+        profiles = np.stack([_profile(shapes) for shapes in noisy])
+        mean = profiles.mean(axis=0)
+        _, _, components = np.linalg.svd(profiles - mean, full_matrices=False)
+        bases.append(np.vstack([mean, components[:COMPONENTS]]))
         columns.append(np.stack([_statistics(shapes, bases[-1]) for shapes in noisy]))
     frequencies = tuple(found.specimens[row[0]].frequency for row in numbers)
     table = Simulations(parameters[whole], np.concatenate(columns, axis=1), prior.bounds)
@@ -201,13 +204,6 @@ def _profile(shapes: Shapes) -> FloatArray:
     """Return the 2f-curvature over its largest value, shape (n_points,)."""
     values = curvature(shapes).values
     return np.asarray(values / values.max())
-
-
-def _basis(profiles: FloatArray) -> FloatArray:
-    """Return the mean and the principal components of profiles, shape (1 + COMPONENTS, n)."""
-    mean = profiles.mean(axis=0)
-    _, _, components = np.linalg.svd(profiles - mean, full_matrices=False)
-    return np.vstack([mean, components[:COMPONENTS]])
 
 
 def _statistics(shapes: Shapes, basis: FloatArray) -> FloatArray:

@@ -186,7 +186,11 @@ class Orbit(Finding):
     def numbers(self) -> dict[str, Any]:
         """The content of orbit.json."""
         found = self.coarse.solved
-        values, errors = self._leading()
+        m = self.coarse.multipliers
+        values, errors = m.values, m.errors
+        if self.exact is not None and not self.nature.is_stepped:
+            kept = np.abs(self.exact.values) > LISTED
+            values, errors = self.exact.values[kept], self.exact.errors[kept]
         gap = self.passage.smallest_gap
         return {
             "kind": self.kind,
@@ -195,7 +199,7 @@ class Orbit(Finding):
             "residual_error": found.residual_error if self.exact is None else 0.0,
             "period": self.periods * self.case.period,
             "drive_periods": self.periods,
-            "multipliers": _pairs(values),
+            "multipliers": np.column_stack([values.real, values.imag]).tolist(),
             "multipliers_error": errors.tolist(),
             "stability": self.stability,
             "largest_multiplier": list(self.coarse.multipliers.largest),
@@ -275,14 +279,6 @@ class Orbit(Finding):
             )
         return [*lines, f"Together: {self.stability}."]
 
-    def _leading(self) -> tuple[Any, FloatArray]:
-        """Return the listed multipliers with their errors."""
-        if self.exact is None or self.nature.is_stepped:
-            m = self.coarse.multipliers
-            return m.values, m.errors
-        kept = np.abs(self.exact.values) > LISTED
-        return self.exact.values[kept], self.exact.errors[kept]
-
     @property
     def report(self) -> Report:
         """What it says in files and on the terminal."""
@@ -323,10 +319,6 @@ def _shown(value: object) -> str:
     if isinstance(value, list):
         return ", ".join(_shown(entry) for entry in value)
     return f"{value:.4g}" if isinstance(value, float) else str(value)
-
-
-def _pairs(values: Any) -> list[list[float]]:
-    return [[float(mu.real), float(mu.imag)] for mu in values]
 
 
 MOST_PERIODS = 64

@@ -152,11 +152,6 @@ class Axis(Section):
             return tuple(int(value) for value in found)
         return tuple(found)
 
-    @property
-    def is_numeric(self) -> bool:
-        """Whether the values are numbers."""
-        return self.values is None or not isinstance(self.values[0], str)
-
 
 class ScanRecord(Section):
     """A row of points on the surface of a lamina, as a scanning vibrometer measures it.
@@ -258,7 +253,7 @@ class SweepFile(Section):
     def _check_continuation(self) -> None:
         """Check that the state at one point can be the initial state of the next."""
         first = self.axis[0]
-        if not first.is_numeric:
+        if first.values is not None and isinstance(first.values[0], str):
             raise inconsistent(
                 "order", f'expected "independent", as {first.key} of the first axis has no order'
             )
@@ -550,7 +545,13 @@ def sweep_of(
     clash = next((axis.key for axis in file.axis if axis.key in (overrides or {})), None)
     if clash is not None:
         raise CaseError(f"override {clash}: is an axis of {label}; change it in the file")
-    base = preset(file.base, values) if file.base in PRESETS else _file(file.base, values, folder)
+    path = (folder or Path()) / file.base
+    if file.base not in PRESETS and not path.is_file():
+        raise CaseError(
+            f"base {file.base!r}: neither a preset ({', '.join(PRESETS)}) nor a case file; no such "
+            f"file: {path}"
+        )
+    base = preset(file.base, values) if file.base in PRESETS else load_case(path, values)
     sweep = Sweep(base, file)
     require_valid(sweep)
     return sweep
@@ -605,16 +606,6 @@ def _in_si(value: object, unit: str, label: str) -> object:
         return in_si(value, unit)
     except PydanticCustomError as error:
         raise CaseError(f"{label}: {error.message()}") from None
-
-
-def _file(name: str, values: Mapping[str, object], folder: Path | None) -> Case:
-    path = (folder or Path()) / name
-    if not path.is_file():
-        raise CaseError(
-            f"base {name!r}: neither a preset ({', '.join(PRESETS)}) nor a case file; no such "
-            f"file: {path}"
-        )
-    return load_case(path, values)
 
 
 def require_valid(sweep: Sweep) -> None:

@@ -517,12 +517,9 @@ class Journal(ExitStack):
                 return
 
 
-def remove_journal(path: Path, shard: Shard = WHOLE) -> None:
-    """Remove the journal at a path, or the parts of one shard in it, if there are any."""
-    if not shard.is_whole:
-        for part in path.glob(f"{shard.name}.*"):
-            part.unlink(missing_ok=True)
-    elif path.is_dir():
+def remove_journal(path: Path) -> None:
+    """Remove the journal at a path, if there is one."""
+    if path.is_dir():
         shutil.rmtree(path)
     else:
         path.unlink(missing_ok=True)
