@@ -23,9 +23,8 @@ from delam_fem.numerics.beams import ComplexArray
 from delam_fem.numerics.statistics import Table
 from delam_fem.numerics.types import FloatArray
 from delam_fem.studies.identification import identify
-from delam_fem.studies.identification.identify import FINER, Experiment, mismatch
+from delam_fem.studies.identification.identify import FINER, Experiment, Unknown, mismatch
 from delam_fem.studies.sweeps.point import probe_motion
-from delam_fem.studies.unknown import Unknown
 
 CASE = {
     "time.mass": "lumped",

@@ -38,9 +38,9 @@ from delam_fem.studies.detection.population import (
     Specimen,
     population,
 )
+from delam_fem.studies.identification.identify import Unknown, drawn, of_rig
 from delam_fem.studies.options import Infer, Scan
 from delam_fem.studies.study import Finding, Place, Report, Study, Table
-from delam_fem.studies.unknown import Unknown, drawn, of_rig
 from delam_fem.system.errors import CaseError
 
 COMPONENTS = 3

@@ -22,8 +22,8 @@ from delam_fem.numerics.types import FloatArray
 from delam_fem.results.figures.style import BLUE, VERMILLION, WIDTH, label_x
 from delam_fem.results.measured.reading import read_measured
 from delam_fem.studies import options
+from delam_fem.studies.identification.identify import Unknown, drawn, of_rig, require_values
 from delam_fem.studies.study import Finding, Place, Report, Study, Table
-from delam_fem.studies.unknown import Unknown, drawn, of_rig, require_values
 from delam_fem.system.errors import CaseError
 
 QUANTILES = (0.05, 0.5, 0.95)

@@ -13,7 +13,7 @@ import delam_fem as df
 from delam_fem import CaseError
 from delam_fem.case.definition import Case
 from delam_fem.results.measured.reading import SCHEMA, write_measured
-from delam_fem.studies.unknown import drawn, of_rig
+from delam_fem.studies.identification.identify import drawn, of_rig
 
 EI, L, RHO_A, PLACES, ERROR = 10.0, 0.5, 0.1, (0.12, 0.2), 0.2
 """A beam, places of a clamp inside its span [m], and the error of a frequency [Hz]."""

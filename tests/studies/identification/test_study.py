@@ -7,9 +7,15 @@ import pytest
 from delam_fem.case.files import preset
 from delam_fem.engines.session import session_of
 from delam_fem.model.beams import closed_form
-from delam_fem.studies.identification.identify import Experiment, identify, tips_of
+from delam_fem.studies.identification.identify import (
+    Experiment,
+    Unknown,
+    drawn,
+    identify,
+    of_rig,
+    tips_of,
+)
 from delam_fem.studies.sweeps.point import probe_motion
-from delam_fem.studies.unknown import Unknown, drawn, of_rig
 from delam_fem.system.errors import CaseError
 
 CASE = {
