@@ -75,37 +75,12 @@ class StructureModes(Finding):
         with np.errstate(invalid="ignore"):
             return np.asarray(2.0 * f * g / (f + g))
 
-    def rows(self) -> list[tuple[str, ...]]:
-        """Return table rows: mode, frequency, opening of each delamination, partner, bilinear."""
-        return [
-            (
-                str(k + 1),
-                f"{frequency:.6g}",
-                *(f"{opening:.3f}" for opening in self.openings[k]),
-                "–" if self.partners[k] < 0 else f"{self.partner_frequencies[k]:.6g}",
-                "–" if self.partners[k] < 0 else f"{self.bilinear_frequencies[k]:.6g}",
-            )
-            for k, frequency in enumerate(self.frequencies)
-        ]
-
     @property
-    def heading(self) -> tuple[str, ...]:
-        """Return the heading of the table of `rows`."""
-        other = "closed" if self.kind == "free" else "free"
-        return (
-            "mode",
-            "frequency [Hz]",
-            *(f"opens {place}" for place in self.places),
-            f"{other} mode alike [Hz]",
-            "bilinear [Hz]",
-        )
-
-    @property
-    def numbers(self) -> dict[str, object]:
-        """What modes.json has of the structure."""
+    def report(self) -> Report:
+        """What it says in files and on the terminal."""
         there = self.partners >= 0
         other = "closed" if self.kind == "free" else "free"
-        return {
+        numbers: dict[str, object] = {
             "lamina": self.names,
             "delaminations": self.kind,
             "structure_frequency_hz": self.frequencies,
@@ -116,15 +91,27 @@ class StructureModes(Finding):
             f"{other}_frequency_hz": np.where(there, self.partner_frequencies, np.nan),
             "bilinear_frequency_hz": np.where(there, self.bilinear_frequencies, np.nan),
         }
-
-    @property
-    def report(self) -> Report:
-        """What it says in files and on the terminal."""
-        title = f"modes of the structure, delaminations {self.kind}"
+        heading = (
+            "mode",
+            "frequency [Hz]",
+            *(f"opens {place}" for place in self.places),
+            f"{other} mode alike [Hz]",
+            "bilinear [Hz]",
+        )
+        rows = [
+            (
+                str(k + 1),
+                f"{frequency:.6g}",
+                *(f"{opening:.3f}" for opening in self.openings[k]),
+                "–" if self.partners[k] < 0 else f"{self.partner_frequencies[k]:.6g}",
+                "–" if self.partners[k] < 0 else f"{self.bilinear_frequencies[k]:.6g}",
+            )
+            for k, frequency in enumerate(self.frequencies)
+        ]
         return Report(
             name="modes",
-            numbers=self.numbers,
-            tables=[Table(title, self.heading, self.rows())],
+            numbers=numbers,
+            tables=[Table(f"modes of the structure, delaminations {self.kind}", heading, rows)],
             pictures={"modes": (self.figure, "")},
         )
 
@@ -276,10 +263,11 @@ class Modes(Finding):
         """(computed - exact) / exact, shape (n_laminae, n) [-]."""
         return self.frequencies / self.exact - 1.0
 
-    def rows(self) -> list[tuple[str, str, str, str, str]]:
-        """Return table rows: lamina, mode, computed [Hz], exact [Hz], relative difference."""
-        n = self.frequencies.shape[1]
-        return [
+    @property
+    def report(self) -> Report:
+        """What it says in files and on the terminal."""
+        heading = ("lamina", "mode", "computed [Hz]", "exact [Hz]", "relative difference")
+        rows = [
             (
                 self.names[i],
                 str(k + 1),
@@ -288,13 +276,8 @@ class Modes(Finding):
                 f"{self.relative_differences[i, k]:+.1e}",
             )
             for i in range(len(self.names))
-            for k in range(n)
+            for k in range(self.frequencies.shape[1])
         ]
-
-    @property
-    def report(self) -> Report:
-        """What it says in files and on the terminal."""
-        heading = ("lamina", "mode", "computed [Hz]", "exact [Hz]", "relative difference")
         whole = None if self.structure is None else self.structure.report
         numbers: dict[str, object] = {
             "lamina": self.names,
@@ -306,7 +289,7 @@ class Modes(Finding):
             name="modes",
             numbers=numbers if whole is None else {**numbers, **(whole.numbers or {})},
             tables=[
-                Table("modes of the laminae", heading, self.rows()),
+                Table("modes of the laminae", heading, rows),
                 *(whole.tables if whole else ()),
             ],
             pictures={"modes": (self.figure, "")},

@@ -63,7 +63,7 @@ def test_all_modes_of_one_element_can_be_had(paper: Case) -> None:
 
 
 def test_rows_name_lamina_mode_and_difference(paper: Case, model: Structure) -> None:
-    rows = modes_of(model, paper, 2).rows()
+    rows = modes_of(model, paper, 2).report.tables[0].rows
     assert [row[:2] for row in rows] == [
         ("thick", "1"),
         ("thick", "2"),

@@ -293,59 +293,6 @@ class Detection(Finding):
         return self.marks[name].contrast(min(starts), max(ends))
 
     @property
-    def numbers(self) -> dict[str, object]:
-        """The content of detection.json; lengths in m."""
-        main, again = self.mark, self.repeated
-        return {
-            "case": self.case.name,
-            "frequency": self.shapes.frequency,
-            "index": self.index,
-            "detected": main.is_detected,
-            "start": _number(main.start),
-            "end": _number(main.end),
-            "start_bounds": [_number(value) for value in again.start],
-            "end_bounds": [_number(value) for value in again.end],
-            "call_rate": again.calls,
-            "contrast": _number(self.contrast(self.index)),
-            "intact_called": self.intact_marks[self.index].is_detected,
-            "false_call_rate": FALSE_CALLS,
-            "is_measured": self.is_measured,
-            "delaminations": [list(span) for span in self.spans],
-            "sample_noise": self.sample_noise,
-            "shape_noise": _rms(self.shapes.noise),
-            "scan": asdict(self.scan) | {"lamina": surface_of(self.case, self.scan.lamina)},
-            "indices": {name: self._of_index(name) for name in self.marks},
-        }
-
-    def _of_index(self, name: str) -> dict[str, object]:
-        """Return the numbers of an index."""
-        found = self.marks[name]
-        return {
-            "detected": found.is_detected,
-            "start": _number(found.start),
-            "end": _number(found.end),
-            "contrast": _number(self.contrast(name)),
-            "intact_called": self.intact_marks[name].is_detected,
-            "x": found.x.tolist(),
-            "values": found.values.tolist(),
-            "limits": found.limits.tolist(),
-        }
-
-    def rows(self) -> list[tuple[str, ...]]:
-        """Return a table row for each index: detected, start, end, contrast, intact called."""
-        return [
-            (
-                name,
-                "yes" if found.is_detected else "no",
-                _shown(found.start),
-                _shown(found.end),
-                _shown(self.contrast(name), ".1f"),
-                "yes" if self.intact_marks[name].is_detected else "no",
-            )
-            for name, found in self.marks.items()
-        ]
-
-    @property
     def verdict(self) -> str:
         """What was found in words: what was called, where, and with what uncertainty."""
         main, again = self.mark, self.repeated
@@ -364,13 +311,58 @@ class Detection(Finding):
 
     @property
     def report(self) -> Report:
-        """What it says in files and on the terminal."""
+        """What it says in files and on the terminal; lengths in m."""
+        main, again = self.mark, self.repeated
+        indices = {
+            name: {
+                "detected": found.is_detected,
+                "start": _number(found.start),
+                "end": _number(found.end),
+                "contrast": _number(self.contrast(name)),
+                "intact_called": self.intact_marks[name].is_detected,
+                "x": found.x.tolist(),
+                "values": found.values.tolist(),
+                "limits": found.limits.tolist(),
+            }
+            for name, found in self.marks.items()
+        }
+        numbers = {
+            "case": self.case.name,
+            "frequency": self.shapes.frequency,
+            "index": self.index,
+            "detected": main.is_detected,
+            "start": _number(main.start),
+            "end": _number(main.end),
+            "start_bounds": [_number(value) for value in again.start],
+            "end_bounds": [_number(value) for value in again.end],
+            "call_rate": again.calls,
+            "contrast": _number(self.contrast(self.index)),
+            "intact_called": self.intact_marks[self.index].is_detected,
+            "false_call_rate": FALSE_CALLS,
+            "is_measured": self.is_measured,
+            "delaminations": [list(span) for span in self.spans],
+            "sample_noise": self.sample_noise,
+            "shape_noise": _rms(self.shapes.noise),
+            "scan": asdict(self.scan) | {"lamina": surface_of(self.case, self.scan.lamina)},
+            "indices": indices,
+        }
+        rows = [
+            (
+                name,
+                "yes" if found.is_detected else "no",
+                _shown(found.start),
+                _shown(found.end),
+                _shown(self.contrast(name), ".1f"),
+                "yes" if self.intact_marks[name].is_detected else "no",
+            )
+            for name, found in self.marks.items()
+        ]
         return Report(
             name="detection",
-            numbers=self.numbers,
+            numbers=numbers,
             case=self.case,
             title=f"Detection in {self.case.name}",
-            tables=[Table(f"indices of case {self.case.name}", HEADING, self.rows())],
+            tables=[Table(f"indices of case {self.case.name}", HEADING, rows)],
             sentences=[self.verdict],
             pictures={
                 "figures/detection": (
@@ -392,7 +384,7 @@ class Detection(Finding):
 
 
 HEADING = ("index", "detected", "start [m]", "end [m]", "contrast", "intact called")
-"""Heading of the table of `Detection.rows`."""
+"""Heading of the table of indices."""
 
 
 def detect(

@@ -169,10 +169,10 @@ class ExcitationMap(Finding):
         return "".join(texts)
 
     @property
-    def numbers(self) -> dict[str, object]:
-        """The content of excitation.json."""
+    def report(self) -> Report:
+        """What it says in files and on the terminal."""
         best = self.recommended
-        return {
+        numbers = {
             "case": self.case.name,
             "noise_db": self.noise_db,
             "recommended_frequency": None if best is None else self.frequencies[best[1]],
@@ -188,10 +188,6 @@ class ExcitationMap(Finding):
             "beam_modes": self.beam_modes,
             "opening_modes": self.opening_modes,
         }
-
-    @property
-    def report(self) -> Report:
-        """What it says in files and on the terminal."""
         drawn: dict[str, Picture] = {
             "figures/excitation": (
                 lambda: excitation_figure(self),
@@ -208,7 +204,7 @@ class ExcitationMap(Finding):
             )
         return Report(
             name="excitation",
-            numbers=self.numbers,
+            numbers=numbers,
             case=self.case,
             is_sweep=True,
             title=f"Excitation of {self.case.name}",

@@ -245,11 +245,24 @@ class Inferred(Finding):
         """Start, end and depth of the case, shape (3,) [m]; NaN if the scans come from files."""
         return np.full(3, np.nan) if self.is_measured else truth_of(self.case)
 
-    def rows(self) -> list[tuple[str, ...]]:
-        """Return table rows: parameter, truth, median, interval of 90 %, all in mm."""
+    @property
+    def report(self) -> Report:
+        """What it says in files and on the terminal."""
         middle, bounds = self.posterior.quantile(0.5), self.posterior.interval()
+        numbers = {
+            "case": self.case.name,
+            "structures": self.n_structures,
+            "uncertain": [asdict(own) for own in self.uncertain],
+            "is_measured": self.is_measured,
+            "mismatch": self.mismatch,
+            "parameter": NAMES,
+            "truth": None if self.is_measured else self.truth,
+            "median": middle,
+            "interval_90": bounds,
+            "correlation": self.posterior.correlation(),
+        }
         every = zip(NAMES, self.truth, middle, bounds.tolist(), strict=True)
-        return [
+        rows = [
             (
                 name,
                 "" if np.isnan(true) else f"{1e3 * true:.4g}",
@@ -258,35 +271,15 @@ class Inferred(Finding):
             )
             for name, true, m, (low, high) in every
         ]
-
-    @property
-    def numbers(self) -> dict[str, object]:
-        """The content of inference.json; lengths in m."""
-        return {
-            "case": self.case.name,
-            "structures": self.n_structures,
-            "uncertain": [asdict(own) for own in self.uncertain],
-            "is_measured": self.is_measured,
-            "mismatch": self.mismatch,
-            "parameter": NAMES,
-            "truth": None if self.is_measured else self.truth,
-            "median": self.posterior.quantile(0.5),
-            "interval_90": self.posterior.interval(),
-            "correlation": self.posterior.correlation(),
-        }
-
-    @property
-    def report(self) -> Report:
-        """What it says in files and on the terminal."""
         heading = ("parameter", "truth [mm]", "median [mm]", "90 % interval [mm]")
         caption = "Prior and posterior of start, end and depth."
         return Report(
             name="inference",
-            numbers=self.numbers,
+            numbers=numbers,
             case=self.case,
             is_sweep=True,
             title=f"Delamination of {self.case.name}",
-            tables=[Table(f"posterior, {self.case.name}", heading, self.rows())],
+            tables=[Table(f"posterior, {self.case.name}", heading, rows)],
             sentences=[f"{self.n_structures} structures from the prior."],
             remarks=[self.mismatch] if self.mismatch else [],
             pictures={"figures/posterior": (self.figure, caption)},

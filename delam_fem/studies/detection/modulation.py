@@ -159,13 +159,19 @@ class Modulation(Finding):
         return bool(np.any(self.intact_ratio > self.limits))
 
     @property
-    def numbers(self) -> dict[str, object]:
-        """The content of modulation.json; lengths in m."""
-        return {
+    def report(self) -> Report:
+        """What it says in files and on the terminal."""
+        f = self.case.excitation.top_frequency
+        verdict = (
+            f"Sidebands of {f:g} Hz at ±{self.pump:g} Hz: "
+            f"{'above' if self.is_called else 'not above'} the limit of noise; median ratio "
+            f"{np.median(self.ratio):.3g}, {self.gain:.3g} times that of the intact structure."
+        )
+        numbers = {
             "case": self.case.name,
             "pump_frequency": self.pump,
             "pump_amplitude": self.pump_amplitude,
-            "probe_frequency": self.case.excitation.top_frequency,
+            "probe_frequency": f,
             "called": self.is_called,
             "intact_called": self.is_intact_called,
             "false_call_rate": FALSE_CALLS,
@@ -179,27 +185,13 @@ class Modulation(Finding):
             "limits": self.limits.tolist(),
             "scan": asdict(self.scan) | {"lamina": surface_of(self.case, self.scan.lamina)},
         }
-
-    @property
-    def verdict(self) -> str:
-        """What was found, in a sentence."""
-        f = self.case.excitation.top_frequency
-        return (
-            f"Sidebands of {f:g} Hz at ±{self.pump:g} Hz: "
-            f"{'above' if self.is_called else 'not above'} the limit of noise; median ratio "
-            f"{np.median(self.ratio):.3g}, {self.gain:.3g} times that of the intact structure."
-        )
-
-    @property
-    def report(self) -> Report:
-        """What it says in files and on the terminal."""
         caption = "Sideband ratio of each point, and what noise alone exceeds."
         return Report(
             name="modulation",
-            numbers=self.numbers,
+            numbers=numbers,
             case=self.case,
             title=f"Modulation of {self.case.name}",
-            sentences=[self.verdict],
+            sentences=[verdict],
             pictures={"figures/modulation": (lambda: modulation_figure(self), caption)},
         )
 

@@ -489,24 +489,19 @@ class PodStudy(Finding):
         )
 
     @property
-    def numbers(self) -> dict[str, object]:
-        """The content of pod.json; lengths in m."""
-        return {
-            "case": self.case.name,
-            "recommended": [
-                {"support": support, "noise_db": noise, "frequency": frequency}
-                for (support, noise), frequency in self.recommended.items()
-            ],
-            "lines": [_numbers(line) for line in self.lines],
-        }
-
-    @property
     def report(self) -> Report:
         """What it says in files and on the terminal; lengths over the length of the beam."""
         rows = [_row(self.best(*key), self.case.length) for key in self.recommended]
         return Report(
             name="pod",
-            numbers=self.numbers,
+            numbers={
+                "case": self.case.name,
+                "recommended": [
+                    {"support": support, "noise_db": noise, "frequency": frequency}
+                    for (support, noise), frequency in self.recommended.items()
+                ],
+                "lines": [_numbers(line) for line in self.lines],
+            },
             case=self.case,
             is_sweep=True,
             title=f"POD of {self.case.name}",

@@ -17,6 +17,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -512,21 +513,27 @@ class Identification(Finding):
         """Values of the unknowns in a synthetic measurement."""
         return self.experiment.truth if self.is_synthetic else None
 
-    def rows(self) -> list[tuple[str, ...]]:
-        """Return the rows of a table under `HEADING`."""
-        middle, interval = self.posterior.quantile(0.5), self.posterior.interval(0.9)
-        rows: list[tuple[str, ...]] = []
-        for k, unknown in enumerate(self.experiment.unknowns):
+    @property
+    def report(self) -> Report:
+        """What it says in files and on the terminal."""
+        experiment, posterior, truth = self.experiment, self.posterior, self.truth
+        middle, interval = posterior.quantile(0.5), posterior.interval(0.9)
+        correlation, keys = posterior.correlation(), experiment.unknowns
+        found: dict[str, dict[str, Any]] = {}
+        rows = []
+        for k, unknown in enumerate(keys):
+            found[unknown.key] = {
+                "median": middle[k],
+                "interval_90": interval[k],
+                "prior": [unknown.low, unknown.high],
+                "truth": None if truth is None else truth[k],
+                "coverage_of_90": None if self.coverage is None else self.coverage[k],
+            }
             covered = "" if self.coverage is None else f"{100.0 * self.coverage[k]:.0f} %"
-            truth = "" if self.truth is None else f"{self.truth[k]:.4g}"
+            known = "" if truth is None else f"{truth[k]:.4g}"
             span = f"{interval[k, 0]:.4g} … {interval[k, 1]:.4g}"
             prior = f"{unknown.low:g} … {unknown.high:g}"
-            rows.append((unknown.key, f"{middle[k]:.4g}", span, prior, truth, covered))
-        return rows
-
-    def sentence(self) -> str:
-        """Return which unknowns the motions do not separate, in a sentence."""
-        correlation, keys = self.posterior.correlation(), self.experiment.unknowns
+            rows.append((unknown.key, f"{middle[k]:.4g}", span, prior, known, covered))
         pairs = [
             f"{keys[j].key} and {keys[i].key} (correlation {correlation[i, j]:+.2f})"
             for i in range(len(keys))
@@ -536,25 +543,9 @@ class Identification(Finding):
         text = "These motions separate the unknowns."
         if pairs:
             text = f"These motions hardly separate {'; '.join(pairs)}."
-        return f"{text} {self.mismatch}" if self.mismatch else text
-
-    @property
-    def report(self) -> Report:
-        """What it says in files and on the terminal."""
-        experiment, posterior, truth = self.experiment, self.posterior, self.truth
-        middle, interval = posterior.quantile(0.5), posterior.interval(0.9)
         numbers = {
-            "unknowns": {
-                unknown.key: {
-                    "median": middle[k],
-                    "interval_90": interval[k],
-                    "prior": [unknown.low, unknown.high],
-                    "truth": None if truth is None else truth[k],
-                    "coverage_of_90": None if self.coverage is None else self.coverage[k],
-                }
-                for k, unknown in enumerate(experiment.unknowns)
-            },
-            "correlation": posterior.correlation(),
+            "unknowns": found,
+            "correlation": correlation,
             "frequencies_hz": experiment.frequencies,
             "noise_m": experiment.noise,
             "simulations": self.completed,
@@ -566,8 +557,8 @@ class Identification(Finding):
         return Report(
             name="identification",
             numbers=numbers,
-            tables=[Table(f"identification of {experiment.case.name}", HEADING, self.rows())],
-            sentences=[self.sentence()],
+            tables=[Table(f"identification of {experiment.case.name}", HEADING, rows)],
+            sentences=[f"{text} {self.mismatch}" if self.mismatch else text],
             pictures={"posterior": (draw, "")},
         )
 

@@ -403,10 +403,12 @@ class Found(Finding):
     case: Case
     resonances: tuple[Resonance, ...]
 
-    def rows(self) -> list[tuple[str, ...]]:
-        """Return the rows of a table under `HEADING`."""
-        rows: list[tuple[str, ...]] = []
-        for lamina, one in zip(self.case.lamina, self.resonances, strict=True):
+    @property
+    def report(self) -> Report:
+        """What it says in files and on the terminal."""
+        numbers, rows = {}, []
+        pairs = list(zip(self.case.lamina, self.resonances, strict=True))
+        for lamina, one in pairs:
             EI, error = one.bending_stiffness(lamina)
             rows.append(
                 (
@@ -418,19 +420,6 @@ class Found(Finding):
                     f"{lamina.flexural_rigidity:.4g} N m2",
                 )
             )
-        return rows
-
-    def remarks(self) -> list[str]:
-        """Return what is not as it was said to be, in sentences."""
-        pairs = zip(self.case.lamina, self.resonances, strict=True)
-        return [f"{lamina.name}: {text}" for lamina, one in pairs for text in one.remarks]
-
-    @property
-    def report(self) -> Report:
-        """What it says in files and on the terminal."""
-        numbers = {}
-        for lamina, one in zip(self.case.lamina, self.resonances, strict=True):
-            EI, error = one.bending_stiffness(lamina)
             numbers[lamina.name] = {
                 "peak_hz": one.peak,
                 "frequency_hz": one.frequency,
@@ -447,15 +436,14 @@ class Found(Finding):
                 "bending_stiffness_error_N_m2": error,
                 "relative_rms": one.residual,
             }
-        pictures = zip(self.case.lamina, self.resonances, strict=True)
         return Report(
             name="resonance",
             numbers=numbers,
-            tables=[Table(f"resonances of case {self.case.name}", HEADING, self.rows())],
-            remarks=self.remarks(),
+            tables=[Table(f"resonances of case {self.case.name}", HEADING, rows)],
+            remarks=[f"{lamina.name}: {text}" for lamina, one in pairs for text in one.remarks],
             pictures={
                 f"resonance-{lamina.name}": (partial(resonance_figure, one), "")
-                for lamina, one in pictures
+                for lamina, one in pairs
             },
         )
 

@@ -80,7 +80,7 @@ def test_what_is_written(tmp_path: Path) -> None:
 
 def test_a_beam_without_delamination_is_not_called() -> None:
     found = detect(intact(embedded(80.0)), repetitions=50)
-    numbers = json_ready(found.numbers)
+    numbers = json_ready(found.report.numbers)
     assert (numbers["detected"], numbers["start"], numbers["contrast"]) == (False, None, None)
     assert found.repeated.calls <= 0.06
 

@@ -67,7 +67,7 @@ def test_damping_is_found_from_a_simulated_and_from_a_measured_motion(tmp_path: 
     assert own["truth"] == 0.02
     assert own["interval_90"][0] < own["median"] < own["interval_90"][1]
     assert paths[1].stat().st_size > 10_000
-    assert [row[0] for row in found.rows()] == [unknown.key for unknown in UNKNOWNS]
+    assert [row[0] for row in found.report.tables[0].rows] == [unknown.key for unknown in UNKNOWNS]
     write_tips(tmp_path / "tips.csv", given)
     again = identify(
         given, tmp_path / "a", measured=[tmp_path / "tips.csv"], simulations=220, finer=22,

@@ -35,7 +35,7 @@ def test_a_simulated_sweep_gives_the_rig_back(tmp_path: Path, noise: float) -> N
     numbers, *images = found.save(tmp_path)
     assert json.loads(numbers.read_text())["thin"]["peak_hz"] > 1.45
     assert all(image.stat().st_size > 10_000 for image in images)
-    assert all(len(row) == len(HEADING) for row in found.rows())
+    assert all(len(row) == len(HEADING) for row in found.report.tables[0].rows)
 
 
 def test_a_harmonic_case_is_refused() -> None:
