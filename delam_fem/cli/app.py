@@ -7,8 +7,7 @@ the others start fast.
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import typer
 
@@ -17,21 +16,11 @@ from delam_fem.cli.cases import (
     new_command,
     operators_command,
     reduce_command,
-    show_case,
 )
 from delam_fem.cli.console import (
-    CaseArgument,
-    DryRun,
-    Folder,
-    Overrides,
-    Overwrite,
-    Quiet,
-    Yes,
-    case_of,
-    reported,
     with_messages,
 )
-from delam_fem.cli.run import engine_in, film_command, report_in_folder, run_in_folder
+from delam_fem.cli.run import film_command, page_command, run_command
 from delam_fem.cli.studies import (
     export_command,
     overlay_command,
@@ -44,21 +33,6 @@ from delam_fem.cli.sweep import diagram_command, sweep_command
 
 HELP = ["-h", "--help"]
 
-Figures = Annotated[
-    bool,
-    typer.Option(
-        "--figures/--no-figures",
-        help="Draw figures, fields and page, or write the numbers alone; `show page` draws later.",
-    ),
-]
-
-Extend = Annotated[
-    int | None,
-    typer.Option(
-        min=1, show_default=False, metavar="N", help="Go on from a completed run by N periods."
-    ),
-]
-
 
 def main(
     version: Annotated[bool, typer.Option("--version", help="Show the version and exit.")] = False,
@@ -69,70 +43,6 @@ def main(
 
         typer.echo(__version__)
         raise typer.Exit()
-
-
-def run_command(
-    case_name: CaseArgument,
-    output: Folder = None,
-    overrides: Overrides = None,
-    *,
-    engine: Annotated[
-        Literal["petsc", "compiled"] | None,
-        typer.Option(
-            help="Engine that computes the steps (default: petsc, or that of what goes on)."
-        ),
-    ] = None,
-    resume: Annotated[bool, typer.Option("--resume", help="Continue an interrupted run.")] = False,
-    extend: Extend = None,
-    overwrite: Overwrite = False,
-    seconds: Annotated[
-        float | None,
-        typer.Option(
-            "--checkpoint-seconds",
-            min=0.0,
-            metavar="S",
-            help="Least time between two checkpoints (default: 30).",
-        ),
-    ] = None,
-    figures: Figures = True,
-    dry_run: DryRun = False,
-    yes: Yes = False,
-    quiet: Quiet = False,
-) -> None:
-    """Compute a case and write the results to DIR (default: runs/NAME)."""
-    with reported(quiet):
-        case = case_of(case_name, overrides)
-        from delam_fem.engines.cost import require_affordable, run_cost
-
-        folder = output or Path("runs") / case.name
-        chosen = engine or engine_in(folder, resume=resume, extend=extend is not None)
-        cost = run_cost(case, chosen)
-        require_affordable(cost, f"case {case.name}", is_confirmed=yes, folder=folder)
-        options: dict[str, Any] = {"engine": chosen, "resume": resume}
-        wished = {"extend": extend, "checkpoint_seconds": seconds}
-        options |= {key: value for key, value in wished.items() if value is not None}
-        if dry_run:
-            show_case(case, chosen)
-        run_in_folder(
-            case,
-            Path(case_name),
-            folder,
-            quiet=quiet,
-            overwrite=overwrite,
-            figures=figures,
-            dry_run=dry_run,
-            **options,
-        )
-
-
-def page_command(
-    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a run, or a sweep.")],
-    *,
-    quiet: Quiet = False,
-) -> None:
-    """Make figures, fields and page of a run or a sweep from its numbers, without computing."""
-    with reported(quiet):
-        report_in_folder(directory, quiet=quiet)
 
 
 GROUPS: dict[str, dict[str, Callable[..., None]]] = {

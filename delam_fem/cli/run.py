@@ -7,15 +7,23 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from delam_fem.cli.cases import show_case
 from delam_fem.cli.console import (
     DONE,
     FAILED,
     INTERRUPTED,
+    CaseArgument,
+    DryRun,
+    Folder,
+    Overrides,
+    Overwrite,
     Quiet,
+    Yes,
+    case_of,
     error_console,
     explained,
     fail,
@@ -44,6 +52,22 @@ Files = Annotated[
         "RUN/solid.gif and .mp4).",
     ),
 ]  # fmt: skip
+
+
+Figures = Annotated[
+    bool,
+    typer.Option(
+        "--figures/--no-figures",
+        help="Draw figures, fields and page, or write the numbers alone; `show page` draws later.",
+    ),
+]
+
+Extend = Annotated[
+    int | None,
+    typer.Option(
+        min=1, show_default=False, metavar="N", help="Go on from a completed run by N periods."
+    ),
+]
 
 
 Solid = Annotated[
@@ -92,62 +116,77 @@ LOOK = 0.02
 _log = logging.getLogger(__name__)
 
 
-def run_in_folder(
-    case: Case,
-    case_file: Path,
-    directory: Path,
+def run_command(
+    case_name: CaseArgument,
+    output: Folder = None,
+    overrides: Overrides = None,
     *,
-    quiet: bool,
-    overwrite: bool,
-    figures: bool = True,
-    dry_run: bool = False,
-    **options: Any,
+    engine: Annotated[
+        Literal["petsc", "compiled"] | None,
+        typer.Option(
+            help="Engine that computes the steps (default: petsc, or that of what goes on)."
+        ),
+    ] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Continue an interrupted run.")] = False,
+    extend: Extend = None,
+    overwrite: Overwrite = False,
+    seconds: Annotated[
+        float | None,
+        typer.Option(
+            "--checkpoint-seconds",
+            min=0.0,
+            metavar="S",
+            help="Least time between two checkpoints (default: 30).",
+        ),
+    ] = None,
+    figures: Figures = True,
+    dry_run: DryRun = False,
+    yes: Yes = False,
+    quiet: Quiet = False,
 ) -> None:
-    """Compute a case, write the results and show the summary; exit unless it was completed.
+    """Compute a case and write the results to DIR (default: runs/NAME)."""
+    with reported(quiet):
+        from delam_fem.engines.cost import require_affordable, run_cost
+        from delam_fem.results.folder import is_complete
+        from delam_fem.simulation.checkpoint import path_in
+        from delam_fem.system.files import claimed
+        from delam_fem.system.mpi import MPI
 
-    Args:
-        case: the case.
-        case_file: file that the case may have been read from.
-        directory: folder of the results.
-        quiet: whether to show no progress and no table.
-        overwrite: whether results in the folder may be replaced.
-        figures: whether to draw figures, fields and page too.
-        dry_run: whether only to check that the folder can be used.
-        options: further arguments of `pipeline.run`.
-    """
-    from delam_fem.results.folder import is_complete
-    from delam_fem.simulation.checkpoint import path_in
-    from delam_fem.system.files import claimed
-    from delam_fem.system.mpi import MPI
-
-    comm = MPI.COMM_WORLD
-    # the case may have come from a file; case.toml may be an output
-    own = [case_file] if case_file.is_file() and case_file.name != "case.toml" else []
-    is_first = comm.rank == 0  # mpirun may have started several processes
-    if not is_first:
-        logging.getLogger("delam_fem").setLevel(logging.CRITICAL)
-    resume = bool(options.get("resume"))
-    with ended_together(comm):
-        claim = claimed(
-            directory,
-            inputs=[*case.files.values(), *own],
-            may_hold_results=resume or overwrite or bool(options.get("extend")),
-        )
-        with claim if is_first else nullcontext():
-            if dry_run:
-                return
-            if resume and not path_in(directory).exists() and is_complete(directory, case):
-                outcome = "completed"
-                _log.info("%s has the complete result: nothing is left to do", directory)
-            else:
-                if overwrite:
-                    options["overwrite"] = True
-                outcome = _computed(
-                    case, directory, comm, quiet or not is_first, figures=figures, **options
-                )
-            _wait_for_all(comm)
-    if outcome != "completed":
-        fail(f"{outcome}; the results so far are in {directory}{HINT[outcome]}", STATUS[outcome])
+        case, file = case_of(case_name, overrides), Path(case_name)
+        folder = output or Path("runs") / case.name
+        chosen = engine or engine_in(folder, resume=resume, extend=extend is not None)
+        cost = run_cost(case, chosen)
+        require_affordable(cost, f"case {case.name}", is_confirmed=yes, folder=folder)
+        if dry_run:
+            show_case(case, chosen)
+        comm = MPI.COMM_WORLD
+        # the case may have come from a file; case.toml may be an output
+        own = [file] if file.is_file() and file.name != "case.toml" else []
+        is_first = comm.rank == 0  # mpirun may have started several processes
+        if not is_first:
+            logging.getLogger("delam_fem").setLevel(logging.CRITICAL)
+        with ended_together(comm):
+            claim = claimed(
+                folder,
+                inputs=[*case.files.values(), *own],
+                may_hold_results=resume or overwrite or bool(extend),
+            )
+            with claim if is_first else nullcontext():
+                if dry_run:
+                    return
+                if resume and not path_in(folder).exists() and is_complete(folder, case):
+                    outcome = "completed"
+                    _log.info("%s has the complete result: nothing is left to do", folder)
+                else:
+                    wished = {"extend": extend, "checkpoint_seconds": seconds}
+                    options: dict[str, Any] = {k: v for k, v in wished.items() if v is not None}
+                    options |= {"engine": chosen, "resume": resume, "overwrite": overwrite}
+                    outcome = _computed(
+                        case, folder, comm, quiet or not is_first, figures=figures, **options
+                    )
+                _wait_for_all(comm)
+        if outcome != "completed":
+            fail(f"{outcome}; the results so far are in {folder}{HINT[outcome]}", STATUS[outcome])
 
 
 def engine_in(directory: Path, *, resume: bool, extend: bool) -> EngineName:
@@ -225,22 +264,27 @@ def _wait_for_all(comm: MPI.Intracomm) -> None:
             time.sleep(LOOK)
 
 
-def report_in_folder(directory: Path, *, quiet: bool) -> None:
-    """Write figures, fields and page of a run, or the page of a sweep, again from its numbers."""
-    from delam_fem.results.folder import load_numbers, save_views
-    from delam_fem.studies.diagrams import write_page
-    from delam_fem.studies.sweeps.dataset import RESULT, open_result
-    from delam_fem.system.files import claimed
+def page_command(
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a run, or a sweep.")],
+    *,
+    quiet: Quiet = False,
+) -> None:
+    """Make figures, fields and page of a run or a sweep from its numbers, without computing."""
+    with reported(quiet):
+        from delam_fem.results.folder import load_numbers, save_views
+        from delam_fem.studies.diagrams import write_page
+        from delam_fem.studies.sweeps.dataset import RESULT, open_result
+        from delam_fem.system.files import claimed
 
-    if not directory.is_dir():
-        raise CaseError(
-            f"show page {directory}: no such folder; expected the folder of a run or a sweep"
-        )
-    with claimed(directory, may_hold_results=True):
-        if (directory / RESULT).is_file():
-            with open_result(directory / RESULT, is_loaded=True) as data:
-                paths = [write_page(data, directory)]
-        else:
-            case, history, summary = load_numbers(directory)
-            paths = save_views(history, summary, case, directory)
-    say_files(paths, quiet)
+        if not directory.is_dir():
+            raise CaseError(
+                f"show page {directory}: no such folder; expected the folder of a run or a sweep"
+            )
+        with claimed(directory, may_hold_results=True):
+            if (directory / RESULT).is_file():
+                with open_result(directory / RESULT, is_loaded=True) as data:
+                    paths = [write_page(data, directory)]
+            else:
+                case, history, summary = load_numbers(directory)
+                paths = save_views(history, summary, case, directory)
+        say_files(paths, quiet)
