@@ -246,38 +246,6 @@ SHOWN_PERIODS = 4
 """Periods of the histories that are shown, from rest."""
 
 
-def draw(case: Case, models: Sequence[Measured]) -> Figure:
-    """Return one row per frequency: tip histories of all models, impulses along the laminae."""
-    n = len(models[0].motions)
-    with styled():
-        figure = Figure(figsize=(WIDTH, 2.6 * n + 0.6), layout="constrained")
-        rows = figure.subplots(n, 2, squeeze=False, width_ratios=(2, 1))
-        for k, (histories, along) in enumerate(rows):
-            for own, colour in zip(models, COLOURS * len(models), strict=False):
-                motion = own.motions[k]
-                turns = motion.time * motion.frequency
-                shown = turns <= SHOWN_PERIODS
-                for number, tip in enumerate(motion.tips):
-                    label = own.name if number == 0 else None
-                    style = ("-", "--", ":", "-.")[number % 4]
-                    histories.plot(
-                        turns[shown], 1e3 * tip[shown], style, color=colour, lw=1.0, label=label
-                    )
-                along.plot(motion.x, 1e3 * motion.impulse, color=colour, lw=1.0)
-                if motion.strike * motion.frequency <= SHOWN_PERIODS:
-                    histories.axvline(motion.strike * motion.frequency, color=colour, lw=0.5)
-            frequency = models[0].motions[k].frequency
-            histories.set(ylabel="tip [mm]", title=f"{frequency:g} Hz; thin line: first strike")
-            along.set(ylabel="impulse [mN s/m per period]", title="second half of the run")
-        rows[-1][0].set_xlabel("periods")
-        rows[-1][1].set_xlabel("x [m]")
-        handles, labels = rows[0][0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
-        names = ", ".join(f"{lamina.name}" for lamina in case.lamina)
-        figure.suptitle(f"{case.name}: {names} (full, dashed, …) by model")
-    return figure
-
-
 MODES, PERIODS = 3, 20
 """Natural frequencies of each lamina, and periods of each motion, unless others are asked for."""
 Rows = list[tuple[str, ...]]
@@ -294,11 +262,6 @@ class ModelComparison(Finding):
 
     case: Case
     models: tuple[Measured, ...]
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the models."""
-        return tuple(own.name for own in self.models)
 
     def linear_rows(self) -> Rows:
         """Return rows with a column for each model: sizes, frequencies, compliance."""
@@ -333,7 +296,7 @@ class ModelComparison(Finding):
     @property
     def report(self) -> Report:
         """What it says in files and on the terminal."""
-        heading, first = ("", *self.names), self.models[0].motions
+        heading, first = ("", *(own.name for own in self.models)), self.models[0].motions
         models = [
             {
                 "name": own.name,
@@ -360,8 +323,35 @@ class ModelComparison(Finding):
         )
 
     def figure(self) -> Figure:
-        """Return tip histories and impulses along the contact line of all models."""
-        return draw(self.case, self.models)
+        """Return a row for each frequency: tip histories of all models, impulses along laminae."""
+        n = len(self.models[0].motions)
+        with styled():
+            figure = Figure(figsize=(WIDTH, 2.6 * n + 0.6), layout="constrained")
+            rows = figure.subplots(n, 2, squeeze=False, width_ratios=(2, 1))
+            for k, (histories, along) in enumerate(rows):
+                for own, colour in zip(self.models, COLOURS * len(self.models), strict=False):
+                    motion = own.motions[k]
+                    turns = motion.time * motion.frequency
+                    shown = turns <= SHOWN_PERIODS
+                    for number, tip in enumerate(motion.tips):
+                        label = own.name if number == 0 else None
+                        style = ("-", "--", ":", "-.")[number % 4]
+                        histories.plot(
+                            turns[shown], 1e3 * tip[shown], style, color=colour, lw=1.0, label=label
+                        )
+                    along.plot(motion.x, 1e3 * motion.impulse, color=colour, lw=1.0)
+                    if motion.strike * motion.frequency <= SHOWN_PERIODS:
+                        histories.axvline(motion.strike * motion.frequency, color=colour, lw=0.5)
+                frequency = self.models[0].motions[k].frequency
+                histories.set(ylabel="tip [mm]", title=f"{frequency:g} Hz; thin line: first strike")
+                along.set(ylabel="impulse [mN s/m per period]", title="second half of the run")
+            rows[-1][0].set_xlabel("periods")
+            rows[-1][1].set_xlabel("x [m]")
+            handles, labels = rows[0][0].get_legend_handles_labels()
+            figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
+            names = ", ".join(f"{lamina.name}" for lamina in self.case.lamina)
+            figure.suptitle(f"{self.case.name}: {names} (full, dashed, …) by model")
+        return figure
 
 
 def compare_models(

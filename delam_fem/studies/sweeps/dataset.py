@@ -13,7 +13,6 @@ import logging
 import math
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -241,28 +240,6 @@ _SHOWN = 5
 """Number of shards that a message names."""
 
 
-@dataclass(frozen=True)
-class Missing:
-    """The points that no shard has finished.
-
-    Attributes:
-        n_points: their number.
-        by_shard: number of missing points of each shard that misses some, by its name `k/n`;
-            empty if the journals are of different numbers of shards.
-    """
-
-    n_points: int
-    by_shard: dict[str, int]
-
-    def __str__(self) -> str:
-        """Return how many points are missing, and of which shards."""
-        most = sorted(self.by_shard.items(), key=lambda row: -row[1])
-        named = [f"{count} of shard {shard}" for shard, count in most[:_SHOWN]]
-        if len(most) > _SHOWN:
-            named.append(f"the others of {len(most) - _SHOWN} more shards")
-        return f"{self.n_points} points are missing" + (f": {', '.join(named)}" if named else "")
-
-
 def merge_sweep(sweep: Sweep, directory: str | Path, *, is_partial: bool = False) -> xr.Dataset:
     """Join the journals of all shards of a sweep to its result.
 
@@ -293,11 +270,12 @@ def merge_sweep(sweep: Sweep, directory: str | Path, *, is_partial: bool = False
         )
     layout = PointRunner(sweep).structure(sweep.case(0)).layout
     with Journal(path, sweep.identity, resume=True) as journal, journal.joined() as joined:
-        left = missing(sweep, joined)
-        if left.n_points and not is_partial:
+        n_missing = sweep.n_points - joined.numbers.size
+        if n_missing and not is_partial:
             raise CaseError(
-                f"merge: {left}; --shard K/N --resume goes on with a shard, --resume alone "
-                "computes all that is missing, and --partial writes what is there"
+                f"merge: {n_missing} points are missing{_by_shard(sweep, joined)}; --shard K/N "
+                "--resume goes on with a shard, --resume alone computes all that is missing, and "
+                "--partial writes what is there"
             )
         if joined.n_disagreeing:
             _log.warning(
@@ -308,17 +286,16 @@ def merge_sweep(sweep: Sweep, directory: str | Path, *, is_partial: bool = False
         save_sweep(sweep, directory)
         about = {"n_shards": len(joined.shards), "busy_seconds": joined.seconds}
         write_result(sweep, directory, joined, layout, about)
-    if not left.n_points:
+    if not n_missing:
         remove_journal(path)
     return open_result(directory / RESULT)
 
 
-def missing(sweep: Sweep, joined: Joined) -> Missing:
-    """Return which points of a sweep are not in its journal."""
-    n_points = sweep.n_points - joined.numbers.size
+def _by_shard(sweep: Sweep, joined: Joined) -> str:
+    """Return in words how many points of which shards are missing; "" if nobody knows."""
     numbers_of_shards = {shard.of for shard in joined.shards} - {1}
-    if not n_points or len(numbers_of_shards) != 1:
-        return Missing(n_points, {})
+    if len(numbers_of_shards) != 1:
+        return ""
     (of,) = numbers_of_shards
     is_left = np.ones(sweep.n_points, dtype=np.bool_)
     is_left[joined.numbers] = False
@@ -329,7 +306,11 @@ def missing(sweep: Sweep, joined: Joined) -> Missing:
             track[points] = number
         items = track[items]
     counts = np.bincount(owners(items, of))
-    return Missing(n_points, {f"{k}/{of}": int(counts[k]) for k in np.flatnonzero(counts)})
+    most = sorted(np.flatnonzero(counts).tolist(), key=lambda k: -counts[k])
+    named = [f"{counts[k]} of shard {k}/{of}" for k in most[:_SHOWN]]
+    if len(most) > _SHOWN:
+        named.append(f"the others of {len(most) - _SHOWN} more shards")
+    return f": {', '.join(named)}"
 
 
 def save_sweep(sweep: Sweep, directory: Path) -> None:
@@ -380,9 +361,8 @@ def is_complete(directory: Path, sweep: Sweep) -> bool:
     path = directory / RESULT
     if not path.is_file():
         return False
-    data = open_result(path)
-    about = dict(data.attrs)
-    data.close()
+    with open_result(path) as data:
+        about = dict(data.attrs)
     if about["outcome"] != "completed":
         return False
     if (about["sweep"], about["case"]) != (sweep.to_toml("case.toml"), sweep.base.to_toml()):
