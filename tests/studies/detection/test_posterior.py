@@ -34,5 +34,5 @@ def test_a_posterior_is_written_and_drawn(tmp_path: Path) -> None:
     np.testing.assert_allclose(numbers["median"], truth_of(CASE), rtol=0.01)
     low, high = np.array(numbers["interval_90"]).T
     np.testing.assert_allclose((high - low) / truth_of(CASE), 2 * 1.645 * 0.02, rtol=0.2)
-    assert found.rows()[0][:2] == ("start", "120")
+    assert found.report.tables[0].rows[0][:2] == ("start", "120")
     assert picture == tmp_path / "figures" / "posterior.png" and picture.is_file()

@@ -7,7 +7,7 @@ from delam_fem.case.definition import Case
 from delam_fem.case.files import preset
 from delam_fem.case.values import Section
 from delam_fem.studies.sweeps.grid import sweep_of
-from delam_fem.studies.sweeps.point import PointRunner, assembly_key
+from delam_fem.studies.sweeps.point import PointRunner, assembly_key, quantities
 
 SMALL = {"mesh.elements": 3}
 SHARED: list[dict[str, object]] = [
@@ -91,10 +91,11 @@ def test_points_say_whether_they_have_settled_and_may_run_until_they_have() -> N
     damping = {f"lamina.{name}.damping_ratio": 0.005 for name in ("thick", "thin")}
     given = {"name": "s", "base": "paper", "axis": [axis], "record": {"strobes": 30}}
     ends = PointRunner(sweep_of(given | {"set": SMALL | keys}))
-    names = [q.name for q in ends.quantities(ends.structure(ends.sweep.case(0)).layout)]
+    layout = ends.structure(ends.sweep.case(0)).layout
+    wanted = quantities(ends.sweep.file.record, layout)
+    names, sizes = [q.name for q in wanted], [q.size for q in wanted]
     first, _ = ends.point(0, None)
     assert first.row is not None and first.outcome == "completed"
-    sizes = [q.size for q in ends.quantities(ends.structure(ends.sweep.case(0)).layout)]
     starts = dict(zip(names, np.cumsum([0, *sizes]), strict=False))
     periods = int(first.row[starts["periods_computed"]])
     assert first.row[starts["settled"]] == 1.0 and periods % 20 == 0 and periods < 300
