@@ -19,7 +19,7 @@ from delam_fem.studies.linear import first_frequencies, linear_amplitudes
 COARSE = ("--set", "mesh.elements=3")
 FOLLOW = {
     "run", "modes", "orbit find", "orbit follow", "reduce", "identify resonance",
-    "identify keys", "detect excite", "detect pod", "detect infer",
+    "identify keys", "identify natural", "detect excite", "detect pod", "detect infer",
 }  # fmt: skip
 """Commands that compute whatever model a case has."""
 REFUSE = {"compare", "show operators", "converge", "detect scan", "detect modulate"}
