@@ -1,17 +1,16 @@
 """The contact laws and the schemes that go with each; the interface between laws and steppers.
 
-All schemes of time integration are one-step schemes. Newmark's
-scheme solves for the acceleration at the end of a step and calls the contact law there. The
-Moreau–Jean scheme solves for the velocity at the end of a step together with the impulses that act
-within the step.
+All schemes of time integration are one-step schemes. Newmark's scheme solves for the acceleration
+at the end of a step and calls the contact law there. The Moreau–Jean scheme solves for the velocity
+at the end of a step together with the impulses that act within the step.
 
 A stepper makes a candidate state and shows it as `Kinematics`. A law answers with a `Decision`, or
 with None if nothing jumps. Laws keep no state: the stepper owns the set of resting pairs, shows it
 to the law, and carries decisions out.
 
-A new law needs its own file, a row in `LAWS`, a row in `COMBINATIONS` for each scheme, and a kernel
-in the compiled engine. Supervisors are imported only when they are set up, so that reading a case
-stays fast.
+A new law needs a `Supervisor` in `rules.py`, a row in `LAWS`, a row in `COMBINATIONS` for each
+scheme, and its decision in the compiled engine; docs/architecture.md has the list. Supervisors are
+imported only when they are set up, so that reading a case stays fast.
 """
 
 from __future__ import annotations

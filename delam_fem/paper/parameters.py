@@ -62,7 +62,7 @@ KINDS = (
     "one-periodic", "higher order", "quasi-periodic", "irregular", "diverged", "failed",
     "undecided", "not settled",
 )  # fmt: skip
-"""The paper's names for the kinds of motion, in the order of `attractors.KINDS`."""
+"""The paper's names for the kinds of motion, in the order of `settling.KINDS`."""
 THRESHOLDS = (2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 15.0, 20.0, 30.0, 50.0)
 """Largest scatters of a one-periodic motion that are tried [%]."""
 ONE_CONTACT = (0.95, 1.05)

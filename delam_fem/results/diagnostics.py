@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from delam_fem.case.definition import Case
+from delam_fem.contact.laws import combination
 from delam_fem.numerics.harmonics import (
     distortion_factor,
     harmonic_amplitudes,
@@ -186,8 +187,7 @@ def may_add_energy(case: Case) -> bool:
     """Return whether impulses act through another mass matrix than the time integration has."""
     contact = case.contact
     is_mixed = contact.impulse == "lumped" and case.time.mass == "consistent"
-    has_jumps = contact.law in ("newton", "newton-penalty")
-    return has_jumps and is_mixed and case.time.scheme != "moreau-jean"
+    return is_mixed and "impulse" in combination(contact.law, case.time.scheme).reads
 
 
 def gain_of(recorder: Recorder) -> float:

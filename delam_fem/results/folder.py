@@ -112,7 +112,7 @@ class Result:
             path: of the file.
 
         Returns:
-            The files; see `export.whole`.
+            The files; see `export.export`.
 
         Raises:
             CaseError: there is no such format, or nothing that it holds.

@@ -19,7 +19,7 @@ import xarray as xr
 
 from delam_fem.case.definition import Case
 from delam_fem.case.sections import Mesh
-from delam_fem.contact.laws import SCHEMES
+from delam_fem.contact.laws import LAWS, SCHEMES
 from delam_fem.model.beams import closed_form
 from delam_fem.model.layout import Structure
 from delam_fem.model.linear import slowest_decay
@@ -320,7 +320,7 @@ def _known(case: Case, structure: Structure) -> str:
 def _stiff_springs(case: Case, structure: Structure) -> list[str]:
     """Return a text if contact springs are far stiffer than the time step can resolve."""
     contact, dt = case.contact, case.time_step
-    if contact.law not in ("penalty", "newton-penalty"):
+    if not LAWS[contact.law].spring:
         return []
     lengths = _lengths(structure)
     mass = min(lamina.mass_per_length for lamina in case.lamina) * float(lengths.mean())

@@ -136,7 +136,7 @@ def _kernels_stamp() -> str:
     """Return a text that changes with any module that machine code depends on.
 
     It contains that of the functions it calls, and reads the members of named tuples by their
-    places (`engines.compiled.handle`); both may stand in other modules.
+    places (`state.View`); both may stand in other modules.
     """
     stamp = hashlib.sha256()
     for path in sorted(Path(__file__).parents[1].rglob("*.py")):

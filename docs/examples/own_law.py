@@ -2,7 +2,7 @@
 
     e(v) = e0 / (1 + v/v0)
 
-A law has two halves (`contact.laws.ContactLaw`, `contact.decision.Supervisor`). The first tells the
+A law has two halves (`contact.laws.ContactLaw`, `contact.laws.Supervisor`). The first tells the
 engine what the law needs. The second is asked in steps with a closed gap and answers with a
 `Decision`, or with None. The engine "petsc", which `df.solve` takes by default, runs any such law.
 """

@@ -338,7 +338,7 @@ def _rate(system, memory, k):  # type: ignore[no-untyped-def]
 
 @njit
 def examine_impacts(system, law, memory, log, tick):  # type: ignore[no-untyped-def]
-    """Release open springs, hit closed approaching pairs, rest slow pairs (newton.Impacts)."""
+    """Release open springs, hit closed approaching pairs, rest slow pairs (`rules.Impacts`)."""
     X, resting = memory.X, memory.resting
     n, is_same = 0, True
     if system.is_within:
@@ -385,7 +385,7 @@ def examine_impacts(system, law, memory, log, tick):  # type: ignore[no-untyped-
 
 @njit
 def examine_penalty(system, law, memory):  # type: ignore[no-untyped-def]
-    """Put springs on exactly the closed pairs (penalty.PenaltySprings)."""
+    """Put springs on exactly the closed pairs (`rules.PenaltySprings`)."""
     is_same = True
     if system.is_within:
         modes.measure_cells(
@@ -439,7 +439,7 @@ def _push_within_step(system, law, memory, log, tick, n):  # type: ignore[no-unt
 
 @njit
 def widen_contact(system, memory):  # type: ignore[no-untyped-def]
-    """Write the free gap rates; reduce the predicted gaps by the tolerance `moreau.CLOSED`.
+    """Write the free gap rates; reduce the predicted gaps by the tolerance `rules.CLOSED`.
 
     Return the smallest gap.
     """
@@ -456,7 +456,7 @@ def widen_contact(system, memory):  # type: ignore[no-untyped-def]
 
 @njit
 def examine_moreau(system, law, memory, log, tick):  # type: ignore[no-untyped-def]
-    """Add the impulses of the pairs whose predicted gap is closed (moreau.StepImpacts).
+    """Add the impulses of the pairs whose predicted gap is closed (`rules.StepImpacts`).
 
     `memory.gap` and `memory.rate` hold the values at the start of the step, `memory.free` those of
     `widen_contact`.

@@ -5,7 +5,7 @@ some 250 of them a call costs 70 µs, and compiling takes minutes. `packed` writ
 into a table: numbers as they are, arrays as their addresses. Compiled code reads the members of a
 `View` of that table by the names of the tuple.
 
-The arrays are allocated once; compiled functions get them through a `handle.View`.
+The arrays are allocated once; compiled functions get them through a `View`.
 """
 
 from __future__ import annotations
@@ -189,7 +189,7 @@ class Memory(NamedTuple):
         is_known: whether a column of W is known, for each size of steps, shape (3 n_pairs,).
         gap, rate: gaps and gap rates of all pairs at the examined instant, each shape (n_pairs,).
         present_gap, present_rate: gaps and gap rates of the state, in modes, or of
-            `points.see_approach`, each of shape (n_pairs,).
+            `modes.see_cells_approach`, each of shape (n_pairs,).
         hit: a list of the pairs that are hit now, shape (n_pairs,).
         impulse, rate_pre, rate_post: values of the hit pairs, each of shape (n_pairs,).
         change: W p of the hit pairs, shape (n_pairs,) [m/s].

@@ -8,9 +8,7 @@ from typing import Any
 import numpy as np
 from numba import carray, types
 
-from delam_fem.engines.compiled import algebra, modes
-from delam_fem.engines.compiled import contact as contact
-from delam_fem.engines.compiled import contact as springs
+from delam_fem.engines.compiled import algebra, contact, modes
 from delam_fem.engines.compiled import lanes as lk
 from delam_fem.engines.compiled.algebra import both_products, measure, row_product
 from delam_fem.engines.compiled.state import (
@@ -210,7 +208,7 @@ def advance(system, law, memory, new_base, is_clear):  # type: ignore[no-untyped
     else:
         flow, smallest = advance_banded(system, memory, base_state)
     if memory.counts[N_SPRINGS]:
-        springs.push_springs(system, law, memory)
+        contact.push_springs(system, law, memory)
         return loss(system, X), smallest_gap(system, X, 0.0)
     if law.kind == MOREAU:
         return flow, contact.widen_contact(system, memory) if system.is_touching else predicted
@@ -450,7 +448,7 @@ def _divide(middle, fine, law, memory, log, step, floor):  # type: ignore[no-unt
 
 @njit(inline="always")
 def run_refined(coarse, middle, fine, law, memory, log, first):  # type: ignore[no-untyped-def]
-    """Compute steps, and divide those near contact; see `loop.run_plain`."""
+    """Compute steps, and divide those near contact; see `run_plain`."""
     counts, r, floor, is_clear = memory.counts, log.refine, -log.limit, False
     for step in range(first, log.n_steps + 1):
         if counts[N_EVENTS] + r > log.n_events or counts[N_HITS] + r * fine.n_pairs > log.n_hits:
@@ -544,7 +542,7 @@ def _store_energies(p):  # type: ignore[no-untyped-def]
     strain = 0.5 * algebra.form(system.stiffness, size, X, 0)
     stored[0] = kinetic + dq * momentum + 0.5 * mass * dq * dq
     stored[1] = strain + q * attachment + 0.5 * stiffness * q * q
-    stored[2] = springs.spring_energy(system, p.law, memory)
+    stored[2] = contact.spring_energy(system, p.law, memory)
     stored[3] = momentum
 
 
@@ -718,14 +716,14 @@ def observe_now(problem_at):  # type: ignore[no-untyped-def]
 def renew(problem_at):  # type: ignore[no-untyped-def]
     """Compute the accelerations from the equation of motion."""
     p = _problem(problem_at)
-    springs.renew_acceleration(p.fine, p.law, p.memory)
+    contact.renew_acceleration(p.fine, p.law, p.memory)
 
 
 @kept
 def list_springs(problem_at):  # type: ignore[no-untyped-def]
     """Update the list of spring pairs from `resting`."""
     p = _problem(problem_at)
-    springs.list_springs(p.fine, p.memory)
+    contact.list_springs(p.fine, p.memory)
 
 
 @kept

@@ -291,7 +291,7 @@ def reading(rows: sp.csr_matrix, free: sp.spmatrix, base: FloatArray, part: IntA
     All dofs are `free @ u + base q`, u of the free dofs and q of the base.
 
     Args:
-        rows: of all dofs, with the shares of all ranks (see `evaluation.gathered`), shape
+        rows: of all dofs, with the shares of all ranks (see `forms.gathered`), shape
             (n_readings, n_dofs).
         free: shape (n_dofs, n_own); columns of the free dofs of this rank.
         base: shape (n_dofs,).

@@ -398,7 +398,7 @@ def _visible(
     They look towards -y, -z and +x.
 
     Args:
-        corners: of the sections of the body, shape (n, 4, 3), in the order of `ribbons.CORNERS`.
+        corners: of the sections of the body, shape (n, 4, 3), in the order of `CORNERS`.
         colours: of the sections, shape (n, 4).
     """
     between = (colours[:-1] + colours[1:]) / 2.0
@@ -526,7 +526,7 @@ def remove_fields(directory: Path) -> None:
 
 
 def render(history: xr.Dataset, case: Case, path: str | Path) -> Path | None:
-    """Write the picture that `snapshots.draw` makes as PNG.
+    """Write the picture that `draw` makes as PNG.
 
     Args:
         history: of a run; see `schema.VARIABLES`.

@@ -327,7 +327,7 @@ def read_measured(
         rate: samples per second of files without times.
 
     Returns:
-        A dataset as `assembly` describes.
+        A dataset as the head of this module describes.
 
     Raises:
         CaseError: a file cannot be read, or what it holds is not clear.

@@ -166,7 +166,7 @@ def matched(history: xr.Dataset, data: xr.Dataset) -> Pairs:
 
     Args:
         history: of a run; see `schema.VARIABLES`.
-        data: a measurement; see `measured.assembly`.
+        data: a measurement; see `measured.reading`.
 
     Raises:
         CaseError: the measurement has no histories, or none of the run's.

@@ -1,7 +1,7 @@
 """Infer start, end and depth of a delamination from a noisy scan: a posterior, not a point.
 
 Likelihood-free: one table of simulations from the prior serves every observation, by semi-automatic
-summaries, rejection and regression (`numerics.inference`). The statistics of a simulation contain
+summaries, rejection and regression (`numerics.statistics`). The statistics of a simulation contain
 noise as the observation does.
 
 The parameters are the middle, the length and the depth, uniform within bounds; start and end

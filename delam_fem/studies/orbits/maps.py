@@ -26,7 +26,7 @@ import numpy as np
 
 from delam_fem.case.definition import Case
 from delam_fem.case.excitation import drive
-from delam_fem.contact.laws import Law, Scheme
+from delam_fem.contact.laws import LAWS, Law, Scheme
 from delam_fem.engines.modal import Drive, Period, Periods
 from delam_fem.engines.session import Prescribed, engine_of, law_of, motion_of, scheme_of, span_of
 from delam_fem.model import discretise
@@ -198,7 +198,6 @@ KEPT = 4
 """Engines that are kept: continuation returns to neighbouring parameters."""
 BEGINNINGS = 20
 """Instants of a period among which its beginning is chosen."""
-_RESTS_ON_SPRINGS = ("newton-penalty", "penalty")
 
 
 @dataclass(frozen=True)
@@ -223,7 +222,7 @@ class Problem:
 
 
 class StrobeMap:
-    """The map of a family of problems; see `protocol.PeriodMap`.
+    """The map of a family of problems; see `PeriodMap`.
 
     Attributes:
         slow: coordinates for Newton's method.
@@ -250,7 +249,7 @@ class StrobeMap:
     def after(
         self, states: FloatArray, parameter: float, shifts: FloatArray | None = None
     ) -> FloatArray:
-        """Return the states one period later; see `protocol.PeriodMap.after`."""
+        """Return the states one period later; see `PeriodMap.after`."""
         ready = self._at(parameter)
         given = np.zeros(len(states)) if shifts is None else shifts
         self.evaluations += len(states)
@@ -326,7 +325,7 @@ class _Ready:
         motion = np.array([u, v, np.zeros_like(u)])
         operators = self.problem.operators
         resting = np.zeros(operators.n_pairs, dtype=np.bool_)
-        if self.problem.law.name in _RESTS_ON_SPRINGS:
+        if LAWS[self.problem.law.name].spring:
             resting = operators.gap_matrix @ u + operators.gap0 <= 0.0
         set_initial(self.engine, State(motion, resting), table[0])
         recorder = self._recorder(frames)

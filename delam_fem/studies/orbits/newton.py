@@ -16,7 +16,7 @@ Source: Schilder, Bureau, Santos, Thomsen, Starke, J. Sound Vib. 358 (2015) 251-
 Newton's method on the map itself, where it is smooth enough to have an orbit to round-off. The
 derivative is a finite difference in all coordinates, one piece of a piecewise smooth map (a
 semismooth Newton method). Where contact changes from one state to the next, the iteration stalls,
-and there is nothing exact to be had: `newton.py` then says what can be said.
+and there is nothing exact to be had: `search.py` then says what can be said.
 
     y = slow part of F(z, λ),   w = rest of F(z, λ),   z = basis y + w
 

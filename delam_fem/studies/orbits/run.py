@@ -348,7 +348,7 @@ def orbit(
             case.
         map_: map of the case, with the parameter excitation.frequency, and `start` near its orbit;
             None: that of the model, whose periods begin where the tips are far apart.
-        start: state to start from, see `protocol.Nature`; None: rest.
+        start: state to start from, see `maps.Nature`; None: rest.
         kept: folder for what the map returns, from which the same search goes on; None: it is not
             kept.
 

@@ -1,10 +1,7 @@
 """Read a sweep file, and turn it into a grid of cases in an order.
 
-Define a sweep file as frozen, strict models: base case, axes, order of the points, record.
-`grid.py` derives the points of the grid from it.
-
-Turn the content of a sweep file into a grid: the case of each point, the order of the points.
-`grid.py` reads and checks sweep files.
+A sweep file is read into frozen, strict models: base case, axes, order of the points, record. A
+`Sweep` derives the grid from them: the case of each point, and the order of the points.
 """
 
 from __future__ import annotations
