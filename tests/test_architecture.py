@@ -50,6 +50,14 @@ def test_what_is_looked_up_is_defined_in_the_file_that_is_named() -> None:
         assert re.search(rf"^(?:    )?(?:def |class )?{name}\b", source, re.MULTILINE), (file, name)
 
 
+def test_names_of_what_to_add_are_in_the_files_of_their_rows() -> None:
+    for row in re.findall(r"^\| .*$", TEXT.split("## To add")[1].split("\n## ")[0], re.MULTILINE):
+        near = [(ROOT / name, PACKAGE / name) for name in FILES if f"`{name}`" in row]
+        files = [path for pair in near for path in pair if path.is_file()]
+        words = set(re.findall(r"\w+", "".join(path.read_text("utf-8") for path in files)))
+        assert set(re.findall(r"`(_?[A-Za-z]\w+)`", row)) <= words, row
+
+
 def test_docstrings_point_to_names_that_are_there() -> None:
     """`rules.CLOSED`: what stands before the point is known, and a module has that member."""
     words: dict[str, set[str]] = {name: set() for name in sys.stdlib_module_names}
