@@ -1,13 +1,10 @@
 """List all keys of a case file: as a reference, as a JSON schema, as a commented template.
 
-List every key of a case file with its type, unit, default and meaning, read from the models. The
-models of `sections.py` and its neighbours are the only source: types and defaults are those of
-their fields, units and meanings those of the `Attributes` in their docstrings. Commented case files
-and pages of documentation are written from this list.
+The models of `sections.py` and its neighbours are the only source: types and defaults are those of
+their fields, units and meanings those of the `Attributes` in their docstrings.
 
-Describe a case file by a JSON schema, with which editors check and complete it. The schema follows
-from the models. It is a little more lenient than they are: what several keys must fulfil together
-is checked when a case is read.
+With the JSON schema editors check and complete a case file. It is a little more lenient than the
+models: what several keys must fulfil together is checked when a case is read.
 """
 
 from __future__ import annotations

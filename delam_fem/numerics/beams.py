@@ -1,20 +1,20 @@
 """Exact formulas of Euler–Bernoulli beams, clamped or struck at a free end.
 
-Exact formulas of the Euler-Bernoulli cantilever: wave numbers, modes, response to base motion.
-Nothing is discretised here. B is the dimensionless wave number, B^4 = rho A omega^2 L^4 / (E I),
-and xi = x/L runs from the clamp (0) to the free end (1).
+Nothing is discretised here.
+
+The cantilever: wave numbers, modes, response to base motion. B is the dimensionless wave number,
+B^4 = rho A omega^2 L^4 / (E I), and xi = x/L runs from the clamp (0) to the free end (1).
 
 Source: any textbook of vibrations; e.g. Meirovitch, "Fundamentals of Vibrations", section 8.
 
-The beam has no length: all times follow from κ = sqrt(EI/ρA) [m²/s] and the contact. Let F and V be
-the Laplace transforms of the contact force and of the velocity of the end. Without bending moment
-at the end,
+The beam that is struck at its end (`StruckBeam`) has no length: all times follow from
+κ = sqrt(EI/ρA) [m²/s] and the contact. Let F and V be the Laplace transforms of the contact force
+and of the velocity of the end. Without bending moment at the end,
 
     F = Z sqrt(s) V,   Z = ρA sqrt(κ/2)                                                        (B1)
 
 The velocity of the end is thus a half-order integral of the force: the beam acts neither as a mass
-nor as a damper. A clamped strip responds in the same way until waves return from the clamp. Nothing
-is discretised in space here.
+nor as a damper. A clamped strip responds in the same way until waves return from the clamp.
 """
 
 from __future__ import annotations

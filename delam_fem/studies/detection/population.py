@@ -1,8 +1,8 @@
 """Many structures with a delamination, and the probability that it is detected.
 
-Many structures with a delamination, computed as a sweep: each gives the shapes of a scan. Noise is
-added to the shapes afterwards, so that one run serves any noise. The journal of the sweep makes a
-study resumable, and any executor can compute it.
+They are computed as a sweep: each gives the shapes of a scan. Noise is added to the shapes
+afterwards, so that one run serves any noise. The journal of the sweep makes a study resumable, and
+any executor can compute it.
 
 Probability of detection: hit or miss over length, depth and position; ROC curves. A specimen is a
 hit if the index calls it and marks something of its delamination. The logistic regression of hits

@@ -1,8 +1,11 @@
 """Find a periodic orbit near where a motion settles, and judge its stability.
 
-Floquet multipliers from decays of kicks, their intervals, and what follows for stability. A kick of
-the slow coordinates is left to itself for some periods. After the first, the other coordinates
-follow the slow ones, and
+The grid of time steps lies anywhere: a stepped motion may have an exact orbit on one grid and none
+on another. The exact search tries several, and the result says which one it is.
+
+Floquet multipliers follow from decays of kicks, with their intervals. A kick of the slow
+coordinates is left to itself for some periods. After the first, the other coordinates follow the
+slow ones, and
 
     d_{n+1} = A d_n + r_n,   n = 1, 2, …
 
@@ -10,10 +13,6 @@ with the jumps r_n of the map. A is fitted by least squares with weights 1/|d_n|
 suit jumps and those by which all sizes on the way count alike; its eigenvalues are the multipliers.
 The derivative of a single period takes the other coordinates as being at rest: it gives -0.98 where
 kicks grow by 1.3 % in each period.
-
-Find a periodic orbit near where a motion settles, with the models whose orbits can be sought. The
-grid of time steps lies anywhere: a stepped motion may have an exact orbit on one grid and none on
-another. The exact search tries several, and the result says which one it is.
 """
 
 from __future__ import annotations
