@@ -432,9 +432,10 @@ FOLDS = {"lower fold": 63848.3, "upper fold": 64892.9, "peak": 0.51639}
 
 
 FOURFOLD = (
-    "With a stop of 4 EA/L (their folds: 63876.8 and 69450.2 rad/s) the branch is lost: from "
-    "64,400 rad/s on our orbits are unstable (Neimark-Sacker, from 64,331 to 64,413), and at "
-    "64,684 the mean map no longer closes. Harmonic balance does not ask for stability."
+    "With a stop of 4 EA/L (their folds: 63876.8 and 69450.2 rad/s) the branch is lost: from about "
+    "64,400 rad/s on our orbits are unstable (Neimark-Sacker, with 400 and with 1000 steps), and "
+    "at 64,684 or 64,800 the mean map no longer closes. Harmonic balance does not ask for "
+    "stability."
 )
 
 
