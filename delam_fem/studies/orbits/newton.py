@@ -495,16 +495,29 @@ def solved(
         ArithmeticError: a motion diverges, or the equations are singular.
     """
     slow, scale = ensemble.map.slow, guess.scale
-    matrix = _matrix(derivative, border, scale)
+    m, matrix = slow.size, derivative - np.eye(slow.size)  # in units of the scale and the span
+    if border is not None:
+        column = border.by_parameter * border.span / scale
+        matrix = np.vstack([np.c_[matrix, column], border.tangent])
+    inverse = np.linalg.inv(matrix)[:, :m] / scale
     best: Solved | None = None
     for number in range(1, MOST + 1):
         mean = ensemble.mean(guess.state, guess.parameter, scale)
         y = slow.of(guess.state)
-        equations = _equations(guess, mean, y, border)
-        found = _point(guess, mean, y, matrix, number)
+        equations = (mean.slow - y) / scale
+        found = Solved(
+            guess.state,
+            guess.parameter,
+            scale,
+            float(np.linalg.norm(mean.slow - y)) / scale,
+            float(np.sqrt(np.trace(mean.covariance))) / scale,
+            np.sqrt(np.einsum("ij,jk,ik->i", inverse, mean.covariance, inverse)),
+            number,
+        )
         if border is not None:
-            x = np.append(y / scale, guess.parameter / border.span)
-            found = replace(found, away=float(np.linalg.norm(x - border.predicted)))
+            off = np.append(y / scale, guess.parameter / border.span) - border.predicted
+            found = replace(found, away=float(np.linalg.norm(off)))
+            equations = np.append(equations, border.tangent @ off)
         if number >= FEWEST and (best is None or found.residual < best.residual):
             best = found
         if best is not None and best.is_solved:
@@ -514,44 +527,11 @@ def solved(
         rest = mean.state - slow.lifted(mean.slow)
         guess = replace(
             guess,
-            state=rest + slow.lifted(y + scale * step[: slow.size]),
+            state=rest + slow.lifted(y + scale * step[:m]),
             parameter=guess.parameter + (0.0 if border is None else border.span * float(step[-1])),
         )
     assert best is not None
     return best
-
-
-def _matrix(derivative: FloatArray, border: Border | None, scale: float) -> FloatArray:
-    """Return the derivative of the equations in units of the scale and the span."""
-    matrix = derivative - np.eye(len(derivative))
-    if border is None:
-        return np.asarray(matrix)
-    column = border.by_parameter * border.span / scale
-    return np.vstack([np.c_[matrix, column], border.tangent])
-
-
-def _equations(guess: Guess, mean: Mean, y: FloatArray, border: Border | None) -> FloatArray:
-    """Return what N1 and N2 should make 0, in units of the scale and the span."""
-    residual = (mean.slow - y) / guess.scale
-    if border is None:
-        return np.asarray(residual)
-    x = np.r_[y / guess.scale, guess.parameter / border.span]
-    return np.append(residual, border.tangent @ (x - border.predicted))
-
-
-def _point(guess: Guess, mean: Mean, y: FloatArray, matrix: FloatArray, number: int) -> Solved:
-    """Return the present point with its residual and the errors that follow from it."""
-    m, scale = y.size, guess.scale
-    inverse = np.linalg.inv(matrix)[:, :m] / scale
-    return Solved(
-        guess.state,
-        guess.parameter,
-        scale,
-        float(np.linalg.norm(mean.slow - y)) / scale,
-        float(np.sqrt(np.trace(mean.covariance))) / scale,
-        np.sqrt(np.einsum("ij,jk,ik->i", inverse, mean.covariance, inverse)),
-        number,
-    )
 
 
 def by_parameter(ensemble: Ensemble, guess: Guess, step: float) -> FloatArray:

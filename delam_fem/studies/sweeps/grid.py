@@ -636,33 +636,20 @@ def require_valid(sweep: Sweep) -> None:
     if not is_harmonic and (sweep.file.order != "independent" or record.lyapunov):
         what = "order" if sweep.file.order != "independent" else "record.lyapunov"
         raise CaseError(f'{label}: {what}: expected excitation.kind "harmonic" for it')
-    if record.node_distortion:
-        _check_frames(sweep, case, label)
-    if record.scan is not None:
-        _check_scan(sweep, case, label)
-
-
-def _check_frames(sweep: Sweep, case: Case, label: str) -> None:
-    """Check that all points record evenly spaced frames on the same nodes."""
     N, frames = case.steps_per_period, case.frames_per_period
-    if frames < 4 or N % frames:
+    if record.node_distortion and (frames < 4 or N % frames):
         raise CaseError(
             f"{label}: record.node_distortion: expected output.fields_per_period of at least 4 "
             f"that divides time.steps_per_period = {N}, given {frames}"
         )
-    keys = [d.key for d in sweep.dimensions if d.key.split(".")[0] == "mesh"]
-    if keys:
+    meshes = [d.key for d in sweep.dimensions if d.key.split(".")[0] == "mesh"]
+    if record.node_distortion and meshes:
         raise CaseError(
             f"{label}: record.node_distortion: expected one mesh for all points, given the "
-            f"axis {keys[0]}"
+            f"axis {meshes[0]}"
         )
-
-
-def _check_scan(sweep: Sweep, case: Case, label: str) -> None:
-    """Check that the points of a scan exist, and that the window suffices for its shapes."""
-    scan = sweep.file.record.scan
-    assert scan is not None
-    N, frames = case.steps_per_period, case.frames_per_period
+    if (scan := record.scan) is None:
+        return
     if frames < 5 or N % frames or case.n_window_periods < LEAST_PERIODS:
         raise CaseError(
             f"{label}: record.scan: expected output.window_periods of at least {LEAST_PERIODS},"

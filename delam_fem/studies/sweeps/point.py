@@ -36,7 +36,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -277,7 +276,11 @@ def row_of(
         motion = probe_motion(recorder, structure)
     if "tip_min" in names:
         values |= diagnostics.summary_of(motion, case)
-        values |= _settled(quality.numbers(recorder, n_laminae, case, decay))
+        found = quality.numbers(recorder, n_laminae, case, decay)
+        if found["settled"] is not None:
+            values |= {name: value for name, value in found.items() if name != "settling"}
+            values["settled"] = SETTLED[found["settled"]]
+            values["transient"] = found["settling"]["transient"]
         word = values.pop("periodicity_class")
         values["is_decided"] = math.nan if word is None else float(word != "undecided")
         values["energy_residual"] = recorder.energy_residual()
@@ -373,15 +376,6 @@ def _node_distortion(recorder: Recorder, layout: Layout) -> dict[str, npt.ArrayL
         "node_distortion_factor": distortion_factor(amplitudes),
         "node_thd": total_harmonic_distortion(amplitudes),
     }
-
-
-def _settled(found: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the verdict of a point as numbers, and the periodicity that goes with it."""
-    if found["settled"] is None:
-        return {}
-    entries = {name: value for name, value in found.items() if name != "settling"}
-    code = SETTLED[found["settled"]]
-    return entries | {"settled": code, "transient": found["settling"]["transient"]}
 
 
 def _scan(
