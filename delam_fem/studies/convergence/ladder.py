@@ -12,9 +12,9 @@ run of a ladder is a rung. This module describes the rungs; `rung.py` computes o
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from itertools import pairwise
 from pathlib import Path
 from typing import Literal, TypeAlias, get_args
@@ -221,7 +221,7 @@ class Rung:
     @property
     def key(self) -> str:
         """Key of the rung within its ladder."""
-        return _key(self.method, self.mesh, self.steps)
+        return f"{self.method} {self.mesh} {self.steps}"
 
 
 @dataclass(frozen=True)
@@ -282,12 +282,13 @@ class Ladder:
             rungs += self.along_meshes(LIMIT, self.limit_steps)
         return sorted(rungs, key=lambda rung: (rung.method != FREE.name, rung.steps))
 
-    def rung(self, method: Method, mesh: MeshChoice, steps: int) -> Rung:
-        """Return the rung of a method, a mesh and a number of steps per period."""
-        key = _key(method.name, mesh, steps)
-        if key not in self._made:
-            self._made[key] = self._new(method, mesh, steps)
-        return self._made[key]
+    @cached_property
+    def rung(self) -> Callable[[Method, MeshChoice, int], Rung]:
+        """Function of a method, a mesh and a number of steps per period that returns their rung.
+
+        Rungs are kept, because checking a case takes milliseconds.
+        """
+        return cache(self._new)
 
     def along_steps(self, method: Method, mesh: MeshChoice) -> list[Rung]:
         """Return the rungs of a method on one mesh, over all steps per period."""
@@ -333,11 +334,6 @@ class Ladder:
         case = self.case.with_overrides({**sizes, **kept, "contact.law": "none@newmark"})
         return f"periods = {self.periods}\n{case.to_toml()}"
 
-    @cached_property
-    def _made(self) -> dict[str, Rung]:
-        """Rungs made so far by key; they are kept because checking a case takes milliseconds."""
-        return {}
-
     def _new(self, method: Method, mesh: MeshChoice, steps: int) -> Rung:
         plain, periods = _plain(mesh), self.periods
         is_file = isinstance(plain, Path)
@@ -372,11 +368,6 @@ def _elements(case: Case) -> int:
     if case.model.is_continuum:
         return cells_along(case, solid_mesh(case))
     return node_coordinates(case).size - 1
-
-
-def _key(method: str, mesh: MeshChoice, steps: int) -> str:
-    """Return the key of a rung within its ladder."""
-    return f"{method} {mesh} {steps}"
 
 
 def _require_rising(what: str, sizes: Sequence[int]) -> None:
