@@ -179,10 +179,6 @@ class PeriodMap(Protocol):
     def watched(self, state: FloatArray, parameter: float, periods: int) -> Passage:
         """Return what is seen in some periods from a state."""
 
-
-class CaseMap(PeriodMap, Protocol):
-    """The map of a case, whose periods may begin elsewhere in those of the drive."""
-
     def opened(self, state: FloatArray, parameter: float) -> tuple[PeriodMap, FloatArray]:
         """Return the map whose periods begin where the tips are farthest apart, and the state.
 
@@ -486,14 +482,8 @@ class KeptMap:
                 self._new, self._last = {}, time.monotonic()
         return self._known[key].copy()
 
-
-class KeptCaseMap(KeptMap):
-    """The same of the map of a case."""
-
-    _map: CaseMap
-
     def opened(self, state: FloatArray, parameter: float) -> tuple[PeriodMap, FloatArray]:
-        """Return the map whose periods begin elsewhere, kept too; see `CaseMap`."""
+        """Return the map whose periods begin elsewhere, kept too; see `PeriodMap`."""
         map_, first = self._map.opened(state, parameter)
         return KeptMap(map_, self._folder / "opened"), first
 
@@ -588,7 +578,7 @@ class ModalMap:
         return passage(ends, u, problem.first, tip, lowest)
 
     def opened(self, state: FloatArray, parameter: float) -> tuple[ModalMap, FloatArray]:
-        """Return the map that begins with the tips apart; see `CaseMap.opened`."""
+        """Return the map that begins with the tips apart; see `PeriodMap.opened`."""
         problem = self.at(parameter)
         tip = tip_of(problem.structure)
         if tip is None:

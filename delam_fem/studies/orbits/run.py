@@ -32,7 +32,7 @@ from delam_fem.results.figures.style import (
 )
 from delam_fem.results.schema import versions
 from delam_fem.studies import options
-from delam_fem.studies.orbits.maps import FREQUENCY, KeptCaseMap, Nature, Passage, PeriodMap
+from delam_fem.studies.orbits.maps import FREQUENCY, KeptMap, Nature, Passage, PeriodMap
 from delam_fem.studies.orbits.newton import EXACT, Perturbations
 from delam_fem.studies.orbits.search import (
     RESETTLE,
@@ -364,7 +364,7 @@ def orbit(
         if map_ is None:
             own = map_of(case, FREQUENCY)
             if kept is not None:
-                own = KeptCaseMap(own, kept)
+                own = KeptMap(own, kept)
             map_, start = settled_map(own, parameter, settle, start)
         first = np.zeros(map_.slow.basis.shape[0]) if start is None else start
         at_end = settled(map_, parameter, first, RESETTLE)

@@ -28,7 +28,7 @@ from delam_fem.case.definition import Case
 from delam_fem.numerics.settling import LEAVES, LONGEST
 from delam_fem.numerics.types import FloatArray
 from delam_fem.studies.options import OfOrbits
-from delam_fem.studies.orbits.maps import CaseFamily, CaseMap, PeriodMap
+from delam_fem.studies.orbits.maps import CaseFamily, PeriodMap
 from delam_fem.studies.orbits.newton import (
     DIFFERENCE,
     USUAL,
@@ -173,7 +173,7 @@ SMOOTH = Perturbations(copies=16, size=1e-3, kick=0.03)
 """What suits modes with massless contact points, whose map has no jumps: few and small ones."""
 
 
-def map_of(case: Case, key: str) -> CaseMap:
+def map_of(case: Case, key: str) -> PeriodMap:
     """Return the map of a case from one period to the next.
 
     Args:
@@ -284,7 +284,7 @@ def settled(map_: PeriodMap, parameter: float, start: FloatArray, periods: int) 
 
 
 def settled_map(
-    map_: CaseMap, parameter: float, periods: int, start: FloatArray | None = None
+    map_: PeriodMap, parameter: float, periods: int, start: FloatArray | None = None
 ) -> tuple[PeriodMap, FloatArray]:
     """Return the map of a case that begins where the tips of its settled motion are far apart.
 

@@ -10,7 +10,7 @@ from massless import massless
 
 import delam_fem as df
 from delam_fem.studies.orbits import maps
-from delam_fem.studies.orbits.maps import KeptCaseMap
+from delam_fem.studies.orbits.maps import KeptMap
 from delam_fem.studies.orbits.newton import Perturbations
 
 
@@ -33,7 +33,7 @@ class Counted:
 def results(folder: Path) -> tuple[list[np.ndarray], int]:
     """Return what a kept map gives for four different questions, and how many were computed."""
     own = Counted()
-    map_ = KeptCaseMap(own, folder)  # type: ignore[arg-type]
+    map_ = KeptMap(own, folder)  # type: ignore[arg-type]
     assert map_.nature == "doubling"
     states = np.array([[1.0, 2.0]])
     found = [map_.after(states, 0.5), map_.after(states, 0.6)]
