@@ -1,4 +1,9 @@
-"""Draw diagrams of a sweep over one axis or two."""
+"""Draw diagrams of a sweep over one axis or two, and show the sweep as one page.
+
+The page has what came out, the diagrams, a map of the points, and a run for each. The run of a
+point is made by the command that its row shows. It writes to the folder to which the row leads, so
+that the link works as soon as the run is done.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Analyse the results of a ladder: errors, limits, costs, tables, one line that sums them up."""
+"""Analyse a ladder: errors, limits, costs, tables, figures, one line that sums them up."""
 
 from __future__ import annotations
 

@@ -1,13 +1,12 @@
 """Identify a rig from clapping motions: measure or simulate, infer, check the intervals, draw.
 
-Numbers that describe a motion whatever the origin of time: harmonics relative to the first one. A
-measurement seldom knows the phase of the base. A shift of the origin by τ turns the k-th harmonic
-c_k by k ω τ; so c_k e^{-ikφ}, with the phase φ of the first harmonic of the first lamina, does not
-change.
+The keys that are sought, and those that only disturb, are drawn from a prior. The posterior follows
+from simulations alone (`numerics/statistics.py`): one sweep over the drawn parameters for each
+frequency, and the harmonics of both tips as statistics.
 
-Identify the gap, the restitution and other keys of a case from clapping motions. The posterior
-follows from simulations alone (`numerics/statistics.py`): one sweep over parameters drawn from the
-prior for each frequency, and the harmonics of both tips as statistics.
+The statistics describe a motion whatever the origin of time, since a measurement seldom knows the
+phase of the base. A shift of the origin by τ turns the k-th harmonic c_k by k ω τ; so c_k e^{-ikφ},
+with the phase φ of the first harmonic of the first lamina, does not change.
 """
 
 from __future__ import annotations

@@ -1,14 +1,20 @@
-"""The stroboscopic map of a case, with one key as the parameter, and its values on disk.
+"""Map the state of a case from one period to the next, with one key as the parameter.
 
-What a map of one period must offer, so that orbits of it can be found and followed. A state z at
+`PeriodMap` is what a map must offer, so that orbits of it can be found and followed. A state z at
 the beginning of a period of the drive is (u, v), shape (2 n,), or what else a map says of its
 `Nature`. The map Φ(z, λ) leads to the state one period later; λ is any number that the map depends
-on, such as a frequency. Nothing here knows what computes the map: an engine, a reduced model or a
+on, such as a frequency. The search knows nothing of what computes the map: an engine, modes or a
 formula.
 
-The stroboscopic map of a case, stepped by the compiled engine. A state (u, v) says nothing of pairs
-at rest, which carry a spring in some laws. A pair counts as resting where its gap is closed at the
-section: that is what the laws leave behind.
+`StrobeMap` is stepped by an engine. A state (u, v) says nothing of pairs at rest, which carry a
+spring in some laws. A pair counts as resting where its gap is closed at the section: that is what
+the laws leave behind.
+
+`ModalMap` is that of modes with massless contact points. A state is (q, q', s of each part), see
+`model.reduced`. The same fine steps resolve contact in every call, so the map is one fixed
+function; it needs no shifted step grids.
+
+`KeptMap` keeps the results of a map on disk.
 """
 
 from __future__ import annotations
