@@ -15,6 +15,7 @@ imported only when they are set up, so that reading a case stays fast.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -49,7 +50,7 @@ class Scheme:
         names = get_args(SchemeName)
         require(self.name in names, "scheme", f"one of {', '.join(names)}", self.name)
         require_number("beta", self.beta)
-        require_number("gamma", self.gamma)
+        require_number("gamma", self.gamma, least=0.5)  # below, every motion grows
         require_number("theta", self.theta, least=0.5, most=1.0)
 
     @property
@@ -58,9 +59,13 @@ class Scheme:
         return self.name == "moreau-jean"
 
     @property
-    def is_explicit(self) -> bool:
-        """Whether the time step has a stability limit."""
-        return self.name != "moreau-jean" and self.beta == 0.0
+    def courant(self) -> float:
+        """The largest stable ω Δt without damping, 1/√(γ/2 - β); infinite if every step is stable.
+
+        Source: T. J. R. Hughes, The Finite Element Method (1987), section 9.1.
+        """
+        room = 0.5 * self.gamma - self.beta
+        return 1.0 / math.sqrt(room) if room > 0.0 and not self.has_impulses_within else math.inf
 
 
 SCHEMES: Mapping[str, Scheme] = MappingProxyType(

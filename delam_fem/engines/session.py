@@ -102,7 +102,7 @@ def engine_of(
         CaseError: there is no such engine, the law does not go with the scheme or the engine, or
             the time step exceeds the stability limit.
     """
-    is_whole = scheme.is_explicit or name == "compiled" or modes is not None
+    is_whole = math.isfinite(scheme.courant) or name == "compiled" or modes is not None
     if is_whole and isinstance(operators, DistributedOperators):
         what = f"engine {name} with scheme {scheme.name}"
         raise CaseError(f"{what}: expected Operators, given DistributedOperators")
@@ -118,8 +118,8 @@ def engine_of(
         raise CaseError('engine: expected "compiled", as petsc4py is not installed')
     if law.name == "none":
         refinement = NOT_REFINED
-    if scheme.is_explicit:
-        require_stable(one, time_step, law.spring[0])
+    if math.isfinite(scheme.courant):
+        require_stable(one, time_step, law.spring[0], scheme.courant)
     try:
         if isinstance(law, Law):
             combination(law.name, scheme.name)

@@ -243,10 +243,13 @@ DENSE = 20
 """Largest number of dofs for dense eigenvalues, which also serve a single mass."""
 
 
-def largest_stable_time_step(operators: Operators, spring_stiffness: float = 0.0) -> float:
-    """Return Δt = 2/ω_max of M and K, with every contact spring closed in K [s].
+def largest_stable_time_step(
+    operators: Operators, spring_stiffness: float = 0.0, courant: float = 2.0
+) -> float:
+    """Return Δt = Ω/ω_max of M and K, with every contact spring closed in K [s].
 
-    It is infinite for masses without any stiffness.
+    Ω is `Scheme.courant`, 2 of the central difference. The step is infinite for masses without any
+    stiffness.
     """
     o = operators
     H = o.gap_matrix
@@ -257,20 +260,22 @@ def largest_stable_time_step(operators: Operators, spring_stiffness: float = 0.0
         square = scipy.linalg.eigh(K.toarray(), M.toarray(), eigvals_only=True)[-1]
     else:
         square = eigsh(K, k=1, M=M, which="LM", return_eigenvectors=False)[0]
-    return 2.0 / math.sqrt(float(square))
+    return courant / math.sqrt(float(square))
 
 
-def require_stable(operators: Operators, time_step: float, spring_stiffness: float = 0.0) -> None:
-    """Raise a CaseError if the central difference would be unstable.
+def require_stable(
+    operators: Operators, time_step: float, spring_stiffness: float = 0.0, courant: float = 2.0
+) -> None:
+    """Raise a CaseError if a scheme would be unstable; see `largest_stable_time_step`.
 
     Raises:
         CaseError: the time step exceeds the largest stable one; the message names both.
     """
-    limit = largest_stable_time_step(operators, spring_stiffness)
+    limit = largest_stable_time_step(operators, spring_stiffness, courant)
     if time_step > limit:
         factor = math.ceil(time_step / limit)
         raise CaseError(
-            f"time.steps_per_period: central difference needs a time step of at most {limit:.4g} "
+            f"time.steps_per_period: the scheme needs a time step of at most {limit:.4g} "
             f"s, given {time_step:.4g} s: use at least {factor} times as many steps per period, "
             'or time.scheme = "newmark"'
         )

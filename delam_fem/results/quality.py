@@ -303,7 +303,7 @@ def is_lost(residual: float) -> bool:
 def _known(case: Case, structure: Structure) -> str:
     """Return what is known of a balance that no warning explains: the scheme's share, the sizes."""
     scheme, dt = case.time.scheme, case.time_step
-    if SCHEMES[scheme].is_explicit:
+    if np.isfinite(SCHEMES[scheme].courant):
         return (
             f"{scheme} balances energy only for small steps, given {dt:.3g} s; try more steps per "
             "period"

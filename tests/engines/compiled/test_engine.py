@@ -455,7 +455,7 @@ def test_velocities_that_are_no_numbers_are_told() -> None:
 
 def test_unstable_central_difference_is_refused() -> None:
     case = paper(**{"time.scheme": "central-difference"})
-    with pytest.raises(CaseError, match="central difference needs a time step"):
+    with pytest.raises(CaseError, match="the scheme needs a time step"):
         engine_of(
             closed_form.assemble(case).operators, law_of(case), scheme_of(case), case.time_step
         )

@@ -211,7 +211,7 @@ def test_a_rung_that_fails_says_why() -> None:
     rung = ladder(laws="newton@central-difference").rungs()[-1]
     result = compute(rung, "compiled")
     assert result.outcome == "failed"
-    assert "central difference needs a time step of at most" in result.error
+    assert "the scheme needs a time step of at most" in result.error
     assert not result.statistics
 
 
