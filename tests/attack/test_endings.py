@@ -221,7 +221,7 @@ def test_an_error_on_one_rank_ends_all(tmp_path: Path) -> None:
     script.write_text(
         "from delam_fem.cli import run\n"
         "from delam_fem.cli.app import app\n"
-        "def failing(result, directory): raise OSError(28, 'No space left on device', 'x.nc')\n"
+        "def failing(*given): raise OSError(28, 'No space left on device', 'x.nc')\n"
         "run._saved = failing\n"
         f"app({run_line(tmp_path / 'run', '-q', keys=CASE | FEW)[3:]!r})\n"
     )
