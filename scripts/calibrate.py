@@ -56,7 +56,7 @@ UNCOUNTED = {
     "`orbit follow`: doublings and folds of laminae": "a truth costs minutes; docs/orbits.md has "
     "those of two presets and of the strips",
     "Lyapunov exponents of laminae": "no exact truth is known",
-    "`sweep`: basins, kinds of motion": "rules with fixed thresholds; no share is promised",
+    "`sweep`: kinds of motion": "rules with fixed thresholds; no share is promised",
     "`detect excite`: ratio to the limit, share of calls": "of simulated scans at the frequencies "
     "of the map; nothing is promised between them or on a rig",
     "`detect pod`: a90": "a middle, without an interval",
