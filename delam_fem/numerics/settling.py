@@ -276,7 +276,7 @@ LINE_WIDTH = 2
 """Bins on each side that belong to a line, because the Hann window spreads it."""
 FEWEST_STROBES = 64
 """Smallest number of strobes that can separate lines from noise."""
-SAME_ATTRACTOR = 0.2
+SAME_ATTRACTOR = 0.12
 """Largest difference of two motions on one attractor, relative to half their peak-to-peak
 amplitude; successive cycles of one clapping motion already differ by 0.1."""
 

@@ -6,8 +6,8 @@ Hz, where two motions live. The truth is what the same starts do after 1000 peri
 over 100 of them: motions are the same if a chain of others joins them in steps of 7 % of the
 amplitude. Each cell is asked whether it reaches the attractor of another one, drawn from its map.
 Grey and hatched cells (isolated, not settled) are undecided. No share is printed; 95 % is the aim.
-Close behind the doubling of `default` doubled motions live whose extremes differ by less than the
-20 % from which on the diagram tells them apart: all wrong answers are from that map.
+The diagram tells motions apart that differ by more than 12 %. With 20 %, on other maps, 58 of 73
+cells of `default` were right: close behind its doubling live motions that are 17 % apart.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from delam_fem.studies.diagrams import is_unsettled
 from delam_fem.studies.sweeps.grid import sweep_of
 
 NOMINAL, JOINED = 0.95, 0.07
-CELLS, MAPS = (5, 3), (3, 1)
+CELLS, MAPS = (5, 3), (6, 1)
 """Starts along an axis, and maps of a preset, of the long and of the short form."""
 PERIODS, LATER, KEPT = 200, (1000, 240), 100
 FINGERPRINT = ("tip_min", "tip_max", "strobe_displacement")
@@ -34,7 +34,7 @@ FINGERPRINT = ("tip_min", "tip_max", "strobe_displacement")
 
 def rows(is_long: bool, folder: Path) -> list[Row]:
     """Return how often two starts are told to reach the same attractor, or another, rightly."""
-    rng, found = np.random.default_rng(41), []
+    rng, found = np.random.default_rng(43), []
     for preset in ("paper", "default")[: 2 if is_long else 1]:
         right: list[bool] = []
         truths = others = 0

@@ -58,7 +58,7 @@ def operators() -> Operators:
 def test_first_impacts_are_those_of_the_judge() -> None:
     case = df.preset("embedded", COARSE | {"time.periods": 3, "contact.restitution": 0.3})
     x = node_coordinates(case)
-    o = judge.assemble(case, x, observed=len(x) // 2)
+    o = judge.assemble_stack(case, x, observed=len(x) // 2)
     times = np.arange(3 * 200 + 1) * case.time_step
     u, count = moreau_jean(o, base_motion(case).states(times), case.time_step, 0.3)
     expected = u @ o.probes.T.toarray()

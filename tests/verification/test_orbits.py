@@ -62,6 +62,7 @@ def test_coarse_multipliers_of_the_impact_oscillator(omega: float, s: float, e: 
     assert mu.stability == "stable"
 
 
+@pytest.mark.nightly  # the short form of the calibration of branches counts such doublings
 def test_the_doubling_of_the_impact_oscillator() -> None:
     """-1 is a multiplier where 1 + trace + e² = 0 in closed form; the branch of two goes on."""
     e = 0.8
