@@ -7,10 +7,14 @@ that the link works as soon as the run is done.
 
 from __future__ import annotations
 
+import shlex
 import tomllib
-from collections.abc import Iterable
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -21,7 +25,7 @@ from matplotlib.patches import Patch
 
 from delam_fem.case.definition import Case
 from delam_fem.numerics import settling as at
-from delam_fem.numerics.settling import KINDS, SAME_ATTRACTOR, UNSETTLED
+from delam_fem.numerics.settling import FEWEST_STROBES, KINDS, SAME_ATTRACTOR, UNSETTLED
 from delam_fem.numerics.types import FloatArray, IntArray
 from delam_fem.results.diagnostics import LARGEST_PERIODICITY, PERIODIC_MARGIN, PERIODIC_SCATTER
 from delam_fem.results.figures.style import (
@@ -38,21 +42,8 @@ from delam_fem.results.figures.style import (
     YELLOW,
     label_x,
     legend_above,
+    styled,
 )
-from delam_fem.studies.linear import linear_amplitudes
-from delam_fem.system.errors import CaseError
-
-if TYPE_CHECKING:
-    import xarray as xr
-import shlex
-from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
-from pathlib import Path
-from types import MappingProxyType
-from typing import TYPE_CHECKING, Literal
-
-from delam_fem.numerics.settling import FEWEST_STROBES
-from delam_fem.results.figures.style import styled
 from delam_fem.results.pages import html
 from delam_fem.results.pages.html import (
     Block,
@@ -68,7 +59,9 @@ from delam_fem.results.pages.html import (
     Text,
     embedded,
 )
+from delam_fem.studies.linear import linear_amplitudes
 from delam_fem.studies.sweeps.grid import INITIAL, Sweep
+from delam_fem.system.errors import CaseError
 from delam_fem.system.files import atomic, write_text
 
 if TYPE_CHECKING:
@@ -204,9 +197,8 @@ def response(data: xr.Dataset) -> Figure:
     """Draw the tip amplitudes over one axis for each direction, and those without contact."""
     (axis,) = axes_of(data, 1, "response")
     require(data, "tip_amplitude", "record.summary = true")
-    figure, panels = _panels(data, 3.0)
-    for i, (panel, name) in enumerate(zip(panels, data["lamina"].to_numpy(), strict=True)):
-        _shade_two_motions(panel, data, axis)
+
+    def draw(panel: Axes, i: int) -> None:
         for label, part, (colour, marker, line) in _directions(data):
             amplitude = 1e3 * part["tip_amplitude"].isel(lamina=i).to_numpy()
             panel.plot(
@@ -218,21 +210,16 @@ def response(data: xr.Dataset) -> Figure:
             panel.set_ylim(0.0, HEADROOM * float(np.nanmax(computed)) or None)
         if axis.key == "excitation.frequency":
             _linear(panel, data, axis, i)
-        _mark_points(panel, data, axis)
-        panel.set_title(str(name), loc="left")
-        panel.set(ylabel=f"half peak-to-peak  $q_{{{i + 1}}}$ [mm]")
-    legend_above(panels[0])
-    _finish(figure, panels, data, axis)
-    return figure
+
+    return _of_laminae(data, axis, draw, 3.0, "half peak-to-peak  $q_{{{}}}$ [mm]")
 
 
 def bifurcation(data: xr.Dataset) -> Figure:
     """Draw the tip displacements at the end of the last periods of each point over one axis."""
     (axis,) = axes_of(data, 1, "bifurcation")
     require(data, "strobe_displacement", "record.strobes = 40")
-    figure, panels = _panels(data, 3.75)
-    for i, (panel, name) in enumerate(zip(panels, data["lamina"].to_numpy(), strict=True)):
-        _shade_two_motions(panel, data, axis)
+
+    def draw(panel: Axes, i: int) -> None:
         for label, part, _ in _directions(data):
             colour, size = POINT_STYLE.get(label, (BLUE, 1.6))
             strobes = part["strobe_displacement"].isel(lamina=i)
@@ -244,12 +231,8 @@ def bifurcation(data: xr.Dataset) -> Figure:
                     markersize=size, alpha=0.5, markeredgewidth=0.0,
                 )  # fmt: skip
             panel.plot([], [], "o", color=colour, markersize=2.0 * size, label=label)
-        _mark_points(panel, data, axis)
-        panel.set_title(str(name), loc="left")
-        panel.set(ylabel=f"tip displacement  $q_{{{i + 1}}}$ at t = nT [mm]")
-    legend_above(panels[0])
-    _finish(figure, panels, data, axis)
-    return figure
+
+    return _of_laminae(data, axis, draw, 3.75, "tip displacement  $q_{{{}}}$ at t = nT [mm]")
 
 
 def lyapunov(data: xr.Dataset) -> Figure:
@@ -272,11 +255,34 @@ def lyapunov(data: xr.Dataset) -> Figure:
     return figure
 
 
-def _panels(data: xr.Dataset, height: float) -> tuple[Figure, npt.NDArray[Any]]:
-    """Return a figure with one panel of a height [in] for each lamina."""
-    n = data.sizes["lamina"]
-    figure = Figure(figsize=(WIDTH, height * n), layout="constrained")
-    return figure, figure.subplots(n, 1, sharex=True, squeeze=False)[:, 0]
+def _of_laminae(
+    data: xr.Dataset,
+    axis: DiagramAxis,
+    draw: Callable[[Axes, int], None],
+    height: float,
+    label: str,
+) -> Figure:
+    """Return a figure with one panel of a height [in] for each lamina over one axis.
+
+    Args:
+        data: dataset of the sweep.
+        axis: the axis.
+        draw: draws into the panel of a lamina, by its number.
+        height: of a panel [in].
+        label: of the y axes, a format of the number of the lamina from 1.
+    """
+    names = data["lamina"].to_numpy()
+    figure = Figure(figsize=(WIDTH, height * names.size), layout="constrained")
+    panels = figure.subplots(names.size, 1, sharex=True, squeeze=False)[:, 0]
+    for i, (panel, name) in enumerate(zip(panels, names, strict=True)):
+        _shade_two_motions(panel, data, axis)
+        draw(panel, i)
+        _mark_points(panel, data, axis)
+        panel.set_title(str(name), loc="left")
+        panel.set(ylabel=label.format(i + 1))
+    legend_above(panels[0])
+    _finish(figure, panels, data, axis)
+    return figure
 
 
 def _directions(

@@ -38,7 +38,7 @@ from delam_fem.studies.detection.population import (
     Specimen,
     population,
 )
-from delam_fem.studies.identification.identify import Unknown, drawn, of_rig
+from delam_fem.studies.identification.identify import Unknown, doubts_of, drawn
 from delam_fem.studies.options import Infer, Scan
 from delam_fem.studies.study import Finding, Place, Report, Study, Table
 from delam_fem.system.errors import CaseError
@@ -320,8 +320,7 @@ def _infer(case: Case, options: Infer, place: Place) -> Inferred:
     """
     number, frequencies, noise_db = options.number, options.frequency, options.noise_db
     measured = _scans(case, options)
-    given = options.uncertain
-    doubts = of_rig(case) if given is None else tuple(map(Unknown.parse, given))
+    doubts = doubts_of(case, options.uncertain)
     prior = Prior.of(case)
     parameters = prior.sample(number, 7)
     drawn_keys = drawn(doubts, case, number, 8)

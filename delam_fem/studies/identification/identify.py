@@ -128,6 +128,11 @@ def drawn(unknowns: Sequence[Unknown], case: Case, n: int, seed: int) -> dict[st
     return found
 
 
+def doubts_of(case: Case, given: Sequence[str] | None) -> tuple[Unknown, ...]:
+    """Return in what a rig may differ from its case: what `uncertain` says, or `of_rig`."""
+    return of_rig(case) if given is None else tuple(map(Unknown.parse, given))
+
+
 def of_rig(case: Case) -> tuple[Unknown, ...]:
     """Return in what a rig usually differs from its case: stiffness, damping, clamps that yield."""
     given = any(lamina.bending_stiffness is not None for lamina in case.lamina)

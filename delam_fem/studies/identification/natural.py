@@ -22,7 +22,7 @@ from delam_fem.numerics.types import FloatArray
 from delam_fem.results.figures.style import BLUE, VERMILLION, WIDTH, label_x
 from delam_fem.results.measured.reading import read_measured
 from delam_fem.studies import options
-from delam_fem.studies.identification.identify import Unknown, drawn, of_rig, require_values
+from delam_fem.studies.identification.identify import Unknown, doubts_of, drawn, require_values
 from delam_fem.studies.study import Finding, Place, Report, Study, Table
 from delam_fem.system.errors import CaseError
 
@@ -115,10 +115,9 @@ def _compute(case: Case, given: options.Natural, place: Place) -> Followed:
             f"{given.measured}: expected a frequency over time; delam-fem measure response FILE "
             "--free CHANNEL LOW HIGH makes it"
         )
-    unknowns, doubts = tuple(map(Unknown.parse, given.unknown)), of_rig(case)
+    unknowns = tuple(map(Unknown.parse, given.unknown))
     require_values(unknowns)
-    if given.uncertain is not None:
-        doubts = tuple(map(Unknown.parse, given.uncertain))
+    doubts = doubts_of(case, given.uncertain)
     columns, places = _prior(case, unknowns, doubts, n, given.seed)
     simulated = np.empty(n)
     for j in range(n):
